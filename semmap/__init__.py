@@ -1,0 +1,1 @@
+"""semmap: one semantic map of an environment, kept in PostGIS."""

@@ -1,0 +1,1 @@
+"""Poses, meshes and footprints: arrays and plain dataclasses, no database."""

@@ -1,0 +1,1 @@
+"""World files in: one module a format, each a function from a path to a `World`."""

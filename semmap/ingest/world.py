@@ -1,0 +1,140 @@
+"""What a parser hands over: the entries of a world file, and what it left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from shapely import MultiPolygon, Polygon
+
+from semmap.geometry.mesh import Mesh
+from semmap.geometry.pose import IDENTITY, Pose
+
+__all__ = [
+    "OUTSIDE",
+    "Connects",
+    "Entry",
+    "Level",
+    "Place",
+    "Shape",
+    "Skipped",
+    "World",
+    "WorldError",
+]
+
+Kind = Literal["room", "object", "region", "connector", "elevator", "storey", "agent"]
+ShapeKind = Literal["mesh", "box", "cloud", "polygon", "cad"]
+
+OUTSIDE = "outside"
+"""The name of what lies beyond the building: an exterior door joins a place and this."""
+
+
+class WorldError(Exception):
+    """A file that cannot be trusted as a whole; nothing of it is imported.
+
+    Parameters
+    ----------
+    path : the file
+    element : where in it (an XPath-like name, a line, a feature)
+    mend : what the user can do
+    """
+
+    def __init__(self, path: Path | str, element: str, problem: str, mend: str) -> None:
+        self.path, self.element, self.problem, self.mend = str(path), element, problem, mend
+        super().__init__(f"{path}: {element}: {problem}. {mend}")
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """An element that cannot be used, left out and named in the summary."""
+
+    element: str
+    problem: str
+    mend: str
+
+
+@dataclass
+class Shape:
+    """A geometric model of an entry, in the entry's own frame (metres).
+
+    `mesh` is the surface that navigation and relations use; box and polygon shapes carry theirs,
+    too (`box_mesh`, `prism_mesh`). `outline` is the footprint where it is known to be other than
+    the convex hull of the mesh (the polygon of a room, the plan of the walls).
+    """
+
+    kind: ShapeKind
+    mesh: Mesh | None = None
+    outline: Polygon | MultiPolygon | None = None
+    role: Literal["visual", "collision"] = "visual"
+    uri: str | None = None
+
+
+@dataclass
+class Place:
+    """What a room adds: heights in metres in its own frame, and the elevator whose cabin it is."""
+
+    floor: float = 0.0
+    ceiling: float | None = None
+    elevator: str | None = None
+
+
+@dataclass
+class Level:
+    """What a storey adds: elevation above the map's origin and clear height, in metres."""
+
+    elevation: float = 0.0
+    height: float | None = None
+
+
+@dataclass
+class Connects:
+    """What a connector adds (Deeken et al., section 3.4).
+
+    The two places that it joins (the second may be `OUTSIDE`), and a pose in each, in the
+    connector's own frame, at which a robot stands facing the connector. x of the connector's
+    frame points from the first place to the second. `behaviour` names the robot behaviour that
+    passing needs (``pass_door``, ``call_elevator``, ...).
+    """
+
+    places: tuple[str, str]
+    poses: tuple[Pose, Pose]
+    type: Literal["door", "elevator_door", "stairs", "ramp"] = "door"
+    direction: Literal["both", "forward", "backward"] = "both"
+    state: Literal["open", "closed", "locked"] = "open"
+    behaviour: str = "pass_door"
+    width: float | None = None
+
+
+@dataclass
+class Entry:
+    """One entity of the world (Deeken et al., section 3.3): any of its parts may be empty.
+
+    `pose` is relative to the entry named by `holder`, or to the map where it is None; import
+    derives a finer holder (the room, the table) for objects whose `holder` is None or a storey.
+    `type` is the T-Box name in lower snake case (``dining_table``), None where unknown.
+    `front` is the heading of the entity's front in its own frame, radians from +x.
+    """
+
+    name: str
+    kind: Kind
+    type: str | None = None
+    label: str | None = None
+    properties: dict[str, object] = field(default_factory=dict)
+    holder: str | None = None
+    pose: Pose | None = IDENTITY
+    shapes: list[Shape] = field(default_factory=list)
+    detail: Place | Level | Connects | None = None
+    front: float = 0.0
+
+
+@dataclass
+class World:
+    """All that a file says. Names in `entries` are unique; a holder stands before what it holds."""
+
+    name: str
+    source: Path
+    entries: list[Entry] = field(default_factory=list)
+    skipped: list[Skipped] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    georeference: dict[str, object] | None = None
