@@ -1,0 +1,58 @@
+-- Which map the views show.
+
+CREATE FUNCTION current_map()
+RETURNS integer LANGUAGE sql STABLE PARALLEL SAFE SET search_path = semmap, public AS $$
+-- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the newest one.
+SELECT CASE WHEN coalesce(current_setting('semmap.map', true), '') = ''
+            THEN (SELECT max(id) FROM map)
+            ELSE (SELECT id FROM map WHERE name = current_setting('semmap.map', true)) END
+$$;
+
+CREATE FUNCTION entity_id(entity_name text)
+RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The id of the entity of that name in the current map.
+SELECT id FROM entity WHERE map_id = current_map() AND name = entity_name
+$$;
+
+CREATE FUNCTION drop_map(map_name text)
+RETURNS bigint LANGUAGE plpgsql AS $$
+-- Deletes a map and all that is in it, table by table; returns the number of entities. Meshes that
+-- no entity of another map uses go, too.
+DECLARE
+    gone integer;
+    n bigint;
+BEGIN
+    SELECT id INTO gone FROM map WHERE name = map_name FOR UPDATE;
+    IF gone IS NULL THEN
+        RAISE EXCEPTION 'there is no map named %', map_name
+            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM map lists them.';
+    END IF;
+    PERFORM set_config('semmap.dropping', 'on', true);
+    DELETE FROM world WHERE map_id = gone;
+    DELETE FROM placement p USING entity e WHERE e.id = p.entity_id AND e.map_id = gone;
+    DELETE FROM entity_chunk c USING entity e WHERE e.id = c.entity_id AND e.map_id = gone;
+    DELETE FROM entity_model m USING entity e WHERE e.id = m.entity_id AND e.map_id = gone;
+    DELETE FROM object_type WHERE map_id = gone;
+    DELETE FROM entity WHERE map_id = gone;
+    GET DIAGNOSTICS n = ROW_COUNT;
+    DELETE FROM placement_history h USING entity_history e WHERE e.entity_id = h.entity_id AND e.map_id = gone;
+    DELETE FROM entity_history WHERE map_id = gone;
+    DELETE FROM change WHERE map_id = gone;
+    DELETE FROM map WHERE id = gone;
+    PERFORM drop_unused_models();
+    PERFORM set_config('semmap.dropping', '', true);
+    RETURN n;
+END $$;
+
+CREATE FUNCTION drop_unused_models()
+RETURNS bigint LANGUAGE plpgsql AS $$
+-- Deletes the meshes that no entity has; returns how many.
+DECLARE
+    n bigint;
+BEGIN
+    DELETE FROM model m
+    WHERE NOT EXISTS (SELECT FROM entity_model e WHERE e.model_id = m.id)
+      AND NOT EXISTS (SELECT FROM region r WHERE r.model_id = m.id);
+    GET DIAGNOSTICS n = ROW_COUNT;
+    RETURN n;
+END $$;

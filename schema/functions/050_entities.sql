@@ -1,0 +1,106 @@
+-- What follows a change of entities: their supertypes, their history, the announcement.
+
+CREATE FUNCTION entity_stamp()
+RETURNS trigger LANGUAGE plpgsql AS $$
+-- Each version begins after the former one, whenever its transaction began.
+BEGIN
+    NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
+    RETURN NEW;
+END $$;
+
+CREATE FUNCTION entity_inserted()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+BEGIN
+    INSERT INTO object_type (map_id, type, id, label)
+        SELECT n.map_id, s.super, n.id, n.name
+        FROM fresh n
+        JOIN (SELECT k.type, k.kind, supertypes(k.type, k.kind) AS super
+              FROM (SELECT DISTINCT type, kind FROM fresh) k) s
+          ON s.kind = n.kind AND coalesce(s.type, '') = coalesce(n.type, '');
+    INSERT INTO change (map_id, what, entities)
+        SELECT map_id, 'added', array_agg(id ORDER BY id) FROM fresh GROUP BY map_id;
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION entity_updated()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+DECLARE
+    changed bigint[];
+    retyped bigint[];
+BEGIN
+    SELECT array_agg(n.id), array_agg(n.id) FILTER (
+               WHERE (o.map_id, o.kind, o.name, o.type) IS DISTINCT FROM (n.map_id, n.kind, n.name, n.type))
+        INTO changed, retyped
+        FROM former o JOIN fresh n USING (id)
+        WHERE (o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front)
+              IS DISTINCT FROM (n.map_id, n.kind, n.name, n.label, n.type, n.properties, n.front);
+    IF changed IS NULL THEN
+        RETURN NULL;
+    END IF;
+    IF EXISTS (SELECT FROM former o JOIN fresh n USING (id) WHERE o.map_id <> n.map_id OR o.kind <> n.kind) THEN
+        RAISE EXCEPTION 'an entity keeps its map and its kind'
+            USING ERRCODE = 'check_violation', HINT = 'Delete it and make a new one.';
+    END IF;
+    INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during)
+        SELECT o.id, o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front, tstzrange(o.since, n.since)
+        FROM former o JOIN fresh n USING (id) WHERE o.id = ANY (changed);
+    IF retyped IS NOT NULL THEN
+        PERFORM refresh_object_type(retyped);
+    END IF;
+    PERFORM record_change('changed', changed);
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION entity_deleted()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+BEGIN
+    DELETE FROM object_type t USING former o WHERE t.id = o.id;
+    INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during)
+        SELECT id, map_id, kind, name, label, type, properties, front,
+               tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond'))
+        FROM former;
+    INSERT INTO change (map_id, what, entities)
+        SELECT o.map_id, 'removed', array_agg(o.id ORDER BY o.id)
+        FROM former o GROUP BY o.map_id;
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION entity_empties()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+-- What a deleted entity held is handed to its own holder and stays where it is in the world.
+BEGIN
+    IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
+        UPDATE placement p
+        SET holder_id = h.holder_id, pose = pose_compose(h.pose, p.pose), relation = 'in'
+        FROM placement h
+        WHERE p.holder_id = OLD.id AND h.entity_id = OLD.id;
+    END IF;
+    RETURN OLD;
+END $$;
+
+CREATE FUNCTION properties_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+-- A room's heights or a connector's state are the entity's, too: say that it changed.
+BEGIN
+    PERFORM record_change('changed', ARRAY(SELECT entity_id FROM fresh));
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER entity_stamp BEFORE UPDATE ON entity
+    FOR EACH ROW WHEN (OLD IS DISTINCT FROM NEW) EXECUTE FUNCTION entity_stamp();
+CREATE TRIGGER entity_inserted AFTER INSERT ON entity REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION entity_inserted();
+CREATE TRIGGER entity_updated AFTER UPDATE ON entity REFERENCING OLD TABLE AS former NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION entity_updated();
+CREATE TRIGGER entity_deleted AFTER DELETE ON entity REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION entity_deleted();
+CREATE TRIGGER entity_empties BEFORE DELETE ON entity
+    FOR EACH ROW EXECUTE FUNCTION entity_empties();
+CREATE TRIGGER room_changed AFTER UPDATE ON room REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
+CREATE TRIGGER storey_changed AFTER UPDATE ON storey REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
+CREATE TRIGGER region_changed AFTER UPDATE ON region REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
+CREATE TRIGGER connector_changed AFTER UPDATE ON connector REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();

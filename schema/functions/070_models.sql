@@ -1,0 +1,44 @@
+-- What follows a change of an entity's models: its patches of faces, its world box and footprint.
+
+CREATE FUNCTION models_given()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+BEGIN
+    INSERT INTO entity_chunk (entity_id, chunk_id)
+        SELECT n.entity_id, c.id FROM fresh n JOIN chunk c ON c.model_id = n.model_id
+        WHERE n.role = 'visual'
+           OR NOT EXISTS (SELECT FROM entity_model v WHERE v.entity_id = n.entity_id AND v.role = 'visual');
+    PERFORM reshape(ARRAY(SELECT DISTINCT entity_id FROM fresh));
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION models_taken()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+BEGIN
+    DELETE FROM entity_chunk e USING former o, chunk c
+        WHERE e.entity_id = o.entity_id AND c.id = e.chunk_id AND c.model_id = o.model_id;
+    PERFORM reshape(ARRAY(SELECT DISTINCT entity_id FROM former));
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION reshape(ids bigint[])
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+-- Only these entities' own shapes changed: what they hold stays as it is.
+DECLARE
+    placed bigint[];
+BEGIN
+    SELECT array_agg(w.entity_id) INTO placed FROM world w WHERE w.entity_id = ANY (ids);
+    IF placed IS NOT NULL THEN
+        UPDATE world w
+        SET box = coalesce(diagonal(g.hull), ST_MakeLine(ST_MakePoint(w.pose[1], w.pose[2], w.pose[3]),
+                                                         ST_MakePoint(w.pose[1], w.pose[2], w.pose[3]))),
+            footprint = g.footprint
+        FROM world o LEFT JOIN LATERAL shape_of(o.entity_id, o.pose) g ON true
+        WHERE w.entity_id = ANY (placed) AND o.entity_id = w.entity_id;
+        PERFORM record_change('reshaped', placed);
+    END IF;
+END $$;
+
+CREATE TRIGGER models_given AFTER INSERT ON entity_model REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION models_given();
+CREATE TRIGGER models_taken AFTER DELETE ON entity_model REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION models_taken();

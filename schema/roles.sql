@@ -1,0 +1,55 @@
+-- Who may do what. Roles belong to the whole server: made once, granted here for this database.
+-- Give one to a login role: GRANT semmap_robot TO turtlebot.
+
+DO $$
+DECLARE
+    role text;
+BEGIN
+    FOREACH role IN ARRAY ARRAY['semmap_reader', 'semmap_robot', 'semmap_admin'] LOOP
+        BEGIN
+            EXECUTE format('CREATE ROLE %I NOLOGIN', role);
+        EXCEPTION WHEN duplicate_object OR unique_violation THEN
+            NULL;
+        END;
+    END LOOP;
+END $$;
+
+-- A reader sees everything and changes nothing.
+GRANT USAGE ON SCHEMA semmap TO semmap_reader, semmap_robot, semmap_admin;
+GRANT SELECT ON ALL TABLES IN SCHEMA semmap TO semmap_reader, semmap_robot, semmap_admin;
+REVOKE EXECUTE ON ALL FUNCTIONS IN SCHEMA semmap FROM PUBLIC;
+GRANT EXECUTE ON ALL FUNCTIONS IN SCHEMA semmap TO semmap_reader, semmap_robot, semmap_admin;
+-- Functions that write with their owner's rights are for those who may write.
+REVOKE EXECUTE ON FUNCTION refresh_object_type(bigint[]), refresh_world(bigint[]), reshape(bigint[]),
+    record_change(text, bigint[]), prune_history()
+    FROM PUBLIC, semmap_reader, semmap_robot;
+
+-- A robot observes and moves things: it adds objects, regions and agents, says what they are and where
+-- they stand, opens and closes doors. It neither deletes, nor changes the building or the T-Box.
+GRANT INSERT (map_id, kind, name, label, type, properties, front) ON entity TO semmap_robot;
+GRANT UPDATE (label, type, properties, front) ON entity TO semmap_robot;
+GRANT INSERT, UPDATE ON placement TO semmap_robot;
+GRANT INSERT ON entity_model, model, chunk, region, link TO semmap_robot;
+GRANT UPDATE (state) ON connector TO semmap_robot;
+ALTER TABLE entity ENABLE ROW LEVEL SECURITY;
+ALTER TABLE placement ENABLE ROW LEVEL SECURITY;
+CREATE POLICY read_all ON entity FOR SELECT USING (true);
+CREATE POLICY read_all ON placement FOR SELECT USING (true);
+CREATE POLICY admin_all ON entity TO semmap_admin USING (true) WITH CHECK (true);
+CREATE POLICY admin_all ON placement TO semmap_admin USING (true) WITH CHECK (true);
+CREATE POLICY robot_adds ON entity FOR INSERT TO semmap_robot
+    WITH CHECK (kind IN ('object', 'region', 'agent'));
+CREATE POLICY robot_describes ON entity FOR UPDATE TO semmap_robot
+    USING (kind IN ('object', 'region', 'agent')) WITH CHECK (kind IN ('object', 'region', 'agent'));
+CREATE POLICY robot_places ON placement FOR INSERT TO semmap_robot
+    WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent'));
+CREATE POLICY robot_moves ON placement FOR UPDATE TO semmap_robot
+    USING ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent'));
+
+-- An admin does all of it, the T-Box and the building among it.
+GRANT INSERT, UPDATE, DELETE, TRUNCATE ON ALL TABLES IN SCHEMA semmap TO semmap_admin;
+GRANT EXECUTE ON ALL FUNCTIONS IN SCHEMA semmap TO semmap_admin;
+GRANT USAGE ON ALL SEQUENCES IN SCHEMA semmap TO semmap_robot, semmap_admin;
+-- What triggers keep is written by triggers alone.
+REVOKE INSERT, UPDATE, DELETE, TRUNCATE ON world, object_type, type_closure, entity_chunk, change,
+    entity_history, placement_history FROM semmap_admin;

@@ -1,0 +1,39 @@
+-- The T-Box: semantic types and what subsumes them (Deeken et al., section 3.3, A2).
+
+CREATE TABLE semantic_type (
+    name    text PRIMARY KEY CHECK (name ~ '^[^\s].*$'),       -- lower snake case: dining_table
+    label   text,
+    iri     text UNIQUE,
+    comment text,
+    origin  text NOT NULL DEFAULT 'import' CHECK (origin IN ('schema', 'ontology', 'import'))
+);
+
+CREATE TABLE type_parent (
+    type   text NOT NULL REFERENCES semantic_type ON UPDATE CASCADE ON DELETE CASCADE,
+    parent text NOT NULL REFERENCES semantic_type ON UPDATE CASCADE ON DELETE CASCADE,
+    PRIMARY KEY (type, parent),
+    CHECK (type <> parent)
+);
+
+-- Every type with each of its supertypes, itself among them. Kept by triggers.
+CREATE TABLE type_closure (
+    sub   text NOT NULL,
+    super text NOT NULL,
+    PRIMARY KEY (sub, super)
+);
+CREATE INDEX type_closure_super ON type_closure (super, sub);
+
+-- Which ontology files the T-Box was loaded from, and in which state.
+CREATE TABLE ontology (
+    name   text PRIMARY KEY,
+    digest text NOT NULL
+);
+
+INSERT INTO semantic_type (name, label, origin) VALUES
+    ('entity', 'Entity', 'schema'), ('room', 'Room', 'schema'), ('object', 'Object', 'schema'),
+    ('region', 'Region', 'schema'), ('connector', 'Connector', 'schema'),
+    ('elevator', 'Elevator', 'schema'), ('storey', 'Storey', 'schema'), ('agent', 'Agent', 'schema');
+INSERT INTO type_parent (type, parent)
+    SELECT name, 'entity' FROM semantic_type WHERE name <> 'entity';
+INSERT INTO type_closure (sub, super)
+    SELECT name, name FROM semantic_type UNION SELECT type, parent FROM type_parent;
