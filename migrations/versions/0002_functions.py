@@ -18,7 +18,8 @@ DECLARE
 BEGIN
     FOR statement IN
         SELECT format('DROP POLICY %I ON %s', polname, polrelid::regclass)
-        FROM pg_policy p JOIN pg_class c ON c.oid = p.polrelid WHERE c.relnamespace = 'semmap'::regnamespace
+        FROM pg_policy p JOIN pg_class c ON c.oid = p.polrelid
+        WHERE c.relnamespace = 'semmap'::regnamespace
         UNION ALL
         SELECT format('ALTER TABLE %s DISABLE ROW LEVEL SECURITY', oid::regclass)
         FROM pg_class WHERE relnamespace = 'semmap'::regnamespace AND relrowsecurity

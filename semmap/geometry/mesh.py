@@ -45,7 +45,7 @@ class Mesh:
         return h.hexdigest()
 
     def moved(self, pose: Pose, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Mesh:
-        """This mesh scaled in its own frame, then placed by `pose`; mirrored faces are turned back."""
+        """This mesh scaled in its own frame, then placed by `pose`; mirrored faces turned back."""
         faces = self.faces if np.prod(scale) > 0 else self.faces[:, ::-1]
         return Mesh(pose.apply(self.vertices * np.asarray(scale)), np.ascontiguousarray(faces))
 
@@ -55,7 +55,7 @@ def join(meshes: list[Mesh]) -> Mesh:
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
     return Mesh(
         np.concatenate([m.vertices for m in meshes]),
-        np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=True)]).astype(np.int32),
+        np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=True)], dtype=np.int32),
     )
 
 
@@ -72,5 +72,5 @@ def prism_mesh(outline: object, low: float, high: float) -> Mesh:
     import trimesh
 
     solid = trimesh.creation.extrude_polygon(outline, height=high - low, engine="earcut")
-    vertices = np.asarray(solid.vertices, dtype=float) + (0.0, 0.0, low)
+    vertices = np.asarray(solid.vertices, dtype=float) + np.array([0.0, 0.0, low])
     return Mesh(vertices, np.asarray(solid.faces, dtype=np.int32))

@@ -33,9 +33,7 @@ class Pose:
     qw: float = 1.0
 
     @classmethod
-    def from_rpy(
-        cls, x: float, y: float, z: float, roll: float, pitch: float, yaw: float
-    ) -> Self:
+    def from_rpy(cls, x: float, y: float, z: float, roll: float, pitch: float, yaw: float) -> Self:
         """A pose from fixed-axis roll, pitch and yaw in radians, as SDF and URDF write it."""
         cr, sr = math.cos(roll / 2), math.sin(roll / 2)
         cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)

@@ -1,0 +1,57 @@
+"""The map as typed SQLAlchemy classes (Deeken et al., section 3); `schema/` is what they mirror."""
+
+from semmap.model.base import Base, PoseColumn
+from semmap.model.entity import (
+    Agent,
+    Connector,
+    Elevator,
+    Entity,
+    Link,
+    Map,
+    Object,
+    ObjectType,
+    Region,
+    Room,
+    Storey,
+)
+from semmap.model.geometry import Chunk, EntityChunk, EntityModel, GeometricModel
+from semmap.model.history import (
+    Change,
+    EntityHistory,
+    Import,
+    PlacementHistory,
+    Retention,
+)
+from semmap.model.placement import Placement, WorldPlacement
+from semmap.model.semantics import Ontology, SemanticType, TypeClosure, TypeParent
+
+__all__ = [
+    "Agent",
+    "Base",
+    "Change",
+    "Chunk",
+    "Connector",
+    "Elevator",
+    "Entity",
+    "EntityChunk",
+    "EntityHistory",
+    "EntityModel",
+    "GeometricModel",
+    "Import",
+    "Link",
+    "Map",
+    "Object",
+    "ObjectType",
+    "Ontology",
+    "Placement",
+    "PlacementHistory",
+    "PoseColumn",
+    "Region",
+    "Retention",
+    "Room",
+    "SemanticType",
+    "Storey",
+    "TypeClosure",
+    "TypeParent",
+    "WorldPlacement",
+]

@@ -1,0 +1,45 @@
+"""What all classes of the map share: the schema, the names of constraints, the pose column."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import BigInteger, DateTime, Dialect, MetaData, Text
+from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION, JSONB
+from sqlalchemy.orm import DeclarativeBase
+from sqlalchemy.types import TypeDecorator
+
+from semmap.geometry.pose import Pose
+
+__all__ = ["Base", "PoseColumn"]
+
+
+class Base(DeclarativeBase):
+    """Declarative base; every table lies in the schema `semmap`."""
+
+    metadata = MetaData(schema="semmap")
+    type_annotation_map = {  # noqa: RUF012
+        str: Text(),
+        float: DOUBLE_PRECISION(),
+        datetime: DateTime(timezone=True),
+        dict[str, Any]: JSONB(),
+        list[int]: ARRAY(BigInteger()),
+    }
+
+
+class PoseColumn(TypeDecorator[Pose]):
+    """A `Pose` kept as ``double precision[]``: (x, y, z, qx, qy, qz, qw)."""
+
+    impl = ARRAY(DOUBLE_PRECISION())
+    cache_ok = True
+
+    def process_bind_param(self, value: Pose | None, dialect: Dialect) -> list[float] | None:
+        """A pose on its way in."""
+        if value is None:
+            return None
+        return list(map(float, (value.x, value.y, value.z, value.qx, value.qy, value.qz, value.qw)))
+
+    def process_result_value(self, value: Any, dialect: Dialect) -> Pose | None:
+        """A pose on its way out."""
+        return None if value is None else Pose(*value)

@@ -1,0 +1,71 @@
+"""Geometric models (Deeken et al., section 3.3, A1): stored once, shared by all instances."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from geoalchemy2 import Geometry
+from sqlalchemy import BigInteger, ForeignKey, Identity, Index, UniqueConstraint
+from sqlalchemy.orm import Mapped, mapped_column
+
+from semmap.model.base import Base
+
+__all__ = ["Chunk", "EntityChunk", "EntityModel", "GeometricModel"]
+
+
+class GeometricModel(Base):
+    """A mesh, box, point cloud, polygon or CAD reference, in its own frame (metres).
+
+    `hull` are the corners of the convex hull, from which the exact extents follow however the
+    model is turned; `outline` is the footprint of the upright model where it is known.
+    """
+
+    __tablename__ = "model"
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    digest: Mapped[str] = mapped_column(unique=True)
+    kind: Mapped[str]
+    uri: Mapped[str | None]
+    triangles: Mapped[int]
+    closed: Mapped[bool | None]
+    hull: Mapped[Any] = mapped_column(Geometry("MULTIPOINTZ", 0, 3, spatial_index=False))
+    outline: Mapped[Any | None] = mapped_column(Geometry("MULTIPOLYGON", 0, spatial_index=False))
+
+
+class Chunk(Base):
+    """A patch of a model's triangles, as a TIN in the model's frame."""
+
+    __tablename__ = "chunk"
+    __table_args__ = (UniqueConstraint("model_id", "number", name="chunk_model_id_number_key"),)
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    model_id: Mapped[int] = mapped_column(ForeignKey(GeometricModel.id, ondelete="CASCADE"))
+    number: Mapped[int]
+    geom: Mapped[Any] = mapped_column(Geometry("GEOMETRYZ", 0, 3, spatial_index=False))
+
+
+class EntityModel(Base):
+    """That an entity has a model, to be seen (`visual`) or to be bumped into (`collision`)."""
+
+    __tablename__ = "entity_model"
+    __table_args__ = (Index("entity_model_model", "model_id"),)
+
+    entity_id: Mapped[int] = mapped_column(
+        ForeignKey("semmap.entity.id", ondelete="CASCADE"), primary_key=True
+    )
+    model_id: Mapped[int] = mapped_column(ForeignKey(GeometricModel.id), primary_key=True)
+    role: Mapped[str] = mapped_column(server_default="visual", default="visual", primary_key=True)
+
+
+class EntityChunk(Base):
+    """Which patch belongs to which entity: a row of the views `face` and `fa_to_ob`."""
+
+    __tablename__ = "entity_chunk"
+    __table_args__ = (
+        Index("entity_chunk_entity", "entity_id", postgresql_include=["id"]),
+        Index("entity_chunk_chunk", "chunk_id"),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    entity_id: Mapped[int] = mapped_column(ForeignKey("semmap.entity.id", ondelete="CASCADE"))
+    chunk_id: Mapped[int] = mapped_column(ForeignKey(Chunk.id, ondelete="CASCADE"))

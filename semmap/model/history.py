@@ -1,0 +1,92 @@
+"""Former versions with their time span, what changed when, and what was imported."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from typing import Any
+
+from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Interval, text
+from sqlalchemy.dialects.postgresql import TSTZRANGE, Range
+from sqlalchemy.orm import Mapped, mapped_column
+
+from semmap.geometry.pose import Pose
+from semmap.model.base import Base, PoseColumn
+from semmap.model.entity import Map
+
+__all__ = ["Change", "EntityHistory", "Import", "PlacementHistory", "Retention"]
+
+
+class EntityHistory(Base):
+    """What an entity was said to be, and during which time."""
+
+    __tablename__ = "entity_history"
+    __table_args__ = (
+        Index("entity_history_entity", "entity_id", text("lower(during)")),
+        Index("entity_history_name", "map_id", "name"),
+    )
+    __mapper_args__ = {"primary_key": ["entity_id", "during"]}  # noqa: RUF012
+
+    entity_id: Mapped[int] = mapped_column(BigInteger)
+    map_id: Mapped[int]
+    kind: Mapped[str]
+    name: Mapped[str]
+    label: Mapped[str | None]
+    type: Mapped[str | None]
+    properties: Mapped[dict[str, Any]]
+    front: Mapped[float]
+    during: Mapped[Range[datetime]] = mapped_column(TSTZRANGE)
+
+
+class PlacementHistory(Base):
+    """Where an entity was, and during which time."""
+
+    __tablename__ = "placement_history"
+    __table_args__ = (Index("placement_history_entity", "entity_id", text("lower(during)")),)
+    __mapper_args__ = {"primary_key": ["entity_id", "during"]}  # noqa: RUF012
+
+    entity_id: Mapped[int] = mapped_column(BigInteger)
+    holder_id: Mapped[int | None] = mapped_column(BigInteger)
+    pose: Mapped[Pose] = mapped_column(PoseColumn)
+    relation: Mapped[str]
+    confidence: Mapped[float | None]
+    during: Mapped[Range[datetime]] = mapped_column(TSTZRANGE)
+
+
+class Retention(Base):
+    """How many former placements of a kind are kept: one per `keep_every`, up to `keep_for`."""
+
+    __tablename__ = "retention"
+
+    kind: Mapped[str] = mapped_column(primary_key=True)
+    keep_every: Mapped[timedelta | None] = mapped_column(Interval)
+    keep_for: Mapped[timedelta | None] = mapped_column(Interval)
+
+
+class Change(Base):
+    """What a statement changed: one row each, announced once a transaction."""
+
+    __tablename__ = "change"
+    __table_args__ = (Index("change_xid", "xid"),)
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    xid: Mapped[int] = mapped_column(
+        BigInteger, server_default=text("(pg_current_xact_id()::text)::bigint")
+    )
+    at: Mapped[datetime] = mapped_column(server_default=text("clock_timestamp()"))
+    map_id: Mapped[int]
+    what: Mapped[str]
+    entities: Mapped[list[int]]
+
+
+class Import(Base):
+    """A file as it was imported: repeating it changes nothing."""
+
+    __tablename__ = "import"
+    __table_args__ = (Index("import_map", "map_id", "source"),)
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    source: Mapped[str]
+    digest: Mapped[str]
+    at: Mapped[datetime] = mapped_column(server_default=text("now()"))
+    summary: Mapped[dict[str, Any]]

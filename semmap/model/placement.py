@@ -1,0 +1,72 @@
+"""Where an entity is: its holder and its pose relative to it, and the world coordinates."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from geoalchemy2 import Geometry
+from sqlalchemy import BigInteger, ForeignKey, Index, text
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from semmap.geometry.pose import IDENTITY, Pose
+from semmap.model.base import Base, PoseColumn
+
+if TYPE_CHECKING:
+    from semmap.model.entity import Entity
+
+__all__ = ["Placement", "WorldPlacement"]
+
+
+class Placement(Base):
+    """One row an entity: inventory and frame at once, so that they cannot disagree.
+
+    `holder` is None where the map itself holds the entity; `pose` is relative to the holder.
+    `confidence` (0..1) is that of a holder derived from geometry, None where somebody said it.
+    """
+
+    __tablename__ = "placement"
+    __table_args__ = (Index("placement_holder", "holder_id", postgresql_include=["entity_id"]),)
+
+    entity_id: Mapped[int] = mapped_column(
+        ForeignKey("semmap.entity.id", ondelete="CASCADE"), primary_key=True
+    )
+    holder_id: Mapped[int | None] = mapped_column(ForeignKey("semmap.entity.id"))
+    pose: Mapped[Pose] = mapped_column(
+        PoseColumn, server_default="{0,0,0,0,0,0,1}", default=IDENTITY
+    )
+    relation: Mapped[str] = mapped_column(server_default="in", default="in")
+    confidence: Mapped[float | None]
+    since: Mapped[datetime] = mapped_column(server_default=text("statement_timestamp()"))
+
+    entity: Mapped[Entity] = relationship(foreign_keys=entity_id, back_populates="placement")
+    holder: Mapped[Entity | None] = relationship(foreign_keys=holder_id)
+
+
+class WorldPlacement(Base):
+    """Where an entity is in the map's frame; kept by triggers.
+
+    `box` is the diagonal of the 3D box (lowest to highest corner), `footprint` what the entity
+    covers on the ground, None without geometry.
+    """
+
+    __tablename__ = "world"
+    __table_args__ = (
+        Index(
+            "world_box",
+            "box",
+            postgresql_using="gist",
+            postgresql_ops={"box": "gist_geometry_ops_nd"},
+        ),
+        Index("world_footprint", "footprint", postgresql_using="gist"),
+        Index("world_storey", "storey_id"),
+    )
+
+    entity_id: Mapped[int] = mapped_column(
+        ForeignKey(Placement.entity_id, ondelete="CASCADE"), primary_key=True
+    )
+    map_id: Mapped[int]
+    storey_id: Mapped[int | None] = mapped_column(BigInteger)
+    pose: Mapped[Pose] = mapped_column(PoseColumn)
+    box: Mapped[Any] = mapped_column(Geometry("LINESTRINGZ", 0, 3, spatial_index=False))
+    footprint: Mapped[Any | None] = mapped_column(Geometry("MULTIPOLYGON", 0, spatial_index=False))

@@ -1,0 +1,61 @@
+"""The T-Box: semantic types and subsumption (Deeken et al., section 3.3, A2)."""
+
+from __future__ import annotations
+
+from sqlalchemy import ForeignKey, Index
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from semmap.model.base import Base
+
+__all__ = ["Ontology", "SemanticType", "TypeClosure", "TypeParent"]
+
+
+class SemanticType(Base):
+    """A concept, named in lower snake case (``dining_table``)."""
+
+    __tablename__ = "semantic_type"
+
+    name: Mapped[str] = mapped_column(primary_key=True)
+    label: Mapped[str | None]
+    iri: Mapped[str | None] = mapped_column(unique=True)
+    comment: Mapped[str | None]
+    origin: Mapped[str] = mapped_column(server_default="import")
+
+    parents: Mapped[list[SemanticType]] = relationship(
+        secondary="semmap.type_parent",
+        primaryjoin="SemanticType.name == TypeParent.type",
+        secondaryjoin="SemanticType.name == TypeParent.parent",
+        backref="children",
+    )
+
+
+class TypeParent(Base):
+    """A type and one that directly subsumes it."""
+
+    __tablename__ = "type_parent"
+
+    type: Mapped[str] = mapped_column(
+        ForeignKey(SemanticType.name, onupdate="CASCADE", ondelete="CASCADE"), primary_key=True
+    )
+    parent: Mapped[str] = mapped_column(
+        ForeignKey(SemanticType.name, onupdate="CASCADE", ondelete="CASCADE"), primary_key=True
+    )
+
+
+class TypeClosure(Base):
+    """A type and each of its supertypes, itself among them; kept by triggers."""
+
+    __tablename__ = "type_closure"
+    __table_args__ = (Index("type_closure_super", "super", "sub"),)
+
+    sub: Mapped[str] = mapped_column(primary_key=True)
+    super: Mapped[str] = mapped_column(primary_key=True)
+
+
+class Ontology(Base):
+    """An ontology file that the T-Box was loaded from, and the state in which it was."""
+
+    __tablename__ = "ontology"
+
+    name: Mapped[str] = mapped_column(primary_key=True)
+    digest: Mapped[str]
