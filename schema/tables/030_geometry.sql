@@ -51,3 +51,13 @@ CREATE TABLE region (
 );
 CREATE INDEX region_of ON region (of_id);
 CREATE INDEX region_model ON region (model_id);
+
+-- Level patches of a model on which things can stand, found in its geometry; in the model's frame.
+CREATE TABLE support_surface (
+    model_id bigint NOT NULL REFERENCES model ON DELETE CASCADE,
+    number   integer NOT NULL,                                 -- 0 alone with no height: looked for, none found
+    height   double precision,
+    outline  geometry(Polygon, 0),
+    faces    integer[],
+    PRIMARY KEY (model_id, number)
+);

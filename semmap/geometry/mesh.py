@@ -40,8 +40,8 @@ class Mesh:
     def digest(self) -> str:
         """A hash of the content: equal meshes are stored once."""
         h = hashlib.sha256()
-        h.update(np.ascontiguousarray(self.vertices, dtype="<f8"))
-        h.update(np.ascontiguousarray(self.faces, dtype="<i4"))
+        h.update(np.ascontiguousarray(self.vertices, dtype="<f8").tobytes())
+        h.update(np.ascontiguousarray(self.faces, dtype="<i4").tobytes())
         return h.hexdigest()
 
     def moved(self, pose: Pose, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Mesh:

@@ -16,6 +16,7 @@ __all__ = [
     "Connects",
     "Entry",
     "Level",
+    "Link",
     "Place",
     "Shape",
     "Skipped",
@@ -129,12 +130,23 @@ class Entry:
 
 
 @dataclass
+class Link:
+    """A named relation between two entries (Deeken et al., section 3.3, A3)."""
+
+    subject: str
+    relation: str
+    object: str
+    properties: dict[str, object] = field(default_factory=dict)
+
+
+@dataclass
 class World:
     """All that a file says. Names in `entries` are unique; a holder stands before what it holds."""
 
     name: str
     source: Path
     entries: list[Entry] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     georeference: dict[str, object] | None = None

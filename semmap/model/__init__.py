@@ -14,7 +14,7 @@ from semmap.model.entity import (
     Room,
     Storey,
 )
-from semmap.model.geometry import Chunk, EntityChunk, EntityModel, GeometricModel
+from semmap.model.geometry import Chunk, EntityChunk, EntityModel, GeometricModel, SupportSurface
 from semmap.model.history import (
     Change,
     EntityHistory,
@@ -51,6 +51,7 @@ __all__ = [
     "Room",
     "SemanticType",
     "Storey",
+    "SupportSurface",
     "TypeClosure",
     "TypeParent",
     "WorldPlacement",

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from geoalchemy2 import Geometry
-from sqlalchemy import BigInteger, ForeignKey, Identity, Index, UniqueConstraint
+from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Integer, UniqueConstraint
+from sqlalchemy.dialects.postgresql import ARRAY
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base
 
-__all__ = ["Chunk", "EntityChunk", "EntityModel", "GeometricModel"]
+__all__ = ["Chunk", "EntityChunk", "EntityModel", "GeometricModel", "SupportSurface"]
 
 
 class GeometricModel(Base):
@@ -69,3 +70,20 @@ class EntityChunk(Base):
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
     entity_id: Mapped[int] = mapped_column(ForeignKey("semmap.entity.id", ondelete="CASCADE"))
     chunk_id: Mapped[int] = mapped_column(ForeignKey(Chunk.id, ondelete="CASCADE"))
+
+
+class SupportSurface(Base):
+    """A level patch of a model on which things can stand, in the model's frame.
+
+    A row without height says that the model was searched and has none.
+    """
+
+    __tablename__ = "support_surface"
+
+    model_id: Mapped[int] = mapped_column(
+        ForeignKey(GeometricModel.id, ondelete="CASCADE"), primary_key=True
+    )
+    number: Mapped[int] = mapped_column(primary_key=True)
+    height: Mapped[float | None]
+    outline: Mapped[Any | None] = mapped_column(Geometry("POLYGON", 0, spatial_index=False))
+    faces: Mapped[list[int] | None] = mapped_column(ARRAY(Integer))

@@ -1,0 +1,472 @@
+"""A `World` into the database: one transaction, through COPY, repeatable.
+
+What the map has from the same source and in the same state is left alone; what changed is updated;
+what the source no longer names is taken out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import psycopg
+import shapely
+from psycopg import sql
+from psycopg.types.json import Jsonb
+
+from semmap.geometry.outline import hull_points
+from semmap.geometry.pose import Pose
+from semmap.geometry.tin import encode_chunks
+from semmap.ingest.world import OUTSIDE, Connects, Entry, Level, Place, Shape, World, WorldError
+
+__all__ = ["Progress", "Stored", "store_world"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with a stage, how much of it is done and how much there is."""
+
+
+@dataclass
+class Stored:
+    """What storing a world did, by entity name."""
+
+    added: list[str] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)
+    removed: list[str] = field(default_factory=list)
+    unchanged: int = 0
+    models: int = 0
+    triangles: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+def store_world(
+    connection: psycopg.Connection[Any],
+    map_id: int,
+    world: World,
+    source: str,
+    progress: Progress = lambda stage, done, total: None,
+) -> Stored:
+    """Bring the map to what the world says, within the caller's transaction.
+
+    Parameters
+    ----------
+    connection : psycopg.Connection, its search path on the schema
+    map_id : the map that takes it
+    world : what a parser read
+    source : the name under which a repeated import finds its own entities again
+    progress : told about the stages
+    """
+    stored = Stored(notes=list(world.notes))
+    with connection.cursor() as cursor:
+        cursor.execute("SELECT pg_advisory_xact_lock(hashtext('semmap.import'))")
+        entries = _unique_names(cursor, map_id, world, source, stored)
+        _add_types(cursor, entries, stored)
+        models = _store_models(cursor, entries, stored, progress)
+
+        known = _known(cursor, map_id)
+        digests = {entry.name: _digest(entry) for entry in entries}
+        fresh, changed, annotations = [], [], []
+        for entry in entries:
+            old = known.get(entry.name)
+            if old is None:
+                fresh.append(entry)
+            elif old.source != source:
+                annotations.append(entry)
+            elif old.digest != digests[entry.name]:
+                changed.append(entry)
+        kept = {entry.name for entry in entries}
+        gone = [n for n, old in known.items() if old.source == source and n not in kept]
+        regrown = [e for e in changed if known[e.name].kind != e.kind]
+        gone += [e.name for e in regrown]
+        changed = [e for e in changed if known[e.name].kind == e.kind]
+        fresh += regrown
+
+        if gone:
+            cursor.execute("DELETE FROM entity WHERE map_id = %s AND name = ANY(%s)", (map_id, gone))
+        ids = {name: old.id for name, old in known.items() if name not in set(gone)}
+        cursor.execute(
+            "SELECT nextval(pg_get_serial_sequence('semmap.entity', 'id')) "
+            "FROM generate_series(1, %s)",
+            (len(fresh),),
+        )
+        ids.update({e.name: row[0] for e, row in zip(fresh, cursor.fetchall(), strict=True)})
+
+        _insert_entities(cursor, map_id, fresh, ids, source, digests, progress)
+        _update_entities(cursor, changed, ids, digests)
+        _annotate(cursor, annotations, ids, stored)
+        _details(cursor, fresh + changed, ids, world)
+        _give_models(cursor, fresh, changed, ids, models)
+        _place(cursor, fresh, changed, ids, world, progress)
+        _link(cursor, world, ids)
+        _georeference(cursor, map_id, world)
+
+        stored.added = [e.name for e in fresh]
+        stored.changed = [e.name for e in changed]
+        stored.removed = [n for n in gone if n not in kept]
+        stored.unchanged = len(entries) - len(fresh) - len(changed) - len(annotations)
+        stored.triangles = sum(s.mesh.faces.shape[0] for e in entries for s in e.shapes if s.mesh)
+    return stored
+
+
+@dataclass(frozen=True)
+class _Known:
+    id: int
+    kind: str
+    source: str | None
+    digest: str | None
+
+
+def _known(cursor: psycopg.Cursor[Any], map_id: int) -> dict[str, _Known]:
+    cursor.execute("SELECT name, id, kind, source, digest FROM entity WHERE map_id = %s", (map_id,))
+    return {name: _Known(*rest) for name, *rest in cursor}
+
+
+def _unique_names(
+    cursor: psycopg.Cursor[Any], map_id: int, world: World, source: str, stored: Stored
+) -> list[Entry]:
+    """The entries under names that no other source has; references follow.
+
+    An entry without geometry that names an entity which is there, of its kind, annotates it.
+    """
+    known = _known(cursor, map_id)
+    renamed: dict[str, str] = {}
+    taken = {entry.name for entry in world.entries}
+    for entry in world.entries:
+        old = known.get(entry.name)
+        if old is None or old.source == source or (not entry.shapes and old.kind == entry.kind):
+            continue
+        number = 2
+        while (name := f"{entry.name}_{number}") in taken or (
+            name in known and known[name].source != source
+        ):
+            number += 1
+        taken.add(name)
+        renamed[entry.name] = name
+        stored.notes.append(f"{entry.name}: the map has one already; this one is {name}")
+    if renamed:
+        for entry in world.entries:
+            entry.name = renamed.get(entry.name, entry.name)
+            entry.holder = renamed.get(entry.holder, entry.holder) if entry.holder else None
+            if isinstance(entry.detail, Connects):
+                a, b = entry.detail.places
+                entry.detail.places = (renamed.get(a, a), renamed.get(b, b))
+            if isinstance(entry.detail, Place) and entry.detail.elevator:
+                entry.detail.elevator = renamed.get(entry.detail.elevator, entry.detail.elevator)
+        for link in world.links:
+            link.subject = renamed.get(link.subject, link.subject)
+            link.object = renamed.get(link.object, link.object)
+    return world.entries
+
+
+def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: Stored) -> None:
+    """A type that the T-Box lacks becomes one of its own, below the entry's kind, and is said."""
+    asked = {entry.type: entry.kind for entry in entries if entry.type}
+    cursor.execute("SELECT name FROM semantic_type WHERE name = ANY(%s)", (list(asked),))
+    there = {name for (name,) in cursor}
+    new = sorted(set(asked) - there)
+    if new:
+        cursor.executemany(
+            "INSERT INTO semantic_type (name, origin) VALUES (%s, 'import')", [(t,) for t in new]
+        )
+        cursor.executemany(
+            "INSERT INTO type_parent (type, parent) VALUES (%s, %s)", [(t, asked[t]) for t in new]
+        )
+        stored.notes += [f"type {t}: not in the T-Box, added below {asked[t]}" for t in new]
+
+
+def _shape_digest(shape: Shape) -> str:
+    h = hashlib.sha256(shape.kind.encode())
+    h.update((shape.uri or "").encode() if shape.kind == "cad" else b"")
+    if shape.mesh is not None:
+        h.update(shape.mesh.digest().encode())
+    if shape.outline is not None:
+        h.update(shapely.to_wkb(shape.outline))
+    return h.hexdigest()
+
+
+def _digest(entry: Entry) -> str:
+    said = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
+    said["pose"] = asdict(entry.pose) if entry.pose else None
+    said["detail"] = asdict(entry.detail) if entry.detail else None
+    said["shapes"] = [(_shape_digest(s), s.role, s.uri) for s in entry.shapes]
+    return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _store_models(
+    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], stored: Stored, progress: Progress
+) -> dict[int, int]:
+    """Model ids by ``id(shape)``; a mesh that is there already is not stored again."""
+    digests: dict[int, str] = {}
+    shapes: dict[str, Shape] = {}
+    cache: dict[tuple[str, int, int], str] = {}
+    for entry in entries:
+        for shape in entry.shapes:
+            key = (shape.kind, id(shape.mesh), id(shape.outline))
+            digest = cache.get(key) or cache.setdefault(key, _shape_digest(shape))
+            digests[id(shape)] = digest
+            shapes.setdefault(digest, shape)
+    cursor.execute("SELECT digest, id FROM model WHERE digest = ANY(%s)", (list(shapes),))
+    ids: dict[str, int] = dict(cursor.fetchall())
+    new = [(d, s) for d, s in shapes.items() if d not in ids]
+    total = sum(len(s.mesh.faces) for _, s in new if s.mesh is not None)
+    done = 0
+    for digest, shape in new:
+        ids[digest] = _insert_model(cursor, digest, shape)
+        done += 0 if shape.mesh is None else len(shape.mesh.faces)
+        progress("triangles", done, total)
+    stored.models = len(new)
+    return {key: ids[digest] for key, digest in digests.items()}
+
+
+def _insert_model(cursor: psycopg.Cursor[Any], digest: str, shape: Shape) -> int:
+    mesh, outline = shape.mesh, shape.outline
+    if mesh is not None and len(mesh.vertices):
+        hull = hull_points(mesh)
+    elif outline is not None:
+        hull = shapely.get_coordinates(outline, include_z=True)
+    else:
+        raise ValueError(f"a {shape.kind} shape with neither mesh nor outline")
+    points = shapely.multipoints(shapely.points(hull))
+    many = None
+    if outline is not None:
+        flat = shapely.force_2d(outline)
+        many = shapely.MultiPolygon([flat]) if flat.geom_type == "Polygon" else flat
+    faces = 0 if mesh is None or shape.kind == "cloud" else len(mesh.faces)
+    closed = True if shape.kind in ("box", "polygon") else None
+    cursor.execute(
+        "INSERT INTO model (digest, kind, uri, triangles, closed, hull, outline) "
+        "VALUES (%s, %s, %s, %s, %s, ST_GeomFromWKB(%s, 0), ST_GeomFromWKB(%s, 0)) RETURNING id",
+        (
+            digest,
+            shape.kind,
+            shape.uri,
+            faces,
+            closed,
+            shapely.to_wkb(points, output_dimension=3),
+            None if many is None else shapely.to_wkb(many),
+        ),
+    )
+    row = cursor.fetchone()
+    assert row is not None
+    model_id: int = row[0]
+    if mesh is not None:
+        if shape.kind == "cloud":
+            cloud = shapely.multipoints(shapely.points(mesh.vertices))
+            patches = [shapely.to_wkb(cloud, output_dimension=3)]
+        else:
+            patches = encode_chunks(mesh.triangles)
+        with cursor.copy(
+            "COPY chunk (model_id, number, geom) FROM STDIN (FORMAT BINARY)"
+        ) as copy:
+            copy.set_types(["int8", "int4", "bytea"])
+            for number, patch in enumerate(patches):
+                copy.write_row((model_id, number, patch))
+    return model_id
+
+
+def _copy(
+    cursor: psycopg.Cursor[Any], table: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]
+) -> None:
+    statement = sql.SQL("COPY {} ({}) FROM STDIN").format(
+        sql.Identifier(table), sql.SQL(", ").join(map(sql.Identifier, columns))
+    )
+    with cursor.copy(statement) as copy:
+        for row in rows:
+            copy.write_row(row)
+
+
+def _insert_entities(
+    cursor: psycopg.Cursor[Any],
+    map_id: int,
+    entries: Sequence[Entry],
+    ids: dict[str, int],
+    source: str,
+    digests: dict[str, str],
+    progress: Progress,
+) -> None:
+    progress("entities", 0, len(entries))
+    if not entries:
+        return
+    columns = ("id", "map_id", "kind", "name", "label", "type", "properties", "front", "source",
+               "digest")  # fmt: skip
+    _copy(cursor, "entity", columns, (
+        (ids[e.name], map_id, e.kind, e.name, e.label, e.type, Jsonb(e.properties), e.front, source,
+         digests[e.name])
+        for e in entries
+    ))  # fmt: skip
+    progress("entities", len(entries), len(entries))
+
+
+def _update_entities(
+    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], digests: dict[str, str]
+) -> None:
+    for e in entries:
+        cursor.execute(
+            "UPDATE entity SET label = %s, type = %s, properties = %s, front = %s, digest = %s "
+            "WHERE id = %s",
+            (e.label, e.type, Jsonb(e.properties), e.front, digests[e.name], ids[e.name]),
+        )
+
+
+def _annotate(
+    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], stored: Stored
+) -> None:
+    for e in entries:
+        cursor.execute(
+            "UPDATE entity SET type = coalesce(%(type)s, type), label = coalesce(%(label)s, label), "
+            "properties = properties || %(properties)s WHERE id = %(id)s AND NOT ("
+            "type IS NOT DISTINCT FROM coalesce(%(type)s, type) AND "
+            "label IS NOT DISTINCT FROM coalesce(%(label)s, label) AND "
+            "properties @> %(properties)s)",
+            {"type": e.type, "label": e.label, "properties": Jsonb(e.properties), "id": ids[e.name]},
+        )
+        if cursor.rowcount:
+            stored.notes.append(f"{e.name}: annotated")
+
+
+def _details(
+    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], world: World
+) -> None:
+    """Rows of the tables of each kind; elevators before the cabins, rooms before the doors."""
+    for kind in ("storey", "elevator", "room", "connector", "region"):
+        for e in (e for e in entries if e.kind == kind):
+            columns = _detail(e, ids, world)
+            names = sql.SQL(", ").join(map(sql.Identifier, columns))
+            updates = sql.SQL(", ").join(
+                sql.SQL("{0} = excluded.{0}").format(sql.Identifier(c)) for c in columns if c != "entity_id"
+            )
+            action = sql.SQL("UPDATE SET ") + updates if len(columns) > 1 else sql.SQL("NOTHING")
+            cursor.execute(
+                sql.SQL("INSERT INTO {} ({}) VALUES ({}) ON CONFLICT (entity_id) DO {}").format(
+                    sql.Identifier(kind),
+                    names,
+                    sql.SQL(", ").join(sql.Placeholder() * len(columns)),
+                    action,
+                ),
+                list(columns.values()),
+            )
+
+
+def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
+    row: dict[str, Any] = {"entity_id": ids[entry.name]}
+    match entry.detail:
+        case Level() as level:
+            row |= {"elevation": level.elevation, "height": level.height}
+        case Place() as place:
+            cabin_of = _id(ids, place.elevator, entry, world) if place.elevator else None
+            row |= {"floor": place.floor, "ceiling": place.ceiling, "elevator_id": cabin_of}
+        case Connects() as c:
+            a, b = c.places
+            row |= {
+                "form": c.type,
+                "place_a": _id(ids, a, entry, world),
+                "place_b": None if b == OUTSIDE else _id(ids, b, entry, world),
+                "pose_a": _row(c.poses[0]),
+                "pose_b": _row(c.poses[1]),
+                "direction": c.direction,
+                "state": c.state,
+                "behaviour": c.behaviour,
+                "width": c.width,
+            }
+        case None if entry.kind == "connector":
+            raise WorldError(world.source, entry.name, "joins no places", "Name the places it joins.")
+        case _:
+            pass
+    return row
+
+
+def _id(ids: dict[str, int], name: str, entry: Entry, world: World) -> int:
+    if name not in ids:
+        raise WorldError(
+            world.source,
+            entry.name,
+            f"names {name}, which neither the file nor the map has",
+            "Import what it names first, or correct the name.",
+        )
+    return ids[name]
+
+
+def _row(pose: Pose) -> list[float]:
+    return [*map(float, (pose.x, pose.y, pose.z, pose.qx, pose.qy, pose.qz, pose.qw))]
+
+
+def _give_models(
+    cursor: psycopg.Cursor[Any],
+    fresh: Sequence[Entry],
+    changed: Sequence[Entry],
+    ids: dict[str, int],
+    models: dict[int, int],
+) -> None:
+    wanted = {
+        (ids[e.name], models[id(s)], s.role) for e in [*fresh, *changed] for s in e.shapes
+    }
+    if changed:
+        cursor.execute(
+            "SELECT entity_id, model_id, role FROM entity_model WHERE entity_id = ANY(%s)",
+            ([ids[e.name] for e in changed],),
+        )
+        has = {tuple(row) for row in cursor}
+        for stale in has - wanted:
+            cursor.execute(
+                "DELETE FROM entity_model WHERE (entity_id, model_id, role) = (%s, %s, %s)", stale
+            )
+        wanted -= has
+    if wanted:
+        _copy(cursor, "entity_model", ("entity_id", "model_id", "role"), sorted(wanted))
+
+
+def _place(
+    cursor: psycopg.Cursor[Any],
+    fresh: Sequence[Entry],
+    changed: Sequence[Entry],
+    ids: dict[str, int],
+    world: World,
+    progress: Progress,
+) -> None:
+    def rows(entries: Sequence[Entry]) -> list[tuple[Any, ...]]:
+        return [
+            (ids[e.name], _id(ids, e.holder, e, world) if e.holder else None, _row(e.pose),
+             "on" if e.properties.get("relation") == "on" else "in")
+            for e in entries
+            if e.pose is not None
+        ]  # fmt: skip
+
+    placed = rows(fresh)
+    progress("placements", 0, len(placed))
+    if placed:
+        _copy(cursor, "placement", ("entity_id", "holder_id", "pose", "relation"), placed)
+    again = rows(changed)
+    if again:
+        cursor.executemany(
+            "INSERT INTO placement (entity_id, holder_id, pose, relation) VALUES (%s, %s, %s, %s) "
+            "ON CONFLICT (entity_id) DO UPDATE SET holder_id = excluded.holder_id, "
+            "pose = excluded.pose, relation = excluded.relation, confidence = NULL",
+            again,
+        )
+    progress("placements", len(placed), len(placed))
+
+
+def _link(cursor: psycopg.Cursor[Any], world: World, ids: dict[str, int]) -> None:
+    rows = [
+        (ids[link.subject], link.relation, ids[link.object], Jsonb(link.properties))
+        for link in world.links
+        if link.subject in ids and link.object in ids
+    ]
+    if rows:
+        cursor.executemany(
+            "INSERT INTO link (from_id, relation, to_id, properties) VALUES (%s, %s, %s, %s) "
+            "ON CONFLICT (from_id, relation, to_id) DO UPDATE SET properties = excluded.properties "
+            "WHERE link.properties IS DISTINCT FROM excluded.properties",
+            rows,
+        )
+
+
+def _georeference(cursor: psycopg.Cursor[Any], map_id: int, world: World) -> None:
+    if world.georeference:
+        cursor.execute(
+            "UPDATE map SET crs = %(crs)s, easting = %(easting)s, northing = %(northing)s, "
+            "height = %(height)s, rotation = %(rotation)s WHERE id = %(id)s",
+            {**world.georeference, "id": map_id},
+        )
