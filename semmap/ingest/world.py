@@ -140,19 +140,6 @@ class Link:
 
 
 @dataclass
-class Link:
-    """A named relation between two entries, such as a lane from one waypoint to another.
-
-    A pair of entries has at most one link of a relation in this direction.
-    """
-
-    relation: str
-    source: str
-    target: str
-    properties: dict[str, object] = field(default_factory=dict)
-
-
-@dataclass
 class World:
     """All that a file says. Names in `entries` are unique; a holder stands before what it holds."""
 
@@ -163,4 +150,3 @@ class World:
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     georeference: dict[str, object] | None = None
-    links: list[Link] = field(default_factory=list)
