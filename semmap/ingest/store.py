@@ -84,7 +84,9 @@ def store_world(
         fresh += regrown
 
         if gone:
-            cursor.execute("DELETE FROM entity WHERE map_id = %s AND name = ANY(%s)", (map_id, gone))
+            cursor.execute(
+                "DELETE FROM entity WHERE map_id = %s AND name = ANY(%s)", (map_id, gone)
+            )
         ids = {name: old.id for name, old in known.items() if name not in set(gone)}
         cursor.execute(
             "SELECT nextval(pg_get_serial_sequence('semmap.entity', 'id')) "
@@ -167,11 +169,13 @@ def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: St
     there = {name for (name,) in cursor}
     new = sorted(set(asked) - there)
     if new:
-        cursor.executemany(
-            "INSERT INTO semantic_type (name, origin) VALUES (%s, 'import')", [(t,) for t in new]
+        cursor.execute(
+            "INSERT INTO semantic_type (name, origin) SELECT t, 'import' FROM unnest(%s::text[]) t",
+            (new,),
         )
-        cursor.executemany(
-            "INSERT INTO type_parent (type, parent) VALUES (%s, %s)", [(t, asked[t]) for t in new]
+        cursor.execute(
+            "INSERT INTO type_parent (type, parent) SELECT * FROM unnest(%s::text[], %s::text[])",
+            (new, [asked[t] for t in new]),
         )
         stored.notes += [f"type {t}: not in the T-Box, added below {asked[t]}" for t in new]
 
@@ -257,9 +261,7 @@ def _insert_model(cursor: psycopg.Cursor[Any], digest: str, shape: Shape) -> int
             patches = [shapely.to_wkb(cloud, output_dimension=3)]
         else:
             patches = encode_chunks(mesh.triangles)
-        with cursor.copy(
-            "COPY chunk (model_id, number, geom) FROM STDIN (FORMAT BINARY)"
-        ) as copy:
+        with cursor.copy("COPY chunk (model_id, number, geom) FROM STDIN (FORMAT BINARY)") as copy:
             copy.set_types(["int8", "int4", "bytea"])
             for number, patch in enumerate(patches):
                 copy.write_row((model_id, number, patch))
@@ -300,7 +302,10 @@ def _insert_entities(
 
 
 def _update_entities(
-    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], digests: dict[str, str]
+    cursor: psycopg.Cursor[Any],
+    entries: Sequence[Entry],
+    ids: dict[str, int],
+    digests: dict[str, str],
 ) -> None:
     for e in entries:
         cursor.execute(
@@ -320,7 +325,12 @@ def _annotate(
             "type IS NOT DISTINCT FROM coalesce(%(type)s, type) AND "
             "label IS NOT DISTINCT FROM coalesce(%(label)s, label) AND "
             "properties @> %(properties)s)",
-            {"type": e.type, "label": e.label, "properties": Jsonb(e.properties), "id": ids[e.name]},
+            {
+                "type": e.type,
+                "label": e.label,
+                "properties": Jsonb(e.properties),
+                "id": ids[e.name],
+            },
         )
         if cursor.rowcount:
             stored.notes.append(f"{e.name}: annotated")
@@ -335,7 +345,9 @@ def _details(
             columns = _detail(e, ids, world)
             names = sql.SQL(", ").join(map(sql.Identifier, columns))
             updates = sql.SQL(", ").join(
-                sql.SQL("{0} = excluded.{0}").format(sql.Identifier(c)) for c in columns if c != "entity_id"
+                sql.SQL("{0} = excluded.{0}").format(sql.Identifier(c))
+                for c in columns
+                if c != "entity_id"
             )
             action = sql.SQL("UPDATE SET ") + updates if len(columns) > 1 else sql.SQL("NOTHING")
             cursor.execute(
@@ -371,7 +383,9 @@ def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
                 "width": c.width,
             }
         case None if entry.kind == "connector":
-            raise WorldError(world.source, entry.name, "joins no places", "Name the places it joins.")
+            raise WorldError(
+                world.source, entry.name, "joins no places", "Name the places it joins."
+            )
         case _:
             pass
     return row
@@ -399,9 +413,7 @@ def _give_models(
     ids: dict[str, int],
     models: dict[int, int],
 ) -> None:
-    wanted = {
-        (ids[e.name], models[id(s)], s.role) for e in [*fresh, *changed] for s in e.shapes
-    }
+    wanted = {(ids[e.name], models[id(s)], s.role) for e in [*fresh, *changed] for s in e.shapes}
     if changed:
         cursor.execute(
             "SELECT entity_id, model_id, role FROM entity_model WHERE entity_id = ANY(%s)",

@@ -1,0 +1,31 @@
+# make demo [WORLD=path]   the main job on examples/office, or on your own world
+# make test                the tests
+# make lint                ruff, mypy, import-linter, clang-format
+# make bench               the speed tables
+# make clean               what these left
+
+WORLD ?=
+.PHONY: demo test lint bench clean
+
+demo:
+	@scripts/setup
+	@.venv/bin/semmap demo $(WORLD)
+
+test:
+	@scripts/setup
+	@.venv/bin/python -m pytest -q
+
+lint:
+	@scripts/setup
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/mypy
+	.venv/bin/lint-imports
+	find native -name '*.?pp' | xargs .venv/bin/clang-format --dry-run --Werror
+
+bench:
+	@scripts/setup test lint bench
+	@.venv/bin/python -m benchmarks
+
+clean:
+	rm -rf build out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,15 @@
+-- Maps with a georeference, on the earth: the same footprints in longitude and latitude.
+
+CREATE FUNCTION on_earth(geom geometry, of_map integer)
+RETURNS geometry LANGUAGE sql STABLE SET search_path = semmap, public AS $$
+-- A geometry of the map's frame in WGS 84; null where the map has no georeference.
+SELECT ST_Transform(ST_SetSRID(ST_Translate(ST_Rotate(ST_Force2D(geom), m.rotation), m.easting, m.northing), m.crs), 4326)
+FROM map m WHERE m.id = of_map AND m.crs IS NOT NULL
+$$;
+
+CREATE VIEW gis_earth AS
+    SELECT e.id AS fid, m.name AS map, s.name AS storey, e.kind, e.name, e.type,
+           on_earth(w.footprint, e.map_id)::geometry(MultiPolygon, 4326) AS geom
+    FROM entity e JOIN map m ON m.id = e.map_id AND m.crs IS NOT NULL
+    JOIN world w ON w.entity_id = e.id LEFT JOIN entity s ON s.id = w.storey_id
+    WHERE w.footprint IS NOT NULL;

@@ -1,0 +1,171 @@
+"""A file into the map: read, store, derive the inventories, say what happened."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from psycopg.types.json import Jsonb
+from sqlalchemy import Connection, Engine
+
+from semmap.ingest.annotation import read_annotation
+from semmap.ingest.holders import derive_inventories
+from semmap.ingest.mesh_file import MESH_ENDINGS, read_mesh_world
+from semmap.ingest.rmf import read_rmf
+from semmap.ingest.sdf import read_sdf
+from semmap.ingest.store import Progress, Stored, store_world
+from semmap.ingest.types import load_tbox
+from semmap.ingest.world import Skipped, World, WorldError
+
+__all__ = ["ImportSummary", "import_file", "read_world"]
+
+Geometry = Literal["visual", "collision"]
+MeshAs = Literal["object", "room"]
+
+READERS: tuple[tuple[tuple[str, ...], Callable[[Path, Geometry, MeshAs], World]], ...] = (
+    ((".sdf", ".world"), lambda path, geometry, mesh_as: read_sdf(path, geometry=geometry)),
+    ((".yaml", ".yml"), lambda path, geometry, mesh_as: read_rmf(path)),
+    ((".geojson", ".json", ".gpkg"), lambda path, geometry, mesh_as: read_annotation(path)),
+    (tuple(MESH_ENDINGS), lambda path, geometry, mesh_as: read_mesh_world(path, as_=mesh_as)),
+)
+"""Which parser reads which endings."""
+
+
+def read_world(path: Path, geometry: Geometry = "visual", mesh_as: MeshAs = "object") -> World:
+    """Read a world file through the parser that its ending asks for.
+
+    Raises
+    ------
+    WorldError
+        The file is not there, of an ending that nobody reads, or not to be trusted as a whole.
+    """
+    if not path.is_file():
+        raise WorldError(path, "file", "is not there", "Check the path.")
+    for endings, read in READERS:
+        if path.suffix.lower() in endings:
+            return read(path, geometry, mesh_as)
+    known = ", ".join(sorted(e for endings, _ in READERS for e in endings))
+    raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", f"Known: {known}.")
+
+
+@dataclass
+class ImportSummary:
+    """What came in, and what was left out and why."""
+
+    map: str
+    source: str
+    kinds: dict[str, int] = field(default_factory=dict)
+    added: int = 0
+    changed: int = 0
+    removed: int = 0
+    unchanged: int = 0
+    models: int = 0
+    triangles: int = 0
+    holders: int = 0
+    skipped: list[Skipped] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def as_json(self) -> dict[str, Any]:
+        """The summary as plain values."""
+        return asdict(self)
+
+
+def import_file(
+    engine: Engine,
+    path: Path,
+    *,
+    map_name: str | None = None,
+    geometry: Geometry = "visual",
+    mesh_as: MeshAs = "object",
+    strict: bool = False,
+    source: str | None = None,
+    progress: Progress = lambda stage, done, total: None,
+) -> ImportSummary:
+    """Import a world file in one transaction.
+
+    Parameters
+    ----------
+    map_name : the map that takes it, made if it is not there; by default the file's own name
+    strict : take nothing if anything has to be left out
+    source : under which name a repeated import finds its entities again; by default the file's path
+
+    Raises
+    ------
+    WorldError
+        The file cannot be trusted as a whole, or `strict` and an element of it cannot be used;
+        nothing is written.
+    """
+    start = time.perf_counter()
+    progress(f"reading {path.name}", 0, 0)
+    world = read_world(path, geometry, mesh_as)
+    if strict and world.skipped:
+        first = world.skipped[0]
+        raise WorldError(
+            path,
+            first.element,
+            f"{first.problem} (and {len(world.skipped) - 1} more)",
+            f"{first.mend} Or import without --strict, which leaves it out.",
+        )
+    source = source or str(path.resolve())
+    with engine.begin() as connection:
+        load_tbox(connection)
+        map_id = _map_id(connection, map_name or world.name)
+        psycopg_connection = connection.connection.driver_connection
+        assert psycopg_connection is not None
+        stored = store_world(psycopg_connection, map_id, world, source, progress)
+        progress("inventories", 0, 0)
+        holders = derive_inventories(psycopg_connection, map_id)
+        summary = _summary(world, stored, map_name or world.name, source, holders)
+        if stored.added or stored.changed or stored.removed:
+            _log(connection, map_id, path, summary)
+    summary.seconds = round(time.perf_counter() - start, 3)
+    return summary
+
+
+def _map_id(connection: Connection, name: str) -> int:
+    row = connection.exec_driver_sql(
+        "INSERT INTO map (name) VALUES (%(name)s) ON CONFLICT (name) DO UPDATE SET name = map.name "
+        "RETURNING id",
+        {"name": name},
+    ).scalar_one()
+    return int(row)
+
+
+def _summary(
+    world: World, stored: Stored, map_name: str, source: str, holders: int
+) -> ImportSummary:
+    kinds: dict[str, int] = {}
+    for entry in world.entries:
+        kinds[entry.kind] = kinds.get(entry.kind, 0) + 1
+    return ImportSummary(
+        map=map_name,
+        source=source,
+        kinds=kinds,
+        added=len(stored.added),
+        changed=len(stored.changed),
+        removed=len(stored.removed),
+        unchanged=stored.unchanged,
+        models=stored.models,
+        triangles=stored.triangles,
+        holders=holders,
+        skipped=world.skipped,
+        notes=stored.notes,
+    )
+
+
+def _log(connection: Connection, map_id: int, path: Path, summary: ImportSummary) -> None:
+    connection.exec_driver_sql(
+        "INSERT INTO import (map_id, source, digest, summary) VALUES "
+        "(%(map)s, %(source)s, %(digest)s, %(summary)s)",
+        {
+            "map": map_id,
+            "source": summary.source,
+            "digest": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "summary": Jsonb(summary.as_json()),
+        },
+    )

@@ -1,0 +1,1 @@
+"""Spatial and semantic questions to the map."""
