@@ -1,26 +1,6 @@
 -- What follows a change of placements: world pose, box and footprint of what moved and of all that
 -- it holds; former placements; the announcement.
 
-CREATE FUNCTION shape_of(of_entity bigint, at_pose double precision[], OUT hull geometry, OUT footprint geometry)
-LANGUAGE sql STABLE SET search_path = semmap, public AS $$
--- An entity's hull and footprint, placed: the outline where the model has one and stands upright,
--- else the convex hull of what it covers on the ground.
-WITH shape AS (
-    SELECT pose_apply(m.hull, at_pose) AS hull,
-           CASE WHEN m.outline IS NOT NULL AND abs(at_pose[4]) < 1e-6 AND abs(at_pose[5]) < 1e-6
-                THEN ST_Force2D(pose_apply(ST_Force3D(m.outline), at_pose)) END AS outline
-    FROM entity_model em JOIN model m ON m.id = em.model_id
-    WHERE em.entity_id = of_entity
-), flat AS (
-    SELECT hull, coalesce(outline, ST_ConvexHull(ST_Force2D(hull))) AS flat FROM shape
-), solid AS (
-    SELECT hull, CASE WHEN ST_Dimension(flat) = 2 THEN flat ELSE ST_Buffer(flat, 0.001, 1) END AS flat FROM flat
-)
-SELECT CASE count(*) WHEN 1 THEN (array_agg(hull))[1] ELSE ST_Collect(hull) END,
-       CASE count(*) WHEN 0 THEN NULL WHEN 1 THEN ST_Multi((array_agg(flat))[1]) ELSE ST_Multi(ST_Union(flat)) END
-FROM solid
-$$;
-
 CREATE FUNCTION refresh_world(ids bigint[])
 RETURNS bigint[] LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public AS $$
 -- World coordinates of the given entities and of what they hold, from the top down. An entity
@@ -44,18 +24,36 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
 ), placed AS (
     SELECT DISTINCT ON (entity_id) entity_id, map_id, storey_id, pose
     FROM tree ORDER BY entity_id, depth DESC
+), shape AS (
+    -- The outline where the model has one and stands upright, else the convex hull on the ground.
+    SELECT t.entity_id, h.hull,
+           coalesce(CASE WHEN abs(t.pose[4]) < 1e-6 AND abs(t.pose[5]) < 1e-6
+                         THEN ST_Force2D(pose_apply(ST_Force3D(m.outline), t.pose)) END,
+                    ST_ConvexHull(ST_Force2D(h.hull))) AS flat
+    FROM placed t
+    JOIN entity_model em ON em.entity_id = t.entity_id
+    JOIN model m ON m.id = em.model_id
+    CROSS JOIN LATERAL (SELECT pose_apply(m.hull, t.pose) OFFSET 0) h (hull)
+), solid AS (
+    SELECT entity_id, hull,
+           CASE WHEN ST_Dimension(flat) = 2 THEN flat ELSE ST_Buffer(flat, 0.001, 1) END AS flat
+    FROM shape
+), extent AS (
+    SELECT entity_id,
+           CASE count(*) WHEN 1 THEN (array_agg(hull))[1] ELSE ST_Collect(hull) END AS hull,
+           ST_Multi(CASE count(*) WHEN 1 THEN (array_agg(flat))[1] ELSE ST_Union(flat) END) AS footprint
+    FROM solid GROUP BY entity_id
 ), kept AS (
-INSERT INTO world AS w (entity_id, map_id, storey_id, pose, box, footprint)
-SELECT t.entity_id, t.map_id, t.storey_id, t.pose,
-       coalesce(diagonal(g.hull), ST_MakeLine(here, here)),
-       g.footprint
-FROM placed t
-CROSS JOIN LATERAL ST_MakePoint(t.pose[1], t.pose[2], t.pose[3]) AS here
-LEFT JOIN LATERAL shape_of(t.entity_id, t.pose) g ON true
-ON CONFLICT (entity_id) DO UPDATE
-SET map_id = excluded.map_id, storey_id = excluded.storey_id, pose = excluded.pose,
-    box = excluded.box, footprint = excluded.footprint
-RETURNING entity_id)
+    INSERT INTO world AS w (entity_id, map_id, storey_id, pose, box, footprint)
+    SELECT t.entity_id, t.map_id, t.storey_id, t.pose,
+           coalesce(diagonal(x.hull), ST_MakeLine(here, here)), x.footprint
+    FROM placed t
+    CROSS JOIN LATERAL ST_MakePoint(t.pose[1], t.pose[2], t.pose[3]) AS here
+    LEFT JOIN extent x ON x.entity_id = t.entity_id
+    ON CONFLICT (entity_id) DO UPDATE
+    SET map_id = excluded.map_id, storey_id = excluded.storey_id, pose = excluded.pose,
+        box = excluded.box, footprint = excluded.footprint
+    RETURNING entity_id)
 SELECT array_agg(entity_id) FROM kept
 $$;
 

@@ -22,18 +22,13 @@ END $$;
 
 CREATE FUNCTION reshape(ids bigint[])
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
--- Only these entities' own shapes changed: what they hold stays as it is.
+-- World box and footprint of entities whose models changed, where they are placed.
 DECLARE
     placed bigint[];
 BEGIN
     SELECT array_agg(w.entity_id) INTO placed FROM world w WHERE w.entity_id = ANY (ids);
     IF placed IS NOT NULL THEN
-        UPDATE world w
-        SET box = coalesce(diagonal(g.hull), ST_MakeLine(ST_MakePoint(w.pose[1], w.pose[2], w.pose[3]),
-                                                         ST_MakePoint(w.pose[1], w.pose[2], w.pose[3]))),
-            footprint = g.footprint
-        FROM world o LEFT JOIN LATERAL shape_of(o.entity_id, o.pose) g ON true
-        WHERE w.entity_id = ANY (placed) AND o.entity_id = w.entity_id;
+        PERFORM refresh_world(placed);
         PERFORM record_change('reshaped', placed);
     END IF;
 END $$;
