@@ -326,6 +326,6 @@ def other_case(path: Path) -> str:
     """A mend where the file is there under a name that differs in case only, else nothing."""
     if path.parent.is_dir():
         for other in path.parent.iterdir():
-            if other.name.lower() == path.name.lower():
+            if other.name != path.name and other.name.lower() == path.name.lower():
                 return f"There is {other.name}: correct upper and lower case."
     return ""

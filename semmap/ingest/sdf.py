@@ -119,7 +119,8 @@ def _georeference(world: Element) -> dict[str, object] | None:
 
 
 def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) -> Entry:
-    pose = _in_world(frames.pose(instance.name), f"model {instance.name}")
+    where = f"model {instance.name}"
+    pose = _in_world(frames.pose(instance.name, where), where)
     shape = models.shape(instance.model, geometry)
     source = instance.model.source
     return Entry(
@@ -134,10 +135,11 @@ def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) 
 
 def _actor(element: Element, frames: Frames) -> Entry:
     """An actor where its file puts it; its skin and script are the simulator's."""
-    name = unique_name(element.get("name") or "actor", frames)
-    pose, relative_to = local_pose(element, f"actor {name}")
+    name = unique_name(element.get("name", "").strip() or "actor", frames)
+    where = f"actor {name}"
+    pose, relative_to = local_pose(element, where)
     frames.add(name, pose, relative_to)
-    return Entry(name, kind="agent", pose=_in_world(frames.pose(name), f"actor {name}"))
+    return Entry(name, kind="agent", pose=_in_world(frames.pose(name, where), where))
 
 
 def _in_world(pose: Pose, where: str) -> Pose:

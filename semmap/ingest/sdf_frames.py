@@ -54,8 +54,8 @@ class Frames:
         """All frames of this scope but its own."""
         return list(self._edges)
 
-    def pose(self, name: str) -> Pose:
-        """The pose of a frame in the scope's own frame.
+    def pose(self, name: str, where: str = "") -> Pose:
+        """The pose of a frame in the scope's own frame; `where` names what stands in it.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class Frames:
                     f"{self._root}.",
                 )
             passed[at] = None
-            parent, pose = self._edge(at, name)
+            parent, pose = self._edge(at, where or f"{self._scope}: frame {name}")
             chain.append((at, pose))
             at = parent
         world = self._known[at]
@@ -87,15 +87,14 @@ class Frames:
             self._known[frame] = world
         return world
 
-    def _edge(self, name: str, wanted: str) -> tuple[str, Pose]:
+    def _edge(self, name: str, where: str) -> tuple[str, Pose]:
         if name in self._edges:
             return self._edges[name]
         model, _, rest = name.partition("::")
         if rest and model in self._inner:
-            return model, self._inner[model].pose(rest)
-        of = "" if name == wanted else f" (which {wanted} leads to)"
+            return model, self._inner[model].pose(rest, where)
         raise Unusable(
-            f"{self._scope}: frame {name}{of}",
-            "there is no such usable frame",
+            where,
+            f"it stands relative to {name!r}, which {self._scope} does not have or cannot place",
             f"Name a link, joint, frame or model of {self._scope}.",
         )

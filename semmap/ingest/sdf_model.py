@@ -26,8 +26,11 @@ Role = Literal["visual", "collision"]
 MOST_NESTED = 32
 """Models within models, at most."""
 
-MOST_PARTS = 100_000
+MOST_PARTS = 20_000
 """Visuals and collisions of one model with all that it nests, at most."""
+
+MOST_FACES = 20_000_000
+"""Triangles of one model with all that it nests, at most."""
 
 MODEL_FRAME = "__model__"
 
@@ -142,7 +145,9 @@ class Models:
         uri = (element.findtext("uri") or "").strip()
         given = (element.findtext("name") or "").strip()
         name = model_name(uri)
-        where = f"{source}include {given or name}"
+        where = f"{source}include {given or name}".rstrip()
+        if not name:
+            raise Unusable(where, "it has no <uri>", "Name the model that it includes.")
         model = Model(name, name, Frames(source.path, f"model {name}", MODEL_FRAME))
         with leaving_out(
             self._world.skipped
@@ -183,7 +188,7 @@ class Models:
         return self._files[key]
 
     def _read(self, element: Element, source: Source) -> Model:
-        name = element.get("name") or "model"
+        name = element.get("name", "").strip() or "model"
         where = f"{source}model {name}"
         if source.depth >= MOST_NESTED:
             raise WorldError(
@@ -198,17 +203,17 @@ class Models:
         links = self.add_frames(element, frames, where)
         frames.check()
         parts = self._parts(links, frames, source.path, where)
-        for instance in nested:
-            with leaving_out(self._world.skipped):
-                stands = frames.pose(instance.name)
-                parts += [replace(p, pose=stands @ p.pose) for p in instance.model.parts]
-        if len(parts) > MOST_PARTS:
+        if len(parts) + sum(len(n.model.parts) for n in nested) > MOST_PARTS:
             raise WorldError(
                 source.path,
                 where,
                 f"it has more than {MOST_PARTS:,} visuals and collisions, nested ones included",
                 "Split it, or nest fewer models.",
             )
+        for instance in nested:
+            with leaving_out(self._world.skipped):
+                stands = frames.pose(instance.name, f"{where}: model {instance.name}")
+                parts += [replace(p, pose=stands @ p.pose) for p in instance.model.parts]
         pose, relative_to = local_pose(element, where)
         return Model(
             name,
@@ -248,7 +253,7 @@ class Models:
                     named = f"{where}: link {frame}: {role} {element.get('name', '')}".rstrip()
                     with leaving_out(self._world.skipped):
                         local, relative_to = local_pose(element, named)
-                        pose = frames.pose(relative_to or frame) @ local
+                        pose = frames.pose(relative_to or frame, named) @ local
                         parts.append(_Part(role, pose, element.find("geometry"), path, named))
         return parts
 
@@ -290,10 +295,18 @@ class Models:
     def _mesh(self, parts: list[_Part], skipped: list[Skipped]) -> Mesh | None:
         key = tuple((id(part.geometry), part.pose) for part in parts)
         if key not in self._baked:
-            surfaces = []
+            surfaces, faces = [], 0
             for part in parts:
                 with leaving_out(skipped):
-                    surfaces.append(self._surface(part))
+                    surface = self._surface(part)
+                    faces += len(surface.faces)
+                    if faces > MOST_FACES:
+                        raise Unusable(
+                            part.where,
+                            f"with it the model has more than {MOST_FACES:,} triangles",
+                            "Split the model, or simplify its meshes.",
+                        )
+                    surfaces.append(surface)
             self._baked[key] = join(surfaces) if len(surfaces) > 1 else next(iter(surfaces), None)
         return self._baked[key]
 
