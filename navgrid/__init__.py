@@ -1,0 +1,1 @@
+"""Occupancy grids from geometry: slabs, layers, inflation, map files."""

@@ -1,0 +1,1 @@
+"""Topology, routes and tasks over the semantic map."""

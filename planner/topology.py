@@ -1,0 +1,174 @@
+"""Places and the connectors that join them (Deeken et al., section 3.4, "Topological Information").
+
+Arrays and plain dataclasses: `planner.source` reads them from the map.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import networkx as nx
+
+from semmap.geometry.pose import Pose
+
+__all__ = ["OUTSIDE", "Connector", "Place", "Topology", "TopologyError", "UnknownPlaceError"]
+
+OUTSIDE = "outside"
+"""What lies beyond the building: the second place of an exterior door."""
+
+
+class TopologyError(ValueError):
+    """Places and connectors that do not fit together."""
+
+
+class UnknownPlaceError(LookupError):
+    """A place that the topology does not have; the message names the closest ones."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        known = sorted(known)
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+        near += [k for k in known if name.lower() in k.lower() and k not in near][: 3 - len(near)]
+        if near:
+            mend = f"did you mean {' or '.join(near)}?"
+        elif known:
+            mend = f"there are: {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}"
+        else:
+            mend = "the map has no rooms: import a world or an annotation that has"
+        super().__init__(f"there is no place named {name}; {mend}")
+
+
+@dataclass(frozen=True)
+class Place:
+    """A room, or an elevator's cabin on one storey.
+
+    Attributes
+    ----------
+    name : unique in the map
+    type, label : semantic type and function (``kitchen``), where known
+    storey : name of the storey, where known
+    elevator : name of the elevator whose cabin this is
+    """
+
+    name: str
+    type: str | None = None
+    label: str | None = None
+    storey: str | None = None
+    elevator: str | None = None
+
+
+@dataclass(frozen=True)
+class Connector:
+    """A door, elevator door, flight of stairs or ramp between two places (section 3.4).
+
+    Attributes
+    ----------
+    places : the two places that it joins; the second may be `OUTSIDE`
+    poses : in the map's frame, one in each place, at which a robot stands facing the connector
+    type : door, elevator_door, stairs or ramp
+    direction : forward passes only from the first place to the second
+    state : open, closed or locked
+    behaviour : the robot behaviour that passing needs
+    width : clear width in metres, where known
+    """
+
+    name: str
+    places: tuple[str, str]
+    poses: tuple[Pose, Pose]
+    type: Literal["door", "elevator_door", "stairs", "ramp"] = "door"
+    direction: Literal["both", "forward", "backward"] = "both"
+    state: Literal["open", "closed", "locked"] = "open"
+    behaviour: str = "pass_door"
+    width: float | None = None
+
+    def passes(self, side: int) -> bool:
+        """True where the direction allows leaving from ``places[side]``."""
+        return self.direction == "both" or (self.direction == "forward") == (side == 0)
+
+
+@dataclass(frozen=True)
+class Topology:
+    """What joins what: places by name, connectors by name.
+
+    `OUTSIDE` is a place wherever a connector leads there.
+
+    Raises
+    ------
+    TopologyError
+        Where a connector names a place that is not there, or a name comes twice.
+    """
+
+    places: dict[str, Place] = field(default_factory=dict)
+    connectors: dict[str, Connector] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, places: Iterable[Place], connectors: Iterable[Connector]) -> Topology:
+        """A topology of lists, checked."""
+        by_name: dict[str, Place] = {}
+        for place in places:
+            if place.name in by_name:
+                raise TopologyError(f"two places are named {place.name}; rename one of them")
+            by_name[place.name] = place
+        joined: dict[str, Connector] = {}
+        for connector in connectors:
+            if connector.name in joined:
+                raise TopologyError(f"two connectors are named {connector.name}; rename one")
+            if connector.places[0] == connector.places[1]:
+                raise TopologyError(
+                    f"connector {connector.name} joins {connector.places[0]} with itself; "
+                    "name the place on its other side"
+                )
+            for name in connector.places:
+                if name == OUTSIDE:
+                    by_name.setdefault(OUTSIDE, Place(OUTSIDE))
+                elif name not in by_name:
+                    raise TopologyError(
+                        f"connector {connector.name} joins {name}, which is no place; "
+                        "add the room or correct the connector"
+                    )
+            joined[connector.name] = connector
+        return cls(by_name, joined)
+
+    def place(self, name: str) -> Place:
+        """The place of that name.
+
+        Raises
+        ------
+        UnknownPlaceError
+        """
+        try:
+            return self.places[name]
+        except KeyError:
+            raise UnknownPlaceError(name, self.places) from None
+
+    def doors_of(self, place: str) -> list[tuple[Connector, int]]:
+        """The connectors of a place, each with the side (0 or 1) on which the place lies."""
+        return [
+            (c, side)
+            for c in self.connectors.values()
+            for side in (0, 1)
+            if c.places[side] == place
+        ]
+
+    def cabins(self) -> dict[str, list[str]]:
+        """Elevators and the places that are their cabins, one a storey."""
+        found: dict[str, list[str]] = {}
+        for place in self.places.values():
+            if place.elevator is not None:
+                found.setdefault(place.elevator, []).append(place.name)
+        return found
+
+    def graph(self) -> nx.MultiGraph:
+        """Places as nodes; connectors and elevator rides as edges, keyed by their names."""
+        graph = nx.MultiGraph()
+        for place in self.places.values():
+            graph.add_node(place.name, place=place)
+        for c in self.connectors.values():
+            graph.add_edge(*c.places, key=c.name, connector=c)
+        for elevator, cabins in self.cabins().items():
+            for i, a in enumerate(cabins):
+                for b in cabins[i + 1 :]:
+                    graph.add_edge(a, b, key=elevator, elevator=elevator)
+        return graph

@@ -1,0 +1,61 @@
+import networkx as nx
+import pytest
+
+from planner.topology import OUTSIDE, Connector, Place, Topology, TopologyError, UnknownPlaceError
+from semmap.geometry.pose import Pose
+from tests.planner.office import door, office
+
+
+def test_the_graph_has_places_as_nodes_and_doors_and_rides_as_edges():
+    graph = office().graph()
+    assert set(graph["corridor3"]["office4"]) == {"door6", "door7"}
+    assert set(graph["elevator-1st"]["elevator-3rd"]) == {"elevator"}
+    assert nx.is_connected(graph)
+    assert graph.nodes["lab2"]["place"].storey == "floor-3rd"
+
+
+def test_outside_is_a_place_where_a_door_leads_there():
+    assert OUTSIDE in office().places
+    assert (
+        OUTSIDE not in Topology.of([Place("a"), Place("b")], [door("d", "a", "b", 0, 0, 0)]).places
+    )
+
+
+def test_doors_of_a_place_come_with_its_side():
+    assert [(c.name, side) for c, side in office().doors_of("office4")] == [
+        ("door6", 1),
+        ("door7", 0),
+    ]
+
+
+def test_an_unknown_place_is_answered_with_the_closest_ones():
+    with pytest.raises(UnknownPlaceError, match="no place named ofice4; did you mean office4"):
+        office().place("ofice4")
+    with pytest.raises(UnknownPlaceError, match="there are: corridor1, corridor3, "):
+        office().place("zzz")
+    with pytest.raises(UnknownPlaceError, match="import a world"):
+        Topology().place("lab")
+
+
+@pytest.mark.parametrize(
+    ("places", "joined", "message"),
+    [
+        (["a", "a"], [], "two places are named a"),
+        (["a", "b"], [("d", "a", "b"), ("d", "b", "a")], "two connectors are named d"),
+        (["a"], [("d", "a", "b")], "connector d joins b, which is no place"),
+        (["a"], [("d", "a", "a")], "connector d joins a with itself"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(places, joined, message):
+    connectors = [Connector(n, (a, b), (Pose(), Pose())) for n, a, b in joined]
+    with pytest.raises(TopologyError, match=message):
+        Topology.of([Place(p) for p in places], connectors)
+
+
+@pytest.mark.parametrize(
+    ("direction", "from_first", "from_second"),
+    [("both", True, True), ("forward", True, False), ("backward", False, True)],
+)
+def test_direction_says_from_which_side_a_connector_is_passed(direction, from_first, from_second):
+    c = Connector("d", ("a", "b"), (Pose(), Pose()), direction=direction)
+    assert (c.passes(0), c.passes(1)) == (from_first, from_second)
