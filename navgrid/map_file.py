@@ -1,0 +1,307 @@
+"""Nav2 map files: what map_saver writes and map_server reads, both ways.
+
+The image's first row is the highest y, a grid's row 0 the lowest. Values are those of
+`nav_msgs/OccupancyGrid`: 0 free, 100 occupied, -1 unknown, in `scale` and `raw` anything between.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import tempfile
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from navgrid.grid import Grid
+
+__all__ = ["MapFileError", "Mode", "read_map", "write_map"]
+
+Mode = Literal["trinary", "scale", "raw"]
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+
+# A trinary map's unknown cells are grey 205, whose occupancy 1 - 205/255 = 0.1961 lies below the
+# free_thresh of 0.25 that map_saver writes by default: map_server would read them as free.
+THRESHOLDS: dict[Mode, tuple[float, float]] = {
+    "trinary": (0.196, 0.65),
+    "scale": (0.0, 1.0),  # values come back as they were written
+    "raw": (0.25, 0.65),  # not used
+}
+_GREY_UNKNOWN, _GREY_FREE, _GREY_OCCUPIED = 205, 254, 0
+
+
+class MapFileError(ValueError):
+    """A map file that cannot be used: names the file, the element and the mend."""
+
+    def __init__(self, path: Path | str, element: str, problem: str, mend: str) -> None:
+        self.path, self.element, self.problem, self.mend = str(path), element, problem, mend
+        super().__init__(f"{path}: {element}: {problem}. {mend}")
+
+
+def write_map(
+    grid: Grid,
+    cells: NDArray[np.int8],
+    path_stem: Path | str,
+    mode: Mode = "trinary",
+    *,
+    free_thresh: float | None = None,
+    occupied_thresh: float | None = None,
+    image_format: Literal["pgm", "png"] | None = None,
+) -> Path:
+    """Write ``<path_stem>.yaml`` and its image, each appearing whole or not at all.
+
+    Parameters
+    ----------
+    cells : (rows, columns) int8, row 0 the lowest y
+        -1 unknown, 0..100 occupancy in percent. `trinary` keeps what lies at or below the free and
+        at or above the occupied threshold and calls the rest unknown.
+    free_thresh, occupied_thresh
+        Written to the YAML file; by default those by which map_server reads what was written.
+    image_format
+        pgm, or png for `scale`, whose unknown cells are transparent.
+
+    Returns
+    -------
+    The path of the YAML file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> grid = Grid(origin=(-1.0, 2.0), resolution=0.05, shape=(2, 3))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = write_map(grid, np.array([[0, 100, -1], [0, 0, 0]], np.int8), f"{folder}/map")
+    ...     read_map(path)[1].tolist()
+    [[0, 100, -1], [0, 0, 0]]
+    """
+    if mode not in get_args(Mode):
+        raise ValueError(f"mode is {mode!r}; it is one of {', '.join(get_args(Mode))}")
+    cells = np.asarray(cells)
+    if cells.shape != tuple(grid.shape):
+        raise ValueError(f"cells have shape {cells.shape}, the grid {tuple(grid.shape)}")
+    if cells.size == 0:
+        raise ValueError("the grid has no cells; give it a shape of at least 1 x 1")
+    if cells.min() < UNKNOWN or cells.max() > OCCUPIED:
+        raise ValueError(
+            f"cells hold values from {cells.min()} to {cells.max()}; give -1 for unknown, "
+            "0 to 100 for occupancy"
+        )
+    free = THRESHOLDS[mode][0] if free_thresh is None else float(free_thresh)
+    occupied = THRESHOLDS[mode][1] if occupied_thresh is None else float(occupied_thresh)
+    if not 0.0 <= free < occupied <= 1.0:
+        raise ValueError(f"thresholds {free} and {occupied}: give 0 <= free < occupied <= 1")
+    image_format = image_format or ("png" if mode == "scale" else "pgm")
+    if mode == "scale" and image_format == "pgm" and (cells == UNKNOWN).any():
+        raise ValueError("a pgm image has no transparency for unknown cells in scale mode; use png")
+
+    stem = Path(path_stem)
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    image = stem.with_name(f"{stem.name}.{image_format}")
+    description = stem.with_name(f"{stem.name}.yaml")
+    pixels = _pixels(cells, mode, free, occupied)[::-1]
+    x, y = grid.origin
+    text = (
+        f"image: {_text(image.name)}\n"
+        f"mode: {mode}\n"
+        f"resolution: {_number(grid.resolution)}\n"
+        f"origin: [{_number(x)}, {_number(y)}, 0.0]\n"
+        "negate: 0\n"
+        f"occupied_thresh: {_number(occupied)}\n"
+        f"free_thresh: {_number(free)}\n"
+    )
+    # without a description nobody pairs an old origin with a new image
+    description.unlink(missing_ok=True)
+    _replace(image, _pgm(pixels) if image_format == "pgm" else _png(pixels))
+    _replace(description, text.encode())
+    return description
+
+
+def read_map(path: Path | str) -> tuple[Grid, NDArray[np.int8]]:
+    """Read a map as map_server does.
+
+    Returns
+    -------
+    The grid and its (rows, columns) int8 cells, row 0 the lowest y: -1 unknown, 0..100.
+
+    Raises
+    ------
+    MapFileError
+        Where the description or its image is missing, malformed or says what a grid cannot be.
+    """
+    path = Path(path)
+    said = _description(path)
+    mode: Mode = _choice(path, said, "mode", get_args(Mode), default="trinary")
+    resolution = _float(path, "resolution", _required(path, said, "resolution"))
+    if resolution <= 0:
+        raise MapFileError(path, "resolution", f"is {resolution}", "Give metres a cell, above zero")
+    origin = _required(path, said, "origin")
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise MapFileError(path, "origin", f"is {origin!r}", "Give a list [x, y, yaw]")
+    x, y, yaw = (_float(path, f"origin[{i}]", v) for i, v in enumerate(origin))
+    if yaw != 0.0:
+        raise MapFileError(
+            path, "origin[2]", f"turns the map by {yaw} radians", "Turn the image and give yaw 0"
+        )
+    negate = bool(_float(path, "negate", _required(path, said, "negate")))
+    free = _float(path, "free_thresh", said.get("free_thresh", 0.25))
+    occupied = _float(path, "occupied_thresh", said.get("occupied_thresh", 0.65))
+    name = _required(path, said, "image")
+    if not isinstance(name, str) or not name:
+        raise MapFileError(path, "image", f"is {name!r}", "Give the image's file name")
+    shade, alpha, channels = _image(path, path.parent / name)
+    cells = _cells(shade, alpha, channels, mode, negate, free, occupied)[::-1]
+    grid = Grid(origin=(x, y), resolution=resolution, shape=cells.shape)
+    return grid, np.ascontiguousarray(cells)
+
+
+def _pixels(cells: NDArray[np.int8], mode: Mode, free: float, occupied: float) -> NDArray[np.uint8]:
+    """(rows, columns) grey, or (rows, columns, 2) grey and alpha for `scale` with unknown cells."""
+    unknown = cells == UNKNOWN
+    if mode == "raw":
+        return np.where(unknown, 255, cells).astype(np.uint8)
+    if mode == "scale":
+        grey = np.rint(255 * (100 - cells.astype(float).clip(0)) / 100).astype(np.uint8)
+        if not unknown.any():
+            return grey
+        return np.stack([grey, np.where(unknown, 0, 255).astype(np.uint8)], axis=-1)
+    pixels = np.full(cells.shape, _GREY_UNKNOWN, np.uint8)
+    pixels[~unknown & (cells <= round(100 * free))] = _GREY_FREE
+    pixels[cells >= round(100 * occupied)] = _GREY_OCCUPIED
+    return pixels
+
+
+def _cells(
+    shade: NDArray[np.float64],
+    alpha: NDArray[np.float64] | None,
+    channels: int,
+    mode: Mode,
+    negate: bool,
+    free: float,
+    occupied: float,
+) -> NDArray[np.int8]:
+    """Occupancy of shades (0 black .. 1 white) after the documented rules of map_server."""
+    if mode == "raw":
+        percent = np.rint(shade * 255)
+        return np.where(percent <= OCCUPIED, percent, UNKNOWN).astype(np.int8)
+    if mode == "trinary" and alpha is not None:  # the alpha channel counts as a shade
+        shade = (shade * channels + alpha) / (channels + 1)
+    occupancy = shade if negate else 1.0 - shade
+    is_occupied, is_free = occupancy > occupied, occupancy < free
+    between: NDArray[np.float64] | float = UNKNOWN
+    if mode == "scale":
+        width = occupied - free if occupied > free else math.inf
+        between = np.rint((occupancy - free) / width * 100).clip(0, 100)
+        if alpha is not None:
+            between = np.where(alpha < 1.0, UNKNOWN, between)
+            is_occupied, is_free = is_occupied & (alpha >= 1.0), is_free & (alpha >= 1.0)
+    return np.select([is_occupied, is_free], [OCCUPIED, FREE], between).astype(np.int8)
+
+
+def _image(path: Path, image: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, int]:
+    """Mean shade over the colour channels, alpha, and the number of colour channels."""
+    try:
+        with Image.open(image) as file:
+            wide = file.mode.startswith("I")
+            opaque = file.mode in ("1", "L", "RGB") or wide
+            if file.mode in ("1", "P"):
+                file_ = file.convert("RGBA" if "transparency" in file.info else "RGB")
+            elif file.mode in ("L", "LA", "RGB", "RGBA") or wide:
+                file_ = file
+            else:
+                file_ = file.convert("RGB")
+            pixels = np.asarray(file_, dtype=float) / (65535 if wide else 255)
+            opaque = opaque or file_.mode == "RGB"
+    except FileNotFoundError:
+        mend = f"Put the image there or correct image: in {path.name}"
+        raise MapFileError(path, "image", f"there is no {image}", mend) from None
+    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
+        raise MapFileError(
+            image, "image", f"cannot be read ({error})", "Save it again as PGM, PNG or BMP"
+        ) from None
+    if pixels.ndim == 2:
+        return pixels, None, 1
+    if opaque:
+        return pixels.mean(axis=-1), None, pixels.shape[-1]
+    return pixels[..., :-1].mean(axis=-1), pixels[..., -1], pixels.shape[-1] - 1
+
+
+def _description(path: Path) -> dict[str, Any]:
+    try:
+        said = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        mend = "Give the .yaml file of a map"
+        raise MapFileError(path, "file", "is not there", mend) from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise MapFileError(path, "file", f"is no YAML ({reason})", "Correct or remake it") from None
+    if not isinstance(said, dict):
+        raise MapFileError(path, "file", "has no fields", "Give the .yaml file of a map")
+    return said
+
+
+def _required(path: Path, said: dict[str, Any], name: str) -> Any:
+    if said.get(name) is None:
+        raise MapFileError(path, name, "is missing", f"Add a line {name}: ...")
+    return said[name]
+
+
+def _float(path: Path, element: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise MapFileError(path, element, f"is {value!r}", "Give a finite number")
+    return number
+
+
+def _choice(
+    path: Path, said: dict[str, Any], name: str, choices: tuple[Any, ...], default: Any
+) -> Any:
+    value = said.get(name, default)
+    if value not in choices:
+        raise MapFileError(path, name, f"is {value!r}", f"Give one of {', '.join(choices)}")
+    return value
+
+
+def _number(value: float) -> str:
+    """The shortest text that reads back as this float, in YAML 1.1, too, which wants a dot."""
+    text = repr(float(value))
+    return text if "e" not in text or "." in text else text.replace("e", ".0e")
+
+
+def _text(value: str) -> str:
+    return value if re.fullmatch(r"[A-Za-z][A-Za-z0-9_.-]*", value) else json.dumps(value)
+
+
+def _pgm(pixels: NDArray[np.uint8]) -> bytes:
+    rows, columns = pixels.shape
+    return b"P5\n%d %d\n255\n" % (columns, rows) + np.ascontiguousarray(pixels).tobytes()
+
+
+def _png(pixels: NDArray[np.uint8]) -> bytes:
+    buffer = BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels)).save(buffer, format="PNG")
+    return buffer.getvalue()
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Put the file there in one step, by renaming a finished one."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
