@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sqlalchemy import Connection
 
-from semmap.database.migrate import schema_folder
+from semmap.database.files import schema_folder
 from semmap.ingest.tbox import read_tbox
 
 __all__ = ["load_tbox"]

@@ -1,0 +1,11 @@
+"""`make bench`: all the speed tables, or those named: ``python -m benchmarks database``."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+TABLES = ("database", "meshes", "slabs", "inflation")
+
+for name in sys.argv[1:] or TABLES:
+    importlib.import_module(f"benchmarks.{name}").main()

@@ -1,0 +1,98 @@
+"""Questions to a map of 1,000,000 objects: the statement of Figure 3, and what is near a point."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psycopg
+from sqlalchemy import Engine, text
+from sqlalchemy.orm import Session
+
+from benchmarks.timing import Row, median_seconds, print_rows
+from semmap.database import connect
+from semmap.query.nearby import of_type_near
+
+FIGURE_3 = (Path(__file__).parent / "figure3.sql").read_text()
+MILLION = (Path(__file__).parent / "million.sql").read_text()
+
+
+@contextmanager
+def million() -> Iterator[Engine]:
+    """A database of its own with the map of a million objects; kept for the next run."""
+    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
+    os.environ["SEMMAP_DATA"] = str(folder)
+    engine = connect()
+    with engine.begin() as connection:
+        there = connection.execute(text("SELECT 1 FROM map WHERE name = 'million'")).scalar()
+    if not there:
+        start = time.perf_counter()
+        print("making a map of 1,000,000 objects (minutes) ...", flush=True)
+        with engine.begin() as connection:
+            connection.connection.cursor().execute(MILLION)
+        with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            connection.execute(text("VACUUM ANALYZE"))
+        print(f"... {time.perf_counter() - start:.0f} s")
+    yield engine
+    engine.dispose()
+
+
+def figure_3(engine: Engine) -> list[Row]:
+    """The statement as psql sends it, each time anew, and prepared."""
+    url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+    with psycopg.connect(url, autocommit=True) as connection:
+        connection.execute("SET search_path = semmap, public; SET semmap.map = 'million'")
+        connection.prepare_threshold = None
+        rows = connection.execute(FIGURE_3).fetchall()
+        assert len(rows) == 10, rows
+        sent = median_seconds(lambda: connection.execute(FIGURE_3).fetchall(), 51, 5)
+        connection.execute(f"PREPARE figure3 AS {FIGURE_3}")
+        prepared = median_seconds(lambda: connection.execute("EXECUTE figure3").fetchall(), 51, 12)
+        nothing = median_seconds(lambda: connection.execute("SELECT 1").fetchall(), 51, 5)
+    psql = subprocess.run(
+        ["psql", "-X", "-q", url],
+        input="SET search_path = semmap, public;\nSET semmap.map = 'million';\n\\timing on\n"
+        + f"{FIGURE_3}\n" * 21, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    times = sorted(float(line.split()[1]) for line in psql.splitlines() if line.startswith("Time:"))
+    by_psql = times[len(times) // 2]
+    reference = f"SELECT 1: {nothing * 1e3:.2f} ms"
+    return [
+        Row("Figure 3 as printed, by psql", f"{by_psql:.2f} ms", reference, "< 5 ms", by_psql < 5),
+        Row("Figure 3 as printed, by psycopg", f"{sent * 1e3:.2f} ms", reference, "< 5 ms",
+            sent < 5e-3),
+        Row("Figure 3 prepared", f"{prepared * 1e3:.2f} ms", reference, "< 1 ms", prepared < 1e-3),
+    ]  # fmt: skip
+
+
+def near(engine: Engine) -> list[Row]:
+    """Objects of a type with 200 subtypes within 3 m, through the ORM, before and after a dozen runs."""
+    points = [(10.0 * (i % 90) + 3.1, 10.0 * (i % 83) + 4.2, 0.7) for i in range(7, 2000, 41)]
+    with Session(engine) as session:
+        session.execute(text("SELECT set_config('semmap.map', 'million', false)"))
+        turn = iter(points * 20)
+        found: list[int] = []
+
+        def ask() -> None:
+            found.append(len(of_type_near(session, "furniture", next(turn), 3.0)))
+
+        early = median_seconds(ask, 5, 0)
+        late = median_seconds(ask, 101, 12)
+    assert max(found) <= 25, max(found)
+    assert sum(found) > len(found)
+    row = f"first five: {early * 1e3:.2f} ms; {sum(found) / len(found):.1f} rows on average"
+    return [
+        Row("type with 200 subtypes within 3 m, ORM", f"{late * 1e3:.2f} ms", row,
+            "< 2 ms, at most 25 rows", late < 2e-3)
+    ]  # fmt: skip
+
+
+def main() -> None:
+    """Print the table."""
+    with million() as engine:
+        print_rows("A map of 1,000,000 objects", figure_3(engine) + near(engine))

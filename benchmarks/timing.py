@@ -1,0 +1,48 @@
+"""Medians of repeated runs, and tables of them."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
+
+__all__ = ["Row", "median_seconds", "print_rows"]
+
+
+@dataclass
+class Row:
+    """One claim: what was measured, what was asked for, whether it holds."""
+
+    job: str
+    ours: str
+    reference: str
+    asked: str
+    holds: bool
+
+
+def median_seconds(run: Callable[[], object], times: int = 7, warm_up: int = 1) -> float:
+    """The median wall time of a call, in seconds."""
+    for _ in range(warm_up):
+        run()
+    seconds = []
+    for _ in range(times):
+        start = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds)
+
+
+def print_rows(title: str, rows: list[Row]) -> None:
+    """Print the claims as a table."""
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for column in ("job", "measured", "reference in the same run", "asked", ""):
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(
+            row.job, row.ours, row.reference, row.asked, "[green]holds" if row.holds else "[red]no"
+        )
+    Console(width=140).print(table)
