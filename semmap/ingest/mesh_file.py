@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import warnings
 from collections.abc import Callable
@@ -77,7 +78,7 @@ def read_mesh(
     MeshFileError
         The file is missing, is not what its ending says, is broken, or has no faces.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):  # noqa: PTH113 - False where a name is too long
         raise MeshFileError("there is no such mesh file", other_case(path) or "Restore it.")
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # what a loader warns of either shows below or is harmless
@@ -324,7 +325,7 @@ def _footprint(mesh: Mesh) -> shapely.Polygon | shapely.MultiPolygon | None:
 
 def other_case(path: Path) -> str:
     """A mend where the file is there under a name that differs in case only, else nothing."""
-    if path.parent.is_dir():
+    if os.path.isdir(path.parent):  # noqa: PTH112 - False where a name is too long
         for other in path.parent.iterdir():
             if other.name != path.name and other.name.lower() == path.name.lower():
                 return f"There is {other.name}: correct upper and lower case."

@@ -4,98 +4,38 @@ from __future__ import annotations
 
 import re
 from collections.abc import Container
+from functools import cache
+from pathlib import Path
+
+from semmap.ingest.tbox import read_tbox
 
 __all__ = ["guess_type", "unique_name", "words"]
 
 TYPE_WORDS: dict[str, str] = {
-    "air_conditioner": "air conditioner, airconditioner, aircon",
-    "ball": "ball",
-    "basket": "basket",
-    "bathtub": "bathtub, bath tub",
-    "bed": "bed",
-    "bench": "bench",
-    "bicycle": "bicycle, bike",
-    "book": "book, books",
-    "bookshelf": "bookshelf, book shelf, bookcase",
-    "bottle": "bottle",
-    "bowl": "bowl",
-    "box": "box, crate",
-    "cabinet": "cabinet, cupboard, sideboard",
-    "camera": "camera",
-    "can": "can, tin",
-    "carpet": "carpet, rug",
-    "ceiling": "ceiling",
-    "chair": "chair, armchair, stool",
-    "clock": "clock, horologe",
-    "coffee_table": "coffee table",
-    "column": "column, pillar",
-    "computer": "computer, pc",
-    "counter": "counter, countertop, worktop, cooking bench, kitchen bench",
-    "cup": "cup, teacup",
-    "curtain": "curtain, blind",
-    "desk": "desk",
-    "dining_table": "dining table",
-    "dishwasher": "dishwasher",
-    "door": "door",
-    "dumbbell": "dumbbell",
-    "elevator": "elevator, lift",
-    "fire_extinguisher": "fire extinguisher",
-    "floor": "floor",
-    "fork": "fork",
-    "ground": "ground, ground plane",
-    "house": "house",
-    "keyboard": "keyboard",
-    "kitchen_table": "kitchen table",
-    "knife": "knife",
-    "lamp": "lamp, light, chandelier, spotlight",
-    "laptop": "laptop, notebook",
-    "microwave": "microwave",
-    "mirror": "mirror",
-    "monitor": "monitor, screen, display",
-    "mug": "mug",
-    "nightstand": "nightstand, night stand, bedside table",
-    "oven": "oven",
-    "phone": "phone, telephone",
-    "picture": "picture, portrait, painting, poster",
-    "pillow": "pillow, cushion",
-    "plant": "plant, houseplant, potted plant, flower",
-    "plate": "plate, dish",
-    "printer": "printer",
-    "quilt": "quilt, blanket",
-    "range_hood": "rangehood, range hood, cooker hood",
-    "refrigerator": "refrigerator, fridge, freezer",
-    "roof": "roof",
-    "shelf": "shelf, shelves, rack, bookshelves",
-    "shoe_rack": "shoe rack",
-    "sink": "sink, basin, washbasin",
-    "sofa": "sofa, couch",
-    "speaker": "speaker, loudspeaker",
-    "spoon": "spoon",
-    "stairs": "stair, stairs, staircase, steps",
-    "stove": "stove, cooker, hob",
-    "table": "table",
-    "tablet": "tablet",
-    "tableware": "tableware, crockery",
-    "toilet": "toilet, wc",
-    "trash_can": "trash, trash can, trashcan, garbage, garbage can, dustbin, bin, waste basket",
-    "tray": "tray",
-    "tv": "tv, television",
-    "utensils": "utensil, utensils, cutlery",
-    "vase": "vase",
-    "wall": "wall, walls",
-    "wardrobe": "wardrobe, closet",
-    "washing_machine": "washing machine, washer",
-    "whiteboard": "whiteboard, blackboard",
-    "window": "window",
+    "air_conditioner": "airconditioner, aircon",
+    "bathtub": "bath tub",
+    "book": "books",
+    "bookshelf": "book shelf, bookshelves",
+    "ceiling_lamp": "ceiling light",
+    "clock": "horologe",
+    "door_leaf": "door",
+    "kitchen_counter": "cooking bench, kitchen bench",
+    "lamp": "light, spotlight",
+    "monitor": "screen",
+    "nightstand": "night stand",
+    "plant": "flower",
+    "range_hood": "rangehood, cooker hood",
+    "refrigerator": "freezer",
+    "shelf": "shelves",
+    "sink": "basin",
+    "toilet": "wc",
+    "trash_can": "trash, trashcan, garbage, garbage can, dustbin",
+    "utensils": "utensil",
+    "wall": "walls",
 }
-"""T-Box name: the words in a model's name that suggest it."""
+"""What makers of models write for a type, beside its label and synonyms in the T-Box.
 
-_TYPE_OF = {
-    tuple(phrase.split()): type_
-    for type_, phrases in TYPE_WORDS.items()
-    for phrase in phrases.split(", ")
-}
-_LONGEST = max(map(len, _TYPE_OF))
+The model of a door is an object, its leaf; the door that a robot passes is a connector."""
 
 
 def words(name: str) -> list[str]:
@@ -111,18 +51,43 @@ def words(name: str) -> list[str]:
 def guess_type(name: str) -> str | None:
     """The semantic type that a model's name suggests: its longest known phrase, or the last such.
 
-    English puts the head of a compound last, so that a `DeskPortrait` is a picture.
+    Known are the labels and synonyms of the T-Box's objects, and `TYPE_WORDS`. English puts the
+    head of a compound last, so that a `DeskPortrait` is a picture.
 
     >>> guess_type("ChairA_01_001"), guess_type("DeskPortraitA_01"), guess_type("Holder_01")
     ('chair', 'picture', None)
     """
+    phrases = _phrases()
     tokens = words(name)
-    for length in range(_LONGEST, 0, -1):
+    for length in range(max(map(len, phrases)), 0, -1):
         for start in range(len(tokens) - length, -1, -1):
-            type_ = _TYPE_OF.get(tuple(tokens[start : start + length]))
+            type_ = phrases.get(tuple(tokens[start : start + length]))
             if type_ is not None:
                 return type_
     return None
+
+
+@cache
+def _phrases() -> dict[tuple[str, ...], str]:
+    """The type that each phrase means."""
+    known = {
+        tuple(phrase.split()): type_
+        for type_, phrases in TYPE_WORDS.items()
+        for phrase in phrases.split(", ")
+    }
+    for record in read_tbox(_ontology()):
+        if record.kind == "object" and record.name != "object":
+            for phrase in (record.label, *record.synonyms):
+                known[tuple(words(phrase))] = record.name
+    known.pop((), None)
+    return known
+
+
+def _ontology() -> list[Path]:
+    """The files of the T-Box: in the installed package, or beside it in the source tree."""
+    package = Path(__file__).resolve().parents[1]
+    folders = (package / "schema" / "ontology", package.parent / "schema" / "ontology")
+    return sorted(next((f for f in folders if f.is_dir()), folders[0]).glob("*.ttl"))
 
 
 def unique_name(name: str, taken: Container[str]) -> str:

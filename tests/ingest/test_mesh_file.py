@@ -235,7 +235,7 @@ def test_object(tmp_path: Path) -> None:
     trimesh.creation.box(extents=(1, 2, 3)).export(tmp_path / "OfficeChair_01.stl")
     world = read_mesh_world(tmp_path / "OfficeChair_01.stl")
     (entry,) = world.entries
-    assert (entry.name, entry.kind, entry.type) == ("OfficeChair_01", "object", "chair")
+    assert (entry.name, entry.kind, entry.type) == ("OfficeChair_01", "object", "office_chair")
     assert entry.shapes[0].mesh is not None
     named = read_mesh_world(tmp_path / "OfficeChair_01.stl", name="stool1", type_="stool").entries[
         0

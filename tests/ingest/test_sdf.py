@@ -421,7 +421,7 @@ def test_type_and_properties(tmp_path: Path) -> None:
         table: ("kitchen_table", {"model": table, "static": True}),
         "free": ("kitchen_table", {"model": table, "static": False}),
         "wrapped": ("kitchen_table", {"model": table, "static": True}),
-        "DeskLamp": ("lamp", {"model": "DeskLamp", "static": True}),
+        "DeskLamp": ("desk_lamp", {"model": "DeskLamp", "static": True}),
         "x7": (None, {"model": "x7", "static": False}),
     }
 
