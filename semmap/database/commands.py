@@ -1,0 +1,150 @@
+"""`semmap db`: the embedded cluster and the schema's revisions from the command line."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from typing import Annotated
+
+import typer
+from sqlalchemy import URL
+
+from semmap.database import revisions
+from semmap.database.embedded import Cluster
+from semmap.database.engine import connect, database_url
+from semmap.database.error import DatabaseError
+
+__all__ = ["app"]
+
+app = typer.Typer(no_args_is_help=True, help="The database: start, stop, revisions, psql.")
+
+# `semmap --db` and SEMMAP_DB come before the command; `semmap db COMMAND --db` works, too.
+Db = Annotated[
+    str | None, typer.Option("--db", help="Database URL; by default SEMMAP_DB or the embedded one.")
+]
+
+
+def _chosen(context: typer.Context, db: str | None) -> str | None:
+    if db is not None:
+        return db
+    root = context.find_root()
+    return root.params.get("db") if root is not context else None
+
+
+@app.command()
+def start() -> None:
+    """Start the embedded database; it is made at first use."""
+    cluster = Cluster()
+    before, new = time.perf_counter(), not cluster.exists
+    connect(cluster.ensure()).dispose()
+    print(f"{cluster.home}: {'made and ' if new else ''}ready "
+          f"after {time.perf_counter() - before:.1f} s")  # fmt: skip
+
+
+@app.command()
+def stop() -> None:
+    """Stop the embedded database."""
+    cluster = Cluster()
+    print(f"{cluster.home}: {'stopped' if cluster.stop() else 'was not running'}")
+
+
+@app.command()
+def status(context: typer.Context, db: Db = None) -> None:
+    """Say which database is used, and the revision of its schema; starts nothing."""
+    url = _chosen(context, db) or os.environ.get("SEMMAP_DB")
+    if url is None:
+        cluster = Cluster()
+        folder = cluster.running() if cluster.exists else None
+        print(f"embedded database: {cluster.home}")
+        if folder is None:
+            print("not running" if cluster.exists else "not made yet")
+            return
+        chosen = cluster.url(folder)
+    else:
+        chosen = database_url(url)
+        print(f"database: {chosen.render_as_string(hide_password=True)}")
+    engine = connect(chosen, migrate=False)
+    with engine.connect() as connection:
+        server = connection.exec_driver_sql("SHOW server_version").scalar()
+        postgis = connection.exec_driver_sql(
+            "SELECT extversion FROM pg_extension WHERE extname = 'postgis'"
+        ).scalar()
+    have, newest = revisions.installed(engine), revisions.newest()
+    engine.dispose()
+    print(f"PostgreSQL {server}, PostGIS {postgis or 'not yet'}")
+    print(f"schema at revision {have or 'none'}"
+          + ("" if have == newest else f", the newest is {newest}: semmap db upgrade"))  # fmt: skip
+
+
+@app.command()
+def url(context: typer.Context, db: Db = None) -> None:
+    """Print the database's URL, for psql, QGIS and other clients; the embedded one is started."""
+    print(_libpq(database_url(_chosen(context, db))))
+
+
+@app.command()
+def upgrade(
+    context: typer.Context,
+    revision: Annotated[str, typer.Argument(help="A revision, or head.")] = "head",
+    db: Db = None,
+) -> None:
+    """Bring the schema up to a revision."""
+    from semmap.database import migrate
+
+    engine = connect(_chosen(context, db), migrate=False)
+    migrate.upgrade(engine, revision)
+    print(f"schema at revision {migrate.current(engine)}")
+    engine.dispose()
+
+
+@app.command()
+def downgrade(
+    context: typer.Context,
+    revision: Annotated[str, typer.Argument(help="A revision, -1, or base.")],
+    db: Db = None,
+) -> None:
+    """Take the schema down to a revision; no row is lost."""
+    from semmap.database import migrate
+
+    engine = connect(_chosen(context, db), migrate=False)
+    migrate.downgrade(engine, revision)
+    print(f"schema at revision {migrate.current(engine) or 'none'}")
+    engine.dispose()
+
+
+@app.command()
+def drop(
+    context: typer.Context,
+    yes: Annotated[bool, typer.Option("--yes", help="Don't ask.")] = False,
+    db: Db = None,
+) -> None:
+    """Delete the schema with all maps in it."""
+    from semmap.database import migrate
+
+    engine = connect(_chosen(context, db), migrate=False)
+    if not yes:
+        where = engine.url.render_as_string(hide_password=True)
+        typer.confirm(f"Delete all maps in {where}?", abort=True)
+    migrate.drop(engine)
+    engine.dispose()
+    print("dropped")
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def psql(context: typer.Context) -> None:
+    """Open psql on the database; what follows is handed to it."""
+    program = shutil.which("psql")
+    if program is None:
+        raise DatabaseError(
+            "psql is not installed. Debian, Ubuntu: apt-get install postgresql-client"
+        )
+    engine = connect(_chosen(context, None))
+    chosen = engine.url
+    engine.dispose()
+    os.environ.setdefault("PGOPTIONS", "-c search_path=semmap,public -c timezone=UTC")
+    os.execv(program, [program, _libpq(chosen), *context.args])
+
+
+def _libpq(url: URL) -> str:
+    return url.set(drivername="postgresql").render_as_string(hide_password=False)

@@ -1,0 +1,119 @@
+"""Engines: which database, and what every connection to it has in common."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from sqlalchemy import URL, Engine, create_engine, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
+
+from semmap.database import revisions
+from semmap.database.embedded import Cluster
+from semmap.database.error import DatabaseError
+
+__all__ = ["connect", "database_url"]
+
+SETTINGS = {"search_path": "semmap,public", "timezone": "UTC"}
+"""What every session is opened with."""
+
+CONNECT_TIMEOUT = "10"
+"""Seconds after which a server that does not answer is given up."""
+
+
+def database_url(url: str | URL | None = None) -> URL:
+    """Which database is meant: `url`, else ``$SEMMAP_DB``, else the embedded cluster, started.
+
+    Parameters
+    ----------
+    url : ``postgresql://user:password@host:port/name``, as psql takes it
+
+    Raises
+    ------
+    DatabaseError
+        The URL is not one of a PostgreSQL database, or the embedded cluster cannot be had.
+    """
+    source = "the database URL"
+    if url is None and os.environ.get("SEMMAP_DB"):
+        url, source = os.environ["SEMMAP_DB"], "SEMMAP_DB"
+    if url is None:
+        return Cluster().ensure()
+    try:
+        parsed = make_url(url)
+    except (ArgumentError, ValueError) as error:
+        raise DatabaseError(
+            f"{source} cannot be read: {error}. "
+            "It has the form postgresql://user:password@host:5432/database"
+        ) from error
+    if parsed.drivername not in ("postgresql", "postgres", "postgresql+psycopg"):
+        raise DatabaseError(
+            f"{source} names {parsed.drivername}, but the map needs PostgreSQL with PostGIS: "
+            "postgresql://user:password@host:5432/database"
+        )
+    return parsed.set(drivername="postgresql+psycopg")
+
+
+def connect(url: str | URL | None = None, *, migrate: bool = True) -> Engine:
+    """An engine for the map's database, which is made, started and brought up to date at need.
+
+    Every connection has the search path ``semmap, public``, the time zone UTC and the application
+    name ``semmap`` (unless the URL gives another).
+
+    Parameters
+    ----------
+    url : the database; by default ``$SEMMAP_DB``, else the embedded cluster
+    migrate : bring the schema to the newest revision where it is behind
+
+    Raises
+    ------
+    DatabaseError
+        The database cannot be reached or used; the message says what to do.
+
+    Examples
+    --------
+    >>> engine = connect()  # doctest: +SKIP
+    >>> with engine.connect() as connection:  # doctest: +SKIP
+    ...     connection.exec_driver_sql("SELECT count(*) FROM entity").scalar()
+    0
+    """
+    address = database_url(url)
+    engine = _engine(address)
+    try:
+        version = revisions.installed(engine)
+        if migrate and version != revisions.newest():
+            from semmap.database.migrate import upgrade  # Alembic takes 0.4 s to import
+
+            upgrade(engine)
+    except OperationalError as error:
+        engine.dispose()
+        raise DatabaseError(_unreachable(address, error)) from error
+    except BaseException:
+        engine.dispose()
+        raise
+    return engine
+
+
+def _engine(url: URL) -> Engine:
+    query = dict(url.query)
+    given = query.pop("options", "")
+    options = " ".join([*([given] if isinstance(given, str) else given), *_options()]).strip()
+    query.setdefault("application_name", "semmap")
+    query.setdefault("connect_timeout", CONNECT_TIMEOUT)
+    return create_engine(
+        url.set(query=query), connect_args={"options": options}, pool_pre_ping=True
+    )
+
+
+def _options() -> list[str]:
+    return [f"-c {name}={value}" for name, value in SETTINGS.items()]
+
+
+def _unreachable(url: URL, error: DBAPIError) -> str:
+    where = url.render_as_string(hide_password=True)
+    cause = str(error.orig).strip().splitlines()
+    host = url.query.get("host", url.host)
+    if isinstance(host, str) and host.startswith("/") and not Path(host).exists():
+        hint = f"There is no socket directory {host}."
+    else:
+        hint = "Is the server running, and are user, password and database name right?"
+    return f"no connection to {where}: {cause[-1] if cause else error}. {hint}"

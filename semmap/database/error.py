@@ -1,0 +1,9 @@
+"""The error of this package: what is wrong with a database, and what to do."""
+
+from __future__ import annotations
+
+__all__ = ["DatabaseError"]
+
+
+class DatabaseError(Exception):
+    """A database that cannot be had or used; the message says what to do."""

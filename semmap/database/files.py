@@ -1,0 +1,33 @@
+"""Where `schema/` and `migrations/` lie: at the root of a checkout, in an installed wheel inside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from semmap.database.error import DatabaseError
+
+__all__ = ["migrations_folder", "schema_folder"]
+
+PACKAGE = Path(__file__).resolve().parents[1]
+PLACES = (PACKAGE.parent, PACKAGE / "_data")
+"""A checkout's root; the folder that a wheel brings."""
+
+
+def schema_folder() -> Path:
+    """The folder of the schema's SQL (``tables/``, ``functions/``, ``views/``, ``ontology/``)."""
+    return _folder("schema", "tables")
+
+
+def migrations_folder() -> Path:
+    """The folder of the Alembic environment (``env.py``, ``versions/``)."""
+    return _folder("migrations", "env.py")
+
+
+def _folder(name: str, mark: str) -> Path:
+    for place in PLACES:
+        if (place / name / mark).exists():
+            return place / name
+    raise DatabaseError(
+        f"{name}/ is not there, neither in {PLACES[0]} nor in {PLACES[1]}: "
+        "semmap is not completely installed; install it again"
+    )

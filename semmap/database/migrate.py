@@ -1,0 +1,151 @@
+"""The schema's revisions: up, down, and the SQL files of `schema/` that they run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import psycopg
+from alembic import command
+from alembic.config import Config
+from alembic.util import CommandError
+from sqlalchemy import Connection, Engine
+from sqlalchemy.exc import DBAPIError
+
+from semmap.database import revisions
+from semmap.database.error import DatabaseError
+from semmap.database.files import migrations_folder, schema_folder
+from semmap.database.requirements import check_requirements
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from alembic.operations import Operations
+
+__all__ = ["current", "downgrade", "drop", "run_sql_files", "schema_folder", "upgrade"]
+
+LOCK = 0x73656D6D6170  # "semmap"
+"""Key of the advisory lock that whoever changes the schema holds."""
+
+
+def current(engine: Engine) -> str | None:
+    """The revision that the database has; None where it has none."""
+    return revisions.installed(engine)
+
+
+def upgrade(engine: Engine, revision: str = "head") -> None:
+    """Bring the schema up to a revision, in one transaction; another process waits its turn.
+
+    Raises
+    ------
+    DatabaseError
+        The server, PostGIS or the user's rights do not suffice, the database has a revision that
+        this semmap does not know, or a statement failed; nothing is changed.
+    """
+    with _transaction(engine, "upgraded") as connection:
+        check_requirements(connection)
+        command.upgrade(_config(connection), revision)
+
+
+def downgrade(engine: Engine, revision: str) -> None:
+    """Take the schema down to a revision (``base``, ``-1``, ``0001``), in one transaction.
+
+    Raises
+    ------
+    DatabaseError
+        As `upgrade` does.
+    """
+    with _transaction(engine, "downgraded") as connection:
+        command.downgrade(_config(connection), revision)
+
+
+def drop(engine: Engine) -> None:
+    """Delete the schema with all maps, what downgrades put aside, and the revision."""
+    with _transaction(engine, "dropped") as connection:
+        for statement in (
+            "DROP SCHEMA IF EXISTS semmap CASCADE",
+            "DROP SCHEMA IF EXISTS semmap_kept CASCADE",
+            f"DROP TABLE IF EXISTS {revisions.VERSION_SCHEMA}.{revisions.VERSION_TABLE}",
+        ):
+            connection.exec_driver_sql(statement)
+
+
+def run_sql_files(op: Operations, *patterns: str) -> None:
+    """Execute files of `schema/`, pattern by pattern, each pattern's files in order of their paths.
+
+    A file goes to the server as it stands, in one piece: colons, percent signs and function bodies
+    mean nothing on the way.
+
+    Parameters
+    ----------
+    op : Alembic's operations, in a revision
+    patterns : globs below `schema/`, such as ``tables/*.sql``
+
+    Raises
+    ------
+    DatabaseError
+        A pattern that no file fits, or a statement that fails: file and line are named.
+    """
+    connection = op.get_bind().connection.driver_connection
+    assert isinstance(connection, psycopg.Connection)
+    for pattern in patterns:
+        files = sorted(schema_folder().glob(pattern))
+        if not files:
+            raise DatabaseError(f"{schema_folder()} has no file that fits {pattern}")
+        for path in files:
+            _run_sql_file(connection, path)
+
+
+def _run_sql_file(connection: psycopg.Connection, path: Path) -> None:
+    script = path.read_bytes()
+    try:
+        connection.execute(script)
+    except psycopg.Error as error:
+        raise DatabaseError(f"{_place(path, script, error)}: {_message(error)}") from error
+
+
+def _place(path: Path, script: bytes, error: psycopg.Error) -> str:
+    name = f"{path.parent.name}/{path.name}"
+    position = error.diag.statement_position
+    if position is None:
+        return name
+    return f"{name}:{script.decode()[: int(position)].count(chr(10)) + 1}"
+
+
+def _message(error: BaseException | None) -> str:
+    if isinstance(error, psycopg.Error) and error.diag.message_primary:
+        said = (error.diag.message_primary, error.diag.message_detail, error.diag.message_hint)
+        return ". ".join(part for part in said if part)
+    return str(error).strip()
+
+
+@contextmanager
+def _transaction(engine: Engine, done: str) -> Iterator[Connection]:
+    """A transaction that changes the schema, alone; its errors said in this package's words."""
+    try:
+        with engine.begin() as connection:
+            connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({LOCK})")
+            yield connection
+    except CommandError as error:
+        raise DatabaseError(
+            f"the schema cannot be {done}: {error}. This semmap knows the revisions "
+            f"{', '.join(sorted(revisions.parents()))}; a database that has a later one needs the "
+            "semmap that made it"
+        ) from error
+    except DBAPIError as error:
+        if getattr(error.orig, "sqlstate", None) == "42501":  # insufficient_privilege
+            raise DatabaseError(
+                f"the schema cannot be {done}: {_message(error.orig)}. An administrator of this "
+                "database can: semmap --db URL db upgrade"
+            ) from error
+        if error.connection_invalidated or getattr(error.orig, "sqlstate", None) is None:
+            raise
+        raise DatabaseError(f"the schema cannot be {done}: {_message(error.orig)}") from error
+
+
+def _config(connection: Connection) -> Config:
+    config = Config()
+    config.set_main_option("script_location", str(migrations_folder()).replace("%", "%%"))
+    config.attributes["connection"] = connection
+    return config

@@ -1,0 +1,151 @@
+"""What all tests share: a cluster of their own, fresh databases in it, the real worlds.
+
+``SEMMAP_TEST_DB`` names another server to test on (its user must be allowed to make databases),
+``SEMMAP_WORLDS`` the folder of real worlds.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+import pytest
+from sqlalchemy import URL, Engine, create_engine, make_url
+from sqlalchemy.orm import Session
+
+from semmap.database import Cluster, connect
+
+ROOT = Path(__file__).parents[1]
+
+MakeDatabase = Callable[[], URL]
+"""Makes a fresh database with an empty, migrated schema, and says its URL."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def home() -> Iterator[Path]:
+    """A folder for the cluster of this test run; the user's own is out of reach."""
+    # pytest's own temporary folders are closed to the user that runs the server for root
+    folder = Path(tempfile.mkdtemp(prefix="semmap-test-", dir="/tmp"))
+    folder.chmod(0o755)
+    (folder / "local.conf").write_text("fsync = off\nshared_buffers = 128MB\n")
+    before = dict(os.environ)
+    os.environ.pop("SEMMAP_DB", None)
+    os.environ["SEMMAP_DATA"] = str(folder)
+    yield folder
+    Cluster(folder).stop()
+    os.environ.clear()
+    os.environ.update(before)
+    shutil.rmtree(folder)
+
+
+@pytest.fixture(scope="session")
+def cluster(home: Path) -> URL:
+    """The server that tests run on: that of ``SEMMAP_TEST_DB``, else an embedded cluster."""
+    stated = os.environ.get("SEMMAP_TEST_DB")
+    if stated:
+        return make_url(stated).set(drivername="postgresql+psycopg")
+    return Cluster(home).ensure()
+
+
+@contextmanager
+def administrator(server: URL) -> Iterator[Callable[[str], None]]:
+    """Runs statements that no transaction may hold, such as CREATE DATABASE."""
+    engine = create_engine(server, isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        yield lambda statement: connection.exec_driver_sql(statement) and None
+    engine.dispose()
+
+
+@pytest.fixture(scope="session")
+def make_database(cluster: URL) -> Iterator[MakeDatabase]:
+    """Fresh databases for fixtures of any scope; they are dropped when the tests end."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
+    prefix = f"semmap_test_{worker}_{os.getpid()}"
+    template = f"{prefix}_template"
+    made = [template]
+    numbers = count(1)
+    with administrator(cluster) as run:
+        run(f"CREATE DATABASE {template}")
+        connect(cluster.set(database=template)).dispose()
+
+        def make() -> URL:
+            name = f"{prefix}_{next(numbers)}"
+            run(f"CREATE DATABASE {name} TEMPLATE {template}")
+            made.append(name)
+            return cluster.set(database=name)
+
+        yield make
+        for name in made:
+            run(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)")
+
+
+@pytest.fixture
+def database(make_database: MakeDatabase) -> str:
+    """The URL of a fresh, migrated database for one test."""
+    return make_database().render_as_string(hide_password=False)
+
+
+@pytest.fixture
+def engine(database: str) -> Iterator[Engine]:
+    """An engine on a fresh, migrated database for one test."""
+    engine = connect(database)
+    yield engine
+    engine.dispose()
+
+
+@pytest.fixture(scope="module")
+def module_engine(make_database: MakeDatabase) -> Iterator[Engine]:
+    """An engine on a migrated database that the tests of a module share."""
+    engine = connect(make_database())
+    yield engine
+    engine.dispose()
+
+
+@pytest.fixture
+def session(engine: Engine) -> Iterator[Session]:
+    """An ORM session on a fresh, migrated database."""
+    with Session(engine) as session:
+        yield session
+
+
+@pytest.fixture(scope="session")
+def docker() -> str:
+    """The `docker` program, where an engine answers it."""
+    program = shutil.which("docker")
+    if program is None:
+        pytest.skip("docker is not installed")
+    if subprocess.run([program, "info"], capture_output=True).returncode:
+        pytest.skip("no Docker engine answers `docker info`")
+    return program
+
+
+@pytest.fixture(scope="session")
+def docker_postgis(docker: str) -> Iterator[str]:
+    """The URL of a database in a container of `docker/postgis`; its user is superuser."""
+    image = "semmap-postgis:test"
+    built = subprocess.run(
+        [docker, "build", "--network", "host", "-q", "-t", image, str(ROOT / "docker/postgis")],
+        capture_output=True,
+        text=True,
+    )
+    assert built.returncode == 0, built.stderr
+    os.environ["TESTCONTAINERS_RYUK_DISABLED"] = "true"
+    from testcontainers.postgres import PostgresContainer
+
+    with PostgresContainer(image, username="admin", password="s3cret/:@", dbname="map") as server:
+        yield server.get_connection_url(driver="psycopg")
+
+
+@pytest.fixture(scope="session")
+def worlds() -> Path:
+    """The folder of real worlds; tests on them are skipped where it is absent."""
+    folder = Path(os.environ.get("SEMMAP_WORLDS", ROOT.parent / "shared" / "worlds"))
+    if not folder.is_dir():
+        pytest.skip(f"the real worlds are not there: SEMMAP_WORLDS={folder}")
+    return folder
