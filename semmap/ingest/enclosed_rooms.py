@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
-from shapely import LineString, MultiLineString, Point, Polygon, STRtree
+from numpy.typing import NDArray
+from shapely import LineString, Point, Polygon, STRtree
 from shapely.ops import substring
 
 __all__ = ["FloorPlan", "Opening", "Sides", "bridge_gaps", "enclose", "rooms_beside"]
@@ -20,6 +22,11 @@ NARROWEST = 0.4
 
 DOORWAY = 0.5
 """A border without wall or door is an opening from this length (metres) on."""
+
+BESIDE = 0.15
+ALONG = 0.8
+"""A border this near to a wall (metres), at an angle whose cosine is above, runs along it: floors
+are seldom drawn exactly to their walls."""
 
 
 @dataclass(frozen=True)
@@ -36,15 +43,18 @@ class FloorPlan:
 
     Attributes
     ----------
-    rooms : polygons in metres, interiors disjoint, from top to bottom and left to right
+    rooms : polygons in metres, disjoint to 0.1 mm, from top to bottom and left to right
     openings : borders between two rooms that can be walked through
     floorless : faces as large as a room that no floor covers: shafts, voids, courtyards
+    solid : faces that no door leads to and that are no rooms: columns, ducts, the space around a
+        cabin
     cracks : faces too small or too thin to be rooms
     """
 
     rooms: list[Polygon] = field(default_factory=list)
     openings: list[Opening] = field(default_factory=list)
     floorless: list[Polygon] = field(default_factory=list)
+    solid: list[Polygon] = field(default_factory=list)
     cracks: list[Polygon] = field(default_factory=list)
 
 
@@ -92,6 +102,7 @@ def enclose(
     gap: float = 0.05,
     cabin_gap: float = 0.5,
     smallest: float = 0.5,
+    smallest_closed: float = 2.0,
 ) -> FloorPlan:
     """Find the rooms of a storey.
 
@@ -105,12 +116,14 @@ def enclose(
     floors : their outlines close what walls leave open; a border that is nothing but an outline
         is an opening
     cabins : elevator cabins, cut out of the rooms
-    cabin_doors : elevator doors, which stand in the opening of a shaft and are joined to what is
-        within `cabin_gap` of their ends
+    cabin_doors : elevator doors, the cabin to their right; they stand in the opening of a shaft
+        and are joined to what is within `cabin_gap` of their ends
     gap, cabin_gap : metres
     smallest : the area in square metres from which a face is a room
+    smallest_closed : the same where no door or opening leads into the face
     """
-    outlines = [line for floor in floors for line in _rings(floor)]
+    rings = [ring for floor in floors for ring in (floor.exterior, *floor.interiors)]
+    outlines = [side for ring in rings for side in _segments(ring)]
     drawn = [line for line in (*walls, *doors, *outlines, *cabin_doors) if line.length > 0]
     if not drawn:
         return FloorPlan()
@@ -118,23 +131,33 @@ def enclose(
     if cabin_doors:
         bridges += bridge_gaps([*walls, *doors], cabin_gap, cabin_doors)
     noded = shapely.unary_union([*drawn, *bridges], grid_size=GRID)
-    faces = list(shapely.polygonize([noded]).geoms)
-    solid = shapely.unary_union([*walls, *doors, *cabin_doors, *bridges]).buffer(10 * GRID)
+    barriers = [*walls, *doors, *cabin_doors]
 
-    faces, cracks = _fill_cracks(faces, solid, smallest)
-    if cabins:
-        rest = shapely.difference(faces, shapely.unary_union(cabins))
-        parts = [p for face in rest for p in _polygons(face)]
-        faces = [p for p in parts if _is_roomy(p, smallest)]
-        cracks += [p for p in parts if not _is_roomy(p, smallest)]
+    faces = list(shapely.polygonize([noded]).geoms)
+    faces, cracks = _fill_cracks(faces, [*barriers, *bridges], smallest)
     plan = FloorPlan(cracks=cracks)
-    ground = shapely.unary_union(floors) if floors else None
-    for face in sorted(faces, key=_reading_order):
-        if ground is None or face.intersection(ground).area > face.area / 2:
-            plan.rooms.append(face)
+    faces, around_cabins = _without_cabins(faces, cabins, plan, smallest)
+    faces = _on_floors(faces, floors, plan)
+    faces.sort(key=_reading_order)
+
+    openings = _openings(faces, barriers)
+    reached = {i for opening in openings for i in opening.rooms}
+    for door in doors:
+        sides = rooms_beside(faces, door)
+        reached |= {i for i in (sides.left, sides.right) if i is not None}
+    for door in cabin_doors:
+        before = rooms_beside(faces, door, reach=cabin_gap).left
+        reached |= {before} if before is not None else set()
+    numbers: dict[int, int] = {}
+    for i, face in enumerate(faces):
+        if i in reached or (face.area >= smallest_closed and face not in around_cabins):
+            numbers[i] = len(plan.rooms)
+            plan.rooms.append(face.simplify(GRID))
         else:
-            plan.floorless.append(face)
-    plan.openings = _openings(plan.rooms, solid)
+            plan.solid.append(face)
+    plan.openings = [
+        Opening((numbers[o.rooms[0]], numbers[o.rooms[1]]), o.border) for o in openings
+    ]
     return plan
 
 
@@ -162,13 +185,8 @@ def rooms_beside(
     return Sides(beside(1), beside(-1))
 
 
-def _rings(polygon: Polygon) -> list[LineString]:
-    """The outline of a polygon, side by side."""
-    sides = []
-    for ring in (polygon.exterior, *polygon.interiors):
-        corners = shapely.get_coordinates(ring)
-        sides += [LineString(pair) for pair in zip(corners[:-1], corners[1:], strict=True)]
-    return sides
+def _segments(line: LineString) -> list[LineString]:
+    return [LineString(pair) for pair in itertools.pairwise(shapely.get_coordinates(line))]
 
 
 def _polygons(geometry: shapely.Geometry) -> list[Polygon]:
@@ -187,9 +205,10 @@ def _reading_order(face: Polygon) -> tuple[float, float]:
 
 
 def _fill_cracks(
-    faces: list[Polygon], solid: shapely.Geometry, smallest: float
+    faces: list[Polygon], barriers: Sequence[LineString], smallest: float
 ) -> tuple[list[Polygon], list[Polygon]]:
     """Give each crack to the room with which it shares the longest border that is not solid."""
+    solid = shapely.union_all([b.buffer(10 * GRID) for b in barriers])
     rooms = [f for f in faces if _is_roomy(f, smallest)]
     cracks = [f for f in faces if not _is_roomy(f, smallest)]
     given = True
@@ -200,7 +219,12 @@ def _fill_cracks(
         parts: dict[int, list[Polygon]] = {}
         for crack in cracks:
             beside = tree.query(crack, predicate="intersects")
-            shared = {int(i): _open_border(crack, rooms[i], solid).length for i in beside}
+            shared = {
+                int(i): sum(
+                    part.difference(solid).length for part in _common_border(crack, rooms[i])
+                )
+                for i in beside
+            }
             best = max(shared, key=lambda i: (shared[i], -i), default=None)
             if best is None or shared[best] <= 10 * GRID:
                 left.append(crack)
@@ -217,24 +241,69 @@ def _fill_cracks(
     return rooms, cracks
 
 
-def _open_border(a: Polygon, b: Polygon, solid: shapely.Geometry) -> MultiLineString:
-    """The part of the common border of two faces that is neither wall nor door."""
+def _without_cabins(
+    faces: list[Polygon], cabins: Sequence[Polygon], plan: FloorPlan, smallest: float
+) -> tuple[list[Polygon], list[Polygon]]:
+    """Cut the cabins out of the faces; returns all that is left, and the parts that were cut."""
+    if not cabins:
+        return faces, []
+    rest, cut = [], []
+    taken = shapely.union_all(cabins)
+    for face in faces:
+        if not face.intersects(taken):
+            rest.append(face)
+            continue
+        for part in _polygons(face.difference(taken)):
+            if _is_roomy(part, smallest):
+                cut.append(part)
+            else:
+                plan.cracks.append(part)
+    return rest + cut, cut
+
+
+def _on_floors(faces: list[Polygon], floors: Sequence[Polygon], plan: FloorPlan) -> list[Polygon]:
+    """The faces of which more than half lies on a floor; all, where no floor is drawn."""
+    if not floors:
+        return faces
+    ground = shapely.union_all(floors)
+    covered = shapely.area(shapely.intersection(faces, ground)) > shapely.area(faces) / 2
+    plan.floorless += [face for face, on in zip(faces, covered, strict=True) if not on]
+    return [face for face, on in zip(faces, covered, strict=True) if on]
+
+
+def _common_border(a: Polygon, b: Polygon) -> list[LineString]:
     common = shapely.get_parts(a.boundary.intersection(b.boundary))
-    lines = [part for part in common if isinstance(part, LineString)]
-    border = shapely.line_merge(shapely.difference(shapely.union_all(lines), solid))
-    return MultiLineString(
-        [part for part in shapely.get_parts(border) if isinstance(part, LineString)]
-    )
+    return [part for part in common if isinstance(part, LineString)]
 
 
-def _openings(rooms: list[Polygon], solid: shapely.Geometry) -> list[Opening]:
+def _openings(rooms: list[Polygon], barriers: Sequence[LineString]) -> list[Opening]:
+    """The common borders of rooms, without what runs along a wall or door."""
     if not rooms:
         return []
+    tree = STRtree(barriers)
     first, second = STRtree(rooms).query(rooms, predicate="intersects")
-    return [
-        Opening((int(a), int(b)), border)
-        for a, b in sorted(zip(first, second, strict=True))
-        if a < b
-        for border in _open_border(rooms[a], rooms[b], solid).geoms
-        if border.length >= DOORWAY
-    ]
+    found = []
+    for a, b in sorted(zip(first.tolist(), second.tolist(), strict=True)):
+        if a >= b:
+            continue
+        sides = [s for line in _common_border(rooms[a], rooms[b]) for s in _segments(line)]
+        free = [_without_barriers(side, barriers, tree) for side in sides]
+        borders = shapely.get_parts(shapely.line_merge(shapely.union_all(free)))
+        found += [Opening((a, b), border) for border in borders if border.length >= DOORWAY]
+    return found
+
+
+def _without_barriers(
+    side: LineString, barriers: Sequence[LineString], tree: STRtree
+) -> shapely.Geometry:
+    """What of a straight border has no wall or door beside it, in about its direction."""
+    direction = _direction(side)
+    near = [barriers[i] for i in tree.query(side, predicate="dwithin", distance=BESIDE)]
+    along = [b for b in near if abs(_direction(b) @ direction) > ALONG]
+    return side.difference(shapely.union_all([b.buffer(BESIDE, cap_style="flat") for b in along]))
+
+
+def _direction(line: LineString) -> NDArray[np.float64]:
+    start, end = shapely.get_coordinates(line)[[0, -1]]
+    step: NDArray[np.float64] = end - start
+    return step / np.linalg.norm(step)

@@ -22,6 +22,7 @@ from semmap.ingest.world import (
     OUTSIDE,
     Connects,
     Entry,
+    Kind,
     Level,
     Link,
     Place,
@@ -182,7 +183,7 @@ class _Reading:
     def __init__(self, building: Building, alignment: _Alignment) -> None:
         self.building = building
         self.alignment = alignment
-        self.names: set[str] = {OUTSIDE}
+        self.names: dict[str, Kind | None] = {OUTSIDE: None}
         self.out = World(building.name, building.path, skipped=building.skipped)
         self.out.notes += alignment.notes
         self.storeys: dict[str, str] = {}
@@ -200,15 +201,16 @@ class _Reading:
         return self.out
 
     def add(self, entry: Entry, suffix: str = "") -> str:
-        """Add an entry, under a free name, with `suffix` where its own is taken; returns that."""
-        wanted = entry.name
-        free = wanted if wanted not in self.names else wanted + suffix
+        """Add an entry under a free name; `suffix` tells it from another kind's of its name."""
+        wanted = free = entry.name
+        if self.names.get(wanted, entry.kind) != entry.kind:
+            free += suffix
         entry.name = unique_name(free, self.names)
         if entry.name != wanted:
             entry.label = entry.label or wanted
             if entry.kind != "object":
                 self.out.notes.append(f"{wanted}: the name is taken, becomes {entry.name}")
-        self.names.add(entry.name)
+        self.names[entry.name] = entry.kind
         self.out.entries.append(entry)
         return entry.name
 
@@ -291,11 +293,14 @@ class _Storey:
         self.place_entries()
         for model in self.plan.models:
             self.model_entry(model)
-        if layout.floorless:
-            area = sum(face.area for face in layout.floorless)
+        self.note_faces(layout.floorless, "have no floor")
+        self.note_faces(layout.solid, "have no door (columns, ducts, shafts)")
+
+    def note_faces(self, faces: Sequence[Polygon], why: str) -> None:
+        if faces:
+            area = sum(face.area for face in faces)
             self.reading.out.notes.append(
-                f"{self.plan.name}: {len(layout.floorless)} enclosed faces ({area:.1f} m2) have no "
-                "floor and are no rooms"
+                f"{self.plan.name}: {len(faces)} enclosed faces ({area:.1f} m2) {why}, no rooms"
             )
 
     # -- what the file says, in metres ------------------------------------------------------
@@ -589,7 +594,7 @@ class _Storey:
 def _describe_lane(link: Link, lane: Edge) -> None:
     """A lane's parameters; lanes of several graphs between the same places are one link."""
     about = link.properties
-    graphs = {*about.get("graphs", []), lane.params.get("graph_idx", 0)}  # type: ignore[misc]
+    graphs = {*about.get("graphs", []), lane.params.get("graph_idx", 0)}
     about["graphs"] = sorted(graphs)
     about["bidirectional"] = bool(lane.params.get("bidirectional", True))
     for key in ("speed_limit", "orientation", "mutex"):

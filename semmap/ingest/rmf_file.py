@@ -6,7 +6,6 @@ system ``reference_image`` vertices are pixels with y down; here y is already up
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,9 @@ from semmap.ingest.world import Skipped, WorldError
 __all__ = ["Building", "Edge", "FloorOutline", "LevelPlan", "Lift", "LiftDoor", "Model", "Vertex"]
 
 MOST_BYTES = 64 * 2**20
+LARGEST = 1e9
+"""Pixels, metres or radians; also excludes NaN and infinity."""
+
 DEEPEST = 32
 """Nesting that no building needs; deeper input is made to exhaust the reader."""
 
@@ -152,20 +154,18 @@ def _load(path: Path) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8")
         depth = 0
         for event in yaml.parse(text, Loader=_LOADER):
+            where = f"line {event.start_mark.line + 1}" if event.start_mark else "file"
             if isinstance(event, yaml.AliasEvent):
                 raise fail(
-                    f"line {event.start_mark.line + 1}",
+                    where,
                     f"has an alias (*{event.anchor}), which no building needs",
                     "Write the value out.",
                 )
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if depth > DEEPEST:
-                raise fail(
-                    f"line {event.start_mark.line + 1}",
-                    f"is nested deeper than {DEEPEST}",
-                    "Is it a building.yaml?",
-                )
+                problem = f"is nested deeper than {DEEPEST}"
+                raise fail(where, problem, "Is it a building.yaml?")
         data = yaml.load(text, Loader=_LOADER)
     except UnicodeDecodeError as error:
         raise fail(f"byte {error.start}", "is not UTF-8", "Save the file as UTF-8.") from None
@@ -184,9 +184,14 @@ def _load(path: Path) -> dict[str, Any]:
 def _number(value: object, what: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise _UnusableError(f"{what} is {value!r}, not a number", f"Give {what} as a number.")
-    if not math.isfinite(value):
-        raise _UnusableError(f"{what} is {value}", f"Give {what} a finite value.")
+    if not abs(value) <= LARGEST:
+        raise _UnusableError(f"{what} is beyond all measure", f"Give {what} a sensible value.")
     return float(value)
+
+
+def _text(value: object) -> str:
+    """A name without what cannot be printed, such as NUL, which no database keeps."""
+    return "".join(c for c in str(value) if c.isprintable()).strip()
 
 
 def _mapping(value: object, what: str) -> dict[str, Any]:
@@ -201,11 +206,13 @@ def _params(value: object) -> dict[str, Any]:
     for name, typed in _mapping({} if value is None else value, "its parameters").items():
         if not isinstance(typed, list) or len(typed) != 2:
             raise _UnusableError(f"parameter {name} is not [type, value]", "Write it as such.")
-        if isinstance(typed[1], float) and not math.isfinite(typed[1]):
-            raise _UnusableError(f"parameter {name} is {typed[1]}", "Give it a finite value.")
-        if not isinstance(typed[1], str | bool | int | float):
-            raise _UnusableError(f"parameter {name} is no plain value", "Give one value.")
-        found[str(name)] = typed[1]
+        if isinstance(typed[1], str):
+            found[_text(name)] = _text(typed[1])
+        elif isinstance(typed[1], bool):
+            found[_text(name)] = typed[1]
+        else:
+            _number(typed[1], f"parameter {name}")
+            found[_text(name)] = typed[1]
     return found
 
 
@@ -221,7 +228,7 @@ class _Reader:
         return WorldError(self.path, element, problem, mend)
 
     def building(self, data: dict[str, Any]) -> Building:
-        system = data.get("coordinate_system", "reference_image")
+        system = str(data.get("coordinate_system", "reference_image"))
         if system not in COORDINATE_SYSTEMS:
             raise self.fail(
                 "coordinate_system",
@@ -233,15 +240,17 @@ class _Reader:
         if not isinstance(levels, dict) or not levels:
             problem = "is missing" if "levels" not in data else "holds no level"
             raise self.fail("levels", problem, "Is it a building.yaml of the traffic editor?")
-        plans = {str(name): self.level(str(name), level) for name, level in levels.items()}
-        reference = str(data.get("reference_level_name") or next(iter(plans)))
+        plans = {_text(name): self.level(_text(name), level) for name, level in levels.items()}
+        if "" in plans:
+            raise self.fail("levels", "has a level without a name", "Name it.")
+        reference = _text(data.get("reference_level_name") or next(iter(plans)))
         if reference not in plans:
             raise self.fail(
                 "reference_level_name",
                 f"{reference!r} is no level of this building",
                 f"Name one of {', '.join(plans)}.",
             )
-        name = str(data.get("building_name") or data.get("name") or "") or self.path.name
+        name = _text(data.get("building_name") or data.get("name") or "") or self.path.name
         return Building(
             self.path,
             name,
@@ -319,7 +328,7 @@ class _Reader:
     def vertex(self, item: object) -> Vertex:
         if not isinstance(item, list) or len(item) < 2:
             raise _UnusableError("is not [x, y, z, name]", "Write it as such.")
-        name = str(item[3]) if len(item) > 3 and item[3] is not None else ""
+        name = _text(item[3]) if len(item) > 3 and item[3] is not None else ""
         params = _params(item[4] if len(item) > 4 else None)
         return Vertex(_number(item[0], "x"), self.flip * _number(item[1], "y"), name, params)
 
@@ -348,11 +357,11 @@ class _Reader:
 
     def model(self, item: object, element: str) -> Model:
         data = _mapping(item, "it")
-        model = str(data.get("model_name") or data.get("name") or "")
+        model = _text(data.get("model_name") or data.get("name") or "")
         if not model:
             raise _UnusableError("has no model_name", "Name the model.")
         return Model(
-            str(data.get("name") or model),
+            _text(data.get("name") or model) or model,
             model,
             _number(data.get("x"), "x"),
             self.flip * _number(data.get("y"), "y"),
@@ -365,7 +374,7 @@ class _Reader:
     def fiducial(self, item: object) -> tuple[str, tuple[float, float]]:
         if not isinstance(item, list) or len(item) < 3:
             raise _UnusableError("is not [x, y, name]", "Write it as such.")
-        return str(item[2]), (_number(item[0], "x"), self.flip * _number(item[1], "y"))
+        return _text(item[2]), (_number(item[0], "x"), self.flip * _number(item[1], "y"))
 
     def lifts(self, data: object, plans: dict[str, LevelPlan], reference: str) -> Iterator[Lift]:
         if data is None:
@@ -373,13 +382,15 @@ class _Reader:
         if not isinstance(data, dict):
             raise self.fail("lifts", "is not a mapping", "Write name: {...} for each lift.")
         for name, item in data.items():
-            lift = self.use(f"lifts/{name}", self.lift, str(name), item, plans, reference)
+            lift = self.use(f"lifts/{name}", self.lift, _text(name), item, plans, reference)
             if lift is not None:
                 yield lift
 
     def lift(self, name: str, item: object, plans: dict[str, LevelPlan], reference: str) -> Lift:
         data = _mapping(item, "it")
-        level = str(data.get("reference_floor_name") or reference)
+        if not name:
+            raise _UnusableError("has no name", "Name the lift.")
+        level = _text(data.get("reference_floor_name") or reference)
         if level not in plans:
             raise _UnusableError(f"refers to level {level!r}", f"Name one of {', '.join(plans)}.")
         width, depth = (_number(data.get(key), key) for key in ("width", "depth"))
@@ -387,23 +398,23 @@ class _Reader:
             raise _UnusableError(f"measures {width} x {depth} m", "Give it a size above zero.")
         doors: dict[str, LiftDoor] = {}
         for key, value in _mapping(data.get("doors") or {}, "doors").items():
-            door = self.use(f"lifts/{name}/doors/{key}", self.lift_door, str(key), value)
+            door = self.use(f"lifts/{name}/doors/{key}", self.lift_door, _text(key), value)
             if door is not None:
-                doors[str(key)] = door
+                doors[_text(key)] = door
         served: dict[str, tuple[str, ...]] = {}
         for key, value in _mapping(data.get("level_doors") or {}, "level_doors").items():
             element = f"lifts/{name}/level_doors/{key}"
-            if str(key) not in plans:
+            if _text(key) not in plans:
                 mend = f"Name one of {', '.join(plans)}."
                 self.skipped.append(Skipped(element, "is no level of this building", mend))
                 continue
-            names = [str(v) for v in value] if isinstance(value, list) else []
+            names = [_text(v) for v in value] if isinstance(value, list) else []
             unknown = [n for n in names if n not in doors]
             if unknown:
                 self.skipped.append(
                     Skipped(element, f"names no door of the lift: {unknown}", "Correct the name.")
                 )
-            served[str(key)] = tuple(n for n in names if n in doors)
+            served[_text(key)] = tuple(n for n in names if n in doors)
         if not served:
             raise _UnusableError("serves no level", "Give it doors in the traffic editor.")
         return Lift(
@@ -414,7 +425,7 @@ class _Reader:
             width,
             depth,
             level,
-            str(data.get("initial_floor_name") or next(iter(served))),
+            _text(data.get("initial_floor_name") or next(iter(served))),
             doors,
             served,
             f"lifts/{name}",

@@ -23,7 +23,8 @@ class Similarity:
         """Points (N, 2), transformed."""
         c, s = self.scale * np.cos(self.yaw), self.scale * np.sin(self.yaw)
         moved: NDArray[np.float64] = np.asarray(points, float) @ np.array([[c, s], [-s, c]])
-        return moved + (self.x, self.y)
+        moved += (self.x, self.y)
+        return moved
 
 
 def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity:
