@@ -650,6 +650,7 @@ REFUSED = {
     "another root": (b"<robot name='r'/>", "<robot>"),
     "no world": (b'<sdf version="1.9"/>', "no <world>"),
     "bomb": (LAUGHS.encode(), "entities"),
+    "document type": (b'<!DOCTYPE sdf SYSTEM "other.dtd"><sdf version="1.9"/>', "document type"),
     "odd encoding": (b"<?xml version='1.0' encoding='utf-99'?><sdf/>", "XML"),
 }
 
