@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -17,7 +18,9 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import URL, Engine, create_engine, make_url
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
+from sqlalchemy.pool import NullPool
 
 from semmap.database import Cluster, connect
 
@@ -136,10 +139,32 @@ def docker_postgis(docker: str) -> Iterator[str]:
     )
     assert built.returncode == 0, built.stderr
     os.environ["TESTCONTAINERS_RYUK_DISABLED"] = "true"
-    from testcontainers.postgres import PostgresContainer
+    from testcontainers.core.container import DockerContainer
 
-    with PostgresContainer(image, username="admin", password="s3cret/:@", dbname="map") as server:
-        yield server.get_connection_url(driver="psycopg")
+    password = "p@ss/w:rd"  # what a URL has to quote
+    container = DockerContainer(image).with_envs(
+        POSTGRES_USER="admin", POSTGRES_PASSWORD=password, POSTGRES_DB="map"
+    )
+    container.ports["5432/tcp"] = ("127.0.0.1", None)  # any free port, on this machine only
+    with container:
+        url = URL.create("postgresql+psycopg", "admin", password, "127.0.0.1",
+                         int(container.get_exposed_port(5432)), "map")  # fmt: skip
+        wait_for(url)
+        yield url.render_as_string(hide_password=False)
+
+
+def wait_for(server: URL, seconds: float = 60) -> None:
+    """Wait until a server that is being started takes connections."""
+    deadline = time.monotonic() + seconds
+    engine = create_engine(server, poolclass=NullPool)
+    while True:
+        try:
+            engine.connect().close()
+            return
+        except OperationalError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.2)
 
 
 @pytest.fixture(scope="session")

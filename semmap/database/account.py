@@ -53,7 +53,7 @@ class Account:
                 text=True,
                 **options,
             )
-        except PermissionError as error:
+        except OSError as error:
             raise DatabaseError(
                 f"{command[0]} cannot be run as {self.name}: {error}. PostgreSQL refuses to run as "
                 "root: call semmap as another user, or name a database: SEMMAP_DB, --db"

@@ -1,4 +1,4 @@
-"""Where `schema/` and `migrations/` lie: at the root of a checkout, in an installed wheel inside it."""
+"""Where `schema/` and `migrations/` lie: at a checkout's root, or inside an installed wheel."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from semmap.database.error import DatabaseError
 __all__ = ["migrations_folder", "schema_folder"]
 
 PACKAGE = Path(__file__).resolve().parents[1]
-PLACES = (PACKAGE.parent, PACKAGE / "_data")
-"""A checkout's root; the folder that a wheel brings."""
+PLACES = (PACKAGE / "_data", PACKAGE.parent)
+"""The folder that a wheel brings; a checkout's root."""
 
 
 def schema_folder() -> Path:

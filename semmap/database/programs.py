@@ -1,4 +1,4 @@
-"""PostgreSQL's own programs on this machine: where they are, which version, whether with PostGIS."""
+"""PostgreSQL's own programs on this machine: where they are, in which version, with what."""
 
 from __future__ import annotations
 

@@ -26,6 +26,7 @@ SELECT current_setting('server_version_num')::int,
        (SELECT extnamespace::regnamespace::text FROM pg_extension WHERE extname = 'postgis'),
        (SELECT default_version FROM pg_available_extensions WHERE name = 'postgis'),
        has_database_privilege(current_database(), 'CREATE'),
+       has_schema_privilege('public', 'CREATE'),
        (SELECT rolsuper FROM pg_roles WHERE rolname = current_user),
        (SELECT rolsuper OR rolcreaterole FROM pg_roles WHERE rolname = current_user),
        (SELECT count(*) FROM pg_roles WHERE rolname = ANY (%s)),
@@ -44,7 +45,7 @@ def check_requirements(connection: Connection) -> None:
     """
     (
         version, user, database, postgis, postgis_schema, available,
-        may_create, superuser, may_make_roles, roles, foreign_owner,
+        may_create, may_create_in_public, superuser, may_make_roles, roles, foreign_owner,
     ) = connection.exec_driver_sql(STATE, (list(ROLES),)).one()  # fmt: skip
     if version // 10000 < POSTGRESQL:
         raise DatabaseError(
@@ -73,6 +74,8 @@ def check_requirements(connection: Connection) -> None:
     needs = []
     if not may_create:
         needs.append(f'GRANT CREATE ON DATABASE "{database}" TO "{user}"')
+    if not may_create_in_public:
+        needs.append(f'GRANT CREATE ON SCHEMA public TO "{user}"')
     if postgis is None and not superuser:
         needs.append("CREATE EXTENSION postgis SCHEMA public")
     if roles < len(ROLES) and not may_make_roles:
