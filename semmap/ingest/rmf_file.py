@@ -202,7 +202,7 @@ def _mapping(value: object, what: str) -> dict[str, Any]:
 
 def _params(value: object) -> dict[str, Any]:
     """The values of ``name: [type, value]``."""
-    found = {}
+    found: dict[str, Any] = {}
     for name, typed in _mapping({} if value is None else value, "its parameters").items():
         if not isinstance(typed, list) or len(typed) != 2:
             raise _UnusableError(f"parameter {name} is not [type, value]", "Write it as such.")

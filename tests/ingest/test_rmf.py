@@ -223,6 +223,29 @@ def test_connectors_lead_from_the_first_place_to_the_second(house):
                 assert outline(house, place).contains(Point(where.x, where.y))
 
 
+@pytest.mark.parametrize("ends", [(8, 9), (9, 8)])
+def test_an_exterior_door_leads_out_whichever_way_it_was_drawn(read, ends):
+    data = building()
+    data["levels"]["G"]["doors"][1] = door(*ends, "front")
+    world = read(data)
+    assert entry(world, "front").detail.places == ("kitchen", OUTSIDE)
+    ahead = pose(world, "front").apply([(1, 0, 0)])[0]
+    assert ahead == pytest.approx([2.5, -7, 0])
+
+
+def test_in_a_shallow_room_the_robot_stands_nearer_to_the_door(read):
+    data = building()
+    plan = data["levels"]["G"]
+    plan["vertices"] += [[25, y, 0, ""] for y in (0, 100, 150, 300)]
+    plan["walls"] += [[20, 21], [22, 23]]
+    plan["doors"].append(door(21, 22, "closet"))
+    world = read(data)
+    connects = entry(world, "closet").detail
+    reaches = {place: abs(p.x) for place, p in zip(connects.places, connects.poses, strict=True)}
+    assert reaches["kitchen"] == 0.6
+    assert sorted(reaches.values()) == [0.4, 0.6]
+
+
 def test_a_lift_is_an_elevator_with_a_cabin_on_each_level(house):
     lift = entry(house, "lift")
     assert (lift.kind, lift.properties["levels"]) == ("elevator", ["G", "U"])
