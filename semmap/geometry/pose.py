@@ -71,6 +71,15 @@ class Pose:
         return cls(*(float(v) for v in m[:3, 3]), *(float(v) for v in q))
 
     @property
+    def row(self) -> list[float]:
+        """The seven numbers as the database keeps them.
+
+        What is smaller than 1e-30 is 0: PostgreSQL refuses products that underflow.
+        """
+        numbers = (self.x, self.y, self.z, self.qx, self.qy, self.qz, self.qw)
+        return [0.0 if abs(v) < 1e-30 else float(v) for v in numbers]
+
+    @property
     def translation(self) -> NDArray[np.float64]:
         """(3,) metres."""
         return np.array([self.x, self.y, self.z])

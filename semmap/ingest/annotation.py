@@ -46,6 +46,9 @@ LEAF = (0.05, 2.1)
 REACH = 0.5
 """How far from its line a door looks for the places that it joins, metres."""
 
+OPENING = "opening"
+"""The type of connectors that have no leaf."""
+
 STANDING = (0.6, 0.5, 0.4, 0.8, 1.0, 0.3)
 """Where a robot stands before a door: the first of these distances that lies in the place."""
 
@@ -129,6 +132,13 @@ class _Draft:
     kind: Kind
     type: str | None
     name: str
+
+
+def _leaf(width: float) -> Shape:
+    """The leaf of a closed door, in the door's frame."""
+    thickness, height = LEAF
+    low, high = (-thickness / 2, -width / 2, 0.0), (thickness / 2, width / 2, height)
+    return Shape("box", box_mesh(low, high))
 
 
 class _Reading:
@@ -375,7 +385,8 @@ class _Reading:
             form,
             cast(Any, choice(feature, "direction", ("both", "forward", "backward"), "both")),
             cast(Any, choice(feature, "state", ("open", "closed", "locked"), "open")),
-            text(feature, "behaviour") or BEHAVIOURS[form],
+            text(feature, "behaviour")
+            or ("drive_through" if OPENING in above else BEHAVIOURS[form]),
             number(feature, "width"),
         )
         if connects.width is not None and connects.width <= 0:
@@ -445,9 +456,8 @@ class _Reading:
         width = connects.width or line.length
         connects.places, connects.width = joins, width
         connects.poses = (self.standing(pose, joins[0], -1), self.standing(pose, joins[1], 1))
-        half = (LEAF[0] / 2, width / 2)
-        leaf = Shape("box", box_mesh((-half[0], -half[1], 0.0), (*half, LEAF[1])))
-        self.add(draft, pose, storey, detail=connects, shapes=[leaf])
+        leaf = [] if OPENING in supertypes(draft.type or "door") else [_leaf(width)]
+        self.add(draft, pose, storey, detail=connects, shapes=leaf)
 
     def storey_of_joined(self, feature: Feature, joins: tuple[str, str] | None) -> str | None:
         """The storey of a connector: its own word, or that of the first place that it joins."""

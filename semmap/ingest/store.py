@@ -18,7 +18,6 @@ from psycopg import sql
 from psycopg.types.json import Jsonb
 
 from semmap.geometry.outline import hull_points
-from semmap.geometry.pose import Pose
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.world import OUTSIDE, Connects, Entry, Level, Place, Shape, World, WorldError
 
@@ -375,8 +374,8 @@ def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
                 "form": c.type,
                 "place_a": _id(ids, a, entry, world),
                 "place_b": None if b == OUTSIDE else _id(ids, b, entry, world),
-                "pose_a": _row(c.poses[0]),
-                "pose_b": _row(c.poses[1]),
+                "pose_a": c.poses[0].row,
+                "pose_b": c.poses[1].row,
                 "direction": c.direction,
                 "state": c.state,
                 "behaviour": c.behaviour,
@@ -400,10 +399,6 @@ def _id(ids: dict[str, int], name: str, entry: Entry, world: World) -> int:
             "Import what it names first, or correct the name.",
         )
     return ids[name]
-
-
-def _row(pose: Pose) -> list[float]:
-    return [*map(float, (pose.x, pose.y, pose.z, pose.qx, pose.qy, pose.qz, pose.qw))]
 
 
 def _give_models(
@@ -439,7 +434,7 @@ def _place(
 ) -> None:
     def rows(entries: Sequence[Entry]) -> list[tuple[Any, ...]]:
         return [
-            (ids[e.name], _id(ids, e.holder, e, world) if e.holder else None, _row(e.pose),
+            (ids[e.name], _id(ids, e.holder, e, world) if e.holder else None, e.pose.row,
              "on" if e.properties.get("relation") == "on" else "in")
             for e in entries
             if e.pose is not None

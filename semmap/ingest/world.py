@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from shapely import MultiPolygon, Polygon
 
@@ -121,7 +121,7 @@ class Entry:
     kind: Kind
     type: str | None = None
     label: str | None = None
-    properties: dict[str, object] = field(default_factory=dict)
+    properties: dict[str, Any] = field(default_factory=dict)
     holder: str | None = None
     pose: Pose | None = IDENTITY
     shapes: list[Shape] = field(default_factory=list)
@@ -136,7 +136,7 @@ class Link:
     subject: str
     relation: str
     object: str
-    properties: dict[str, object] = field(default_factory=dict)
+    properties: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -149,4 +149,4 @@ class World:
     links: list[Link] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    georeference: dict[str, object] | None = None
+    georeference: dict[str, Any] | None = None

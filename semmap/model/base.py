@@ -36,9 +36,7 @@ class PoseColumn(TypeDecorator[Pose]):
 
     def process_bind_param(self, value: Pose | None, dialect: Dialect) -> list[float] | None:
         """A pose on its way in."""
-        if value is None:
-            return None
-        return list(map(float, (value.x, value.y, value.z, value.qx, value.qy, value.qz, value.qw)))
+        return None if value is None else value.row
 
     def process_result_value(self, value: Any, dialect: Dialect) -> Pose | None:
         """A pose on its way out."""

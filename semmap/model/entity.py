@@ -60,7 +60,7 @@ class Map(Base):
     height: Mapped[float | None]
     rotation: Mapped[float | None]
 
-    entities: Mapped[list[Entity]] = relationship(back_populates="map", passive_deletes=True)
+    entities: Mapped[list[Entity]] = relationship(viewonly=True)
 
 
 class Entity(Base):
@@ -95,7 +95,7 @@ class Entity(Base):
     digest: Mapped[str | None]
     since: Mapped[datetime] = mapped_column(server_default=text("statement_timestamp()"))
 
-    map: Mapped[Map] = relationship(back_populates="entities")
+    map: Mapped[Map] = relationship()
     placement: Mapped[Placement | None] = relationship(
         foreign_keys=Placement.entity_id, back_populates="entity", passive_deletes=True
     )

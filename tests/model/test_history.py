@@ -32,7 +32,7 @@ def test_where_was_the_mug(engine: Engine) -> None:
     with Session(engine) as session:
         of = new_map(session)
         table = thing(session, of, "table", None, Pose(x=1))
-        mug = thing(session, of, "mug1", table, Pose(z=0.75))
+        mug_id = thing(session, of, "mug1", table, Pose(z=0.75)).id
         session.commit()
         long_ago = datetime(2000, 1, 1, tzinfo=UTC)
         first = now(session)
@@ -41,18 +41,18 @@ def test_where_was_the_mug(engine: Engine) -> None:
         session.commit()
         second = now(session)
         session.commit()
-        placement = session.get_one(Placement, mug.id)
+        placement = session.get_one(Placement, mug_id)
         placement.holder_id, placement.pose = None, Pose(x=7, y=7)
         session.commit()
         third = now(session)
-        assert pose_at(session, mug.id, long_ago) is None
-        assert pose_at(session, mug.id, first) == [1, 0, 0.75, 0, 0, 0, 1]
-        assert pose_at(session, mug.id, second) == [2, 0, 0.75, 0, 0, 0, 1]
-        assert pose_at(session, mug.id, third) == [7, 7, 0, 0, 0, 0, 1]
-        session.execute(text("DELETE FROM entity WHERE id = :id"), {"id": mug.id})
+        assert pose_at(session, mug_id, long_ago) is None
+        assert pose_at(session, mug_id, first) == [1, 0, 0.75, 0, 0, 0, 1]
+        assert pose_at(session, mug_id, second) == [2, 0, 0.75, 0, 0, 0, 1]
+        assert pose_at(session, mug_id, third) == [7, 7, 0, 0, 0, 0, 1]
+        session.execute(text("DELETE FROM entity WHERE id = :id"), {"id": mug_id})
         session.commit()
-        assert pose_at(session, mug.id, third) == [7, 7, 0, 0, 0, 0, 1]
-        assert pose_at(session, mug.id, now(session)) is None
+        assert pose_at(session, mug_id, third) == [7, 7, 0, 0, 0, 0, 1]
+        assert pose_at(session, mug_id, now(session)) is None
 
 
 def test_versions_follow_each_other_without_gap(engine: Engine) -> None:
@@ -96,21 +96,19 @@ def test_poses_of_a_robot_at_20_hz_are_thinned(engine: Engine) -> None:
                     f"UPDATE placement SET since = since - interval '50 ms' "
                     f"WHERE entity_id IN ({robot.id}, {mug.id}); "
                     "ALTER TABLE placement ENABLE TRIGGER USER; "
-                    f"UPDATE placement_history SET during = tstzrange(lower(during) - interval '50 ms', "
-                    f"upper(during) - interval '50 ms') WHERE entity_id IN ({robot.id}, {mug.id}); "
+                    "UPDATE placement_history SET during = "
+                    "tstzrange(lower(during) - interval '50 ms', upper(during) - interval '50 ms') "
+                    f"WHERE entity_id IN ({robot.id}, {mug.id}); "
                     f"UPDATE placement SET pose[1] = {i} WHERE entity_id IN ({robot.id}, {mug.id})"
                 )
             )
             session.commit()
-        kept = dict(
-            session.execute(
-                select(PlacementHistory.entity_id, func.count())
-                .where(PlacementHistory.entity_id.in_([robot.id, mug.id]))
-                .group_by(PlacementHistory.entity_id)
-            )
-            .tuples()
-            .all()
+        rows = session.execute(
+            select(PlacementHistory.entity_id, func.count())
+            .where(PlacementHistory.entity_id.in_([robot.id, mug.id]))
+            .group_by(PlacementHistory.entity_id)
         )
+        kept = {row[0]: row[1] for row in rows}
         assert kept[mug.id] == 100
         assert 4 <= kept[robot.id] <= 7
         for back in (0.5, 1.7, 3.2, 4.4):
@@ -129,8 +127,9 @@ def test_old_poses_of_agents_are_pruned(engine: Engine) -> None:
         session.commit()
         session.execute(
             text(
-                "UPDATE placement_history SET during = tstzrange(lower(during) - interval '31 days', "
-                "upper(during) - interval '31 days') WHERE entity_id IN (:a, :b)"
+                "UPDATE placement_history SET during = "
+                "tstzrange(lower(during) - interval '31 days', upper(during) - interval '31 days') "
+                "WHERE entity_id IN (:a, :b)"
             ),
             {"a": robot.id, "b": mug.id},
         )

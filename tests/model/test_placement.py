@@ -50,7 +50,7 @@ def world_poses(session: Session, of: Map) -> dict[int, Pose]:
     rows = session.execute(
         select(WorldPlacement.entity_id, WorldPlacement.pose).where(WorldPlacement.map_id == of.id)
     )
-    return dict(rows.tuples().all())
+    return {row[0]: row[1] for row in rows}
 
 
 @quick
@@ -130,10 +130,10 @@ def test_a_move_touches_its_contents_alone(engine: Engine) -> None:
         others = [thing(session, of, f"other{i}", None, Pose()) for i in range(5)]
         session.commit()
         versions = "SELECT entity_id, xmin::text FROM world WHERE map_id = :map"
-        before = dict(session.execute(text(versions), {"map": of.id}).tuples().all())
+        before = {row[0]: row[1] for row in session.execute(text(versions), {"map": of.id})}
         session.get_one(Placement, table.id).pose = Pose.planar(3, 4, 1.0)
         session.commit()
-        after = dict(session.execute(text(versions), {"map": of.id}).tuples().all())
+        after = {row[0]: row[1] for row in session.execute(text(versions), {"map": of.id})}
         changed = {k for k in before if before[k] != after[k]}
         assert changed == {table.id, muffin.id, crumb.id}
         assert not changed & {o.id for o in others}

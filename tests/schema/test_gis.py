@@ -57,9 +57,9 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> dict[str, Any]:
 
 def append(engine: Engine, layer: str, features: list[dict[str, Any]], folder: Path) -> None:
     path = folder / "features.geojson"
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    path.write_text(json.dumps({"type": "FeatureCollection", "crs": None, "features": features}))
     ogr("ogr2ogr", "-append", "-f", "PostgreSQL", dsn(engine), path, "-nln", f"semmap.{layer}",
-        "-a_srs", "", "--config", "PG_USE_COPY", "NO")  # fmt: skip
+        "--config", "PG_USE_COPY", "NO")  # fmt: skip
 
 
 def read(engine: Engine, layer: str, building: str, folder: Path) -> list[dict[str, Any]]:

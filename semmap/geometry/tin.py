@@ -1,0 +1,96 @@
+"""Triangles as PostGIS TINs: EWKB at a fixed stride, written and read without a loop a triangle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.geometry.mesh import Mesh
+
+__all__ = ["CHUNK", "decode", "encode_chunks", "to_mesh"]
+
+CHUNK = 1024
+"""Triangles in a patch: small enough for the index to tell patches apart, large enough to be fast."""
+
+# OGC 06-103r4, section 8.2, with PostGIS's type codes: a TIN Z is a collection of triangles, each a
+# polygon of one closed ring of four points.
+_TIN_Z, _TRIANGLE_Z = 0x80000010, 0x80000011
+_HEADER = np.dtype([("order", "u1"), ("type", "<u4"), ("count", "<u4")])
+_TRIANGLE = np.dtype(
+    [("order", "u1"), ("type", "<u4"), ("rings", "<u4"), ("points", "<u4"), ("ring", "<f8", (4, 3))]
+)
+
+
+def encode_chunks(
+    triangles: NDArray[np.float64], size: int = CHUNK, *, keep_order: bool = False
+) -> list[bytes]:
+    """Triangles (F, 3, 3), metres, as EWKB of ``TIN Z`` patches of at most `size` triangles.
+
+    Patches are compact in space (Morton order of the triangles' centres), unless `keep_order`.
+    """
+    if not keep_order and len(triangles) > size:
+        triangles = triangles[morton_order(triangles)]
+    records = np.empty(len(triangles), dtype=_TRIANGLE)
+    records["order"] = 1
+    records["type"] = _TRIANGLE_Z
+    records["rings"] = 1
+    records["points"] = 4
+    records["ring"][:, :3] = triangles
+    records["ring"][:, 3] = triangles[:, 0]
+    patches = []
+    for start in range(0, len(triangles), size):
+        part = records[start : start + size]
+        header = np.array([(1, _TIN_Z, len(part))], dtype=_HEADER)
+        patches.append(header.tobytes() + part.tobytes())
+    return patches
+
+
+def decode(patches: Iterable[bytes]) -> NDArray[np.float64]:
+    """The triangles (F, 3, 3), metres, of patches that `encode_chunks` or PostGIS wrote.
+
+    Raises
+    ------
+    ValueError
+        A patch that is no little-endian ``TIN Z`` without SRID.
+    """
+    parts = list(patches)
+    counts = []
+    for part in parts:
+        order, kind, count = np.frombuffer(part, dtype=_HEADER, count=1)[0]
+        if order != 1 or kind != _TIN_Z or len(part) != _HEADER.itemsize + count * _TRIANGLE.itemsize:
+            raise ValueError("not the EWKB of a TIN Z without SRID")
+        counts.append(int(count))
+    triangles = np.empty((sum(counts), 3, 3))
+    start = 0
+    for part, count in zip(parts, counts, strict=True):
+        records = np.frombuffer(part, dtype=_TRIANGLE, offset=_HEADER.itemsize)
+        triangles[start : start + count] = records["ring"][:, :3]
+        start += count
+    return triangles
+
+
+def to_mesh(triangles: NDArray[np.float64]) -> Mesh:
+    """Triangles (F, 3, 3) as a mesh whose equal corners are one vertex."""
+    corners = np.ascontiguousarray(triangles.reshape(-1, 3)) + 0.0  # -0.0 equals 0.0
+    keys = corners.view(np.dtype((np.void, 24))).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    return Mesh(corners[first], inverse.reshape(-1, 3).astype(np.int32))
+
+
+def morton_order(triangles: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The order of triangles along a space-filling curve through their centres."""
+    centres = triangles.mean(axis=1)
+    low = centres.min(axis=0)
+    span = max(float((centres.max(axis=0) - low).max()), 1e-12)
+    cells = ((centres - low) * (1023 / span)).astype(np.uint32)
+    code = np.zeros(len(cells), dtype=np.uint32)
+    for axis in range(3):
+        v = cells[:, axis]
+        v = (v | (v << 16)) & np.uint32(0x030000FF)
+        v = (v | (v << 8)) & np.uint32(0x0300F00F)
+        v = (v | (v << 4)) & np.uint32(0x030C30C3)
+        v = (v | (v << 2)) & np.uint32(0x09249249)
+        code |= v << np.uint32(axis)
+    return np.argsort(code, kind="stable")

@@ -1,0 +1,143 @@
+"""The inventories of a map, derived from its geometry (Deeken et al., section 3.4, "Objects").
+
+What somebody said stays; what has no holder said gets the support surface that it lies on, else
+the room that it stands in, with a confidence where it is close.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import psycopg
+import shapely
+from shapely import Polygon
+from shapely.affinity import affine_transform
+
+from semmap.geometry.inventory import RoomSpace, SurfacePatch, Thing, derive_holders
+from semmap.geometry.pose import Pose
+from semmap.geometry.surfaces import support_surfaces
+from semmap.geometry.tin import to_mesh
+from semmap.query.meshes import model_triangles
+
+__all__ = ["derive_inventories", "find_surfaces"]
+
+MANY_TRIANGLES = 300_000
+"""Models beyond this are not searched for support surfaces: terrains and scans, not furniture."""
+
+BUILDING = ("wall", "floor", "ceiling", "window", "door_leaf", "roof")
+"""Types that make up the building: held by storey or map, and nothing stands on them."""
+
+
+def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
+    """Give each object of the map without a said holder the one that geometry shows.
+
+    Within the caller's transaction; returns how many placements changed.
+    """
+    find_surfaces(connection, map_id)
+    things, storeys = _things(connection, map_id)
+    held = derive_holders(things, _surfaces(connection, map_id), _rooms(connection, map_id))
+    changed = 0
+    with connection.cursor() as cursor:
+        cursor.execute(
+            "SELECT entity_id, holder_id, relation, confidence FROM placement "
+            "WHERE entity_id = ANY(%s)",
+            ([t.id for t in things],),
+        )
+        now = {row[0]: row[1:] for row in cursor}
+        for thing in things:
+            holding = held.get(thing.id)
+            if holding is None or holding.holder is None:
+                wanted: tuple[int | None, str, float | None] = (storeys.get(thing.id), "in", None)
+            else:
+                wanted = (holding.holder, holding.relation, round(holding.confidence, 3))
+            if now[thing.id] != wanted:
+                cursor.execute("SELECT put(%s, %s, %s, %s::float8)", (thing.id, *wanted))
+                changed += 1
+    return changed
+
+
+def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
+    """Search the models of the map's objects for support surfaces, each model once ever."""
+    with connection.cursor() as cursor:
+        cursor.execute(
+            "SELECT DISTINCT m.id FROM model m JOIN entity_model em ON em.model_id = m.id "
+            "JOIN entity e ON e.id = em.entity_id "
+            "WHERE e.map_id = %s AND e.kind = 'object' AND m.kind IN ('mesh', 'box', 'polygon') "
+            "AND m.triangles BETWEEN 1 AND %s AND NOT EXISTS "
+            "(SELECT FROM support_surface s WHERE s.model_id = m.id) ORDER BY m.id",
+            (map_id, MANY_TRIANGLES),
+        )
+        for (model_id,) in cursor.fetchall():
+            found = support_surfaces(to_mesh(model_triangles(connection, model_id)))
+            for number, surface in enumerate(found):
+                cursor.execute(
+                    "INSERT INTO support_surface (model_id, number, height, outline, faces) "
+                    "VALUES (%s, %s, %s, ST_GeomFromWKB(%s, 0), %s)",
+                    (model_id, number, surface.height, shapely.to_wkb(surface.outline),
+                     [int(f) for f in surface.faces]),
+                )  # fmt: skip
+            if not found:
+                cursor.execute(
+                    "INSERT INTO support_surface (model_id, number) VALUES (%s, 0)", (model_id,)
+                )
+
+
+def _things(connection: psycopg.Connection[Any], map_id: int) -> tuple[list[Thing], dict[int, int]]:
+    """Objects whose holder nobody said, and the storey that a file put each into."""
+    rows = connection.execute(
+        "SELECT e.id, ST_XMin(w.box), ST_YMin(w.box), ST_ZMin(w.box), ST_XMax(w.box), "
+        "ST_YMax(w.box), ST_ZMax(w.box), ST_AsBinary(w.footprint), w.storey_id, "
+        "coalesce(e.type = ANY (ARRAY(SELECT sub FROM type_closure WHERE super = ANY(%s))), false) "
+        "FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id "
+        "LEFT JOIN entity h ON h.id = p.holder_id "
+        "WHERE e.map_id = %s AND e.kind = 'object' AND w.footprint IS NOT NULL "
+        "AND (p.holder_id IS NULL OR h.kind = 'storey' OR p.confidence IS NOT NULL) ORDER BY e.id",
+        (list(BUILDING), map_id),
+    ).fetchall()
+    things, storeys = [], {}
+    for entity_id, *box, footprint, storey, building in rows:
+        if storey is not None:
+            storeys[entity_id] = storey
+        if not building:
+            corners = np.array(box).reshape(2, 3)
+            things.append(Thing(entity_id, corners, shapely.from_wkb(bytes(footprint))))
+    return things, storeys
+
+
+def _surfaces(connection: psycopg.Connection[Any], map_id: int) -> list[SurfacePatch]:
+    """The support surfaces of all upright objects, in world coordinates."""
+    rows = connection.execute(
+        "SELECT e.id, s.height, ST_AsBinary(s.outline), w.pose FROM entity e "
+        "JOIN world w ON w.entity_id = e.id JOIN entity_model em ON em.entity_id = e.id "
+        "JOIN support_surface s ON s.model_id = em.model_id AND s.height IS NOT NULL "
+        "WHERE e.map_id = %s AND e.kind = 'object' AND abs(w.pose[4]) < 1e-3 "
+        "AND abs(w.pose[5]) < 1e-3 AND NOT coalesce(e.type = ANY (ARRAY(SELECT sub FROM type_closure "
+        "WHERE super = ANY(%s))), false)",
+        (map_id, list(BUILDING)),
+    ).fetchall()
+    patches = []
+    for entity_id, height, outline, pose in rows:
+        placed = Pose(*pose)
+        patches.append(
+            SurfacePatch(
+                entity_id, placed.z + height, _placed(shapely.from_wkb(bytes(outline)), placed)
+            )
+        )
+    return patches
+
+
+def _placed(outline: Polygon, pose: Pose) -> Polygon:
+    r = pose.rotation
+    return affine_transform(outline, [r[0, 0], r[0, 1], r[1, 0], r[1, 1], pose.x, pose.y])
+
+
+def _rooms(connection: psycopg.Connection[Any], map_id: int) -> list[RoomSpace]:
+    rows = connection.execute(
+        "SELECT e.id, ST_AsBinary(w.footprint), w.pose[3] + r.floor, "
+        "coalesce(w.pose[3] + r.ceiling, greatest(ST_ZMax(w.box), w.pose[3] + r.floor + 2.5)) "
+        "FROM entity e JOIN room r ON r.entity_id = e.id JOIN world w ON w.entity_id = e.id "
+        "WHERE e.map_id = %s AND w.footprint IS NOT NULL",
+        (map_id,),
+    ).fetchall()
+    return [RoomSpace(i, shapely.from_wkb(bytes(f)), low, high) for i, f, low, high in rows]

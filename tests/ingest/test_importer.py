@@ -1,0 +1,189 @@
+"""A file into the map: what comes in, what a repeat does, what a bad file leaves."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sqlalchemy import Engine, text
+
+from semmap.ingest.importer import import_file
+from semmap.ingest.world import WorldError
+from tests.ingest.worlds_by_hand import box_world, room_features
+
+COUNTS = (
+    "SELECT (SELECT count(*) FROM entity), (SELECT count(*) FROM placement), "
+    "(SELECT count(*) FROM model), (SELECT count(*) FROM chunk), (SELECT count(*) FROM change), "
+    "(SELECT count(*) FROM placement_history), (SELECT count(*) FROM import), "
+    "(SELECT count(*) FROM map)"
+)
+
+
+def counts(engine: Engine) -> tuple[Any, ...]:
+    with engine.connect() as connection:
+        return tuple(connection.execute(text(COUNTS)).one())
+
+
+def poses(engine: Engine, map_name: str) -> dict[str, list[float]]:
+    with engine.connect() as connection:
+        rows = connection.execute(
+            text(
+                "SELECT e.name, w.pose FROM entity e JOIN world w ON w.entity_id = e.id "
+                "JOIN map m ON m.id = e.map_id WHERE m.name = :map"
+            ),
+            {"map": map_name},
+        )
+        return {row[0]: row[1] for row in rows}
+
+
+def holders(engine: Engine, map_name: str) -> dict[str, str | None]:
+    with engine.connect() as connection:
+        rows = connection.execute(
+            text(
+                "SELECT e.name, h.name FROM entity e JOIN placement p ON p.entity_id = e.id "
+                "LEFT JOIN entity h ON h.id = p.holder_id "
+                "JOIN map m ON m.id = e.map_id WHERE m.name = :map"
+            ),
+            {"map": map_name},
+        )
+        return {row[0]: row[1] for row in rows}
+
+
+def test_a_repeated_import_changes_nothing(engine: Engine, tmp_path: Path) -> None:
+    path = box_world(tmp_path, {"table": (0, 0, 0.4), "mug": (0.1, 0, 0.9)})
+    first = import_file(engine, path, map_name="repeat")
+    assert (first.added, first.changed, first.removed) == (2, 0, 0)
+    before = counts(engine)
+    again = import_file(engine, path, map_name="repeat")
+    assert (again.added, again.changed, again.removed, again.unchanged) == (0, 0, 0, 2)
+    assert again.holders == 0
+    assert counts(engine) == before
+
+
+def test_a_changed_file_updates_what_changed(engine: Engine, tmp_path: Path) -> None:
+    path = box_world(tmp_path, {"a": (0, 0, 0), "b": (3, 0, 0), "c": (6, 0, 0)})
+    import_file(engine, path, map_name="changed")
+    box_world(tmp_path, {"a": (0, 0, 0), "b": (3, 1, 0), "d": (9, 0, 0)})
+    summary = import_file(engine, path, map_name="changed")
+    assert (summary.added, summary.changed, summary.removed, summary.unchanged) == (1, 1, 1, 1)
+    now = poses(engine, "changed")
+    assert set(now) == {"a", "b", "d"}
+    assert now["b"][:2] == [3.0, 1.0]
+
+
+def test_meshes_are_shared_by_their_instances(engine: Engine, tmp_path: Path) -> None:
+    before = counts(engine)
+    path = box_world(tmp_path, {f"crate{i}": (2.0 * i, 40, 0) for i in range(6)}, size=0.777)
+    summary = import_file(engine, path, map_name="shared")
+    assert summary.added == 6
+    assert counts(engine)[2] == before[2] + 1
+
+
+def test_what_a_robot_moved_stays_moved(engine: Engine, tmp_path: Path) -> None:
+    path = box_world(tmp_path, {"mug": (0, 0, 0)})
+    import_file(engine, path, map_name="moved")
+    with engine.begin() as connection:
+        connection.execute(
+            text(
+                "SELECT move_to(e.id, 5, 5, 0) FROM entity e JOIN map m ON m.id = e.map_id "
+                "WHERE m.name = 'moved' AND e.name = 'mug'"
+            )
+        )
+    import_file(engine, path, map_name="moved")
+    assert poses(engine, "moved")["mug"][:2] == [5.0, 5.0]
+
+
+@pytest.mark.parametrize("rooms_first", [True, False])
+def test_inventories_follow_in_whatever_order_files_come(
+    engine: Engine, tmp_path: Path, rooms_first: bool
+) -> None:
+    name = f"order{rooms_first}"
+    world = box_world(tmp_path, {"table": (1, 1, 0.4), "mug": (1.1, 1, 0.9), "far": (50, 50, 0.4)})
+    rooms = tmp_path / "rooms.geojson"
+    rooms.write_text(json.dumps(room_features({"kitchen1": (0, 0, 4, 3)})))
+    for path in (rooms, world) if rooms_first else (world, rooms):
+        import_file(engine, path, map_name=name)
+    held = holders(engine, name)
+    assert held["table"] == "kitchen1"
+    assert held["mug"] == "table"
+    assert held["far"] is None
+
+
+def test_names_that_another_file_has_get_a_suffix(engine: Engine, tmp_path: Path) -> None:
+    one = box_world(tmp_path / "one", {"a": (0, 0, 0)})
+    two = box_world(tmp_path / "two", {"a": (5, 0, 0)})
+    import_file(engine, one, map_name="names")
+    summary = import_file(engine, two, map_name="names")
+    assert any("a_2" in note for note in summary.notes)
+    assert set(poses(engine, "names")) == {"a", "a_2"}
+    again = import_file(engine, two, map_name="names")
+    assert (again.added, again.unchanged) == (0, 1)
+
+
+def test_a_type_that_the_t_box_lacks_is_added_and_said(engine: Engine, tmp_path: Path) -> None:
+    path = tmp_path / "odd.geojson"
+    features = room_features({"room1": (0, 0, 4, 3)})
+    features["features"][0]["properties"]["type"] = "orangery"
+    path.write_text(json.dumps(features))
+    summary = import_file(engine, path, map_name="odd")
+    assert any("orangery" in note for note in summary.notes)
+    with engine.connect() as connection:
+        parents = connection.execute(
+            text("SELECT parent FROM type_parent WHERE type = 'orangery'")
+        ).scalars()
+        assert list(parents) == ["room"]
+
+
+def test_strict_takes_nothing_where_something_is_left_out(engine: Engine, tmp_path: Path) -> None:
+    path = box_world(tmp_path, {"a": (0, 0, 0), "b": (0, 0, float("nan"))})
+    before = counts(engine)
+    with pytest.raises(WorldError, match="b"):
+        import_file(engine, path, map_name="strict", strict=True)
+    assert counts(engine) == before
+    summary = import_file(engine, path, map_name="strict")
+    assert summary.added == 1
+    assert len(summary.skipped) == 1
+
+
+@settings(
+    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_random_damage_leaves_the_map_as_it_was_or_says_what_it_left_out(
+    engine: Engine, tmp_path: Path, data: st.DataObject
+) -> None:
+    """A file damaged as a whole changes nothing; a damaged element is left out and named."""
+    shutil.rmtree(tmp_path / "d", ignore_errors=True)
+    path = box_world(tmp_path / "d", {"a": (0, 0, 0), "b": (3, 0, 0), "c": (6, 0, 0)})
+    whole = data.draw(st.booleans())
+    content = path.read_text()
+    if whole:
+        kind = data.draw(st.sampled_from(["cut", "bomb", "root", "binary"]))
+        if kind == "cut":
+            path.write_text(content[: data.draw(st.integers(1, len(content) - 12))])
+        elif kind == "bomb":
+            bomb = '<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>'
+            path.write_text(bomb + content.replace("<sdf", "<sdf x='&b;'", 1))
+        elif kind == "root":
+            path.write_text("<html><body/></html>")
+        else:
+            path.write_bytes(data.draw(st.binary(min_size=1, max_size=200)))
+        before = counts(engine)
+        with pytest.raises(WorldError) as refused:
+            import_file(engine, path, map_name="damaged")
+        assert path.name in str(refused.value)
+        assert counts(engine) == before
+    else:
+        name = data.draw(st.sampled_from(["a", "b", "c"]))
+        bad = data.draw(st.sampled_from(["nan", "inf", "343582000"]))
+        model = content.index(f"<model name='{name}'>")
+        pose = content.index("<pose>", model) + len("<pose>")
+        path.write_text(content[:pose] + bad + content[content.index(" ", pose) :])
+        summary = import_file(engine, path, map_name="damaged")
+        assert [s.element for s in summary.skipped if name in s.element]
+        assert set(poses(engine, "damaged")) == {"a", "b", "c"} - {name}
