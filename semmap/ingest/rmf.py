@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,8 @@ from semmap.geometry.mesh import Mesh, box_mesh, join, prism_mesh
 from semmap.geometry.pose import Pose
 from semmap.ingest.enclosed_rooms import FloorPlan, enclose, rooms_beside
 from semmap.ingest.naming import guess_type, unique_name, words
-from semmap.ingest.rmf_file import Building, Edge, LevelPlan, Lift, LiftDoor, Model, Vertex
-from semmap.ingest.similarity import Similarity, fit_similarity
+from semmap.ingest.rmf_alignment import Alignment, align
+from semmap.ingest.rmf_file import Building, Edge, LevelPlan, Lift, LiftDoor, Model
 from semmap.ingest.world import (
     OUTSIDE,
     Connects,
@@ -29,7 +29,6 @@ from semmap.ingest.world import (
     Shape,
     Skipped,
     World,
-    WorldError,
 )
 
 __all__ = ["read_rmf"]
@@ -68,7 +67,7 @@ ROOM_TYPES = ("kitchen", "lobby", "restaurant", "shop", "office", "corridor", "b
 DOOR_PROPERTIES = (
     "type", "motion_axis", "motion_direction", "motion_degrees", "right_left_ratio", "plugin",
 )  # fmt: skip
-LANE_PROPERTIES = {"graph_idx": "graphs", "speed_limit": "speed_limit", "mutex": "mutex"}
+LANE_PROPERTIES = ("speed_limit", "orientation", "mutex")
 
 
 def read_rmf(path: Path | str) -> World:
@@ -88,74 +87,7 @@ def read_rmf(path: Path | str) -> World:
         The file cannot be trusted as a whole; nothing of it is used.
     """
     building = Building.read(Path(path))
-    return _Reading(building, _alignment(building)).world()
-
-
-@dataclass
-class _Alignment:
-    """From the drawing of each level to the map's metres."""
-
-    levels: dict[str, Similarity]
-    notes: list[str] = field(default_factory=list)
-
-
-def _alignment(building: Building) -> _Alignment:
-    if not building.in_pixels:
-        return _Alignment({name: Similarity() for name in building.levels})
-    reference = building.levels[building.reference_level]
-    scale = _measured_scale(reference, building.skipped)
-    if scale is None:
-        raise WorldError(
-            building.path,
-            f"levels/{reference.name}/measurements",
-            "there is none that can be used, so that the size of a pixel is unknown",
-            "Draw a measurement on the reference level in the traffic editor.",
-        )
-    aligned = _Alignment({reference.name: Similarity(scale)})
-    for name, plan in building.levels.items():
-        if name == reference.name:
-            continue
-        common = [f for f in plan.fiducials if f in reference.fiducials]
-        source = [plan.fiducials[f] for f in common]
-        target = scale * np.array([reference.fiducials[f] for f in common]).reshape(-1, 2)
-        try:
-            if len(common) < 2:
-                raise ValueError
-            fit = fit_similarity(source, target)
-            worst = float(np.linalg.norm(fit.apply(source) - target, axis=1).max())
-            if worst > 0.1:
-                aligned.notes.append(
-                    f"{name}: fiducials disagree with {reference.name} by up to {worst:.2f} m"
-                )
-        except ValueError:
-            fit = Similarity(_measured_scale(plan, building.skipped) or scale)
-            aligned.notes.append(
-                f"{name}: fewer than two fiducials in common with {reference.name}, not aligned"
-            )
-        aligned.levels[name] = fit
-    return aligned
-
-
-def _measured_scale(plan: LevelPlan, skipped: list[Skipped]) -> float | None:
-    """Metres a pixel: the mean over the level's measurements; None where there is none."""
-    scales = []
-    for edge in plan.measurements:
-        a, b = _vertex(plan, edge.start), _vertex(plan, edge.end)
-        pixels = math.hypot(b.x - a.x, b.y - a.y)
-        metres = edge.params.get("distance")
-        if pixels > 0 and isinstance(metres, int | float) and metres > 0:
-            scales.append(metres / pixels)
-        else:
-            skipped.append(
-                Skipped(edge.element, f"says {metres} m for {pixels:g} pixels", "Measure again.")
-            )
-    return float(np.mean(scales)) if scales else None
-
-
-def _vertex(plan: LevelPlan, index: int) -> Vertex:
-    vertex = plan.vertices[index]
-    assert vertex is not None, "edges refer to usable vertices only"
-    return vertex
+    return _Reading(building, align(building)).world()
 
 
 @dataclass
@@ -180,7 +112,7 @@ class _Door:
 class _Reading:
     """Builds the world level by level."""
 
-    def __init__(self, building: Building, alignment: _Alignment) -> None:
+    def __init__(self, building: Building, alignment: Alignment) -> None:
         self.building = building
         self.alignment = alignment
         self.names: dict[str, Kind | None] = {OUTSIDE: None}
@@ -597,7 +529,7 @@ def _describe_lane(link: Link, lane: Edge) -> None:
     graphs = {*about.get("graphs", []), lane.params.get("graph_idx", 0)}
     about["graphs"] = sorted(graphs)
     about["bidirectional"] = bool(lane.params.get("bidirectional", True))
-    for key in ("speed_limit", "orientation", "mutex"):
+    for key in LANE_PROPERTIES:
         if lane.params.get(key):
             about[key] = lane.params[key]
 

@@ -238,7 +238,7 @@ def test_in_a_shallow_room_the_robot_stands_nearer_to_the_door(read):
     plan = data["levels"]["G"]
     plan["vertices"] += [[25, y, 0, ""] for y in (0, 100, 150, 300)]
     plan["walls"] += [[20, 21], [22, 23]]
-    plan["doors"].append(door(21, 22, "closet"))
+    plan["doors"].append(door(22, 21, "closet"))
     world = read(data)
     connects = entry(world, "closet").detail
     reaches = {place: abs(p.x) for place, p in zip(connects.places, connects.poses, strict=True)}
