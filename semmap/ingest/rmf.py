@@ -475,8 +475,7 @@ class _Storey:
             wanted = vertex.name or f"{self.plan.name}-waypoint{i}"
             type_ = next((t for key, t in PLACE_TYPES if vertex.params.get(key)), "waypoint")
             x, y = (float(v) for v in self.points[i])
-            space = next((s for s in self.spaces if s.outline.covers(Point(x, y))), None)
-            pose = Pose(x, y)
+            holder, pose = self.held(Pose(x, y))
             entries[i] = self.reading.add(
                 Entry(
                     wanted,
@@ -484,8 +483,8 @@ class _Storey:
                     type_,
                     label=vertex.name or None,
                     properties=dict(vertex.params),
-                    holder=space.name if space else self.holder,
-                    pose=space.pose.inverse() @ pose if space else pose,
+                    holder=holder,
+                    pose=pose,
                 ),
                 "-waypoint",
             )
@@ -495,6 +494,12 @@ class _Storey:
             link = links.setdefault(ends_of_lane, Link(ends_of_lane[0], "lane", ends_of_lane[1]))
             _describe_lane(link, lane)
         self.reading.out.links += links.values()
+
+    def held(self, pose: Pose) -> tuple[str, Pose]:
+        """The room at a pose in the storey's frame, or the storey, and the pose in that."""
+        point = Point(pose.x, pose.y)
+        space = next((s for s in self.spaces if s.outline.covers(point)), None)
+        return (space.name, space.pose.inverse() @ pose) if space else (self.holder, pose)
 
     def model_entry(self, model: Model) -> None:
         (x, y), *_ = self.to_map.apply([(model.x, model.y)])
@@ -510,6 +515,8 @@ class _Storey:
             )
             return
         own = model.model.rpartition("/")[2]
+        yaw = model.yaw + self.to_map.yaw
+        holder, pose = self.held(Pose.planar(float(x), float(y), yaw, model.z))
         self.reading.add(
             Entry(
                 model.name.rpartition("/")[2],
@@ -517,8 +524,8 @@ class _Storey:
                 guess_type(own) or "_".join(words(own)) or None,
                 label=own,
                 properties={"model": model.model, "static": model.static},
-                holder=self.holder,
-                pose=Pose.planar(float(x), float(y), model.yaw + self.to_map.yaw, model.z),
+                holder=holder,
+                pose=pose,
             )
         )
 

@@ -320,6 +320,7 @@ def test_places_and_lanes(house):
 def test_furniture_has_its_type_and_turns_with_its_level(house):
     chairs = [e for e in house.entries if e.type == guess_type("OfficeChair")]
     assert [c.name for c in chairs] == ["OfficeChair"] + [f"OfficeChair_{n}" for n in (2, 3, 4)]
+    assert [c.holder for c in chairs] == ["kitchen", "kitchen", "kitchen_2", "kitchen_2"]
     below, above = pose(house, "OfficeChair"), pose(house, "OfficeChair_3")
     assert below.translation == pytest.approx([2, -2, 0.1])
     assert above.translation == pytest.approx([2, -2, 4.1])
