@@ -1,0 +1,397 @@
+"""The plan of a storey: rooms, grid, doors, objects, regions and a route, as one picture."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import matplotlib.patheffects as effects
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Arc, Patch, PathPatch, Polygon, Rectangle
+from matplotlib.path import Path as Curve
+from numpy.typing import NDArray
+
+from semmap.draw.labels import AROUND, Labels
+from semmap.draw.palette import INK, PAPER, PATH, family, object_colour, room_colour
+from semmap.draw.view import DoorView, ObjectView, Occupancy, Outline, RegionView, StoreyView
+
+__all__ = ["floor_plan"]
+
+HIDDEN = {"ceiling", "roof", "ceiling_lamp", "beam", "wall", "floor", "ground", "window", "house",
+          "door_leaf", "door_frame", "handle", "elevator_shaft", "column", "railing"}  # fmt: skip
+FLAT = {"carpet"}
+REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
+    ("blocked_region", "#c0392b", "////"),
+    ("keepout_zone", "#c0392b", "////"),
+    ("staircase", "#c0392b", "////"),
+    ("stop_region", "#2b8a4b", "...."),
+    ("home_region", "#2b8a4b", "...."),
+    ("navigation_region", "#1f6fb2", "\\\\\\\\"),
+    ("region", "#7d5fb2", "\\\\"),
+)
+STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
+_WALL = "#343a46"
+_MARGIN = 0.55
+
+
+def floor_plan(
+    storey: StoreyView, path: Path | str, *, title: str = "", width: float = 13.0, dpi: int = 200
+) -> Path:
+    """Draw the plan of a storey and save it as PNG.
+
+    Parameters
+    ----------
+    width : of the picture in inches; the height follows from the storey
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from semmap.draw.view import RoomView
+    >>> storey = StoreyView("ground", rooms=[RoomView("lab", shapely.box(0, 0, 4, 3), 0.0, 2.5)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     floor_plan(storey, f"{folder}/plan.png", width=4, dpi=50).name
+    'plan.png'
+    """
+    x0, y0, x1, y1 = _bounds(storey)
+    objects = sorted(
+        (o for o in storey.objects if o.footprint is not None and not HIDDEN & set(o.types)),
+        key=_height,
+    )
+    head, foot = 0.62, 0.95
+    sheet = width - 0.9  # inches for the plan itself
+    height = sheet * (y1 - y0) / (x1 - x0)
+    figure = Figure(figsize=(width, height + head + foot), dpi=dpi, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    whole = height + head + foot
+    axes = figure.add_axes((0.6 / width, foot / whole, sheet / width, height / whole))
+    axes.set_xlim(x0, x1)
+    axes.set_ylim(y0, y1)
+    axes.set_aspect("equal")
+    per_metre = 72 * sheet / (x1 - x0)  # points
+
+    for room in storey.rooms:
+        _fill(axes, room.outline, fc=room_colour(room.types, room.name), ec="none", zorder=1)
+    for region in storey.regions:
+        _region(axes, region)
+    for thing in objects:
+        _object(axes, thing)
+    if storey.occupancy is not None:
+        _walls(axes, storey.occupancy, [o.footprint for o in objects if o.footprint is not None])
+    else:
+        for room in storey.rooms:
+            _fill(axes, room.outline, fc="none", ec=_WALL, lw=1.6, zorder=4)
+    for door in storey.doors:
+        _door(axes, door, storey)
+    for line in storey.path:
+        _path(axes, line)
+    _frame(axes, x0, y0, x1, y1)
+    figure.text(0.6 / width, 1 - 0.36 / whole, title or storey.name, fontsize=15, weight="bold",
+                color=INK, va="center")  # fmt: skip
+    figure.text(1 - 0.3 / width, 1 - 0.36 / whole, _summary(storey), fontsize=8.5, color="#6b6f76",
+                va="center", ha="right")  # fmt: skip
+    _write(axes, storey, objects, per_metre)
+    _legend(figure, axes, storey, objects, foot / whole)
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, facecolor=PAPER)
+    return path
+
+
+def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
+    """What the plan shows, with a margin: rooms, doors and path, else objects, else the grid."""
+    shapes: list[Any] = [r.outline for r in storey.rooms]
+    shapes += [shapely.Point(p.x, p.y) for d in storey.doors for p in d.poses]
+    shapes += [shapely.MultiPoint(p[:, :2]) for p in storey.path]
+    if not storey.rooms:
+        shapes += [o.footprint for o in storey.objects if o.footprint is not None]
+    if not shapes and storey.occupancy is not None:
+        left, right, bottom, top = storey.occupancy.extent
+        shapes.append(shapely.box(left, bottom, right, top))
+    if not shapes:
+        raise ValueError(f"{storey.name}: there is nothing to draw: no rooms, objects or grid")
+    boxes = np.array([s.bounds for s in shapes])
+    low, high = boxes[:, :2].min(axis=0) - _MARGIN, boxes[:, 2:].max(axis=0) + _MARGIN
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _height(thing: ObjectView) -> float:
+    return 0.0 if thing.mesh is None else float(thing.mesh.vertices[:, 2].max())
+
+
+def _polygons(outline: Outline) -> list[shapely.Polygon]:
+    return [p for p in getattr(outline, "geoms", [outline]) if not p.is_empty]
+
+
+def _fill(axes: Axes, outline: Outline, **style: Any) -> None:
+    """A polygon with its holes."""
+    for polygon in _polygons(outline):
+        rings = [np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
+        curve = Curve.make_compound_path(*(Curve(ring, closed=True) for ring in rings))
+        axes.add_patch(PathPatch(curve, **style))
+
+
+def _walls(axes: Axes, grid: Occupancy, things: list[Outline]) -> None:
+    """The occupied cells: dark where nothing but building is, a shade over objects."""
+    rows, columns = np.nonzero(grid.cells > 50)
+    image = np.zeros((*grid.cells.shape, 4))
+    x = grid.origin[0] + (columns + 0.5) * grid.resolution
+    y = grid.origin[1] + (rows + 0.5) * grid.resolution
+    image[rows, columns] = to_rgba(_WALL, 0.96)
+    if things:
+        covered = shapely.union_all([t.buffer(0.75 * grid.resolution) for t in things])
+        shapely.prepare(covered)
+        over = shapely.contains_xy(covered, x, y)
+        image[rows[over], columns[over]] = to_rgba(_WALL, 0.20)
+    left, right, bottom, top = grid.extent
+    axes.imshow(image, extent=(left, right, bottom, top), origin="lower", interpolation="nearest",
+                zorder=4)  # fmt: skip
+    unknown = np.zeros_like(image)
+    unknown[grid.cells < 0] = to_rgba("#8a8f98", 0.25)
+    axes.imshow(unknown, extent=(left, right, bottom, top), origin="lower", zorder=1.5)
+
+
+def _region(axes: Axes, region: RegionView) -> None:
+    _, colour, hatch = _region_style(region)
+    _fill(axes, region.outline, fc=to_rgba(colour, 0.10), ec=to_rgba(colour, 0.75), hatch=hatch,
+          lw=1.1, ls=(0, (4, 2)), zorder=2)  # fmt: skip
+
+
+def _region_style(region: RegionView) -> tuple[str, str, str]:
+    return next((r for r in REGIONS if r[0] in region.types), REGIONS[-1])
+
+
+def _object(axes: Axes, thing: ObjectView) -> None:
+    assert thing.footprint is not None
+    colour = object_colour(thing.types)
+    r, g, b = (0.62 * c for c in to_rgb(colour))
+    if FLAT & set(thing.types):
+        fill, edge, above = to_rgba(colour, 0.45), (r, g, b, 0.5), 2.5
+    else:
+        fill, edge, above = to_rgba(colour, 0.85), (r, g, b, 0.95), 3.0
+    _fill(axes, thing.footprint, fc=fill, ec=edge, lw=0.7, zorder=above)
+
+
+def _door(axes: Axes, door: DoorView, storey: StoreyView) -> None:
+    """A door as on a plan: its opening, and its leaf swung open or panels slid aside."""
+    a, b = (np.array([p.x, p.y]) for p in door.poses)
+    middle, way = (a + b) / 2, b - a
+    length = float(np.hypot(*way))
+    if length < 1e-6:
+        return
+    way /= length
+    along = np.array([-way[1], way[0]])
+    w = door.width or 0.9
+    colour = STATES.get(door.state, STATES["open"])
+    for pose in door.poses:
+        nose = np.array([math.cos(pose.yaw), math.sin(pose.yaw)])
+        side = np.array([-nose[1], nose[0]])
+        p = np.array([pose.x, pose.y])
+        kite = [p + 0.13 * nose, p - 0.09 * nose + 0.085 * side, p - 0.045 * nose,
+                p - 0.09 * nose - 0.085 * side]  # fmt: skip
+        axes.add_patch(Polygon(kite, fc="white", ec=colour, lw=0.8, zorder=5.5))
+    hinge, latch = middle - along * w / 2, middle + along * w / 2
+    if door.type == "elevator_door":
+        for end, sign in ((hinge, 1.0), (latch, -1.0)):
+            axes.plot(*np.stack([end, end + sign * along * w * 0.36]).T, color=colour, lw=3.2,
+                      solid_capstyle="butt", zorder=5)  # fmt: skip
+        return
+    if door.type in ("stairs", "ramp"):
+        axes.annotate(
+            "",
+            (b[0], b[1]),
+            (a[0], a[1]),
+            arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.4},
+        )
+        return
+    for end in (hinge, latch):
+        post = np.stack([end - 0.07 * way, end + 0.07 * way])
+        axes.plot(*post.T, color=colour, lw=2.2, solid_capstyle="butt", zorder=5)
+    if door.state == "open":
+        tip = hinge - way * w
+        axes.plot(*np.stack([hinge, tip]).T, color=colour, lw=1.8, solid_capstyle="round", zorder=5)
+        start = math.degrees(math.atan2(-way[1], -way[0]))
+        end_ = math.degrees(math.atan2(along[1], along[0]))
+        if (end_ - start) % 360 > 180:
+            start, end_ = end_, start
+        axes.add_patch(Arc(tuple(hinge), 2 * w, 2 * w, theta1=start, theta2=end_, color=colour,
+                           lw=0.8, ls=(0, (3, 2)), zorder=5))  # fmt: skip
+    else:
+        axes.plot(*np.stack([hinge, latch]).T, color=colour, lw=2.6, solid_capstyle="butt",
+                  zorder=5)  # fmt: skip
+
+
+def _path(axes: Axes, line: NDArray[np.float64]) -> None:
+    """The route as a line with arrows along it; a dot where it starts."""
+    xy = line[:, :2]
+    axes.plot(*xy.T, color="white", lw=5.5, alpha=0.9, solid_capstyle="round",
+              solid_joinstyle="round", zorder=6)  # fmt: skip
+    axes.plot(*xy.T, color=PATH, lw=2.8, solid_capstyle="round", solid_joinstyle="round",
+              zorder=6.1)  # fmt: skip
+    steps = np.hypot(*np.diff(xy, axis=0).T)
+    gone = np.concatenate([[0.0], np.cumsum(steps)])
+    if gone[-1] > 0.3:
+        for at in np.arange(min(1.2, gone[-1] / 2), gone[-1] - 0.3, 2.4):
+            p, q = (np.array([np.interp(s, gone, xy[:, i]) for i in (0, 1)])
+                    for s in (at - 0.12, at + 0.12))  # fmt: skip
+            axes.annotate("", (q[0], q[1]), (p[0], p[1]), zorder=6.2, arrowprops={
+                "arrowstyle": "-|>,head_width=0.34,head_length=0.5", "color": PATH, "lw": 0,
+                "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13, "ec": "white"})  # fmt: skip
+    axes.plot(*xy[0], "o", ms=8, mfc="white", mec=PATH, mew=2.2, zorder=6.3)
+    axes.plot(*xy[-1], "o", ms=8, mfc=PATH, mec="white", mew=1.4, zorder=6.3)
+
+
+def _frame(axes: Axes, x0: float, y0: float, x1: float, y1: float) -> None:
+    for side in axes.spines.values():
+        side.set_visible(False)
+    step = _round_length((x1 - x0) / 10)
+    axes.set_xticks(np.arange(math.ceil(x0 / step), math.floor(x1 / step) + 1) * step)
+    axes.set_yticks(np.arange(math.ceil(y0 / step), math.floor(y1 / step) + 1) * step)
+    axes.tick_params(length=0, labelsize=7, colors="#8a8f98", pad=3)
+    axes.grid(True, color="#dfdbd0", lw=0.6, zorder=0)
+    axes.set_axisbelow(True)
+
+
+def _round_length(length: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is at most `length`, metres."""
+    power = 10.0 ** math.floor(math.log10(max(length, 1e-3)))
+    return max(k * power for k in (1, 2, 5) if k * power <= length * 1.0001)
+
+
+def _summary(storey: StoreyView) -> str:
+    parts = []
+    for things, one, many in (
+        (storey.rooms, "room", "rooms"),
+        (storey.doors, "door", "doors"),
+        ([o for o in storey.objects if not HIDDEN & set(o.types)], "object", "objects"),
+    ):
+        if things:
+            parts.append(f"{len(things)} {one if len(things) == 1 else many}")
+    if storey.occupancy is not None:
+        rows, columns = storey.occupancy.cells.shape
+        parts.append(f"grid {columns} x {rows} at {storey.occupancy.resolution:g} m")
+    return "  ·  ".join(parts)
+
+
+def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre: float) -> None:
+    """Names of rooms, doors, regions and objects, each where there is room for it."""
+    labels = Labels(axes)
+    halo = [effects.withStroke(linewidth=2.2, foreground="white", alpha=0.85)]
+    for line in storey.path:
+        for point in line[:: max(1, len(line) // 60)]:
+            labels.keep_clear(point[0], point[1], 2.0)
+    for door in storey.doors:
+        x, y = (np.mean([getattr(p, k) for p in door.poses]) for k in "xy")
+        labels.keep_clear(x, y, 0.16 * per_metre)
+    labels.shun([o.footprint.bounds for o in objects if o.footprint is not None])
+    for room in storey.rooms:
+        spots = _spots(room.outline)
+        name = room.name
+        kind = room.label or (room.types[0].replace("_", " ") if room.types else "")
+        if kind and kind != "room" and kind.lower() not in name.lower():
+            name += f"\n{kind}"
+        x, y = spots[0]
+        offsets = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
+        labels.put(x, y, name, offsets=offsets, force=True, fontsize=9.5, weight="bold",
+                   color=INK, path_effects=halo, zorder=8, linespacing=1.1)  # fmt: skip
+    labels.shun([])
+    for door in storey.doors:
+        x, y = (float(np.mean([getattr(p, k) for p in door.poses])) for k in "xy")
+        colour = STATES.get(door.state, STATES["open"])
+        near = max(9.0, 0.30 * per_metre)
+        labels.put(x, y, door.name, offsets=_ring((near, near + 8, near + 16, near + 26)),
+                   force=True, fontsize=6.8, color="white", weight="bold", zorder=8,
+                   bbox={"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour,
+                         "ec": "white", "lw": 0.5})  # fmt: skip
+    for region in storey.regions:
+        c = region.outline.representative_point()
+        _, colour, _ = _region_style(region)
+        kind = region.types[0].replace("_region", "").replace("_", " ") if region.types else ""
+        text = region.name
+        if kind and kind not in region.name.lower():
+            text += f" ({kind})"
+        labels.put(c.x, c.y, text, offsets=((0, 0), *AROUND), force=True, fontsize=7, color=colour,
+                   style="italic", weight="bold", path_effects=halo, zorder=8)  # fmt: skip
+    for thing in sorted(objects, key=lambda o: -o.footprint.area if o.footprint else 0.0):
+        assert thing.footprint is not None
+        if not thing.types:
+            continue
+        important = bool({"food", "robot", "person"} & set(thing.types))
+        c = thing.footprint.centroid
+        x0, y0, x1, y1 = thing.footprint.bounds
+        text = thing.types[0].replace("_", " ")
+        if important:
+            labels.put(c.x, c.y, text, offsets=AROUND, fontsize=7, weight="bold", zorder=8,
+                       force=True, color="#b3261e", path_effects=halo,
+                       leader={"color": "#b3261e", "lw": 0.7})  # fmt: skip
+            axes.plot(c.x, c.y, "o", ms=9, mfc="none", mec="#b3261e", mew=1.3, zorder=7)
+            continue
+        tall = (y1 - y0) > 1.6 * (x1 - x0)
+        labels.put(c.x, c.y, text, fontsize=5.8, color="#23262b", zorder=7.5,
+                   rotation=90 if tall else 0, within=(1.12 * (x1 - x0), 1.2 * (y1 - y0)),
+                   path_effects=[effects.withStroke(linewidth=1.4, foreground="white",
+                                                    alpha=0.7)])  # fmt: skip
+
+
+def _ring(radii: Iterable[float]) -> list[tuple[float, float]]:
+    turns = np.deg2rad((45, 135, -45, -135, 90, -90, 0, 180))
+    return [(float(r * np.cos(a)), float(r * np.sin(a))) for r in radii for a in turns]
+
+
+def _spots(outline: Outline) -> list[tuple[float, float]]:
+    """Points of a room at which its name may stand, the middle and the widest places first."""
+    largest = max(_polygons(outline), key=lambda p: p.area)
+    middle = largest.centroid if largest.contains(largest.centroid) else largest.point_on_surface()
+    x0, y0, x1, y1 = largest.bounds
+    inner = largest.buffer(-0.35)
+    if inner.is_empty:
+        inner = largest
+    xs, ys = np.meshgrid(np.linspace(x0, x1, 15), np.linspace(y0, y1, 15))
+    inside = shapely.contains_xy(inner, xs.ravel(), ys.ravel())
+    points = np.stack([xs.ravel()[inside], ys.ravel()[inside]], axis=1)
+    away = np.hypot(points[:, 0] - middle.x, points[:, 1] - middle.y)
+    return [(middle.x, middle.y), *map(tuple, points[np.argsort(away)].tolist())]
+
+
+def _legend(
+    figure: Figure, axes: Axes, storey: StoreyView, objects: list[ObjectView], foot: float
+) -> None:
+    """A scale bar, and what the colours mean."""
+    left, bottom, width, _ = axes.get_position().bounds
+    x0, x1 = axes.get_xlim()
+    length = _round_length((x1 - x0) / 6)
+    share = width * length / (x1 - x0)
+    y = bottom - 0.50 * foot
+    for i in range(4):
+        figure.add_artist(Rectangle((left + i * share / 4, y), share / 4, 0.045 * foot,
+                                    fc=INK if i % 2 == 0 else "white", ec=INK, lw=0.7,
+                                    transform=figure.transFigure))  # fmt: skip
+    figure.text(left, y - 0.05 * foot, "0", fontsize=7, color=INK, ha="center", va="top")
+    figure.text(left + share, y - 0.05 * foot, f"{length:g} m", fontsize=7, color=INK,
+                ha="center", va="top")  # fmt: skip
+
+    handles: list[Any] = []
+    if storey.path:
+        handles.append(Line2D([], [], color=PATH, lw=2.8, label="route"))
+    for state in ("open", "closed", "locked"):
+        if any(d.state == state for d in storey.doors):
+            handles.append(Line2D([], [], color=STATES[state], lw=2.2, label=f"door, {state}"))
+    kinds = Counter(f for o in objects if (f := family(o.types)) is not None)
+    for kind, _ in kinds.most_common(14):
+        handles.append(Patch(fc=object_colour([kind]), ec="none", label=kind.replace("_", " ")))
+    for region in {_region_style(r) for r in storey.regions}:
+        handles.append(Patch(fc=to_rgba(region[1], 0.12), ec=region[1], hatch=region[2],
+                             label=region[0].replace("_", " ")))  # fmt: skip
+    if handles:
+        figure.legend(handles=handles, loc="lower right", bbox_to_anchor=(left + width, 0.01),
+                      ncols=min(9, max(1, math.ceil(len(handles) / 2))), fontsize=7, frameon=False,
+                      labelcolor=INK, handlelength=1.3, handleheight=0.9, columnspacing=1.2,
+                      handletextpad=0.5, borderaxespad=0.0)  # fmt: skip

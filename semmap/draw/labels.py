@@ -1,0 +1,124 @@
+"""Texts that keep clear of each other: each takes the first free place of several."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.text import Annotation, Text
+from matplotlib.transforms import Bbox
+
+__all__ = ["Labels"]
+
+Offset = tuple[float, float]
+AROUND: tuple[Offset, ...] = tuple(
+    (float(r * np.cos(a)), float(r * np.sin(a)))
+    for r in (12, 20, 30, 42)
+    for a in np.deg2rad((90, -90, 0, 180, 45, 135, -45, -135))
+)
+
+
+class Labels:
+    """The texts of a figure; the limits and the size of `axes` have to stand before."""
+
+    def __init__(self, axes: Axes, padding: float = 1.5) -> None:
+        self.axes = axes
+        self.padding = padding
+        self.taken: list[Bbox] = []
+        self._shunned: list[Bbox] = []
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        self._points = figure.dpi / 72
+        self._renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+        self._inside = axes.get_window_extent(self._renderer)
+
+    def keep_clear(self, x: float, y: float, radius: float) -> None:
+        """No text within `radius` points of a point of the axes."""
+        px, py = self.axes.transData.transform((x, y))
+        r = radius * self._points
+        self.taken.append(Bbox.from_extents(px - r, py - r, px + r, py + r))
+
+    def shun(self, boxes: Iterable[tuple[float, float, float, float]]) -> None:
+        """From now on rather not above these (x0, y0, x1, y1) in data units."""
+        self._shunned = [Bbox(self.axes.transData.transform(np.reshape(b, (2, 2)))) for b in boxes]
+
+    def put(
+        self,
+        x: float,
+        y: float,
+        text: str,
+        *,
+        offsets: Iterable[Offset] = ((0.0, 0.0),),
+        force: bool = False,
+        leader: dict[str, Any] | None = None,
+        within: tuple[float, float] | None = None,
+        **style: Any,
+    ) -> Annotation | None:
+        """Write at the first offset (points) at which it covers no other text.
+
+        Parameters
+        ----------
+        force : write at the place with the least overlap where none is free, instead of not at all
+        leader : style of a line from the text to (x, y), drawn where it was moved
+        within : width and height in data units into which the text has to fit
+        """
+        style = {"ha": "center", "va": "center"} | style
+        artist = self.axes.annotate(
+            text, (x, y), xytext=(0, 0), textcoords="offset points", annotation_clip=False, **style
+        )
+        best: tuple[float, float, Offset, Bbox] | None = None
+        for offset in offsets:
+            artist.set_position(offset)
+            box = self._extent(artist)
+            overlap = sum(_common(box, other) for other in self.taken)
+            overlap += max(0.0, _area(box) - _common(box, self._inside))
+            if within is not None and not self._fits(box, within):
+                overlap += _area(box)
+            disliked = overlap + 0.3 * sum(_common(box, other) for other in self._shunned)
+            if best is None or disliked < best[0]:
+                best = (disliked, overlap, offset, box)
+            if disliked == 0:
+                break
+        assert best is not None
+        _, overlap, offset, box = best
+        if overlap > 0 and not force:
+            artist.remove()
+            return None
+        artist.set_position(offset)
+        self.taken.append(box)
+        if leader is not None and np.hypot(*offset) > 8:
+            self.axes.annotate(
+                "",
+                (x, y),
+                xytext=offset,
+                textcoords="offset points",
+                arrowprops={"arrowstyle": "-", "shrinkA": 0, "shrinkB": 0} | leader,
+                annotation_clip=False,
+            )
+        return artist
+
+    def _extent(self, artist: Annotation) -> Bbox:
+        artist.update_positions(self._renderer)
+        patch = artist.get_bbox_patch()
+        if patch is not None:
+            artist.update_bbox_position_size(self._renderer)
+            box = patch.get_window_extent(self._renderer)
+        else:
+            box = Text.get_window_extent(artist, self._renderer)
+        return Bbox(box.padded(self.padding * self._points).get_points())
+
+    def _fits(self, box: Bbox, within: tuple[float, float]) -> bool:
+        (x0, y0), (x1, y1) = self.axes.transData.transform([(0, 0), within])
+        return bool(box.width <= abs(x1 - x0) and box.height <= abs(y1 - y0))
+
+
+def _area(box: Bbox) -> float:
+    return float(box.width * box.height)
+
+
+def _common(a: Bbox, b: Bbox) -> float:
+    width = min(a.x1, b.x1) - max(a.x0, b.x0)
+    height = min(a.y1, b.y1) - max(a.y0, b.y0)
+    return float(max(width, 0.0) * max(height, 0.0))

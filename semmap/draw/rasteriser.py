@@ -1,0 +1,164 @@
+"""A z-buffer in NumPy: which triangle each pixel shows, under parallel projection.
+
+Pictures need neither a display nor a graphics card this way. A fragment is one number, depth above
+and triangle below, so that the nearest is a maximum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Camera", "nearest_triangles"]
+
+Floats = NDArray[np.float64]
+
+_DEPTH_BITS, _FACE_BITS = 31, 32
+_FRAGMENTS_AT_ONCE = 4_000_000
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A parallel projection.
+
+    Attributes
+    ----------
+    right, up, back : (3,) unit vectors of the picture in the map's frame; `back` leads to the eye
+    centre : (2,) what lies in the middle of the picture, along `right` and `up`, metres
+    scale : pixels per metre
+    size : width and height in pixels
+    """
+
+    right: Floats
+    up: Floats
+    back: Floats
+    centre: Floats
+    scale: float
+    size: tuple[int, int]
+
+    @classmethod
+    def look(
+        cls, azimuth: float, elevation: float, points: Floats, width: int, margin: float = 0.03
+    ) -> Camera:
+        """See all `points` (N, 3) from a direction (radians; azimuth that of the eye, from +x)."""
+        ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+        right = np.array([-sa, ca, 0.0])
+        up = np.array([-ca * se, -sa * se, ce])
+        back = np.array([ca * ce, sa * ce, se])
+        flat = np.stack([points @ right, points @ up], axis=1)
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        extent = np.maximum(high - low, 1e-9)
+        scale = width * (1 - 2 * margin) / extent[0]
+        height = int(np.ceil(extent[1] * scale + 2 * margin * width))
+        return cls(right, up, back, (low + high) / 2, float(scale), (width, height))
+
+    def project(self, points: Floats) -> Floats:
+        """Points (..., 3): pixels from the left and from the top, depth in metres to the eye."""
+        width, height = self.size
+        x = (points @ self.right - self.centre[0]) * self.scale + width / 2
+        y = height / 2 - (points @ self.up - self.centre[1]) * self.scale
+        return np.stack([x, y, points @ self.back], axis=-1)
+
+
+def nearest_triangles(
+    camera: Camera, triangles: Floats, cut: Floats | None = None
+) -> tuple[NDArray[np.int32], Floats]:
+    """The triangle that each pixel shows, and its depth.
+
+    Parameters
+    ----------
+    triangles : (F, 3, 3) corners in the map's frame; either side is seen
+    cut : (F,) height above which a triangle is cut away, inf for none
+
+    Returns
+    -------
+    (height, width) int32, -1 where nothing is seen, and (height, width) depths in metres to the
+    eye, -inf there. A pixel is covered where its centre is.
+    """
+    width, height = camera.size
+    buffer = np.full(width * height, -1, np.int64)
+    if len(triangles) == 0:
+        return buffer.astype(np.int32).reshape(height, width), np.full((height, width), -np.inf)
+    corners = camera.project(triangles)
+    near, far = float(corners[..., 2].max()), float(corners[..., 2].min())
+    steps = (2**_DEPTH_BITS - 2) / max(near - far, 1e-9)
+    planes, flat = _depth_planes(corners)
+    top = np.clip(np.ceil(corners[..., 1].min(axis=1) - 0.5), 0, height).astype(np.int64)
+    bottom = np.clip(np.floor(corners[..., 1].max(axis=1) - 0.5), -1, height - 1).astype(np.int64)
+    rows = np.where(flat, 0, np.maximum(bottom - top + 1, 0))
+
+    wide = np.clip(np.ptp(corners[..., 0], axis=1), 1, width)
+    load = np.cumsum(rows * wide)
+    for part in np.split(
+        np.arange(len(triangles)),
+        np.searchsorted(load, np.arange(_FRAGMENTS_AT_ONCE, load[-1], _FRAGMENTS_AT_ONCE)),
+    ):
+        face, row = _expand(part, rows[part], top[part])
+        face, x, y = _spans(corners, face, row, width)
+        depth = planes[face, 0] * x + planes[face, 1] * y + planes[face, 2]
+        if cut is not None:
+            kept = _height(camera, y, depth) <= cut[face]
+            face, x, y, depth = face[kept], x[kept], y[kept], depth[kept]
+        level = np.clip((depth - far) * steps, 0, 2**_DEPTH_BITS - 2).astype(np.int64)
+        key = (level << _FACE_BITS) | face
+        pixel = y.astype(np.int64) * width + x.astype(np.int64)
+        np.maximum.at(buffer, pixel, key)
+
+    seen = buffer >= 0
+    faces = np.where(seen, buffer & (2**_FACE_BITS - 1), -1)
+    depths = np.where(seen, (buffer >> _FACE_BITS) / steps + far, -np.inf)
+    return faces.astype(np.int32).reshape(height, width), depths.reshape(height, width)
+
+
+def _depth_planes(corners: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """(F, 3) a, b, c with depth = a x + b y + c, and which triangles are seen edge on."""
+    (x0, y0, d0), (x1, y1, d1), (x2, y2, d2) = (corners[:, i].T for i in range(3))
+    twice = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    flat = np.abs(twice) < 1e-9
+    twice = np.where(flat, 1.0, twice)
+    a = ((d1 - d0) * (y2 - y0) - (d2 - d0) * (y1 - y0)) / twice
+    b = ((x1 - x0) * (d2 - d0) - (x2 - x0) * (d1 - d0)) / twice
+    return np.stack([a, b, d0 - a * x0 - b * y0], axis=1), flat
+
+
+def _expand(
+    items: NDArray[np.int64], counts: NDArray[np.int64], first: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Each item `counts` times, with the numbers that follow its `first`."""
+    owner = np.repeat(items, counts)
+    start = np.repeat(np.cumsum(counts) - counts, counts)
+    return owner, np.repeat(first, counts) + np.arange(len(owner)) - start
+
+
+def _spans(
+    corners: Floats, face: NDArray[np.int64], row: NDArray[np.int64], width: int
+) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any]]:
+    """The pixels of triangles on rows of pixel centres: triangle, and x and y of the centre."""
+    y = row + 0.5
+    left, right = np.full(len(face), np.inf), np.full(len(face), -np.inf)
+    for i in range(3):
+        a, b = corners[face, i], corners[face, (i + 1) % 3]
+        rise = b[:, 1] - a[:, 1]
+        crossed = (np.minimum(a[:, 1], b[:, 1]) <= y) & (y <= np.maximum(a[:, 1], b[:, 1]))
+        crossed &= rise != 0
+        t = (y - a[:, 1]) / np.where(rise == 0, 1.0, rise)
+        x = a[:, 0] + t * (b[:, 0] - a[:, 0])
+        left = np.where(crossed, np.minimum(left, x), left)
+        right = np.where(crossed, np.maximum(right, x), right)
+    reached = left <= right
+    face, y, left, right = face[reached], y[reached], left[reached], right[reached]
+    first = np.clip(np.ceil(left - 0.5), 0, width).astype(np.int64)
+    last = np.clip(np.floor(right - 0.5), -1, width - 1).astype(np.int64)
+    counts = np.maximum(last - first + 1, 0)
+    span, column = _expand(np.arange(len(face)), counts, first)
+    return face[span], column + 0.5, y[span]
+
+
+def _height(camera: Camera, y: Floats, depth: Floats) -> Floats:
+    """z in the map's frame of what is seen at a pixel at a depth; `right` is level."""
+    along_up = (camera.size[1] / 2 - y) / camera.scale + camera.centre[1]
+    z: Floats = along_up * camera.up[2] + depth * camera.back[2]
+    return z

@@ -1,0 +1,342 @@
+"""Rooms, their boxes and what stands in them, in 3D (Deeken et al., Figures 2 and 8).
+
+Storeys are drawn one above the other, their walls cut open at a height.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from semmap.draw.labels import AROUND, Labels
+from semmap.draw.palette import BOX_COLOURS, INK, PAPER, PATH, object_colour, room_colour
+from semmap.draw.rasteriser import Camera
+from semmap.draw.shading import Surfaces, shade
+from semmap.draw.view import ObjectView, RoomView, StoreyView
+from semmap.geometry.mesh import Mesh, prism_mesh
+
+__all__ = ["scene3d"]
+
+Floats = NDArray[np.float64]
+
+HIDDEN = {"ceiling", "roof", "ceiling_lamp", "beam", "ground"}
+CUT = {"building_element", "curtain", "blind", "room_divider", "picture", "mirror", "board"}
+UNCUT = {"floor", "stair_flight", "railing"}
+HUNG = {"picture", "mirror", "clock", "sign", "air_conditioner", "security_camera", "light_switch",
+        "range_hood", "lamp", "board", "handle"}  # fmt: skip
+UNNAMED = {"building_element", "curtain", "blind", "handle", "picture", "book", "stationery"}
+_SLAB = 0.12
+_CAP = "#3c4250"
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """A line through (N, 3) points."""
+
+    points: Floats
+    colour: str
+    width: float
+    dashed: bool = False
+
+
+def scene3d(
+    storeys: Sequence[StoreyView],
+    path: Path | str,
+    *,
+    title: str = "",
+    boxes: bool = True,
+    object_labels: bool = False,
+    cut: float = 1.25,
+    azimuth: float = -62.0,
+    elevation: float = 42.0,
+    width: int = 2400,
+    tint_rooms: bool = True,
+) -> Path:
+    """Draw storeys in 3D and save the picture as PNG.
+
+    Parameters
+    ----------
+    boxes : wrap each room with its box, in a colour of its own, and name it (Figure 2)
+    object_labels : write the semantic types of objects beside them (Figure 8)
+    cut : height above a storey's floor at which walls are cut open, metres
+    azimuth, elevation : of the eye, degrees
+    width : of the picture, pixels
+    """
+    storeys = sorted(storeys, key=lambda s: s.elevation)
+    tall = max((r.high - r.low for s in storeys for r in s.rooms), default=cut) if boxes else cut
+    shifts = _shifts(storeys, np.deg2rad(azimuth), np.deg2rad(elevation), tall)
+    surfaces = [_surfaces(s, d, cut, tint_rooms) for s, d in zip(storeys, shifts, strict=True)]
+    rooms = [(room, shift) for s, shift in zip(storeys, shifts, strict=True) for room in s.rooms]
+    lines: list[_Line] = []
+    if boxes:
+        for i, (room, shift) in enumerate(rooms):
+            colour = BOX_COLOURS[i % len(BOX_COLOURS)]
+            lines += [_Line(edge + shift, colour, 2.2) for edge in _box_edges(room)]
+    for s, shift in zip(storeys, shifts, strict=True):
+        lines += [_Line(_lifted(p, s.elevation + 0.08) + shift, PATH, 5.0) for p in s.path]
+    lines += _rides(storeys, shifts)
+
+    points = [_uncut_points(s) for s in surfaces] + [line.points for line in lines]
+    everything = np.concatenate([np.zeros((0, 3)), *points])
+    if not len(everything):
+        raise ValueError("there is nothing to draw: no room has an outline, no object a mesh")
+    camera = Camera.look(np.deg2rad(azimuth), np.deg2rad(elevation), everything, 2 * width, 0.035)
+    picture = np.tile(np.array(to_rgb(PAPER)), (*camera.size[::-1], 1))
+    depth = np.full(camera.size[::-1], -np.inf)
+    for storey in surfaces:  # each for itself, that none stands in the shadow of the next
+        shaded, its_depth = shade(camera, storey, np.array(to_rgb(PAPER)), np.array(to_rgb(_CAP)))
+        nearer = its_depth > depth
+        picture[nearer], depth[nearer] = shaded[nearer], its_depth[nearer]
+    h, w = (n // 2 * 2 for n in picture.shape[:2])
+    picture = picture[:h, :w].reshape(h // 2, 2, w // 2, 2, 3).mean(axis=(1, 3))
+
+    head = 130 if title else 0
+    figure = Figure(figsize=(w / 2 / 200, (h / 2 + head) / 200), dpi=200, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, 0, 1, h / 2 / (h / 2 + head)))
+    axes.imshow(picture, extent=(0, w, h, 0), interpolation="lanczos")
+    axes.set_xlim(0, w)
+    axes.set_ylim(h, 0)
+    axes.axis("off")
+    if title:
+        figure.text(0.025, 1 - 60 / (h / 2 + head), title, fontsize=15, weight="bold", color=INK,
+                    va="center")  # fmt: skip
+    for line in lines:
+        _draw_line(axes, camera, depth, line)
+    labels = Labels(axes)
+    if len(storeys) > 1:
+        for s, shift in zip(storeys, shifts, strict=True):
+            _name_storey(labels, camera, s, shift)
+    if boxes:
+        _name_rooms(labels, camera, depth, rooms)
+    if object_labels:
+        _name_objects(labels, camera, depth, storeys, shifts, cut, named_rooms=boxes)
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, facecolor=PAPER)
+    return path
+
+
+def _shifts(
+    storeys: Sequence[StoreyView], azimuth: float, elevation: float, tall: float
+) -> list[Floats]:
+    """How far each storey is lifted so that it hides no part of the one below.
+
+    The longest line across the storeys' ground, in the direction of view, is what has to be
+    cleared, and the `tall` metres that stand on it.
+    """
+    shifts = [np.zeros(3)]
+    bounds = [b for s in storeys if (b := _ground(s)) is not None]
+    if bounds:
+        low, high = np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
+        way = np.maximum(np.abs([np.cos(azimuth), np.sin(azimuth)]), 1e-6)
+        lift = float(np.min((high - low) / way)) * np.tan(elevation) + tall + 0.8
+    for below, above in pairwise(storeys):
+        rise = above.elevation - below.elevation
+        shifts.append(shifts[-1] + np.array([0.0, 0.0, max(0.0, lift - rise) if bounds else 0.0]))
+    return shifts
+
+
+def _ground(storey: StoreyView) -> Floats | None:
+    outlines = [r.outline for r in storey.rooms] or [
+        o.footprint for o in storey.objects if o.footprint is not None
+    ]
+    if not outlines:
+        return None
+    boxes = np.array([o.bounds for o in outlines])
+    return np.array([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])
+
+
+def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surfaces:
+    """What is to be seen of a storey, lifted by `shift`."""
+    triangles: list[Floats] = [np.zeros((0, 3, 3))]
+    colours: list[str] = []
+    cuts: list[float] = []
+    caps: list[bool] = []
+
+    def add(mesh: Mesh, colour: str, cut_at: float = np.inf, cap: bool = False) -> None:
+        triangles.append(mesh.triangles + shift)
+        colours.append(colour)
+        cuts.append(cut_at)
+        caps.append(cap)
+
+    for room in storey.rooms:
+        colour = room_colour(room.types, room.name) if tint else "#ece9e2"
+        for polygon in getattr(room.outline, "geoms", [room.outline]):
+            add(prism_mesh(polygon, room.low - _SLAB, room.low + 0.006), colour)
+    for thing in storey.objects:
+        shown = _shown(thing, storey, cut)
+        if shown is not None and _is_cut(thing):
+            at = storey.elevation + cut + float(shift[2])
+            add(shown, object_colour(thing.types), at, _is_closed(shown))
+        elif shown is not None:
+            add(shown, object_colour(thing.types))
+    counts = [len(t) for t in triangles[1:]]
+    return Surfaces(
+        np.concatenate(triangles),
+        np.repeat(np.array([to_rgb(c) for c in colours]).reshape(-1, 3), counts, axis=0),
+        np.repeat(np.arange(len(counts), dtype=np.int32), counts),
+        np.repeat(np.array(cuts, float), counts),
+        np.repeat(np.array(caps, bool), counts),
+    )
+
+
+def _uncut_points(surfaces: Surfaces) -> Floats:
+    """The corners of what is left when all is cut."""
+    points = surfaces.triangles.copy()
+    points[..., 2] = np.minimum(points[..., 2], surfaces.cuts[:, None])
+    return points.reshape(-1, 3)
+
+
+def _is_cut(thing: ObjectView) -> bool:
+    return bool(CUT & set(thing.types)) and not UNCUT & set(thing.types)
+
+
+def _shown(thing: ObjectView, storey: StoreyView, cut: float) -> Mesh | None:
+    """The object's mesh, None where the picture leaves it out."""
+    if thing.mesh is None or not len(thing.mesh.faces) or HIDDEN & set(thing.types):
+        return None
+    low = float(thing.mesh.vertices[:, 2].min())
+    if low > storey.elevation + cut and (_is_cut(thing) or HUNG & set(thing.types)):
+        return None
+    if "floor" in thing.types and storey.rooms:
+        return None
+    return thing.mesh
+
+
+def _is_closed(mesh: Mesh) -> bool:
+    """True where each edge is met by two faces, once in each direction: it has an inside."""
+    _, joined = np.unique(mesh.vertices.round(6), axis=0, return_inverse=True)
+    faces = joined.reshape(-1)[mesh.faces].astype(np.int64)
+    a, b = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    n = int(faces.max()) + 1
+    there, back = np.unique(a * n + b, return_counts=True), np.unique(b * n + a, return_counts=True)
+    return np.array_equal(there[0], back[0]) and np.array_equal(there[1], back[1])
+
+
+def _box_edges(room: RoomView) -> list[Floats]:
+    """The twelve edges of a room's box, drawn in a little so that neighbours stay apart."""
+    x0, y0, x1, y1 = room.outline.bounds
+    low = np.array([x0, y0, room.low]) + 0.03
+    high = np.array([x1, y1, room.high]) - 0.03
+    corner = [np.where([i & 1, i & 2, i & 4], high, low) for i in range(8)]
+    return [
+        np.stack([corner[i], corner[i | bit]]) for i in range(8) for bit in (1, 2, 4) if not i & bit
+    ]
+
+
+def _lifted(points: Floats, height: float) -> Floats:
+    return np.column_stack([points[:, :2], np.full(len(points), height)])
+
+
+def _rides(storeys: Sequence[StoreyView], shifts: Sequence[Floats]) -> list[_Line]:
+    """From the end of a path on one storey to its start on another, straight up or down."""
+    ends = []
+    for s, shift in zip(storeys, shifts, strict=True):
+        for p in s.path:
+            lifted = _lifted(p, s.elevation + 0.08) + shift
+            ends.append((lifted[0], lifted[-1]))
+    found = []
+    for i, (_, end) in enumerate(ends):
+        for j, (start, _) in enumerate(ends):
+            near = np.hypot(*(end[:2] - start[:2])) < 1.5
+            if i != j and near and abs(end[2] - start[2]) > 0.5:
+                found.append(_Line(np.stack([end, start]), PATH, 3.5, dashed=True))
+    return found
+
+
+def _draw_line(axes: object, camera: Camera, depth: Floats, line: _Line) -> None:
+    """A line, faint where something stands before it."""
+    pieces = []
+    for a, b in pairwise(line.points):
+        n = max(2, int(np.ceil(np.linalg.norm(b - a) / 0.05)))
+        pieces.append(a + (b - a) * np.linspace(0, 1, n, endpoint=False)[:, None])
+    points = np.concatenate([*pieces, line.points[-1:]])
+    at = camera.project(points)
+    column = np.clip(at[:, 0], 0, camera.size[0] - 1).astype(int)
+    row = np.clip(at[:, 1], 0, camera.size[1] - 1).astype(int)
+    free = line.dashed | (depth[row, column] <= at[:, 2] + 0.06)
+    style = {"color": line.colour, "solid_capstyle": "round", "lw": line.width * 0.6}
+    plot = axes.plot  # type: ignore[attr-defined]
+    if line.dashed:
+        plot(at[:, 0], at[:, 1], ls=(0, (1.2, 1.6)), dash_capstyle="round",
+             color=line.colour, lw=line.width * 0.6)  # fmt: skip
+        return
+    plot(at[:, 0], at[:, 1], **(style | {"alpha": 0.28}))
+    visible = np.where(free, 1.0, np.nan)
+    plot(at[:, 0] * visible, at[:, 1], **style)
+
+
+def _name_storey(labels: Labels, camera: Camera, storey: StoreyView, shift: Floats) -> None:
+    bounds = _ground(storey)
+    if bounds is None:
+        return
+    (x0, y0), (x1, y1) = bounds
+    corners = np.array([[x, y, storey.elevation] for x in (x0, x1) for y in (y0, y1)]) + shift
+    at = camera.project(corners)
+    labels.put(at[:, 0].min(), at[:, 1].min(), storey.name, force=True, ha="left", va="top",
+               fontsize=11, weight="bold", color=INK)  # fmt: skip
+
+
+def _name_rooms(
+    labels: Labels, camera: Camera, depth: Floats, rooms: Sequence[tuple[RoomView, Floats]]
+) -> None:
+    for i, (room, shift) in enumerate(rooms):
+        colour = BOX_COLOURS[i % len(BOX_COLOURS)]
+        centre = room.outline.representative_point()
+        at = camera.project(np.array([centre.x, centre.y, room.low]) + shift)
+        name = room.name if not room.label or room.label in room.name else (
+            f"{room.name}\n{room.label}")  # fmt: skip
+        labels.put(
+            at[0], at[1], name, offsets=((0, 0), (0, 10), (0, -10), *AROUND), force=True,
+            fontsize=7.5, color="white", weight="bold", linespacing=1.05,
+            leader={"color": colour, "lw": 0.8},
+            bbox={"boxstyle": "round,pad=0.28,rounding_size=0.6", "fc": colour, "ec": "white",
+                  "lw": 0.6, "alpha": 0.93},
+        )  # fmt: skip
+
+
+def _name_objects(
+    labels: Labels,
+    camera: Camera,
+    depth: Floats,
+    storeys: Sequence[StoreyView],
+    shifts: Sequence[Floats],
+    cut: float,
+    named_rooms: bool,
+) -> None:
+    """Types of the objects, the largest first, where there is room for them."""
+    named: list[tuple[float, str, str, Floats]] = []
+    for storey, shift in zip(storeys, shifts, strict=True):
+        for thing in storey.objects:
+            shown = _shown(thing, storey, cut)
+            if shown is None or not thing.types or UNNAMED & set(thing.types):
+                continue
+            bounds = shown.bounds
+            top = np.array([*bounds.mean(axis=0)[:2], bounds[1, 2]]) + shift
+            at = camera.project(top)
+            row, column = int(at[1]), int(at[0])
+            if depth[row, column] > at[2] + 0.25:
+                continue  # something else stands before it
+            size = float(np.prod(np.maximum(np.ptp(bounds, axis=0), 0.05)))
+            wanted = 10.0 if {"food", "robot", "person"} & set(thing.types) else size
+            named.append((wanted, thing.types[0], object_colour(thing.types), at))
+    written: list[tuple[str, Floats]] = []
+    for _, name, colour, at in sorted(named, key=lambda item: -item[0]):
+        if any(n == name and np.hypot(*(p - at)[:2]) < 90 for n, p in written):
+            continue  # one of a heap is named
+        written.append((name, at))
+        labels.put(
+            at[0], at[1], name.replace("_", " "), offsets=((0, 5), *AROUND), fontsize=6.2,
+            color=INK, leader={"color": INK, "lw": 0.5},
+            bbox={"boxstyle": "round,pad=0.18,rounding_size=0.5", "fc": "white", "ec": colour,
+                  "lw": 0.9, "alpha": 0.9},
+        )  # fmt: skip

@@ -1,0 +1,214 @@
+"""Light for what the rasteriser found: sun and shadows, sky and its occlusion, drawn edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, uniform_filter
+
+from semmap.draw.rasteriser import Camera, nearest_triangles
+
+__all__ = ["Surfaces", "shade"]
+
+Floats = NDArray[np.float64]
+Pixels = NDArray[np.int64]
+
+_SUN_AZIMUTH, _SUN_ELEVATION = np.deg2rad(-145.0), np.deg2rad(52.0)
+_SUN, _SKY, _GROUND = 0.70, 0.56, 0.32
+_EDGE = 0.62
+_SHADOW_MAP = 1600
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """What is to be seen, a row a triangle.
+
+    Attributes
+    ----------
+    triangles : (F, 3, 3) corners in the map's frame, metres
+    colours : (F, 3) sRGB in 0..1
+    owners : (F,) int32; an edge is drawn where two owners meet
+    cuts : (F,) height above which the triangle is cut away, inf for none
+    caps : (F,) bool; its back, seen through the cut, is shown as the cut itself
+    """
+
+    triangles: Floats
+    colours: Floats
+    owners: NDArray[np.int32]
+    cuts: Floats
+    caps: NDArray[np.bool_]
+
+    def joined(self, other: Surfaces) -> Surfaces:
+        """These and those."""
+        return Surfaces(
+            *(np.concatenate([getattr(self, n), getattr(other, n)]) for n in vars(self))
+        )
+
+
+def shade(
+    camera: Camera, surfaces: Surfaces, background: Floats, cap: Floats, occlusion: float = 0.45
+) -> tuple[Floats, Floats]:
+    """A picture of the surfaces.
+
+    Parameters
+    ----------
+    background, cap : (3,) sRGB colours of nothing and of what is cut
+    occlusion : radius in metres within which surfaces keep the sky's light from each other
+
+    Returns
+    -------
+    (height, width, 3) sRGB in 0..1 and (height, width) depths, -inf where nothing is seen.
+    """
+    face, depth = nearest_triangles(camera, surfaces.triangles, surfaces.cuts)
+    seen = face >= 0
+    picture = np.tile(background, (*face.shape, 1))
+    if not seen.any():
+        return picture, depth
+
+    outward = _normals(surfaces.triangles)
+    turned = outward @ camera.back < 0
+    normal = np.where(turned[:, None], -outward, outward)
+    f = face[seen]
+    sun = _direction(_SUN_AZIMUTH, _SUN_ELEVATION)
+    open_sky = _ambient(camera, face, depth, normal, occlusion)[seen]
+    lit = np.clip(normal @ sun, 0, None)[f] * _sunlit(camera, surfaces, face, depth, normal)[seen]
+    sky = (_GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * normal[:, 2]))[f]
+    light = sky * open_sky + _SUN * lit * (0.4 + 0.6 * open_sky)
+    warm = np.stack([light * 1.02, light, light * (0.985 + 0.03 * open_sky)], axis=1)
+    colour = _to_linear(surfaces.colours)[f] * warm
+    is_cap = (surfaces.caps & turned)[f]
+    colour[is_cap] = _to_linear(cap[None])[0]
+    picture[seen] = _to_srgb(colour)
+
+    edge = _edges(camera, face, depth, np.where((surfaces.caps & turned)[:, None], 9.0, normal),
+                  surfaces.owners)  # fmt: skip
+    picture *= np.where(edge, _EDGE, 1.0)[..., None]
+    return picture, depth
+
+
+def _direction(azimuth: float, elevation: float) -> Floats:
+    ce = np.cos(elevation)
+    return np.array([np.cos(azimuth) * ce, np.sin(azimuth) * ce, np.sin(elevation)])
+
+
+def _normals(triangles: Floats) -> Floats:
+    n = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(n, axis=1, keepdims=True)
+    unit: Floats = n / np.where(length == 0, 1.0, length)
+    return unit
+
+
+def _positions(camera: Camera, y: Pixels, x: Pixels, depth: Floats) -> Floats:
+    """(N, 3) what pixels show, in the map's frame."""
+    width, height = camera.size
+    along_right = (x + 0.5 - width / 2) / camera.scale + camera.centre[0]
+    along_up = (height / 2 - y - 0.5) / camera.scale + camera.centre[1]
+    points: Floats = (
+        along_right[:, None] * camera.right
+        + along_up[:, None] * camera.up
+        + depth[:, None] * camera.back
+    )
+    return points
+
+
+def _sunlit(
+    camera: Camera, surfaces: Surfaces, face: NDArray[np.int32], depth: Floats, normal: Floats
+) -> Floats:
+    """(height, width) how much of the sun arrives: a shadow map, looked up at half resolution."""
+    light = Camera.look(
+        _SUN_AZIMUTH, _SUN_ELEVATION, surfaces.triangles.reshape(-1, 3), _SHADOW_MAP
+    )
+    _, shadow = nearest_triangles(light, surfaces.triangles, surfaces.cuts)
+    half = face[::2, ::2]
+    y, x = np.nonzero(half >= 0)
+    points = _positions(camera, 2 * y, 2 * x, depth[::2, ::2][y, x])
+    at = light.project(points + 0.02 * normal[half[y, x]])
+    slack = 0.01 + 1.5 / light.scale
+    lit = np.zeros(len(at))
+    taps = [(dx, dy) for dx in (-1.2, 0, 1.2) for dy in (-1.2, 0, 1.2)]
+    for dx, dy in taps:
+        column = np.clip(at[:, 0] + dx, 0, light.size[0] - 1).astype(np.int64)
+        row = np.clip(at[:, 1] + dy, 0, light.size[1] - 1).astype(np.int64)
+        lit += shadow[row, column] <= at[:, 2] + slack
+    whole = np.ones(half.shape)
+    whole[y, x] = lit / len(taps)
+    return _enlarged(whole, 2, face.shape)
+
+
+def _enlarged(image: Floats, times: int, shape: tuple[int, ...]) -> Floats:
+    """Each pixel `times` x `times`, cut to the shape."""
+    return np.repeat(np.repeat(image, times, axis=0), times, axis=1)[: shape[0], : shape[1]]
+
+
+def _ambient(
+    camera: Camera, face: NDArray[np.int32], depth: Floats, normal: Floats, radius: float
+) -> Floats:
+    """(height, width) share of the sky that is open, by the depths around, coarsely."""
+    whole = face.shape
+    face, depth = face[::4, ::4], np.maximum(depth[::4, ::4], -1e9)
+    shape = face.shape
+    scale = camera.scale / 4
+    n = normal[np.maximum(face, 0)].reshape(-1, 3)
+    facing = np.maximum(n @ camera.back, 0.15)
+    slope_x = -(n @ camera.right) / facing / scale  # of depth, per pixel, on the surface itself
+    slope_y = (n @ camera.up) / facing / scale
+    slope_x, slope_y = slope_x.reshape(shape), slope_y.reshape(shape)
+    hidden = np.zeros(shape)
+    total = 0.0
+    for ring, weight in ((0.25, 1.0), (0.6, 0.8), (1.0, 0.6)):
+        for angle in np.arange(8) * np.pi / 4 + ring:
+            dx, dy = (
+                round(float(v) * radius * ring * scale) for v in (np.cos(angle), np.sin(angle))
+            )
+            there = _shifted(depth, dx, dy)
+            above = there - (depth + slope_x * dx + slope_y * dy)
+            near = np.exp(-np.clip(above - radius, 0, None) / radius)
+            hidden += weight * np.clip((above - 0.01) / (0.6 * radius * ring + 0.02), 0, 1) * near
+            total += weight
+    opened = np.clip(1.0 - 1.35 * gaussian_filter(hidden / total, 0.8), 0.15, 1.0)
+    return _enlarged(opened, 4, whole)
+
+
+def _shifted(image: Floats, dx: int, dy: int) -> Floats:
+    """The image's values at (x + dx, y + dy); far away beyond its border."""
+    out = np.full_like(image, -1e9)
+    h, w = image.shape
+    if abs(dx) < w and abs(dy) < h:
+        ys, xs = slice(max(dy, 0), h + min(dy, 0)), slice(max(dx, 0), w + min(dx, 0))
+        yd, xd = slice(max(-dy, 0), h + min(-dy, 0)), slice(max(-dx, 0), w + min(-dx, 0))
+        out[yd, xd] = image[ys, xs]
+    return out
+
+
+def _edges(
+    camera: Camera,
+    face: NDArray[np.int32],
+    depth: Floats,
+    normal: Floats,
+    owners: NDArray[np.int32],
+) -> NDArray[np.bool_]:
+    """(height, width) where owners meet, surfaces bend or one lies well behind another."""
+    edge = np.zeros(face.shape, bool)
+    far = 6.0 / camera.scale + 0.28
+    for axis in (0, 1):
+        a = tuple(slice(None, -1) if i == axis else slice(None) for i in (0, 1))
+        b = tuple(slice(1, None) if i == axis else slice(None) for i in (0, 1))
+        at = np.nonzero(face[a] != face[b])
+        f, g = face[a][at], face[b][at]
+        gap = np.abs(np.maximum(depth[a][at], -1e6) - np.maximum(depth[b][at], -1e6))
+        bend = np.einsum("ni,ni->n", normal[f], normal[g])
+        apart = (np.where(f >= 0, owners[f], -1) != np.where(g >= 0, owners[g], -1)) & (gap > 0.004)
+        edge[a][at] |= apart | (bend < 0.55) | ((gap > far) & (bend < 0.98))
+    crowded = uniform_filter(edge.astype(np.float32), 9) >= 0.5
+    return edge & ~crowded
+
+
+def _to_linear(colour: Floats) -> Floats:
+    return np.asarray(colour, float) ** 2.2
+
+
+def _to_srgb(colour: Floats) -> Floats:
+    out: Floats = np.clip(colour, 0, 1) ** (1 / 2.2)
+    return out
