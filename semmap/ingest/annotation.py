@@ -203,7 +203,9 @@ class _Reading:
         waiting, ready = {d.name: d for d in drafts}, []
         while waiting:
             free = [
-                d for d in waiting.values() if d.feature.properties.get("holder") not in waiting
+                d
+                for d in waiting.values()
+                if str(d.feature.properties.get("holder")) not in waiting
             ]
             for draft in free or list(waiting.values()):
                 ready.append(waiting.pop(draft.name))
@@ -220,20 +222,19 @@ class _Reading:
             outer = self.poses.get(holder, IDENTITY)
             if outer is None:
                 raise Refused(f"its holder {holder} has no place", "Draw the holder, too.")
-        self.poses[draft.name] = pose
-        self.out.entries.append(
-            Entry(
-                draft.name,
-                draft.kind,
-                draft.type,
-                text(feature, "label"),
-                {k: v for k, v in feature.properties.items() if k not in TAKEN[draft.kind]},
-                holder if pose is not None else None,
-                outer.inverse() @ pose if outer is not None and pose is not None else pose,
-                front=number(feature, "front") or 0.0,
-                **parts,
-            )
+        entry = Entry(
+            draft.name,
+            draft.kind,
+            draft.type,
+            text(feature, "label"),
+            {k: v for k, v in feature.properties.items() if k not in TAKEN[draft.kind]},
+            holder if pose is not None else None,
+            outer.inverse() @ pose if outer is not None and pose is not None else pose,
+            front=number(feature, "front") or 0.0,
+            **parts,
         )
+        self.poses[draft.name] = pose
+        self.out.entries.append(entry)
 
     def is_left_out(self, name: str | None) -> bool:
         """Whether a feature of this name is there and could not be used."""
@@ -243,6 +244,8 @@ class _Reading:
         said = text(feature, "storey")
         if self.is_left_out(said):
             raise Refused(f"its storey {said} is left out", "Mend that feature.")
+        if said is not None and self.kinds.get(said, "storey") != "storey":
+            raise Refused(f"its storey {said} is a {self.kinds[said]}", "Name a storey.")
         if said is None and len(self.storeys) == 1:
             return next(iter(self.storeys))
         if said is None and self.storeys:
@@ -293,16 +296,15 @@ class _Reading:
         place = Place(floor, ceiling, self.elevator_of(feature))
         top = ceiling if ceiling is not None else floor + ROOM_HEIGHT
         pose, shapes = self.placed(feature, storey, floor, top)
-        if shapes and pose is not None:
-            area = area_of(feature, [])
-            self.spaces.append(_Space(draft.name, area, storey, top))
         self.add(draft, pose, storey, detail=place, shapes=shapes)
+        if shapes:
+            self.spaces.append(_Space(draft.name, area_of(feature, []), storey, top))
 
     def elevator_of(self, feature: Feature) -> str | None:
         said = text(feature, "elevator")
+        if said is not None and self.kinds.get(said, "elevator") != "elevator":
+            raise Refused(f"its elevator {said} is a {self.kinds[said]}", "Name an elevator.")
         if said is not None and said not in self.poses:
-            if said in self.kinds:
-                raise Refused(f"its elevator {said} is a {self.kinds[said]}", "Name an elevator.")
             self.out.notes.append(f"{feature.where}: elevator {said} is added, nothing draws it")
             self.names.add(said)
             self.kinds[said], self.poses[said] = "elevator", None

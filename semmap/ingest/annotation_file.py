@@ -42,6 +42,9 @@ DEEPEST = 32
 STYLE_LAYERS = frozenset({"layer_styles", "qgis_projects"})
 """Tables of a GeoPackage that say how QGIS shows the others."""
 
+EARTH = 1e8
+"""No coordinate of a projection of the earth, and no EPSG code, is beyond this."""
+
 GEOREFERENCE = ("crs", "easting", "northing", "height", "rotation")
 
 
@@ -191,9 +194,8 @@ def _check_positions(coordinates: object, depth: int) -> None:
 def _check_range(numbers: list[Any] | NDArray[np.float64]) -> None:
     for number in numbers:
         if not abs(number) <= LARGEST:  # not: NaN compares as False
-            what = "lies" if math.isfinite(number) else "is at"
             raise Refused(
-                f"{what} {str(number)[:20]}, which is no coordinate of a local frame",
+                f"has {str(number)[:20]}, which is no coordinate of a local frame",
                 f"Draw it within {LARGEST:,.0f} m of the map's origin, in metres.",
             )
 
@@ -211,7 +213,7 @@ def _read_georeference(said: object, out: FeatureFile) -> None:
         if not isinstance(said, dict) or set(said) != set(GEOREFERENCE):
             raise Refused("is not complete", f"Give the numbers {', '.join(GEOREFERENCE)}.")
         for key, value in said.items():
-            if not isinstance(value, int | float) or not math.isfinite(value):
+            if not isinstance(value, int | float) or not abs(value) <= EARTH:
                 raise Refused(f"{key} is {value!r}", "Give a number.")
         out.georeference = dict(said)
     except Refused as refused:
