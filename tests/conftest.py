@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 from sqlalchemy import URL, Engine, create_engine, make_url
@@ -129,8 +130,8 @@ def docker() -> str:
 
 
 @pytest.fixture(scope="session")
-def docker_postgis(docker: str) -> Iterator[str]:
-    """The URL of a database in a container of `docker/postgis`; its user is superuser."""
+def docker_server(docker: str) -> Iterator[URL]:
+    """The URL of a server in a container of `docker/postgis`; its user is superuser."""
     image = "semmap-postgis:test"
     built = subprocess.run(
         [docker, "build", "--network", "host", "-q", "-t", image, str(ROOT / "docker/postgis")],
@@ -150,7 +151,19 @@ def docker_postgis(docker: str) -> Iterator[str]:
         url = URL.create("postgresql+psycopg", "admin", password, "127.0.0.1",
                          int(container.get_exposed_port(5432)), "map")  # fmt: skip
         wait_for(url)
-        yield url.render_as_string(hide_password=False)
+        yield url
+
+
+@pytest.fixture
+def docker_postgis(docker_server: URL) -> Iterator[Engine]:
+    """An engine on a fresh database in a container, which no revision has been run on."""
+    name = f"fresh_{uuid4().hex}"
+    with administrator(docker_server) as run:
+        run(f"CREATE DATABASE {name}")
+        engine = connect(docker_server.set(database=name), migrate=False)
+        yield engine
+        engine.dispose()
+        run(f"DROP DATABASE {name} WITH (FORCE)")
 
 
 def wait_for(server: URL, seconds: float = 60) -> None:

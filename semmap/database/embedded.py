@@ -102,6 +102,7 @@ class Cluster:
         """
         folder = self.running()
         if folder is None:
+            server_account(self.data)  # before anything is touched
             with self._locked():
                 folder = self.running()
                 if folder is None:

@@ -1,4 +1,4 @@
-"""The database in a container: image, entrypoint, schema, and the ways it is meant to be reached."""
+"""The database in a container: image, entrypoint, schema, and how it is reached."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 import yaml
-from sqlalchemy import make_url
+from sqlalchemy import URL, Engine
 
-from semmap.database import connect, revisions
+from semmap.database import DatabaseError, connect, revisions
 
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.docker
 
 
-def test_connect_and_migrate(docker_postgis: str) -> None:
-    engine = connect(docker_postgis)
+def test_image_brings_what_the_schema_needs(docker_server: URL) -> None:
+    engine = connect(docker_server)
     assert revisions.installed(engine) == revisions.newest()
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM entity").scalar() == 0
@@ -28,18 +28,23 @@ def test_connect_and_migrate(docker_postgis: str) -> None:
         extensions = "SELECT extname FROM pg_extension WHERE extname IN ('postgis', 'pgrouting')"
         assert len(connection.exec_driver_sql(extensions).all()) == 2
         assert connection.exec_driver_sql("SELECT current_user").scalar() == "admin"
+        assert connection.exec_driver_sql("SELECT current_database()").scalar() == "map"
         assert connection.exec_driver_sql("SELECT inet_server_port()").scalar() == 5432
     engine.dispose()
 
 
-def test_wrong_password_is_refused(docker_postgis: str) -> None:
-    from semmap.database import DatabaseError
+def test_connect_migrates_a_fresh_database(docker_postgis: Engine) -> None:
+    assert revisions.installed(docker_postgis) is None
+    connect(docker_postgis.url).dispose()
+    assert revisions.installed(docker_postgis) == revisions.newest()
 
+
+def test_wrong_password_is_refused(docker_server: URL) -> None:
     with pytest.raises(DatabaseError, match="password authentication failed"):
-        connect(make_url(docker_postgis).set(password="guess"))
+        connect(docker_server.set(password="guess"))
 
 
-def test_no_password_no_start(docker: str, docker_postgis: str) -> None:
+def test_no_password_no_start(docker: str, docker_server: URL) -> None:
     done = subprocess.run(
         [docker, "run", "--rm", "semmap-postgis:test"], capture_output=True, text=True, timeout=60
     )
@@ -47,7 +52,7 @@ def test_no_password_no_start(docker: str, docker_postgis: str) -> None:
     assert "POSTGRES_PASSWORD" in done.stderr
 
 
-def test_server_runs_as_postgres(docker: str, docker_postgis: str) -> None:
+def test_server_runs_as_postgres(docker: str, docker_server: URL) -> None:
     listed = subprocess.run([docker, "ps", "--filter", "ancestor=semmap-postgis:test", "-q"],
                             capture_output=True, text=True, check=True).stdout.split()  # fmt: skip
     for container in listed:

@@ -1,0 +1,110 @@
+"""A cluster whose server was killed comes back with every committed change."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import psycopg
+import pytest
+from sqlalchemy import create_engine
+
+from semmap.database import Cluster
+from semmap.database.account import server_account
+from semmap.database.leftovers import _processes_in
+from tests.database.conftest import python, query, said
+from tests.database.test_embedded import ENSURE
+
+BUSY = b"SELECT count(*) FROM generate_series(1, 1000000000000) a"
+"""It never looks whether its server still lives."""
+
+
+def kill_server(cluster: Cluster) -> int:
+    """Kill the server with -9, as the kernel does; returns its number."""
+    pid = int((cluster.data / "postmaster.pid").read_text().split()[0])
+    os.kill(pid, signal.SIGKILL)
+    while Path(f"/proc/{pid}").exists():
+        time.sleep(0.01)
+    return pid
+
+
+def wait_until_gone(cluster: Cluster) -> None:
+    while _processes_in(cluster.data):
+        time.sleep(0.01)
+
+
+def test_committed_rows_outlive_the_server(own: Cluster) -> None:
+    engine = create_engine(own.ensure())
+    with engine.begin() as connection:
+        connection.exec_driver_sql("CREATE TABLE kept (value int)")
+    for value in range(20):
+        with engine.begin() as connection:
+            connection.exec_driver_sql("INSERT INTO kept VALUES (%s)", (value,))
+    open_transaction = engine.connect()
+    open_transaction.exec_driver_sql("INSERT INTO kept VALUES (1000)")
+    kill_server(own)
+    open_transaction.invalidate()
+    engine.dispose()
+    assert query(own, "SELECT array_agg(value ORDER BY value) FROM kept") == list(range(20))
+
+
+def test_orphans_make_way(own: Cluster) -> None:
+    query(own, "CREATE TABLE kept AS SELECT 7 AS value")
+    url = own.ensure().set(drivername="postgresql").render_as_string()
+    busy = psycopg.connect(url)
+    orphan = busy.info.backend_pid
+    busy.pgconn.send_query(BUSY)
+    time.sleep(0.2)
+    kill_server(own)
+    time.sleep(0.2)
+    assert orphan in _processes_in(own.data)
+    assert query(own, "SELECT value FROM kept") == 7
+    assert orphan not in _processes_in(own.data)
+    busy.close()
+
+
+def test_number_that_another_process_has_got(own: Cluster) -> None:
+    query(own, "CREATE TABLE kept AS SELECT 7 AS value")
+    kill_server(own)
+    wait_until_gone(own)
+    owner = server_account(own.data)
+    user = {} if owner.is_caller else {"user": owner.uid}
+    with subprocess.Popen(["sleep", "60"], **user) as sleeper:  # type: ignore[call-overload]
+        file = own.data / "postmaster.pid"
+        lines = file.read_text().splitlines()
+        file.write_text("\n".join([str(sleeper.pid), *lines[1:]]) + "\n")
+        assert query(own, "SELECT value FROM kept") == 7
+        assert sleeper.poll() is None
+        sleeper.kill()
+
+
+def test_lost_socket(own: Cluster) -> None:
+    query(own, "CREATE TABLE kept AS SELECT 7 AS value")
+    socket_folder = own.running()
+    assert socket_folder is not None
+    (socket_folder / ".s.PGSQL.5432").unlink()
+    assert query(own, "SELECT value FROM kept") == 7
+
+
+def test_several_come_after_a_crash(own: Cluster) -> None:
+    own.ensure()
+    kill_server(own)
+    comers = [python(ENSURE, own.home) for _ in range(3)]
+    assert len({said(comer) for comer in comers}) == 1
+
+
+@pytest.mark.parametrize("moment", ["new-*", "new-*/global/pg_control"])
+def test_making_that_was_killed_begins_anew(folder: Path, moment: str) -> None:
+    home = folder / "home"
+    maker = python(ENSURE, home, start_new_session=True)
+    while not list(home.glob(moment)):
+        assert maker.poll() is None
+        time.sleep(0.005)
+    os.killpg(maker.pid, signal.SIGKILL)
+    maker.communicate()
+    assert not (home / "data").exists()
+    assert query(Cluster(home), "SELECT 7") == 7
+    assert not list(home.glob("new-*"))

@@ -1,0 +1,191 @@
+"""The embedded cluster: made, started, shared, stopped."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from sqlalchemy import create_engine
+from sqlalchemy.exc import OperationalError
+
+from semmap.database import Cluster, DatabaseError
+from semmap.database.embedded import default_home
+from tests.database.conftest import become, python, query, said
+
+ENSURE = """
+import json, sys
+from pathlib import Path
+from sqlalchemy import create_engine
+from semmap.database import Cluster
+engine = create_engine(Cluster(Path(sys.argv[1])).ensure())
+with engine.connect() as connection:
+    print(json.dumps(str(connection.exec_driver_sql("SELECT pg_postmaster_start_time()").scalar())))
+"""
+
+URL_OR_ERROR = """
+import json, sys
+from pathlib import Path
+from semmap.database import Cluster, DatabaseError
+try:
+    print(json.dumps(str(Cluster(Path(sys.argv[1])).ensure())))
+except DatabaseError as error:
+    print(json.dumps(f"error: {error}"))
+"""
+
+ASK = """
+import json, sys
+from sqlalchemy import create_engine
+from sqlalchemy.exc import OperationalError
+try:
+    with create_engine(sys.argv[1]).connect() as connection:
+        print(json.dumps(connection.exec_driver_sql(sys.argv[2]).scalar()))
+except OperationalError as error:
+    print(json.dumps(f"error: {error.orig}"))
+"""
+
+
+def test_settings_of_a_cluster_as_made(own: Cluster) -> None:
+    (own.home / "local.conf").unlink()
+    for setting, value in {
+        "listen_addresses": "",
+        "fsync": "on",
+        "synchronous_commit": "on",
+        "full_page_writes": "on",
+        "server_encoding": "UTF8",
+        "lc_collate": "C.UTF-8",
+        "TimeZone": "UTC",
+        "jit": "off",
+        "max_wal_size": "4GB",
+    }.items():
+        assert query(own, f"SHOW {setting}") == value, setting
+    assert query(own, "SELECT count(*) FROM pg_file_settings WHERE error IS NOT NULL") == 0
+    assert query(own, "SELECT inet_server_addr()") is None
+
+
+def test_local_settings_override(own: Cluster) -> None:
+    (own.home / "local.conf").write_text("work_mem = 7MB\n")
+    assert query(own, "SHOW work_mem") == "7MB"
+
+
+def test_small_shared_memory(own: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("semmap.database.configuration.ROOMY_SHM", 1 << 62)
+    assert query(own, "SHOW dynamic_shared_memory_type") == "mmap"
+
+
+def test_stop_and_start_keep_what_is_committed(own: Cluster) -> None:
+    query(own, "CREATE TABLE kept AS SELECT 7 AS value")
+    url = own.ensure()
+    assert own.stop()
+    assert own.running() is None
+    assert not own.stop()
+    with pytest.raises(OperationalError):
+        create_engine(url).connect()
+    assert query(own, "SELECT value FROM kept") == 7
+
+
+def test_stop_of_none(folder: Path) -> None:
+    assert not Cluster(folder / "none").stop()
+    assert not (folder / "none").exists()
+
+
+def test_processes_that_make_one_at_once_share_it(folder: Path) -> None:
+    starters = [python(ENSURE, folder / "new") for _ in range(3)]
+    assert len({said(starter) for starter in starters}) == 1
+
+
+def test_processes_that_start_one_at_once_share_it(own: Cluster) -> None:
+    starters = [python(ENSURE, own.home) for _ in range(2)]
+    assert len({said(starter) for starter in starters}) == 1
+
+
+@pytest.mark.parametrize("name", ["a" * 90, "with space, comma and 'quote'", "größe", "per%cent"])
+def test_folders_of_any_name(move_to: Callable[[str], Cluster], name: str) -> None:
+    cluster = move_to(name)
+    assert query(cluster, "SELECT 7") == 7
+    socket_folder = cluster.running()
+    assert socket_folder is not None
+    assert socket_folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_foreign_socket_folder_is_refused(move_to: Callable[[str], Cluster]) -> None:
+    cluster = move_to("a" * 90)
+    cluster.ensure()
+    socket_folder = cluster.running()
+    assert socket_folder is not None
+    cluster.stop()
+    socket_folder.chmod(0o755)
+    with pytest.raises(DatabaseError, match=f"{socket_folder}.*remove it"):
+        cluster.ensure()
+    socket_folder.rmdir()
+    assert query(cluster, "SELECT 7") == 7
+
+
+def test_server_that_cannot_start_says_why(own: Cluster) -> None:
+    (own.home / "local.conf").write_text("shared_buffers = nonsense\n")
+    with pytest.raises(DatabaseError, match='invalid value for parameter "shared_buffers"'):
+        own.ensure()
+
+
+def test_folder_that_is_a_file(folder: Path) -> None:
+    (folder / "file").write_text("")
+    with pytest.raises(DatabaseError, match="Set SEMMAP_DATA to another one"):
+        Cluster(folder / "file").ensure()
+
+
+def test_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SEMMAP_DATA", "/somewhere")
+    monkeypatch.setenv("XDG_DATA_HOME", "/data")
+    assert default_home() == Path("/somewhere")
+    monkeypatch.delenv("SEMMAP_DATA")
+    assert default_home() == Path("/data/semmap")
+    monkeypatch.delenv("XDG_DATA_HOME")
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    assert default_home() == Path("/var/lib/semmap")
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    monkeypatch.setenv("HOME", "/home/someone")
+    assert default_home() == Path("/home/someone/.local/share/semmap")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="as root only")
+def test_root_runs_the_server_as_another(own: Cluster) -> None:
+    own.ensure()
+    pid = int((own.data / "postmaster.pid").read_text().split()[0])
+    assert Path(f"/proc/{pid}").stat().st_uid == own.data.stat().st_uid != 0
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="as root only")
+def test_root_is_told_where_the_server_gets_in(folder: Path) -> None:
+    closed = folder / "closed"
+    closed.mkdir(mode=0o700)
+    with pytest.raises(DatabaseError, match=r"cannot enter .*/var/lib/semmap"):
+        Cluster(closed / "home").ensure()
+    assert closed.stat().st_mode & 0o777 == 0o700
+
+
+def test_another_user_has_one_of_its_own(folder: Path) -> None:
+    prefix = become("nobody")
+    home = folder / "theirs"
+    home.mkdir()
+    os.chown(home, 65534, 65534)
+    url = said(python(URL_OR_ERROR, home, prefix=prefix))
+    assert url.startswith("postgresql+psycopg://semmap@/semmap?host=")
+    assert said(python(ASK, url, "SELECT current_user::text", prefix=prefix)) == "semmap"
+    # root comes in, and its server would be the owner's; any other user does not
+    assert query(Cluster(home), "SELECT 7") == 7
+    assert "ermission denied" in said(python(ASK, url, "SELECT 7", prefix=become("games")))
+    os.chmod(home / "run", 0o755)
+    assert "ermission denied" in said(python(ASK, url, "SELECT 7", prefix=become("games")))
+    os.chmod(home / "run/.s.PGSQL.5432", 0o777)
+    assert "Peer authentication failed" in said(
+        python(ASK, url, "SELECT 7", prefix=become("games"))
+    )
+
+
+def test_cluster_of_another_user(own: Cluster) -> None:
+    prefix = become("nobody")
+    own.ensure()
+    said_to_them = said(python(URL_OR_ERROR, own.home, prefix=prefix))
+    assert "belongs to" in said_to_them
+    assert "SEMMAP_DATA" in said_to_them
