@@ -30,7 +30,9 @@ app = typer.Typer(
 )
 app.add_typer(commands.app, name="db")
 
-out = Console(highlight=False, soft_wrap=True)
+out = Console(
+    highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 160
+)  # a file or pipe has no width to fit
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 MapName = Annotated[
@@ -270,12 +272,12 @@ def main() -> None:
         message = error.args[0] if isinstance(error, LookupError) and error.args else error
         err.print(f"error: {message}", style="red", markup=False)
         sys.exit(2)
-    except sqlalchemy.exc.DBAPIError as error:
-        cause = error.orig
+    except (sqlalchemy.exc.DBAPIError, psycopg.Error) as error:
+        cause = error.orig if isinstance(error, sqlalchemy.exc.DBAPIError) else error
+        message = str(cause).strip()
         if isinstance(cause, psycopg.Error) and cause.diag.message_primary:
-            hint = cause.diag.message_hint
-            message = cause.diag.message_primary + (f". {hint}" if hint else "")
-        else:
-            message = str(cause).strip()
+            message = ". ".join(filter(None, (cause.diag.message_primary, cause.diag.message_hint)))
+        if isinstance(cause, psycopg.errors.ReadOnlySqlTransaction):
+            message += ". Add --write to let the statement change the map"
         err.print(f"error: {message}", style="red", markup=False)
         sys.exit(2)

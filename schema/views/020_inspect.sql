@@ -19,7 +19,7 @@ CREATE VIEW incomplete AS
                   AND NOT EXISTS (SELECT FROM entity_model m WHERE m.entity_id = e.id)
                   AND NOT EXISTS (SELECT FROM region r WHERE r.entity_id = e.id AND r.model_id IS NOT NULL)
                  THEN 'geometry' END,
-            CASE WHEN e.type IS NULL THEN 'type' END,
+            CASE WHEN e.type IS NULL AND e.kind NOT IN ('storey', 'elevator') THEN 'type' END,
             CASE WHEN p.entity_id IS NULL THEN 'placement' END,
             CASE WHEN e.kind = 'room'
                   AND NOT EXISTS (SELECT FROM connector c WHERE e.id IN (c.place_a, c.place_b))

@@ -59,7 +59,11 @@ def decode(patches: Iterable[bytes]) -> NDArray[np.float64]:
     counts = []
     for part in parts:
         order, kind, count = np.frombuffer(part, dtype=_HEADER, count=1)[0]
-        if order != 1 or kind != _TIN_Z or len(part) != _HEADER.itemsize + count * _TRIANGLE.itemsize:
+        if (
+            order != 1
+            or kind != _TIN_Z
+            or len(part) != _HEADER.itemsize + count * _TRIANGLE.itemsize
+        ):
             raise ValueError("not the EWKB of a TIN Z without SRID")
         counts.append(int(count))
     triangles = np.empty((sum(counts), 3, 3))

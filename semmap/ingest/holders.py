@@ -25,8 +25,11 @@ __all__ = ["derive_inventories", "find_surfaces"]
 MANY_TRIANGLES = 300_000
 """Models beyond this are not searched for support surfaces: terrains and scans, not furniture."""
 
+SLAB = 0.5
+"""Metres by which a part of a storey may reach below its floor."""
+
 BUILDING = ("wall", "floor", "ceiling", "window", "door_leaf", "roof")
-"""Types that make up the building: held by storey or map, and nothing stands on them."""
+"""Types that make up the building: held by their storey, and nothing stands on them."""
 
 
 def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
@@ -35,24 +38,29 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
     Within the caller's transaction; returns how many placements changed.
     """
     find_surfaces(connection, map_id)
-    things, storeys = _things(connection, map_id)
+    things, fixtures = _things(connection, map_id)
     held = derive_holders(things, _surfaces(connection, map_id), _rooms(connection, map_id))
+    storeys = _storeys(connection, map_id)
+    wanted: dict[int, tuple[int | None, str, float | None]] = {}
+    for thing in things:
+        holding = held[thing.id]
+        if holding.holder is not None:
+            wanted[thing.id] = (holding.holder, holding.relation, round(holding.confidence, 3))
+        else:
+            wanted[thing.id] = (_storey_of(thing, storeys), "in", None)
+    for fixture in fixtures:
+        wanted[fixture.id] = (_storey_of(fixture, storeys), "in", None)
     changed = 0
     with connection.cursor() as cursor:
         cursor.execute(
             "SELECT entity_id, holder_id, relation, confidence FROM placement "
             "WHERE entity_id = ANY(%s)",
-            ([t.id for t in things],),
+            ([*wanted],),
         )
         now = {row[0]: row[1:] for row in cursor}
-        for thing in things:
-            holding = held.get(thing.id)
-            if holding is None or holding.holder is None:
-                wanted: tuple[int | None, str, float | None] = (storeys.get(thing.id), "in", None)
-            else:
-                wanted = (holding.holder, holding.relation, round(holding.confidence, 3))
-            if now[thing.id] != wanted:
-                cursor.execute("SELECT put(%s, %s, %s, %s::float8)", (thing.id, *wanted))
+        for thing_id, holding_now in wanted.items():
+            if now[thing_id] != holding_now:
+                cursor.execute("SELECT put(%s, %s, %s, %s::float8)", (thing_id, *holding_now))
                 changed += 1
     return changed
 
@@ -83,11 +91,27 @@ def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
                 )
 
 
-def _things(connection: psycopg.Connection[Any], map_id: int) -> tuple[list[Thing], dict[int, int]]:
-    """Objects whose holder nobody said, and the storey that a file put each into."""
+def _storeys(connection: psycopg.Connection[Any], map_id: int) -> list[tuple[float, int]]:
+    """Height and id of each storey, the lowest first."""
+    rows = connection.execute(
+        "SELECT w.pose[3], e.id FROM entity e JOIN world w ON w.entity_id = e.id "
+        "WHERE e.map_id = %s AND e.kind = 'storey' ORDER BY 1, 2",
+        (map_id,),
+    ).fetchall()
+    return [(height, storey) for height, storey in rows]
+
+
+def _storey_of(thing: Thing, storeys: list[tuple[float, int]]) -> int | None:
+    """The highest storey whose floor is below the thing, slabs and steps allowed for."""
+    below = [storey for height, storey in storeys if height <= thing.box[0, 2] + SLAB]
+    return below[-1] if below else storeys[0][1] if storeys else None
+
+
+def _things(connection: psycopg.Connection[Any], map_id: int) -> tuple[list[Thing], list[Thing]]:
+    """Objects whose holder nobody said: those to be held, and the parts of the building."""
     rows = connection.execute(
         "SELECT e.id, ST_XMin(w.box), ST_YMin(w.box), ST_ZMin(w.box), ST_XMax(w.box), "
-        "ST_YMax(w.box), ST_ZMax(w.box), ST_AsBinary(w.footprint), w.storey_id, "
+        "ST_YMax(w.box), ST_ZMax(w.box), ST_AsBinary(w.footprint), "
         "coalesce(e.type = ANY (ARRAY(SELECT sub FROM type_closure WHERE super = ANY(%s))), false) "
         "FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id "
         "LEFT JOIN entity h ON h.id = p.holder_id "
@@ -95,14 +119,12 @@ def _things(connection: psycopg.Connection[Any], map_id: int) -> tuple[list[Thin
         "AND (p.holder_id IS NULL OR h.kind = 'storey' OR p.confidence IS NOT NULL) ORDER BY e.id",
         (list(BUILDING), map_id),
     ).fetchall()
-    things, storeys = [], {}
-    for entity_id, *box, footprint, storey, building in rows:
-        if storey is not None:
-            storeys[entity_id] = storey
-        if not building:
-            corners = np.array(box).reshape(2, 3)
-            things.append(Thing(entity_id, corners, shapely.from_wkb(bytes(footprint))))
-    return things, storeys
+    things: list[Thing] = []
+    fixtures: list[Thing] = []
+    for entity_id, *box, footprint, building in rows:
+        thing = Thing(entity_id, np.array(box).reshape(2, 3), shapely.from_wkb(bytes(footprint)))
+        (fixtures if building else things).append(thing)
+    return things, fixtures
 
 
 def _surfaces(connection: psycopg.Connection[Any], map_id: int) -> list[SurfacePatch]:

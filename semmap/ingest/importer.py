@@ -14,7 +14,7 @@ from sqlalchemy import Connection, Engine
 
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.holders import derive_inventories
-from semmap.ingest.mesh_file import MESH_ENDINGS, read_mesh_world
+from semmap.ingest.mesh_file import read_mesh_world
 from semmap.ingest.rmf import read_rmf
 from semmap.ingest.sdf import read_sdf
 from semmap.ingest.store import Progress, Stored, store_world
@@ -26,11 +26,14 @@ __all__ = ["ImportSummary", "import_file", "read_world"]
 Geometry = Literal["visual", "collision"]
 MeshAs = Literal["object", "room"]
 
+MESHES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
+"""The mesh formats that trimesh reads and that say where their triangles are."""
+
 READERS: tuple[tuple[tuple[str, ...], Callable[[Path, Geometry, MeshAs], World]], ...] = (
     ((".sdf", ".world"), lambda path, geometry, mesh_as: read_sdf(path, geometry=geometry)),
     ((".yaml", ".yml"), lambda path, geometry, mesh_as: read_rmf(path)),
     ((".geojson", ".json", ".gpkg"), lambda path, geometry, mesh_as: read_annotation(path)),
-    (tuple(MESH_ENDINGS), lambda path, geometry, mesh_as: read_mesh_world(path, as_=mesh_as)),
+    (MESHES, lambda path, geometry, mesh_as: read_mesh_world(path, as_=mesh_as)),
 )
 """Which parser reads which endings."""
 

@@ -319,8 +319,8 @@ def _annotate(
 ) -> None:
     for e in entries:
         cursor.execute(
-            "UPDATE entity SET type = coalesce(%(type)s, type), label = coalesce(%(label)s, label), "
-            "properties = properties || %(properties)s WHERE id = %(id)s AND NOT ("
+            "UPDATE entity SET type = coalesce(%(type)s, type), "
+            "label = coalesce(%(label)s, label), properties = properties || %(properties)s WHERE id = %(id)s AND NOT ("
             "type IS NOT DISTINCT FROM coalesce(%(type)s, type) AND "
             "label IS NOT DISTINCT FROM coalesce(%(label)s, label) AND "
             "properties @> %(properties)s)",

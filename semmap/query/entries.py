@@ -93,8 +93,9 @@ def find(connection: Connection, question: Question) -> Rows:
     if question.inside is not None:
         parameters["inside"] = _entity(connection, question.inside)
         conditions.append(
-            "e.id IN (WITH RECURSIVE held (id) AS (SELECT ob_id FROM inventory WHERE inv_id = :inside "
-            "UNION SELECT i.ob_id FROM held JOIN inventory i ON i.inv_id = held.id) SELECT id FROM held)"
+            "e.id IN (WITH RECURSIVE held (id) AS ("
+            "SELECT ob_id FROM inventory WHERE inv_id = :inside UNION "
+            "SELECT i.ob_id FROM held JOIN inventory i ON i.inv_id = held.id) SELECT id FROM held)"
         )
     for number, condition in enumerate(question.where):
         key, equals, value = condition.partition("=")
@@ -125,7 +126,8 @@ def find(connection: Connection, question: Question) -> Rows:
         f"round(CAST(w.pose[3] AS numeric), 3) AS z{extra} "
         "FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
         "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
-        f"LEFT JOIN entity s ON s.id = w.storey_id WHERE {' AND '.join(conditions)} ORDER BY {order}",
+        "LEFT JOIN entity s ON s.id = w.storey_id "
+        f"WHERE {' AND '.join(conditions)} ORDER BY {order}",
         parameters,
     )
 
@@ -136,8 +138,8 @@ def describe(connection: Connection, name: str, at: str | None = None) -> dict[s
     known = dict(
         connection.execute(
             text(
-                "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, p.relation, p.confidence, "
-                "s.name AS storey, w.pose, e.properties, e.front, e.since, e.source, "
+                "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, p.relation, "
+                "p.confidence, s.name AS storey, w.pose, e.properties, e.front, e.since, e.source, "
                 "CAST(Box3D(w.box) AS text) AS box, ST_AsText(w.footprint, 3) AS footprint "
                 "FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
                 "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
@@ -196,7 +198,8 @@ def describe(connection: Connection, name: str, at: str | None = None) -> dict[s
         ).scalar()
         holder = connection.execute(
             text(
-                "SELECT e.name FROM placement_at(:id, :at) p LEFT JOIN entity e ON e.id = p.holder_id"
+                "SELECT e.name FROM placement_at(:id, :at) p "
+                "LEFT JOIN entity e ON e.id = p.holder_id"
             ),
             {"id": thing, "at": moment},
         ).scalar()
@@ -206,10 +209,12 @@ def describe(connection: Connection, name: str, at: str | None = None) -> dict[s
 
 def run_sql(connection: Connection, statement: str, *, write: bool) -> Rows:
     """Run one statement as it stands; without `write`, in a transaction that can only read."""
+    driver = connection.connection.driver_connection
+    assert driver is not None
     if not write:
         connection.exec_driver_sql("SET TRANSACTION READ ONLY")
-    cursor = connection.connection.cursor()
-    cursor.execute(statement)
+    # Prepared, so that it is one statement: a COMMIT in it cannot end the read-only transaction.
+    cursor = driver.execute(statement, prepare=None if write else True)
     if cursor.description is None:
         return ["rows"], [(cursor.rowcount,)]
     return [column[0] for column in cursor.description], cursor.fetchall()
@@ -222,7 +227,8 @@ def changes(
     columns, rows = _rows(
         connection,
         "SELECT c.id, c.at, m.name AS map, c.what, c.entities, c.cursor "
-        "FROM changes_since(coalesce(:since, '3:3:')) c JOIN map m ON m.id = c.map_id ORDER BY c.id",
+        "FROM changes_since(coalesce(:since, '3:3:')) c "
+        "JOIN map m ON m.id = c.map_id ORDER BY c.id",
         {"since": since},
     )
     cursor = rows[-1][-1] if rows else connection.execute(text("SELECT change_cursor()")).scalar()

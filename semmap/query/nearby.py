@@ -5,7 +5,6 @@ from __future__ import annotations
 from sqlalchemy import Select, func, select
 from sqlalchemy.dialects.postgresql import ARRAY
 from sqlalchemy.orm import Session
-from sqlalchemy.sql import literal_column
 from sqlalchemy.types import Text
 
 from semmap.model import Entity, TypeClosure, WorldPlacement

@@ -1,0 +1,131 @@
+"""Inventories from geometry: what lies on which surface, what stands in which room.
+
+Deeken et al., section 3.4: objects are "already implicitly bound by their pose"; this makes it
+explicit, with a confidence where it is close.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon, STRtree
+
+__all__ = ["CONTACT", "Holding", "RoomSpace", "SurfacePatch", "Thing", "derive_holders"]
+
+CONTACT = 0.03
+"""Metres between a thing's bottom and a surface within which it lies on it."""
+
+CLEAR = 0.95
+"""Share of a footprint from which there is no doubt."""
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """An object in world coordinates: 3D box (2, 3) and footprint."""
+
+    id: int
+    box: NDArray[np.float64]
+    footprint: Polygon | MultiPolygon
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePatch:
+    """A support surface in world coordinates, and whose it is."""
+
+    owner: int
+    height: float
+    outline: Polygon
+
+
+@dataclass(frozen=True, eq=False)
+class RoomSpace:
+    """A room in world coordinates: outline, floor and ceiling height."""
+
+    id: int
+    outline: Polygon | MultiPolygon
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Holding:
+    """Who holds a thing, how, and how sure that is (0..1)."""
+
+    holder: int | None
+    confidence: float
+    relation: Literal["in", "on"]
+
+
+def derive_holders(
+    things: Sequence[Thing], surfaces: Sequence[SurfacePatch], rooms: Sequence[RoomSpace]
+) -> dict[int, Holding]:
+    """The holder of each thing: the surface it lies on, else the room it stands in, else none.
+
+    A thing lies on a surface whose height is within `CONTACT` of its bottom and which bears at
+    least half of its footprint. What is flatter than `CONTACT` (a carpet) holds nothing, so that
+    nobody is held by what he walks over; and a surface holds only from above its owner's bottom, so
+    that no two things hold each other. A thing stands in the room with most of its footprint, at
+    least half, whose heights take in its middle.
+    """
+    boxes = {thing.id: thing.box for thing in things}
+    bearing = [s for s in surfaces if _bears(s, boxes.get(s.owner))]
+    surface_tree = STRtree([s.outline for s in bearing])
+    room_tree = STRtree([r.outline for r in rooms])
+    held = {}
+    for thing in things:
+        held[thing.id] = (
+            _on(thing, bearing, surface_tree)
+            or _in(thing, rooms, room_tree)
+            or Holding(None, 1.0, "in")
+        )
+    return held
+
+
+def _bears(surface: SurfacePatch, owner: NDArray[np.float64] | None) -> bool:
+    if owner is None:
+        return True
+    low, high = owner[:, 2]
+    return bool(high - low > CONTACT and surface.height > low + 0.005)
+
+
+def _on(thing: Thing, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holding | None:
+    bottom, area = thing.box[0, 2], thing.footprint.area
+    shares: dict[int, float] = {}
+    gaps: dict[int, float] = {}
+    for i in tree.query(thing.footprint):
+        surface = surfaces[i]
+        gap = abs(surface.height - bottom)
+        if surface.owner == thing.id or gap > CONTACT or area == 0:
+            continue
+        share = surface.outline.intersection(thing.footprint).area / area
+        shares[surface.owner] = min(shares.get(surface.owner, 0.0) + share, 1.0)
+        gaps[surface.owner] = min(gaps.get(surface.owner, gap), gap)
+    if not shares:
+        return None
+    best = max(shares, key=lambda owner: (shares[owner], -gaps[owner], -owner))
+    if shares[best] < 0.5:
+        return None
+    sure = 1.0 if shares[best] >= CLEAR and gaps[best] <= CONTACT / 3 else shares[best] * (
+        1 - gaps[best] / (2 * CONTACT)
+    )  # fmt: skip
+    return Holding(best, float(sure), "on")
+
+
+def _in(thing: Thing, rooms: Sequence[RoomSpace], tree: STRtree) -> Holding | None:
+    middle, area = thing.box[:, 2].mean(), thing.footprint.area
+    shares = {
+        rooms[i].id: shapely.intersection(rooms[i].outline, thing.footprint).area / area
+        for i in tree.query(thing.footprint)
+        if rooms[i].low - CONTACT <= middle <= rooms[i].high + CONTACT and area > 0
+    }
+    if not shares:
+        return None
+    best = max(shares, key=lambda room: (shares[room], -room))
+    if shares[best] < 0.5:
+        return None
+    return Holding(best, 1.0 if shares[best] >= CLEAR else float(shares[best]), "in")
