@@ -557,8 +557,8 @@ JSON = st.recursive(
     ),
     max_leaves=6,
 )
-WORDS = "lab hall door s room region object storey stairs desk outside".split()
-KEYS = (
+WORDS = "lab hall door s room region object storey stairs desk outside".split()  # noqa: SIM905
+KEYS = (  # noqa: SIM905
     "name kind type storey holder floor ceiling joins state elevator width heading front label "
     "blocked height note"
 ).split()
