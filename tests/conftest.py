@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import pytest
@@ -26,6 +27,7 @@ from sqlalchemy.pool import NullPool
 from semmap.database import Cluster, connect
 
 ROOT = Path(__file__).parents[1]
+PASSWORD = "p@ss/w:rd"  # with what a URL has to quote
 
 MakeDatabase = Callable[[], URL]
 """Makes a fresh database with an empty, migrated schema, and says its URL."""
@@ -130,8 +132,8 @@ def docker() -> str:
 
 
 @pytest.fixture(scope="session")
-def docker_server(docker: str) -> Iterator[URL]:
-    """The URL of a server in a container of `docker/postgis`; its user is superuser."""
+def docker_container(docker: str) -> Iterator[Any]:
+    """A container of `docker/postgis`, started."""
     image = "semmap-postgis:test"
     built = subprocess.run(
         [docker, "build", "--network", "host", "-q", "-t", image, str(ROOT / "docker/postgis")],
@@ -142,16 +144,21 @@ def docker_server(docker: str) -> Iterator[URL]:
     os.environ["TESTCONTAINERS_RYUK_DISABLED"] = "true"
     from testcontainers.core.container import DockerContainer
 
-    password = "p@ss/w:rd"  # what a URL has to quote
     container = DockerContainer(image).with_envs(
-        POSTGRES_USER="admin", POSTGRES_PASSWORD=password, POSTGRES_DB="map"
+        POSTGRES_USER="admin", POSTGRES_PASSWORD=PASSWORD, POSTGRES_DB="map"
     )
     container.ports["5432/tcp"] = ("127.0.0.1", None)  # any free port, on this machine only
     with container:
-        url = URL.create("postgresql+psycopg", "admin", password, "127.0.0.1",
-                         int(container.get_exposed_port(5432)), "map")  # fmt: skip
-        wait_for(url)
-        yield url
+        yield container
+
+
+@pytest.fixture(scope="session")
+def docker_server(docker_container: Any) -> URL:
+    """The URL of the server in a container; its user is superuser."""
+    port = int(docker_container.get_exposed_port(5432))
+    url = URL.create("postgresql+psycopg", "admin", PASSWORD, "127.0.0.1", port, "map")
+    wait_for(url)
+    return url
 
 
 @pytest.fixture

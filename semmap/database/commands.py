@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
-from sqlalchemy import URL
+from sqlalchemy import URL, Engine
 
 from semmap.database import revisions
 from semmap.database.embedded import Cluster
@@ -30,6 +32,16 @@ def _chosen(context: typer.Context, db: str | None) -> str | None:
         return db
     root = context.find_root()
     return root.params.get("db") if root is not context else None
+
+
+@contextmanager
+def _as_it_is(context: typer.Context, db: str | None) -> Iterator[Engine]:
+    """The chosen database, its schema not brought up to date."""
+    engine = connect(_chosen(context, db), migrate=False)
+    try:
+        yield engine
+    finally:
+        engine.dispose()
 
 
 @app.command()
@@ -92,10 +104,9 @@ def upgrade(
     """Bring the schema up to a revision."""
     from semmap.database import migrate
 
-    engine = connect(_chosen(context, db), migrate=False)
-    migrate.upgrade(engine, revision)
-    print(f"schema at revision {migrate.current(engine)}")
-    engine.dispose()
+    with _as_it_is(context, db) as engine:
+        migrate.upgrade(engine, revision)
+        print(f"schema at revision {migrate.current(engine)}")
 
 
 @app.command()
@@ -107,10 +118,9 @@ def downgrade(
     """Take the schema down to a revision; no row is lost."""
     from semmap.database import migrate
 
-    engine = connect(_chosen(context, db), migrate=False)
-    migrate.downgrade(engine, revision)
-    print(f"schema at revision {migrate.current(engine) or 'none'}")
-    engine.dispose()
+    with _as_it_is(context, db) as engine:
+        migrate.downgrade(engine, revision)
+        print(f"schema at revision {migrate.current(engine) or 'none'}")
 
 
 @app.command()
@@ -122,12 +132,11 @@ def drop(
     """Delete the schema with all maps in it."""
     from semmap.database import migrate
 
-    engine = connect(_chosen(context, db), migrate=False)
-    if not yes:
-        where = engine.url.render_as_string(hide_password=True)
-        typer.confirm(f"Delete all maps in {where}?", abort=True)
-    migrate.drop(engine)
-    engine.dispose()
+    with _as_it_is(context, db) as engine:
+        if not yes:
+            where = engine.url.render_as_string(hide_password=True)
+            typer.confirm(f"Delete all maps in {where}?", abort=True)
+        migrate.drop(engine)
     print("dropped")
 
 
@@ -142,8 +151,10 @@ def psql(context: typer.Context) -> None:
     engine = connect(_chosen(context, None))
     chosen = engine.url
     engine.dispose()
+    if chosen.password is not None:
+        os.environ["PGPASSWORD"] = str(chosen.password)  # arguments are seen by all users
     os.environ.setdefault("PGOPTIONS", "-c search_path=semmap,public -c timezone=UTC")
-    os.execv(program, [program, _libpq(chosen), *context.args])
+    os.execv(program, [program, _libpq(chosen.set(password=None)), *context.args])
 
 
 def _libpq(url: URL) -> str:

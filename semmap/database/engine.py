@@ -81,9 +81,7 @@ def connect(url: str | URL | None = None, *, migrate: bool = True) -> Engine:
     try:
         version = revisions.installed(engine)
         if migrate and version != revisions.newest():
-            from semmap.database.migrate import upgrade  # Alembic takes 0.4 s to import
-
-            upgrade(engine)
+            _upgrade(engine, version)
     except OperationalError as error:
         engine.dispose()
         raise DatabaseError(_unreachable(address, error)) from error
@@ -91,6 +89,17 @@ def connect(url: str | URL | None = None, *, migrate: bool = True) -> Engine:
         engine.dispose()
         raise
     return engine
+
+
+def _upgrade(engine: Engine, version: str | None) -> None:
+    if version is not None and version not in revisions.parents():
+        raise DatabaseError(
+            f"the database has the revision {version}, which this semmap does not know: "
+            "a newer semmap made it, and it takes that one to use it"
+        )
+    from semmap.database.migrate import upgrade  # Alembic takes 0.4 s to import
+
+    upgrade(engine)
 
 
 def _engine(url: URL) -> Engine:

@@ -130,8 +130,7 @@ def _transaction(engine: Engine, done: str) -> Iterator[Connection]:
     except CommandError as error:
         raise DatabaseError(
             f"the schema cannot be {done}: {error}. This semmap knows the revisions "
-            f"{', '.join(sorted(revisions.parents()))}; a database that has a later one needs the "
-            "semmap that made it"
+            f"{', '.join(sorted(revisions.parents()))}"
         ) from error
     except DBAPIError as error:
         if getattr(error.orig, "sqlstate", None) == "42501":  # insufficient_privilege

@@ -68,8 +68,8 @@ def check_requirements(connection: Connection) -> None:
         )
     if foreign_owner is not None:
         raise DatabaseError(
-            f"the schema of {database} is not up to date, and {user} may not change it: it belongs "
-            f"to {foreign_owner}, who can: semmap --db URL db upgrade"
+            f"{user} may not change the schema of {database}, which belongs to {foreign_owner}; "
+            f"let {foreign_owner} bring it up to date: semmap --db URL db upgrade"
         )
     needs = []
     if not may_create:

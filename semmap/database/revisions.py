@@ -19,7 +19,13 @@ VERSION_SCHEMA = "public"
 
 
 def installed(engine: Engine) -> str | None:
-    """The revision that the database has; None where there is no schema yet."""
+    """The revision that the database has; None where there is no schema yet.
+
+    Raises
+    ------
+    DatabaseError
+        The user may not know.
+    """
     with engine.connect() as connection:
         try:
             version = connection.exec_driver_sql(
@@ -28,7 +34,7 @@ def installed(engine: Engine) -> str | None:
         except ProgrammingError as error:
             if getattr(error.orig, "sqlstate", None) == "42P01":  # undefined_table
                 return None
-            raise
+            raise DatabaseError(f"the schema's revision cannot be read: {error.orig}") from error
     return None if version is None else str(version)
 
 

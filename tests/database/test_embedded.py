@@ -175,9 +175,9 @@ def test_another_user_has_one_of_its_own(folder: Path) -> None:
     # root comes in, and its server would be the owner's; any other user does not
     assert query(Cluster(home), "SELECT 7") == 7
     assert "ermission denied" in said(python(ASK, url, "SELECT 7", prefix=become("games")))
-    os.chmod(home / "run", 0o755)
+    (home / "run").chmod(0o755)
     assert "ermission denied" in said(python(ASK, url, "SELECT 7", prefix=become("games")))
-    os.chmod(home / "run/.s.PGSQL.5432", 0o777)
+    (home / "run/.s.PGSQL.5432").chmod(0o777)
     assert "Peer authentication failed" in said(
         python(ASK, url, "SELECT 7", prefix=become("games"))
     )

@@ -1,0 +1,265 @@
+"""Revisions: up, down, at once, and refused with a word on what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from alembic.config import Config
+from alembic.script import ScriptDirectory
+from sqlalchemy import URL, Engine, create_engine
+from sqlalchemy.exc import ProgrammingError
+
+from semmap.database import DatabaseError, connect, migrate, revisions
+from semmap.database.files import migrations_folder
+from tests.conftest import MakeDatabase, administrator
+from tests.database.conftest import python, said
+
+CONNECT = """
+import json, sys
+from semmap.database import connect
+engine = connect(sys.argv[1])
+with engine.connect() as connection:
+    print(json.dumps(connection.exec_driver_sql("SELECT count(*) FROM map").scalar()))
+engine.dispose()
+"""
+
+REVISION = """
+from alembic import op
+from semmap.database.migrate import run_sql_files
+revision = "{revision}"
+down_revision = {down}
+
+def upgrade():
+    op.execute("CREATE SCHEMA IF NOT EXISTS semmap")
+    op.execute("SET LOCAL search_path = semmap, public")
+    run_sql_files(op, {patterns})
+
+def downgrade():
+    op.execute("DROP SCHEMA semmap CASCADE")
+"""
+
+COLONS_AND_PERCENTS = r"""
+-- 100 % of :this, and %(that)s
+CREATE FUNCTION odd(a integer) RETURNS text LANGUAGE plpgsql AS $body$
+BEGIN
+    IF a % 2 = 1 THEN
+        RETURN format('%s is %L:odd \: %%', a::text, 'very');
+    END IF;
+    RAISE NOTICE 'no :name and no %', a;
+    RETURN '50%';
+END $body$;
+CREATE TABLE times (at timestamptz DEFAULT '2020-01-01 10:00:00+00'::timestamptz);
+"""
+
+
+@pytest.fixture
+def empty(cluster: URL, make_database: MakeDatabase) -> Iterator[URL]:
+    """A database that no revision has been run on."""
+    with administrator(cluster) as run:
+        run("CREATE DATABASE semmap_test_empty")
+        yield cluster.set(database="semmap_test_empty")
+        run("DROP DATABASE semmap_test_empty WITH (FORCE)")
+
+
+@pytest.fixture
+def own_schema(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A root of its own with `schema/` and `migrations/`, whose revisions are yet to be written."""
+    (tmp_path / "schema/tables").mkdir(parents=True)
+    (tmp_path / "migrations/versions").mkdir(parents=True)
+    (tmp_path / "migrations/env.py").write_text((migrations_folder() / "env.py").read_text())
+    monkeypatch.setattr("semmap.database.files.PLACES", (tmp_path / "none", tmp_path))
+    return tmp_path
+
+
+def write_revision(root: Path, revision: str, down: str | None, *patterns: str) -> None:
+    (root / "migrations/versions" / f"{revision}.py").write_text(
+        REVISION.format(revision=revision, down=repr(down), patterns=", ".join(map(repr, patterns)))
+    )
+
+
+def test_newest_is_what_alembic_says() -> None:
+    config = Config()
+    config.set_main_option("script_location", str(migrations_folder()))
+    script = ScriptDirectory.from_config(config)
+    assert revisions.newest() == script.get_current_head()
+    assert set(revisions.parents()) == {s.revision for s in script.walk_revisions()}
+
+
+def test_two_newest_are_refused(own_schema: Path) -> None:
+    for name in ("a1", "b1"):
+        write_revision(own_schema, name, None)
+    with pytest.raises(DatabaseError, match=r"2 newest revisions \(a1, b1\)"):
+        revisions.newest()
+
+
+def test_up_and_down(engine: Engine) -> None:
+    assert migrate.current(engine) == revisions.newest()
+    migrate.downgrade(engine, "base")
+    assert migrate.current(engine) is None
+    with pytest.raises(ProgrammingError), engine.connect() as connection:
+        connection.exec_driver_sql("SELECT count(*) FROM semmap.map")
+    migrate.upgrade(engine)
+    assert migrate.current(engine) == revisions.newest()
+
+
+def test_drop_and_begin_anew(engine: Engine) -> None:
+    with engine.begin() as connection:
+        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('gone')")
+    migrate.drop(engine)
+    assert migrate.current(engine) is None
+    again = connect(engine.url)
+    with again.connect() as connection:
+        assert connection.exec_driver_sql("SELECT count(*) FROM map").scalar() == 0
+    again.dispose()
+
+
+def test_without_migrate_nothing_is_changed(empty: URL) -> None:
+    engine = connect(empty, migrate=False)
+    assert migrate.current(engine) is None
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT to_regnamespace('semmap')").scalar() is None
+    engine.dispose()
+
+
+def test_processes_that_migrate_at_once(empty: URL) -> None:
+    url = empty.render_as_string(hide_password=False)
+    comers = [python(CONNECT, url) for _ in range(3)]
+    assert [said(comer) for comer in comers] == [0, 0, 0]
+
+
+def test_unknown_revision(engine: Engine) -> None:
+    with pytest.raises(DatabaseError, match="knows the revisions 0001"):
+        migrate.upgrade(engine, "9999")
+    with engine.begin() as connection:
+        connection.exec_driver_sql("UPDATE public.semmap_version SET version_num = '9999'")
+    with pytest.raises(DatabaseError, match="a newer semmap made it"):
+        connect(engine.url)
+
+
+def test_files_run_as_they_stand(empty: URL, own_schema: Path) -> None:
+    (own_schema / "schema/tables/2.sql").write_text("INSERT INTO times VALUES (DEFAULT);")
+    (own_schema / "schema/tables/1.sql").write_text(COLONS_AND_PERCENTS)
+    write_revision(own_schema, "x1", None, "tables/*.sql")
+    engine = connect(empty)
+    assert migrate.current(engine) == "x1"
+    with engine.connect() as connection:
+        asked = "SELECT odd(3), odd(4), extract(hour FROM at)::int FROM times"
+        assert connection.exec_driver_sql(asked).one() == (r"3 is 'very':odd \: %", "50%", 10)
+    engine.dispose()
+
+
+def test_failing_file_is_named_and_nothing_stays(empty: URL, own_schema: Path) -> None:
+    (own_schema / "schema/tables/1.sql").write_text("CREATE TABLE good (id int);\n")
+    (own_schema / "schema/tables/2.sql").write_text(
+        "CREATE TABLE size (größe int);\nSELECT 1;\n\nSELECT nonsense FROM good;\n"
+    )
+    write_revision(own_schema, "x1", None, "tables/1.sql")
+    write_revision(own_schema, "x2", "x1", "tables/2.sql")
+    with pytest.raises(DatabaseError, match=r'tables/2.sql:4: column "nonsense" does not exist'):
+        connect(empty)
+    engine = connect(empty, migrate=False)
+    assert migrate.current(engine) is None
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT to_regnamespace('semmap')").scalar() is None
+    engine.dispose()
+
+
+def test_pattern_that_fits_no_file(empty: URL, own_schema: Path) -> None:
+    write_revision(own_schema, "x1", None, "views/*.sql")
+    with pytest.raises(DatabaseError, match=r"no file that fits views/\*.sql"):
+        connect(empty)
+
+
+def test_schema_that_is_not_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("semmap.database.files.PLACES", (tmp_path, tmp_path))
+    with pytest.raises(DatabaseError, match="not completely installed"):
+        migrations_folder()
+
+
+@pytest.fixture
+def visitor(docker_postgis: Engine) -> Iterator[URL]:
+    """The fresh database of `docker_postgis` for a login without rights."""
+    with docker_postgis.begin() as connection:
+        connection.exec_driver_sql("CREATE ROLE visitor LOGIN PASSWORD 'v'")
+    yield docker_postgis.url.set(username="visitor", password="v")
+    with docker_postgis.begin() as connection:
+        connection.exec_driver_sql("DROP OWNED BY visitor CASCADE")
+        connection.exec_driver_sql("DROP ROLE visitor")
+
+
+def asked_of_an_administrator(visitor: URL) -> list[str]:
+    with pytest.raises(DatabaseError, match="visitor may not install the schema") as caught:
+        connect(visitor)
+    return str(caught.value).split("administrator run: ")[1].split("; ")
+
+
+@pytest.mark.docker
+def test_who_may_not_install_is_told_what_it_takes(visitor: URL) -> None:
+    asked = asked_of_an_administrator(visitor)
+    assert f'GRANT CREATE ON DATABASE "{visitor.database}" TO "visitor"' in asked
+    assert 'GRANT CREATE ON SCHEMA public TO "visitor"' in asked
+    assert "CREATE EXTENSION postgis SCHEMA public" in asked
+
+
+@pytest.mark.docker
+@pytest.mark.xfail(reason="schema/roles.sql asks for roles that are there already", strict=False)
+def test_granted_what_was_asked_for_it_installs(docker_postgis: Engine, visitor: URL) -> None:
+    with docker_postgis.begin() as connection:
+        for statement in asked_of_an_administrator(visitor):
+            connection.exec_driver_sql(statement)
+    engine = connect(visitor)
+    assert migrate.current(engine) == revisions.newest()
+    engine.dispose()
+
+
+@pytest.mark.docker
+def test_reader_connects_and_does_not_upgrade(docker_postgis: Engine, visitor: URL) -> None:
+    migrate.upgrade(docker_postgis)
+    with docker_postgis.begin() as connection:
+        connection.exec_driver_sql("GRANT semmap_reader TO visitor")
+    engine = connect(visitor)
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT count(*) FROM map").scalar() == 0
+    engine.dispose()
+    migrate.downgrade(docker_postgis, "-1")
+    with pytest.raises(DatabaseError, match=r"visitor may not change the schema .* admin"):
+        connect(visitor)
+
+
+@pytest.mark.docker
+@pytest.mark.parametrize(
+    ("control", "said"),
+    [
+        (None, "no PostGIS.*apt-get install postgresql-15-postgis-3"),
+        ("default_version = '3.1.4'\n", "PostGIS is 3.1.4; semmap needs 3.2"),
+    ],
+)
+def test_server_without_fitting_postgis(
+    docker_server: URL, docker_container: Any, control: str | None, said: str
+) -> None:
+    run = docker_container.exec
+    file = "/usr/share/postgresql/15/extension/postgis.control"
+    assert run(f"mv -T {file} /tmp/kept.control").exit_code == 0
+    with administrator(docker_server) as execute:
+        execute("CREATE DATABASE bare TEMPLATE template0")
+        try:
+            if control is not None:
+                assert run(["sh", "-c", f'echo "{control}" > {file}']).exit_code == 0
+            with pytest.raises(DatabaseError, match=said):
+                connect(docker_server.set(database="bare"))
+        finally:
+            assert run(f"mv -T /tmp/kept.control {file}").exit_code == 0
+            execute("DROP DATABASE bare WITH (FORCE)")
+
+
+def test_postgis_in_another_schema(empty: URL) -> None:
+    engine = create_engine(empty)
+    with engine.begin() as connection:
+        connection.exec_driver_sql("CREATE SCHEMA elsewhere")
+        connection.exec_driver_sql("CREATE EXTENSION postgis SCHEMA elsewhere")
+    engine.dispose()
+    with pytest.raises(DatabaseError, match="PostGIS lies in the schema elsewhere"):
+        connect(empty)
