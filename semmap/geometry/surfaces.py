@@ -1,4 +1,4 @@
-"""Support surfaces: level patches of a mesh on which things can stand (Deeken et al., section 3.4)."""
+"""Support surfaces: level patches on which things can stand (Deeken et al., section 3.4)."""
 
 from __future__ import annotations
 

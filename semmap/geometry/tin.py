@@ -12,7 +12,7 @@ from semmap.geometry.mesh import Mesh
 __all__ = ["CHUNK", "decode", "encode_chunks", "to_mesh"]
 
 CHUNK = 1024
-"""Triangles in a patch: small enough for the index to tell patches apart, large enough to be fast."""
+"""Triangles in a patch: small enough to tell patches apart, large enough to be fast."""
 
 # OGC 06-103r4, section 8.2, with PostGIS's type codes: a TIN Z is a collection of triangles, each a
 # polygon of one closed ring of four points.

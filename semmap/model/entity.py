@@ -278,7 +278,7 @@ class ObjectType(Base):
     __tablename__ = "object_type"
     __table_args__ = (
         PrimaryKeyConstraint("type", "id", postgresql_include=["map_id", "label"]),
-        Index("object_type_id", "id", "type", postgresql_include=["map_id", "label"]),
+        Index("object_type_id", "id", "type", unique=True, postgresql_include=["map_id", "label"]),
     )
 
     map_id: Mapped[int]

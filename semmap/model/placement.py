@@ -58,6 +58,7 @@ class WorldPlacement(Base):
             postgresql_using="gist",
             postgresql_ops={"box": "gist_geometry_ops_nd"},
         ),
+        Index("world_flat", "box", postgresql_using="gist"),
         Index("world_footprint", "footprint", postgresql_using="gist"),
         Index("world_storey", "storey_id"),
     )
