@@ -1,7 +1,10 @@
 // The Python face of semmap_native. Arrays are checked in Python; here they are what they say.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
+#include <algorithm>
+#include <cstdint>
 #include <vector>
 
 #include "semmap/slices.hpp"

@@ -1,4 +1,5 @@
-// Planes parallel to the ground through a triangle mesh, drawn on a grid (Deeken et al., section 4.2).
+// Planes parallel to the ground through a triangle mesh, drawn on a grid (Deeken et al.,
+// section 4.2).
 #pragma once
 
 #include <cstddef>
