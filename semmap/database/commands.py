@@ -154,7 +154,7 @@ def psql(context: typer.Context) -> None:
     if chosen.password is not None:
         os.environ["PGPASSWORD"] = str(chosen.password)  # arguments are seen by all users
     os.environ.setdefault("PGOPTIONS", "-c search_path=semmap,public -c timezone=UTC")
-    os.execv(program, [program, _libpq(chosen.set(password=None)), *context.args])
+    os.execv(program, [program, _libpq(chosen._replace(password=None)), *context.args])
 
 
 def _libpq(url: URL) -> str:

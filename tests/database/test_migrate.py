@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import pytest
 from alembic.config import Config
@@ -14,7 +15,7 @@ from sqlalchemy.exc import ProgrammingError
 
 from semmap.database import DatabaseError, connect, migrate, revisions
 from semmap.database.files import migrations_folder
-from tests.conftest import MakeDatabase, administrator
+from tests.conftest import administrator
 from tests.database.conftest import python, said
 
 CONNECT = """
@@ -56,12 +57,13 @@ CREATE TABLE times (at timestamptz DEFAULT '2020-01-01 10:00:00+00'::timestamptz
 
 
 @pytest.fixture
-def empty(cluster: URL, make_database: MakeDatabase) -> Iterator[URL]:
+def empty(cluster: URL) -> Iterator[URL]:
     """A database that no revision has been run on."""
+    name = f"semmap_test_empty_{uuid4().hex}"
     with administrator(cluster) as run:
-        run("CREATE DATABASE semmap_test_empty")
-        yield cluster.set(database="semmap_test_empty")
-        run("DROP DATABASE semmap_test_empty WITH (FORCE)")
+        run(f"CREATE DATABASE {name}")
+        yield cluster.set(database=name)
+        run(f"DROP DATABASE {name} WITH (FORCE)")
 
 
 @pytest.fixture
