@@ -278,8 +278,11 @@ def _steps(topology: Topology, edges: list[dict[str, Any]]) -> Iterator[Step]:
 
 
 def _turned(pose: Pose) -> Pose:
-    """The pose turned by half a turn about its own z axis."""
-    return pose @ Pose(qz=1.0, qw=0.0)
+    """The pose turned by half a turn about its own z axis; its quaternion with w >= 0."""
+    back = pose @ Pose(qz=1.0, qw=0.0)
+    if back.qw >= 0:
+        return back
+    return Pose(back.x, back.y, back.z, -back.qx, -back.qy, -back.qz, -back.qw)
 
 
 def _why_not(

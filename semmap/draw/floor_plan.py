@@ -19,6 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Arc, Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path as Curve
 from numpy.typing import NDArray
+from scipy.ndimage import label
 
 from semmap.draw.labels import AROUND, Labels
 from semmap.draw.palette import INK, PAPER, PATH, family, object_colour, room_colour
@@ -32,7 +33,6 @@ FLAT = {"carpet"}
 REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("blocked_region", "#c0392b", "////"),
     ("keepout_zone", "#c0392b", "////"),
-    ("staircase", "#c0392b", "////"),
     ("stop_region", "#2b8a4b", "...."),
     ("home_region", "#2b8a4b", "...."),
     ("navigation_region", "#1f6fb2", "\\\\\\\\"),
@@ -145,6 +145,8 @@ def _walls(axes: Axes, grid: Occupancy, things: list[Outline]) -> None:
     image = np.zeros((*grid.cells.shape, 4))
     x = grid.origin[0] + (columns + 0.5) * grid.resolution
     y = grid.origin[1] + (rows + 0.5) * grid.resolution
+    solid = _enclosed(grid.cells)
+    image[solid] = to_rgba(_WALL, 0.80)
     image[rows, columns] = to_rgba(_WALL, 0.96)
     if things:
         covered = shapely.union_all([t.buffer(0.75 * grid.resolution) for t in things])
@@ -155,8 +157,17 @@ def _walls(axes: Axes, grid: Occupancy, things: list[Outline]) -> None:
     axes.imshow(image, extent=(left, right, bottom, top), origin="lower", interpolation="nearest",
                 zorder=4)  # fmt: skip
     unknown = np.zeros_like(image)
-    unknown[grid.cells < 0] = to_rgba("#8a8f98", 0.25)
+    unknown[(grid.cells < 0) & ~solid] = to_rgba("#8a8f98", 0.22)
     axes.imshow(unknown, extent=(left, right, bottom, top), origin="lower", zorder=1.5)
+
+
+def _enclosed(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Unknown cells that walls enclose, as those inside of walls: not joined to the border."""
+    parts, count = label(cells < 0)
+    border = np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]])
+    inner = np.setdiff1d(np.arange(1, count + 1), border)
+    found: NDArray[np.bool_] = np.isin(parts, inner)
+    return found
 
 
 def _region(axes: Axes, region: RegionView) -> None:
@@ -166,6 +177,8 @@ def _region(axes: Axes, region: RegionView) -> None:
 
 
 def _region_style(region: RegionView) -> tuple[str, str, str]:
+    if region.blocked:
+        return REGIONS[0]
     return next((r for r in REGIONS if r[0] in region.types), REGIONS[-1])
 
 

@@ -36,6 +36,7 @@ ROOMS: Mapping[str, str] = {
 _OTHER_ROOMS = ("#dde7f0", "#e9e3d3", "#e0ecd9", "#efdfe2", "#e2dff0", "#d9ebe8")
 
 OBJECTS: Mapping[str, str] = {  # the first that fits is taken: general types stand last
+    "toilet": "#86b3c6",
     "sofa": "#6f7fbf",
     "table": "#c08d57",
     "counter": "#b5a387",

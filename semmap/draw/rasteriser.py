@@ -6,7 +6,7 @@ and triangle below, so that the nearest is a maximum.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,12 @@ class Camera:
         scale = width * (1 - 2 * margin) / extent[0]
         height = int(np.ceil(extent[1] * scale + 2 * margin * width))
         return cls(right, up, back, (low + high) / 2, float(scale), (width, height))
+
+    def window(self, left: int, top: int, width: int, height: int) -> Camera:
+        """The same view, of a part of the picture alone; lengths in pixels."""
+        x = (left + width / 2 - self.size[0] / 2) / self.scale
+        y = (self.size[1] / 2 - top - height / 2) / self.scale
+        return replace(self, centre=self.centre + np.array([x, y]), size=(width, height))
 
     def project(self, points: Floats) -> Floats:
         """Points (..., 3): pixels from the left and from the top, depth in metres to the eye."""

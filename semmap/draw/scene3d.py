@@ -89,25 +89,24 @@ def scene3d(
     if not len(everything):
         raise ValueError("there is nothing to draw: no room has an outline, no object a mesh")
     camera = Camera.look(np.deg2rad(azimuth), np.deg2rad(elevation), everything, 2 * width, 0.035)
-    picture = np.tile(np.array(to_rgb(PAPER)), (*camera.size[::-1], 1))
-    depth = np.full(camera.size[::-1], -np.inf)
+    w, h = (n // 2 for n in camera.size)
+    picture = np.empty((h, w, 3), np.float32)
+    picture[:] = to_rgb(PAPER)
+    depth = np.full((h, w), -np.inf)
     for storey in surfaces:  # each for itself, that none stands in the shadow of the next
-        shaded, its_depth = shade(camera, storey, np.array(to_rgb(PAPER)), np.array(to_rgb(_CAP)))
-        nearer = its_depth > depth
-        picture[nearer], depth[nearer] = shaded[nearer], its_depth[nearer]
-    h, w = (n // 2 * 2 for n in picture.shape[:2])
-    picture = picture[:h, :w].reshape(h // 2, 2, w // 2, 2, 3).mean(axis=(1, 3))
+        if len(storey.triangles):
+            _render(camera, storey, picture, depth)
 
     head = 130 if title else 0
-    figure = Figure(figsize=(w / 2 / 200, (h / 2 + head) / 200), dpi=200, facecolor=PAPER)
+    figure = Figure(figsize=(w / 200, (h + head) / 200), dpi=200, facecolor=PAPER)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, h / 2 / (h / 2 + head)))
-    axes.imshow(picture, extent=(0, w, h, 0), interpolation="lanczos")
-    axes.set_xlim(0, w)
-    axes.set_ylim(h, 0)
+    axes = figure.add_axes((0, 0, 1, h / (h + head)))
+    axes.imshow(picture, extent=(0, 2 * w, 2 * h, 0), interpolation="lanczos")
+    axes.set_xlim(0, 2 * w)
+    axes.set_ylim(2 * h, 0)
     axes.axis("off")
     if title:
-        figure.text(0.025, 1 - 60 / (h / 2 + head), title, fontsize=15, weight="bold", color=INK,
+        figure.text(0.025, 1 - 60 / (h + head), title, fontsize=15, weight="bold", color=INK,
                     va="center")  # fmt: skip
     for line in lines:
         _draw_line(axes, camera, depth, line)
@@ -123,6 +122,23 @@ def scene3d(
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, facecolor=PAPER)
     return path
+
+
+def _render(camera: Camera, storey: Surfaces, picture: NDArray[np.float32], depth: Floats) -> None:
+    """Draw a storey, at twice the resolution of the picture, over what is there."""
+    at = camera.project(_uncut_points(storey))
+    low = np.maximum(np.floor(at[:, :2].min(axis=0)).astype(int) // 2 - 2, 0)
+    high = np.minimum(np.ceil(at[:, :2].max(axis=0)).astype(int) // 2 + 3, picture.shape[1::-1])
+    (left, top), (width, height) = low, high - low
+    paper = np.array(to_rgb(PAPER), np.float32)
+    window = camera.window(2 * left, 2 * top, 2 * width, 2 * height)
+    fine, fine_depth = shade(window, storey, paper.astype(float), np.array(to_rgb(_CAP)))
+    cells = (height, 2, width, 2)
+    share = np.isfinite(fine_depth).reshape(cells).mean(axis=(1, 3), dtype=np.float32)[..., None]
+    there = np.s_[top : top + height, left : left + width]
+    behind = picture[there] - paper
+    picture[there] = fine.reshape(*cells, 3).mean(axis=(1, 3)) + (1 - share) * behind
+    depth[there] = np.maximum(depth[there], fine_depth.reshape(cells).max(axis=(1, 3)))
 
 
 def _shifts(
@@ -261,8 +277,8 @@ def _draw_line(axes: object, camera: Camera, depth: Floats, line: _Line) -> None
         pieces.append(a + (b - a) * np.linspace(0, 1, n, endpoint=False)[:, None])
     points = np.concatenate([*pieces, line.points[-1:]])
     at = camera.project(points)
-    column = np.clip(at[:, 0], 0, camera.size[0] - 1).astype(int)
-    row = np.clip(at[:, 1], 0, camera.size[1] - 1).astype(int)
+    column = np.clip(at[:, 0] // 2, 0, depth.shape[1] - 1).astype(int)
+    row = np.clip(at[:, 1] // 2, 0, depth.shape[0] - 1).astype(int)
     free = line.dashed | (depth[row, column] <= at[:, 2] + 0.06)
     style = {"color": line.colour, "solid_capstyle": "round", "lw": line.width * 0.6}
     plot = axes.plot  # type: ignore[attr-defined]
@@ -270,7 +286,7 @@ def _draw_line(axes: object, camera: Camera, depth: Floats, line: _Line) -> None
         plot(at[:, 0], at[:, 1], ls=(0, (1.2, 1.6)), dash_capstyle="round",
              color=line.colour, lw=line.width * 0.6)  # fmt: skip
         return
-    plot(at[:, 0], at[:, 1], **(style | {"alpha": 0.28}))
+    plot(at[:, 0], at[:, 1], **(style | {"alpha": 0.45 if line.colour == PATH else 0.28}))
     visible = np.where(free, 1.0, np.nan)
     plot(at[:, 0] * visible, at[:, 1], **style)
 
@@ -323,7 +339,7 @@ def _name_objects(
             bounds = shown.bounds
             top = np.array([*bounds.mean(axis=0)[:2], bounds[1, 2]]) + shift
             at = camera.project(top)
-            row, column = int(at[1]), int(at[0])
+            row, column = int(at[1]) // 2, int(at[0]) // 2
             if depth[row, column] > at[2] + 0.25:
                 continue  # something else stands before it
             size = float(np.prod(np.maximum(np.ptp(bounds, axis=0), 0.05)))

@@ -49,7 +49,7 @@ class Surfaces:
 
 def shade(
     camera: Camera, surfaces: Surfaces, background: Floats, cap: Floats, occlusion: float = 0.45
-) -> tuple[Floats, Floats]:
+) -> tuple[NDArray[np.float32], Floats]:
     """A picture of the surfaces.
 
     Parameters
@@ -63,7 +63,8 @@ def shade(
     """
     face, depth = nearest_triangles(camera, surfaces.triangles, surfaces.cuts)
     seen = face >= 0
-    picture = np.tile(background, (*face.shape, 1))
+    picture = np.empty((*face.shape, 3), np.float32)
+    picture[:] = background
     if not seen.any():
         return picture, depth
 
@@ -84,7 +85,7 @@ def shade(
 
     edge = _edges(camera, face, depth, np.where((surfaces.caps & turned)[:, None], 9.0, normal),
                   surfaces.owners)  # fmt: skip
-    picture *= np.where(edge, _EDGE, 1.0)[..., None]
+    picture *= np.where(edge, np.float32(_EDGE), np.float32(1.0))[..., None]
     return picture, depth
 
 

@@ -42,24 +42,27 @@ class ObjectView:
     footprint: Outline | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DoorView:
-    """A connector: a pose on each side, facing it; its clear width."""
+    """A connector: a pose on each side, facing it; its clear width, its leaf where it has one."""
 
     name: str
     poses: tuple[Pose, Pose]
     width: float | None = None
     type: str = "door"
     state: str = "open"
+    footprint: Outline | None = None
+    mesh: Mesh | None = None
 
 
 @dataclass(frozen=True)
 class RegionView:
-    """A region with its meaning: home, blocked, ..."""
+    """A region with its meaning: home, blocked, ...; `blocked` where no robot may go."""
 
     name: str
     outline: Outline
     types: tuple[str, ...] = ()
+    blocked: bool = False
 
 
 @dataclass(frozen=True, eq=False)
