@@ -29,8 +29,8 @@ class GeometricModel(Base):
     uri: Mapped[str | None]
     triangles: Mapped[int]
     closed: Mapped[bool | None]
-    hull: Mapped[Any] = mapped_column(Geometry("MULTIPOINTZ", 0, 3, spatial_index=False))
-    outline: Mapped[Any | None] = mapped_column(Geometry("MULTIPOLYGON", 0, spatial_index=False))
+    hull: Mapped[Any] = mapped_column(Geometry("MULTIPOINTZ", dimension=3, spatial_index=False))
+    outline: Mapped[Any | None] = mapped_column(Geometry("MULTIPOLYGON", spatial_index=False))
 
 
 class Chunk(Base):
@@ -42,7 +42,7 @@ class Chunk(Base):
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
     model_id: Mapped[int] = mapped_column(ForeignKey(GeometricModel.id, ondelete="CASCADE"))
     number: Mapped[int]
-    geom: Mapped[Any] = mapped_column(Geometry("GEOMETRYZ", 0, 3, spatial_index=False))
+    geom: Mapped[Any] = mapped_column(Geometry("GEOMETRYZ", dimension=3, spatial_index=False))
 
 
 class EntityModel(Base):
@@ -85,5 +85,5 @@ class SupportSurface(Base):
     )
     number: Mapped[int] = mapped_column(primary_key=True)
     height: Mapped[float | None]
-    outline: Mapped[Any | None] = mapped_column(Geometry("POLYGON", 0, spatial_index=False))
+    outline: Mapped[Any | None] = mapped_column(Geometry("POLYGON", spatial_index=False))
     faces: Mapped[list[int] | None] = mapped_column(ARRAY(Integer))

@@ -69,5 +69,5 @@ class WorldPlacement(Base):
     map_id: Mapped[int]
     storey_id: Mapped[int | None] = mapped_column(BigInteger)
     pose: Mapped[Pose] = mapped_column(PoseColumn)
-    box: Mapped[Any] = mapped_column(Geometry("LINESTRINGZ", 0, 3, spatial_index=False))
-    footprint: Mapped[Any | None] = mapped_column(Geometry("MULTIPOLYGON", 0, spatial_index=False))
+    box: Mapped[Any] = mapped_column(Geometry("LINESTRINGZ", dimension=3, spatial_index=False))
+    footprint: Mapped[Any | None] = mapped_column(Geometry("MULTIPOLYGON", spatial_index=False))
