@@ -71,7 +71,7 @@ def figure_3(engine: Engine) -> list[Row]:
 
 
 def near(engine: Engine) -> list[Row]:
-    """Objects of a type with 200 subtypes within 3 m, through the ORM, before and after a dozen runs."""
+    """Objects of a type with 200 subtypes within 3 m, through the ORM, and again after a dozen."""
     points = [(10.0 * (i % 90) + 3.1, 10.0 * (i % 83) + 4.2, 0.7) for i in range(7, 2000, 41)]
     with Session(engine) as session:
         session.execute(text("SELECT set_config('semmap.map', 'million', false)"))

@@ -61,7 +61,9 @@ def main() -> None:
             assert row is not None
             connection.commit()
             shifted = Mesh(mesh.vertices + run * 1e-3, mesh.faces)
-            world = World("bench", Path("bench"), [Entry("a", "object", shapes=[Shape("mesh", shifted)])])
+            world = World(
+                "bench", Path("bench"), [Entry("a", "object", shapes=[Shape("mesh", shifted)])]
+            )
             start = time.perf_counter()
             store_world(connection, row[0], world, "bench")
             connection.commit()

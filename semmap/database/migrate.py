@@ -20,6 +20,7 @@ from semmap.database.requirements import check_requirements
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from types import ModuleType
 
     from alembic.operations import Operations
 
@@ -71,7 +72,7 @@ def drop(engine: Engine) -> None:
             connection.exec_driver_sql(statement)
 
 
-def run_sql_files(op: Operations, *patterns: str) -> None:
+def run_sql_files(op: Operations | ModuleType, *patterns: str) -> None:
     """Execute files of `schema/`, pattern by pattern, each pattern's files in order of their paths.
 
     A file goes to the server as it stands, in one piece: colons, percent signs and function bodies

@@ -134,8 +134,8 @@ def _surfaces(connection: psycopg.Connection[Any], map_id: int) -> list[SurfaceP
         "JOIN world w ON w.entity_id = e.id JOIN entity_model em ON em.entity_id = e.id "
         "JOIN support_surface s ON s.model_id = em.model_id AND s.height IS NOT NULL "
         "WHERE e.map_id = %s AND e.kind = 'object' AND abs(w.pose[4]) < 1e-3 "
-        "AND abs(w.pose[5]) < 1e-3 AND NOT coalesce(e.type = ANY (ARRAY(SELECT sub FROM type_closure "
-        "WHERE super = ANY(%s))), false)",
+        "AND abs(w.pose[5]) < 1e-3 AND NOT coalesce(e.type = ANY (ARRAY("
+        "SELECT sub FROM type_closure WHERE super = ANY(%s))), false)",
         (map_id, list(BUILDING)),
     ).fetchall()
     patches = []

@@ -320,7 +320,8 @@ def _annotate(
     for e in entries:
         cursor.execute(
             "UPDATE entity SET type = coalesce(%(type)s, type), "
-            "label = coalesce(%(label)s, label), properties = properties || %(properties)s WHERE id = %(id)s AND NOT ("
+            "label = coalesce(%(label)s, label), properties = properties || %(properties)s "
+            "WHERE id = %(id)s AND NOT ("
             "type IS NOT DISTINCT FROM coalesce(%(type)s, type) AND "
             "label IS NOT DISTINCT FROM coalesce(%(label)s, label) AND "
             "properties @> %(properties)s)",

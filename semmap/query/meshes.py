@@ -27,7 +27,7 @@ def model_triangles(connection: psycopg.Connection[Any], model_id: int) -> NDArr
 def world_triangles(
     connection: Connection, entity_ids: list[int]
 ) -> dict[int, NDArray[np.float64]]:
-    """The triangles of entities in the map's frame, (F, 3, 3) metres each; without geometry: absent.
+    """The triangles of entities in the map's frame, (F, 3, 3) metres; without geometry: none.
 
     Each model is read once, however many instances it has.
     """
