@@ -135,4 +135,4 @@ def demo_command(
     ),
 ) -> None:
     """Import a world, ask it, write its grids, find a route, and draw it all."""
-    run_demo(cli.engine(), world or [], folder, start=start, goal=goal, say=cli.out.print)
+    run_demo(world or [], folder, start=start, goal=goal, say=cli.out.print)

@@ -13,7 +13,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
-from sqlalchemy import Connection, Engine
 
 from navgrid.commands import file_name, with_grid, write_grid
 from navgrid.path import grid_path
@@ -65,19 +64,21 @@ def office_files() -> list[Path]:
 
 
 def run_demo(
-    engine: Engine,
     worlds: Sequence[Path],
     folder: Path,
     *,
     start: str | None = None,
     goal: str | None = None,
+    pixels: int = 2400,
     say: Say = print,
 ) -> list[Path]:
     """Import worlds into one map, ask it, write its grids, find a route, draw; the pictures made.
 
     `start` and `goal` are rooms; by default the robot's home, and where Figure 3 finds a muffin.
+    `pixels` is the width of the pictures.
     """
     began = time.perf_counter()
+    engine = cli.engine()
     files = _files(worlds) or office_files()
     map_name = files[0].name.split(".")[0] if worlds else "office"
 
@@ -88,9 +89,14 @@ def run_demo(
     with engine.connect() as connection:
         cli.choose_map(connection, map_name)
         say("\n2. Which tables hold a muffin? (Figure 3)")
-        muffins = _ask(connection, say)
+        columns, rows = entries.run_sql(connection, FIGURE_3, write=False)
         storeys = read_storeys(connection)
         topology = read_topology(connection)
+    muffins = [(str(room), str(table)) for room, table, _ in rows]
+    if rows:
+        cli.show_rows(columns, rows, False)
+    else:
+        say("   none")
 
     say("\n3. A Nav2 map of each storey")
     grids: dict[str, StoreyGrid] = {}
@@ -108,7 +114,7 @@ def run_demo(
     else:
         doors = ", ".join(s.connector.name for s in found.doors if s.connector is not None)
         say(f"   {found.start} -> {found.goal}: {doors or 'no door'} ({found.walked:.1f} m)")
-        target = next((table for room, table, _ in muffins if room == found.goal), None)
+        target = next((table for room, table in muffins if room == found.goal), None)
         paths = _paths(found, topology, grids, target)
 
     say("\n5. Pictures")
@@ -119,17 +125,17 @@ def run_demo(
         shown.append(view)
         place = _place(folder, storeys, storey)
         title = map_name if len(storeys) == 1 else f"{map_name}, {storey.name}"
-        pictures.append(floor_plan(view, place / "plan.png", title=title))
+        pictures.append(floor_plan(view, place / "plan.png", title=title, dpi=pixels // 12))
         say(f"   {pictures[-1]}")
     if any(s.objects for s in storeys) or any(s.rooms for s in storeys):
         if any(s.rooms for s in storeys):
             pictures.append(
-                scene3d(shown, folder / "rooms.png", cut=1.0,
+                scene3d(shown, folder / "rooms.png", cut=1.0, width=pixels,
                         title=f"{map_name}: rooms and their boxes")
             )  # fmt: skip
             say(f"   {pictures[-1]}")
         pictures.append(
-            scene3d([replace(s, path=[]) for s in shown], folder / "objects.png",
+            scene3d([replace(s, path=[]) for s in shown], folder / "objects.png", width=pixels,
                     title=f"{map_name}: what stands where", boxes=False, object_labels=True)
         )  # fmt: skip
         say(f"   {pictures[-1]}")
@@ -155,28 +161,19 @@ def _place(folder: Path, storeys: Sequence[StoreyView], storey: StoreyView) -> P
     return folder if len(storeys) == 1 else folder / file_name(storey.name)
 
 
-def _ask(connection: Connection, say: Say) -> list[tuple[str, str, str]]:
-    columns, rows = entries.run_sql(connection, FIGURE_3, write=False)
-    if rows:
-        cli.show_rows(columns, rows, False)
-    else:
-        say("   none")
-    return [(str(room), str(table), str(box)) for room, table, box in rows]
-
-
 def _find_route(
     topology: Topology,
     storeys: Sequence[StoreyView],
     start: str | None,
     goal: str | None,
-    muffins: Sequence[tuple[str, str, str]],
+    muffins: Sequence[tuple[str, str]],
 ) -> Route | str:
     """The route asked for; else from the home region to a muffin; else the longest there is."""
     rooms = sorted(name for name in topology.places if name != OUTSIDE)
     if len(rooms) < 2 or not topology.connectors:
         return "none: the map has no rooms that doors join; annotate some (GeoJSON, GeoPackage)"
     start = start or _home(storeys)
-    goal = goal or next((room for room, _, _ in muffins if room != start), None)
+    goal = goal or next((room for room, _ in muffins if room != start), None)
     if start is not None and goal is not None:
         try:
             return route(topology, start, goal)

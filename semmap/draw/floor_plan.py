@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,9 @@ from semmap.draw.view import DoorView, ObjectView, Occupancy, Outline, RegionVie
 
 __all__ = ["floor_plan"]
 
-HIDDEN = {"ceiling", "roof", "ceiling_lamp", "beam", "wall", "floor", "ground", "window", "house",
+HIDDEN = {"ceiling", "roof", "beam", "wall", "floor", "ground", "window", "house",
           "door_leaf", "door_frame", "handle", "elevator_shaft", "column", "railing"}  # fmt: skip
-FLAT = {"carpet"}
+FLAT = {"carpet", "ceiling_lamp"}
 REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("blocked_region", "#c0392b", "////"),
     ("keepout_zone", "#c0392b", "////"),
@@ -41,6 +42,7 @@ REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
 STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
 _WALL = "#343a46"
 _MARGIN = 0.55
+_DOUBLE, _OPENING = 1.3, 2.4  # widths beyond which a door has two leaves, or none, metres
 
 
 def floor_plan(
@@ -228,15 +230,21 @@ def _door(axes: Axes, door: DoorView, storey: StoreyView) -> None:
     for end in (hinge, latch):
         post = np.stack([end - 0.07 * way, end + 0.07 * way])
         axes.plot(*post.T, color=colour, lw=2.2, solid_capstyle="butt", zorder=5)
-    if door.state == "open":
-        tip = hinge - way * w
-        axes.plot(*np.stack([hinge, tip]).T, color=colour, lw=1.8, solid_capstyle="round", zorder=5)
-        start = math.degrees(math.atan2(-way[1], -way[0]))
-        end_ = math.degrees(math.atan2(along[1], along[0]))
-        if (end_ - start) % 360 > 180:
-            start, end_ = end_, start
-        axes.add_patch(Arc(tuple(hinge), 2 * w, 2 * w, theta1=start, theta2=end_, color=colour,
-                           lw=0.8, ls=(0, (3, 2)), zorder=5))  # fmt: skip
+    if door.state == "open" and w > _OPENING:
+        axes.plot(*np.stack([hinge, latch]).T, color=colour, lw=1.2, ls=(0, (4, 3)), zorder=5)
+    elif door.state == "open":
+        leaves = [(hinge, along, w)] if w <= _DOUBLE else [
+            (hinge, along, w / 2), (latch, -along, w / 2)]  # fmt: skip
+        for pivot, shut, reach in leaves:
+            tip = pivot - way * reach
+            axes.plot(*np.stack([pivot, tip]).T, color=colour, lw=1.8, solid_capstyle="round",
+                      zorder=5)  # fmt: skip
+            start, end_ = (math.degrees(math.atan2(v[1], v[0])) for v in (-way, shut))
+            if (end_ - start) % 360 > 180:
+                start, end_ = end_, start
+            axes.add_patch(Arc((pivot[0], pivot[1]), 2 * reach, 2 * reach, theta1=start,
+                               theta2=end_, color=colour, lw=0.8, ls=(0, (3, 2)),
+                               zorder=5))  # fmt: skip
     else:
         axes.plot(*np.stack([hinge, latch]).T, color=colour, lw=2.6, solid_capstyle="butt",
                   zorder=5)  # fmt: skip
@@ -299,8 +307,10 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
     labels = Labels(axes)
     halo = [effects.withStroke(linewidth=2.2, foreground="white", alpha=0.85)]
     for line in storey.path:
-        for point in line[:: max(1, len(line) // 60)]:
-            labels.keep_clear(point[0], point[1], 2.0)
+        for (ax, ay), (bx, by) in pairwise(line[:, :2]):
+            count = 2 + int(math.hypot(bx - ax, by - ay) / 0.2)
+            for x, y in zip(np.linspace(ax, bx, count), np.linspace(ay, by, count), strict=True):
+                labels.keep_clear(x, y, 2.0)
     for door in storey.doors:
         x, y = (np.mean([getattr(p, k) for p in door.poses]) for k in "xy")
         labels.keep_clear(x, y, 0.16 * per_metre)

@@ -36,7 +36,7 @@ ROOMS: Mapping[str, str] = {
 _OTHER_ROOMS = ("#dde7f0", "#e9e3d3", "#e0ecd9", "#efdfe2", "#e2dff0", "#d9ebe8")
 
 OBJECTS: Mapping[str, str] = {  # the first that fits is taken: general types stand last
-    "toilet": "#86b3c6",
+    "toilet": "#86b3c6",  # a fixture, though one sits on it
     "sofa": "#6f7fbf",
     "table": "#c08d57",
     "counter": "#b5a387",
@@ -92,7 +92,8 @@ BOX_COLOURS = (
 def family(types: Iterable[str]) -> str | None:
     """The most special of the types that has a colour as an object."""
     known = set(types)
-    return next((t for t in OBJECTS if t in known), None)
+    found = next((t for t in OBJECTS if t in known), None)
+    return "fixture" if found == "toilet" else found
 
 
 def object_colour(types: Iterable[str]) -> str:
