@@ -207,7 +207,6 @@ def test_who_may_not_install_is_told_what_it_takes(visitor: URL) -> None:
 
 
 @pytest.mark.docker
-@pytest.mark.xfail(reason="schema/roles.sql asks for roles that are there already", strict=False)
 def test_granted_what_was_asked_for_it_installs(docker_postgis: Engine, visitor: URL) -> None:
     with docker_postgis.begin() as connection:
         for statement in asked_of_an_administrator(visitor):
