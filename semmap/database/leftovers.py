@@ -8,6 +8,7 @@ import signal
 import time
 from pathlib import Path
 
+from semmap.database.account import server_account
 from semmap.database.error import DatabaseError
 
 __all__ = ["clear_leftovers"]
@@ -71,11 +72,17 @@ def _postmaster(data: Path) -> tuple[int | None, str]:
 
 
 def _processes_in(folder: Path) -> list[int]:
-    """The processes whose working directory is `folder`, as a server's is its data directory."""
-    resolved = folder.resolve()
-    found = []
-    for entry in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            if (entry / "cwd").readlink() == resolved:
-                found.append(int(entry.name))
-    return found
+    """The processes whose working directory is `folder`, as a server's is its data directory.
+
+    The folder's owner is asked: without the capability to trace, as in a container, even root does
+    not see where another's process works.
+    """
+    if not folder.exists():
+        return []
+    listing = server_account(folder).run(
+        ["find", "/proc", "-maxdepth", "2", "-path", "/proc/[0-9]*/cwd", "-printf", "%h\\t%l\\0"],
+        cwd=Path("/"),
+    )
+    entries = (line.partition("\t") for line in listing.stdout.split("\0"))
+    resolved = str(folder.resolve())
+    return [int(Path(entry).name) for entry, _, target in entries if target == resolved]

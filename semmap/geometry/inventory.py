@@ -20,6 +20,9 @@ __all__ = ["CONTACT", "Holding", "RoomSpace", "SurfacePatch", "Thing", "derive_h
 CONTACT = 0.03
 """Metres between a thing's bottom and a surface within which it lies on it."""
 
+HALF = 0.5 - 1e-9
+"""Share of a footprint that holds it."""
+
 CLEAR = 0.95
 """Share of a footprint from which there is no doubt."""
 
@@ -108,7 +111,7 @@ def _on(thing: Thing, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holdin
     if not shares:
         return None
     best = max(shares, key=lambda owner: (shares[owner], -gaps[owner], -owner))
-    if shares[best] < 0.5:
+    if shares[best] < HALF:
         return None
     sure = 1.0 if shares[best] >= CLEAR and gaps[best] <= CONTACT / 3 else shares[best] * (
         1 - gaps[best] / (2 * CONTACT)
@@ -126,6 +129,6 @@ def _in(thing: Thing, rooms: Sequence[RoomSpace], tree: STRtree) -> Holding | No
     if not shares:
         return None
     best = max(shares, key=lambda room: (shares[room], -room))
-    if shares[best] < 0.5:
+    if shares[best] < HALF:
         return None
     return Holding(best, 1.0 if shares[best] >= CLEAR else float(shares[best]), "in")
