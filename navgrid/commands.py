@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,7 +20,7 @@ from semmap import cli
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.view import Occupancy, StoreyView
 
-__all__ = ["register", "with_grid", "write_grid"]
+__all__ = ["open_map", "register", "with_grid", "write_grid"]
 
 
 def register(app: typer.Typer) -> None:
@@ -42,8 +44,7 @@ def grid_command(
     json_: cli.Json = False,
 ) -> None:
     """Slice what stands in the way into a Nav2 map (map.yaml, map.pgm) a storey."""
-    with cli.engine().connect() as connection:
-        cli.choose_map(connection, map_name)
+    with open_map(map_name) as connection:
         storeys = read_wanted_storeys(connection, storey)
     written = []
     for view in storeys:
@@ -59,6 +60,18 @@ def grid_command(
             f"{row['resolution']:g} m: {row['occupied']} occupied, {row['free']} free, "
             f"{row['unknown']} unknown"
         )
+
+
+@contextmanager
+def open_map(name: str | None) -> Iterator[Any]:
+    """A connection that sees the map of that name, the newest one where None."""
+    engine = cli.engine()
+    try:
+        with engine.connect() as connection:
+            cli.choose_map(connection, name)
+            yield connection
+    finally:
+        engine.dispose()
 
 
 def write_grid(

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from navgrid.commands import open_map
 from planner.demo import run_demo
 from planner.route import NoRouteError, Route, route
 from planner.source import read_places_like, read_topology
@@ -41,8 +42,7 @@ def route_command(
     json_: cli.Json = False,
 ) -> None:
     """Find the doors to pass from room to room, in order, each with its two poses."""
-    with cli.engine().connect() as connection:
-        cli.choose_map(connection, map_name)
+    with open_map(map_name) as connection:
         topology = read_topology(connection)
         starts, goals = (read_places_like(connection, topology, said) for said in (start, goal))
     for said, found in ((start, starts), (goal, goals)):

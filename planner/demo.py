@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from navgrid.commands import file_name, with_grid, write_grid
+from navgrid.commands import file_name, open_map, with_grid, write_grid
 from navgrid.path import grid_path
 from navgrid.storey_grid import StoreyGrid, covered, storey_grid
 from planner.route import NoRouteError, Route, route
@@ -78,16 +78,18 @@ def run_demo(
     `pixels` is the width of the pictures.
     """
     began = time.perf_counter()
-    engine = cli.engine()
     files = _files(worlds) or office_files()
     map_name = files[0].name.split(".")[0] if worlds else "office"
 
     say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
-    for file in files:
-        cli.print_summary(import_file(engine, file, map_name=map_name))
+    engine = cli.engine()
+    try:
+        for file in files:
+            cli.print_summary(import_file(engine, file, map_name=map_name))
+    finally:
+        engine.dispose()
 
-    with engine.connect() as connection:
-        cli.choose_map(connection, map_name)
+    with open_map(map_name) as connection:
         say("\n2. Which tables hold a muffin? (Figure 3)")
         columns, rows = entries.run_sql(connection, FIGURE_3, write=False)
         storeys = read_storeys(connection)

@@ -208,8 +208,9 @@ def _search_graph(
         for elevator, cabins in topology.cabins().items():
             for here, there in permutations(cabins, 2):
                 for (a, p), (b, q) in product(doors[here], doors[there]):
-                    extra = costs.ride + costs.ride_per_metre * abs(p[2] - q[2])
-                    graph.add_edge(a, b, walked=0.0, extra=extra, rides=(elevator, a, b))
+                    if a.connector != b.connector:  # else it is a passage
+                        extra = costs.ride + costs.ride_per_metre * abs(p[2] - q[2])
+                        graph.add_edge(a, b, walked=0.0, extra=extra, rides=(elevator, a, b))
     for c in topology.connectors.values():
         extra = {"open": 0.0, "closed": costs.closed, "locked": costs.locked}[c.state]
         through = math.dist(_point(c.poses[0]), _point(c.poses[1]))

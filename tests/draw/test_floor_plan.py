@@ -1,0 +1,82 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from semmap.draw.floor_plan import floor_plan
+from semmap.draw.palette import PATH, ROOMS
+from semmap.draw.view import DoorView, Occupancy, StoreyView
+from semmap.geometry.pose import Pose
+from tests.draw.storeys import two_rooms
+
+
+def pixels(path) -> np.ndarray:
+    return np.asarray(Image.open(path).convert("RGB"), float) / 255
+
+
+def share(picture: np.ndarray, colour: str) -> float:
+    """Of the picture's pixels, those of a colour."""
+    return float((np.abs(picture - to_rgb(colour)).max(axis=-1) < 0.02).mean())
+
+
+def drawn(storey: StoreyView, tmp_path, **more) -> np.ndarray:
+    return pixels(floor_plan(storey, tmp_path / "plan.png", width=7, dpi=80, **more))
+
+
+def test_rooms_cover_their_share_in_the_colours_of_their_types(tmp_path):
+    picture = drawn(two_rooms(), tmp_path)
+    assert picture.shape[1] == 560
+    # both rooms measure 12 m2; furniture, names and regions cover some of it
+    assert 0.12 < share(picture, ROOMS["lab"]) < 0.4
+    assert 0.12 < share(picture, ROOMS["kitchen"]) < 0.4
+    assert share(picture, ROOMS["bedroom"]) == 0
+
+
+def test_a_route_is_drawn_where_there_is_one(tmp_path):
+    storey = two_rooms()
+    with_route, without = drawn(storey, tmp_path), drawn(replace(storey, path=[]), tmp_path)
+    assert share(with_route, PATH) > 0.002
+    assert share(without, PATH) == 0
+
+
+def test_the_grid_is_drawn_where_it_is_occupied(tmp_path):
+    cells = np.zeros((62, 168), np.int8)
+    free = Occupancy((-0.1, -0.1), 0.05, cells)
+    half = cells.copy()
+    half[:31] = 100  # the lower half of the plan
+    plain = drawn(replace(two_rooms(), occupancy=free, objects=[], path=[]), tmp_path)
+    dark = drawn(
+        replace(two_rooms(), occupancy=replace_cells(free, half), objects=[], path=[]), tmp_path
+    )
+    darker = dark.sum(axis=-1) < plain.sum(axis=-1) - 0.5
+    rows = np.nonzero(darker.mean(axis=1) > 0.5)[0]
+    per_metre = 80 * 6.1 / (8.2 + 2 * 0.55)  # dots an inch, inches, metres with their margin
+    assert len(rows) == pytest.approx(31 * 0.05 * per_metre, abs=2)
+    assert rows.min() > 0.45 * len(dark)  # low y is low in the picture
+
+
+def replace_cells(grid: Occupancy, cells: np.ndarray) -> Occupancy:
+    return Occupancy(grid.origin, grid.resolution, cells)
+
+
+@pytest.mark.parametrize("type_", ["door", "elevator_door", "stairs", "ramp"])
+@pytest.mark.parametrize("state", ["open", "closed", "locked"])
+@pytest.mark.parametrize("width", [None, 1.8, 4.0])
+def test_doors_of_all_kinds_are_drawn(tmp_path, type_, state, width):
+    door = DoorView("d", (Pose.planar(3, 1.5), Pose.planar(5, 1.5)), width, type_, state)
+    picture = drawn(replace(two_rooms(), doors=[door]), tmp_path)
+    bare = drawn(replace(two_rooms(), doors=[]), tmp_path)
+    assert picture.shape == bare.shape
+    assert (np.abs(picture - bare).max(axis=-1) > 0.2).sum() > 40
+
+
+def test_a_plan_without_rooms_shows_objects_and_one_of_nothing_says_so(tmp_path):
+    bare = replace(two_rooms(), rooms=[], doors=[], regions=[], path=[])
+    fewer = replace(bare, objects=[o for o in bare.objects if o.name != "table1"])
+    differs = np.abs(drawn(bare, tmp_path) - drawn(fewer, tmp_path)).max(axis=-1) > 0.1
+    assert 0.01 < differs.mean() < 0.03
+    with pytest.raises(ValueError, match="nothing to draw"):
+        floor_plan(StoreyView("empty"), tmp_path / "x.png")
+    assert not (tmp_path / "x.png").exists()

@@ -1,0 +1,60 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from semmap.draw.labels import AROUND, Labels
+
+
+def axes():
+    figure = Figure(figsize=(4, 4), dpi=72)
+    FigureCanvasAgg(figure)
+    made = figure.add_axes((0, 0, 1, 1))
+    made.set_xlim(0, 10)
+    made.set_ylim(0, 10)
+    return made
+
+
+def overlaps(labels: Labels) -> bool:
+    boxes = labels.taken
+    return any(
+        min(a.x1, b.x1) - max(a.x0, b.x0) > 1e-6 and min(a.y1, b.y1) - max(a.y0, b.y0) > 1e-6
+        for i, a in enumerate(boxes)
+        for b in boxes[i + 1 :]
+    )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(st.floats(0.5, 9.5), st.floats(0.5, 9.5)), max_size=25))
+def test_what_is_written_overlaps_nothing(points):
+    labels = Labels(axes())
+    for i, (x, y) in enumerate(points):
+        labels.put(x, y, f"name {i}", offsets=((0, 0), *AROUND), fontsize=8)
+    assert not overlaps(labels)
+
+
+def test_a_text_moves_aside_is_left_out_or_forced():
+    labels = Labels(axes())
+    assert labels.put(5, 5, "first") is not None
+    second = labels.put(5, 5, "second", offsets=((0, 0), (0, 40)))
+    assert second is not None
+    assert second.get_position() == (0, 40)
+    assert labels.put(5, 5, "third") is None
+    assert labels.put(5, 5, "third", force=True) is not None
+
+
+def test_a_text_fits_into_what_it_is_given():
+    labels = Labels(axes())
+    assert labels.put(5, 5, "a long name", within=(0.5, 0.5), fontsize=8) is None
+    assert labels.put(5, 5, "a long name", within=(8, 2), fontsize=8) is not None
+
+
+def test_what_is_kept_clear_or_shunned_is_not_written_upon():
+    labels = Labels(axes())
+    labels.keep_clear(5, 5, 10)
+    labels.shun([(4, 6, 6, 8)])
+    text = labels.put(5, 5, "x", offsets=((0, 0), (0, 70), (0, -70)), fontsize=8)
+    assert text is not None
+    assert text.get_position() == (0, -70)
+    assert np.isclose(labels.axes.get_xlim(), (0, 10)).all()

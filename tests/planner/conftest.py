@@ -1,0 +1,68 @@
+"""The office of the examples in a database, and the command line on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import typer
+from sqlalchemy import Engine
+from typer.testing import CliRunner, Result
+
+import navgrid.commands
+import planner.commands
+from planner.demo import office_files
+from semmap import cli
+from semmap.ingest.importer import import_file
+from tests.conftest import MakeDatabase
+
+
+class Commands:
+    """The commands of navgrid and planner on a database."""
+
+    def __init__(self) -> None:
+        self.app = typer.Typer()
+        navgrid.commands.register(self.app)
+        planner.commands.register(self.app)
+
+    def run(self, *arguments: object) -> Result:
+        """What a command says; an error is raised."""
+        return CliRunner().invoke(self.app, [str(a) for a in arguments], catch_exceptions=False)
+
+
+@pytest.fixture(scope="session")
+def office_url(make_database: MakeDatabase) -> str:
+    """A database that holds the office."""
+    from semmap.database import connect
+
+    url = make_database()
+    engine = connect(url)
+    for path in office_files():
+        import_file(engine, path, map_name="office")
+    engine.dispose()
+    return url.render_as_string(hide_password=False)
+
+
+@pytest.fixture
+def commands(office_url: str) -> Iterator[Commands]:
+    """The commands, on the office."""
+    before, cli.State.url = cli.State.url, office_url
+    yield Commands()
+    cli.State.url = before
+
+
+@pytest.fixture
+def office_engine(office_url: str) -> Iterator[Engine]:
+    """An engine on the office."""
+    from semmap.database import connect
+
+    engine = connect(office_url)
+    yield engine
+    engine.dispose()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """For what commands write."""
+    return tmp_path / "out"
