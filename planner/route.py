@@ -96,6 +96,11 @@ class _Node(NamedTuple):
     side: int
 
 
+def _ridden(node: _Node) -> _Node:
+    """Before that connector, having just ridden there: what follows is no other walk or ride."""
+    return _Node(node.connector, node.side + 2)
+
+
 _START, _GOAL = _Node("start", -1), _Node("goal", -1)
 
 Obstacle = Callable[[Connector, int], str | None]
@@ -208,23 +213,23 @@ def _search_graph(
         for elevator, cabins in topology.cabins().items():
             for here, there in permutations(cabins, 2):
                 for (a, p), (b, q) in product(doors[here], doors[there]):
-                    if a.connector != b.connector:  # else it is a passage
-                        extra = costs.ride + costs.ride_per_metre * abs(p[2] - q[2])
-                        graph.add_edge(a, b, walked=0.0, extra=extra, rides=(elevator, a, b))
+                    extra = costs.ride + costs.ride_per_metre * abs(p[2] - q[2])
+                    graph.add_edge(a, _ridden(b), walked=0.0, extra=extra, rides=(elevator, a, b))
     for c in topology.connectors.values():
         extra = {"open": 0.0, "closed": costs.closed, "locked": costs.locked}[c.state]
         through = math.dist(_point(c.poses[0]), _point(c.poses[1]))
         for side in (0, 1):
             a, b = _Node(c.name, side), _Node(c.name, 1 - side)
-            graph.add_edge(a, b, walked=through, extra=extra, passes=(c, side))
+            for begin in (a, _ridden(a)):
+                graph.add_edge(begin, b, walked=through, extra=extra, passes=(c, side))
     for node, p in doors[start]:
         graph.add_edge(
             _START, node, walked=walk(start, start_point, p) if start_point else 0.0, extra=0.0
         )
     for node, p in doors[goal]:
-        graph.add_edge(
-            node, _GOAL, walked=walk(goal, p, goal_point) if goal_point else 0.0, extra=0.0
-        )
+        rest = walk(goal, p, goal_point) if goal_point else 0.0
+        for end in (node, _ridden(node)):
+            graph.add_edge(end, _GOAL, walked=rest, extra=0.0)
     return graph
 
 

@@ -186,6 +186,9 @@ coordinate = st.integers(-8, 8).map(float)
 poses = st.builds(Pose, x=coordinate, y=coordinate, z=st.sampled_from([0.0, 3.0]))
 
 
+CABIN = {"low": Pose(0.0, 0.0, 0.0), "high": Pose(0.0, 0.0, 3.0)}
+
+
 @st.composite
 def topologies(draw):
     places = [Place(n) for n in ("a", "b", "c")] + [Place("low", elevator="lift"),
@@ -204,7 +207,14 @@ def topologies(draw):
     return Topology.of(
         places,
         [
-            Connector(f"d{i}", ends, at, state=state, direction=direction)
+            Connector(
+                f"d{i}",
+                ends,
+                # the cabin stands above itself: a ride saves no walk
+                tuple(CABIN.get(end, pose) for end, pose in zip(ends, at, strict=True)),
+                state=state,
+                direction=direction,
+            )
             for i, (ends, at, state, direction) in enumerate(joined)
         ],
     )
