@@ -69,7 +69,7 @@ def run_demo(
     *,
     start: str | None = None,
     goal: str | None = None,
-    pixels: int = 2400,
+    pixels: int = 2200,
     say: Say = print,
 ) -> list[Path]:
     """Import worlds into one map, ask it, write its grids, find a route, draw; the pictures made.

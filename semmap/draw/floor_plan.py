@@ -34,8 +34,8 @@ FLAT = {"carpet", "ceiling_lamp"}
 REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("blocked_region", "#c0392b", "////"),
     ("keepout_zone", "#c0392b", "////"),
-    ("stop_region", "#2b8a4b", "...."),
     ("home_region", "#2b8a4b", "...."),
+    ("stop_region", "#1d8a8a", "...."),
     ("navigation_region", "#1f6fb2", "\\\\\\\\"),
     ("region", "#7d5fb2", "\\\\"),
 )
@@ -410,7 +410,7 @@ def _legend(
     kinds = Counter(f for o in objects if (f := family(o.types)) is not None)
     for kind, _ in kinds.most_common(14):
         handles.append(Patch(fc=object_colour([kind]), ec="none", label=kind.replace("_", " ")))
-    for region in {_region_style(r) for r in storey.regions}:
+    for region in dict.fromkeys(_region_style(r) for r in storey.regions):
         handles.append(Patch(fc=to_rgba(region[1], 0.12), ec=region[1], hatch=region[2],
                              label=region[0].replace("_", " ")))  # fmt: skip
     if handles:

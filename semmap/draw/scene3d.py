@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -57,7 +58,7 @@ def scene3d(
     cut: float = 1.25,
     azimuth: float = -62.0,
     elevation: float = 42.0,
-    width: int = 2400,
+    width: int = 2200,
     tint_rooms: bool = True,
 ) -> Path:
     """Draw storeys in 3D and save the picture as PNG.
@@ -133,12 +134,16 @@ def _render(camera: Camera, storey: Surfaces, picture: NDArray[np.float32], dept
     paper = np.array(to_rgb(PAPER), np.float32)
     window = camera.window(2 * left, 2 * top, 2 * width, 2 * height)
     fine, fine_depth = shade(window, storey, paper.astype(float), np.array(to_rgb(_CAP)))
-    cells = (height, 2, width, 2)
-    share = np.isfinite(fine_depth).reshape(cells).mean(axis=(1, 3), dtype=np.float32)[..., None]
+    share = _quarters(np.isfinite(fine_depth).astype(np.float32)).mean(axis=0)[..., None]
     there = np.s_[top : top + height, left : left + width]
     behind = picture[there] - paper
-    picture[there] = fine.reshape(*cells, 3).mean(axis=(1, 3)) + (1 - share) * behind
-    depth[there] = np.maximum(depth[there], fine_depth.reshape(cells).max(axis=(1, 3)))
+    picture[there] = _quarters(fine).mean(axis=0) + (1 - share) * behind
+    depth[there] = np.maximum(depth[there], _quarters(fine_depth).max(axis=0))
+
+
+def _quarters(image: NDArray[Any]) -> NDArray[Any]:
+    """(4, height / 2, width / 2, ...) the four pixels of each 2 x 2."""
+    return np.stack([image[i::2, j::2] for i in (0, 1) for j in (0, 1)])
 
 
 def _shifts(

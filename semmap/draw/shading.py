@@ -74,11 +74,16 @@ def shade(
     f = face[seen]
     sun = _direction(_SUN_AZIMUTH, _SUN_ELEVATION)
     open_sky = _ambient(camera, face, depth, normal, occlusion)[seen]
-    lit = np.clip(normal @ sun, 0, None)[f] * _sunlit(camera, surfaces, face, depth, normal)[seen]
-    sky = (_GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * normal[:, 2]))[f]
+    lit = (
+        np.clip(normal @ sun, 0, None).astype(np.float32)[f]
+        * _sunlit(camera, surfaces, face, depth, normal)[seen]
+    )
+    sky = (_GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * normal[:, 2])).astype(np.float32)[f]
     light = sky * open_sky + _SUN * lit * (0.4 + 0.6 * open_sky)
-    warm = np.stack([light * 1.02, light, light * (0.985 + 0.03 * open_sky)], axis=1)
-    colour = _to_linear(surfaces.colours)[f] * warm
+    colour = _to_linear(surfaces.colours).astype(np.float32)[f]
+    colour *= light[:, None]
+    colour[:, 0] *= np.float32(1.02)  # the sun is warm, the sky cool
+    colour[:, 2] *= np.float32(0.985) + np.float32(0.03) * open_sky
     is_cap = (surfaces.caps & turned)[f]
     colour[is_cap] = _to_linear(cap[None])[0]
     picture[seen] = _to_srgb(colour)
@@ -116,7 +121,7 @@ def _positions(camera: Camera, y: Pixels, x: Pixels, depth: Floats) -> Floats:
 
 def _sunlit(
     camera: Camera, surfaces: Surfaces, face: NDArray[np.int32], depth: Floats, normal: Floats
-) -> Floats:
+) -> NDArray[np.float32]:
     """(height, width) how much of the sun arrives: a shadow map, looked up at half resolution."""
     light = Camera.look(
         _SUN_AZIMUTH, _SUN_ELEVATION, surfaces.triangles.reshape(-1, 3), _SHADOW_MAP
@@ -133,19 +138,21 @@ def _sunlit(
         column = np.clip(at[:, 0] + dx, 0, light.size[0] - 1).astype(np.int64)
         row = np.clip(at[:, 1] + dy, 0, light.size[1] - 1).astype(np.int64)
         lit += shadow[row, column] <= at[:, 2] + slack
-    whole = np.ones(half.shape)
+    whole = np.ones(half.shape, np.float32)
     whole[y, x] = lit / len(taps)
     return _enlarged(whole, 2, face.shape)
 
 
-def _enlarged(image: Floats, times: int, shape: tuple[int, ...]) -> Floats:
+def _enlarged(
+    image: NDArray[np.float32], times: int, shape: tuple[int, ...]
+) -> NDArray[np.float32]:
     """Each pixel `times` x `times`, cut to the shape."""
     return np.repeat(np.repeat(image, times, axis=0), times, axis=1)[: shape[0], : shape[1]]
 
 
 def _ambient(
     camera: Camera, face: NDArray[np.int32], depth: Floats, normal: Floats, radius: float
-) -> Floats:
+) -> NDArray[np.float32]:
     """(height, width) share of the sky that is open, by the depths around, coarsely."""
     whole = face.shape
     face, depth = face[::4, ::4], np.maximum(depth[::4, ::4], -1e9)
@@ -169,7 +176,7 @@ def _ambient(
             hidden += weight * np.clip((above - 0.01) / (0.6 * radius * ring + 0.02), 0, 1) * near
             total += weight
     opened = np.clip(1.0 - 1.35 * gaussian_filter(hidden / total, 0.8), 0.15, 1.0)
-    return _enlarged(opened, 4, whole)
+    return _enlarged(opened.astype(np.float32), 4, whole)
 
 
 def _shifted(image: Floats, dx: int, dy: int) -> Floats:
@@ -210,6 +217,11 @@ def _to_linear(colour: Floats) -> Floats:
     return np.asarray(colour, float) ** 2.2
 
 
-def _to_srgb(colour: Floats) -> Floats:
-    out: Floats = np.clip(colour, 0, 1) ** (1 / 2.2)
+_SRGB = (np.linspace(0, 1, 4096) ** (1 / 2.2)).astype(np.float32)
+
+
+def _to_srgb(colour: NDArray[np.float32]) -> NDArray[np.float32]:
+    out: NDArray[np.float32] = _SRGB[
+        np.minimum(colour * np.float32(4095), np.float32(4095)).astype(np.uint16)
+    ]
     return out
