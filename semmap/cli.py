@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any
@@ -45,21 +46,26 @@ class State:
     """What the options before the command said."""
 
     url: str | None = None
+    context: typer.Context | None = None
 
 
 @app.callback()
 def _main(
+    context: typer.Context,
     db: Annotated[
         str | None,
         typer.Option("--db", envvar="SEMMAP_DB", help="Database URL; by default the embedded one."),
     ] = None,
 ) -> None:
-    State.url = db
+    State.url, State.context = db, context
 
 
 def engine() -> Engine:
-    """The database that the user chose."""
-    return connect(State.url)
+    """The database that the user chose; closed when the command ends."""
+    chosen = connect(State.url)
+    if State.context is not None:
+        State.context.call_on_close(chosen.dispose)
+    return chosen
 
 
 def choose_map(connection: Connection, name: str | None) -> None:
@@ -262,10 +268,16 @@ def drop(name: str, yes: Annotated[bool, typer.Option("--yes", help="Don't ask."
     out.print(f"{name}: {n} entities deleted")
 
 
-def main() -> None:
-    """Run the command line; an expected error is one line and exit code 2."""
+@cache
+def register_commands() -> None:
+    """Take in the commands of other packages, once."""
     for entry_point in entry_points(group="semmap.commands"):
         entry_point.load()(app)
+
+
+def main() -> None:
+    """Run the command line; an expected error is one line and exit code 2."""
+    register_commands()
     try:
         app()
     except (WorldError, DatabaseError, LookupError, ValueError) as error:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely import MultiPolygon, Polygon, STRtree
 
 from semmap.geometry.mesh import Mesh
@@ -55,38 +57,116 @@ def support_surfaces(
     Notes
     -----
     Faces are taken together by height and by touching in projection, not by shared vertices.
-    A mesh whose volume is negative is turned inside out, and its normals are taken the other way.
+    What the next level face above covers, looking up as well, is inside a solid and no support.
+    A connected part whose volume is negative is turned inside out; its normals are taken the other
+    way. Meshes from the wild mix both.
     """
     if not len(mesh.faces):
         return []
     triangles = mesh.triangles
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     doubled = np.linalg.norm(normals, axis=1)
-    volume = np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2]))
-    upward = normals[:, 2] if volume >= 0 else -normals[:, 2]
+    upward = np.where(_inside_out(mesh), -normals[:, 2], normals[:, 2])
     flat = np.abs(upward) >= math.cos(max_tilt) * np.maximum(doubled, 1e-14)
-    up = np.flatnonzero(flat & (upward > 0) & (doubled > 1e-10))
     heights = triangles[:, :, 2].mean(axis=1)
     shapes = shapely.polygons(triangles[:, :, :2])
-    lids = np.flatnonzero(flat & (doubled > 1e-10))
-    lids = lids[np.argsort(heights[lids])]
+    solid = flat & (doubled > 1e-10)
+    ups = _layers(np.flatnonzero(solid & (upward > 0)), heights, shapes, level)
+    downs = _layers(np.flatnonzero(solid & (upward < 0)), heights, shapes, level)
 
     found = []
-    for group in _by_height(up, heights, level):
-        merged = _merge(shapes[group], level)
-        top = float(heights[group].max())
-        first, last = np.searchsorted(heights[lids], [top + level, top + clearance])
-        if first < last:
-            merged = merged.difference(_merge(shapes[lids[first:last]], level))
-        tree = STRtree(shapely.centroid(shapes[group]))
-        for outline in _parts(merged):
+    for layer in ups:
+        if layer.outline.area < min_area:
+            continue
+        free = _free_above(layer, ups, downs, clearance)
+        tree = STRtree(shapely.centroid(shapes[layer.faces]))
+        for outline in _parts(free.buffer(-level / 4).buffer(level / 4, join_style="mitre")):
             if outline.area < min_area:
                 continue
-            own = group[np.sort(tree.query(outline, predicate="intersects"))]
-            if len(own):
-                height = float(np.average(heights[own], weights=doubled[own]))
-                found.append(Surface(height, outline, float(outline.area), own))
+            own = layer.faces[np.sort(tree.query(outline, predicate="intersects"))]
+            faces = own if len(own) else layer.faces
+            height = float(np.average(heights[faces], weights=doubled[faces]))
+            found.append(Surface(height, outline, float(outline.area), faces))
     return sorted(found, key=lambda s: (-s.height, -s.area))
+
+
+def _inside_out(mesh: Mesh) -> NDArray[np.bool_]:
+    """(F,): whether a face belongs to a connected part that encloses a negative volume."""
+    _, corner = np.unique(np.round(mesh.vertices, 6), axis=0, return_inverse=True)
+    faces = corner.reshape(-1)[mesh.faces]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    size = int(corner.max()) + 1
+    graph = coo_array((np.ones(len(edges), bool), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    part = connected_components(graph, directed=False)[1][faces[:, 0]]
+    # Volumes from each part's own middle: an open sheet then encloses nothing, wherever it lies.
+    triangles = mesh.triangles
+    count = np.bincount(part)
+    middle = np.column_stack(
+        [
+            np.bincount(part, triangles[:, :, k].mean(axis=1)) / np.maximum(count, 1)
+            for k in range(3)
+        ]
+    )
+    a, b, c = np.moveaxis(triangles - middle[part][:, None], 1, 0)
+    volume = np.bincount(part, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    area = np.bincount(part, np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    turned: NDArray[np.bool_] = (volume < -1e-6 * area**1.5)[part]
+    return turned
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """Level faces of one height that look the same way."""
+
+    low: float
+    high: float
+    outline: Polygon | MultiPolygon
+    faces: NDArray[np.intp]
+
+
+def _layers(
+    faces: NDArray[np.intp],
+    heights: NDArray[np.float64],
+    shapes: NDArray[np.object_],
+    level: float,
+) -> list[_Layer]:
+    """The faces by height, the lowest first."""
+    return [
+        _Layer(
+            float(heights[group].min()),
+            float(heights[group].max()),
+            _merge(shapes[group], level),
+            group,
+        )
+        for group in _by_height(faces, heights, level)
+    ]
+
+
+def _free_above(
+    layer: _Layer, ups: list[_Layer], downs: list[_Layer], clearance: float
+) -> Polygon | MultiPolygon:
+    """The part of a layer on which something can stand.
+
+    Not where a face of the mesh lies within `clearance` above, nor where the next level face above
+    looks up: there the layer is inside a solid, as a frame under its mattress.
+    """
+    free = layer.outline
+    unseen = layer.outline
+    above = sorted(
+        [(other.low, True, other) for other in ups if other.low > layer.high]
+        + [(other.low, False, other) for other in downs if other.low > layer.high],
+        key=lambda item: item[:2],
+    )
+    for low, looks_up, other in above:
+        if unseen.is_empty:
+            break
+        met = unseen.intersection(other.outline)
+        if met.area < 1e-4:
+            continue
+        if looks_up or low < layer.high + clearance:
+            free = free.difference(met)
+        unseen = unseen.difference(met)
+    return free
 
 
 def _by_height(

@@ -1,0 +1,116 @@
+"""The command line as a user calls it: answers, JSON, errors that say what to do."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from sqlalchemy import Engine
+
+from semmap.ingest.importer import import_file
+from tests.ingest.worlds_by_hand import box_world
+
+OFFICE = Path(__file__).parents[2] / "examples" / "office"
+FIGURE_3 = (Path(__file__).parents[2] / "benchmarks" / "figure3.sql").read_text()
+
+
+@pytest.fixture(scope="module")
+def office(module_engine: Engine) -> str:
+    """The URL of a database that holds the office."""
+    for name in ("office.sdf", "office_rooms.geojson"):
+        import_file(module_engine, OFFICE / name, map_name="office")
+    return module_engine.url.render_as_string(hide_password=False)
+
+
+def semmap(url: str, *words: str | Path) -> subprocess.CompletedProcess[str]:
+    call = "import sys; sys.argv[0] = 'semmap'; from semmap.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", call, "--db", url, *map(str, words)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def test_figure_3_verbatim(office: str) -> None:
+    done = semmap(office, "sql", FIGURE_3, "--json")
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads(done.stdout)
+    assert list(row) == ["label", "label_2", "box3d"]
+    assert (row["label"], row["label_2"]) == ("office4", "desk4")
+    assert row["box3d"].startswith("BOX3D(")
+
+
+def test_ls_and_show(office: str) -> None:
+    names = {r["name"] for r in json.loads(semmap(office, "ls", "desk", "--json").stdout)}
+    assert {"desk1", "desk4"} <= names
+    kitchens = json.loads(semmap(office, "ls", "--label", "kitchen", "--json").stdout)
+    assert [k["name"] for k in kitchens] == ["kitchen"]
+    held = {r["name"] for r in json.loads(semmap(office, "ls", "--in", "office4", "--json").stdout)}
+    assert {"desk4", "muffin1"} <= held
+    nearest = json.loads(
+        semmap(office, "ls", "food", "--near", "desk4", "--within", "1", "--json").stdout
+    )
+    assert [n["name"] for n in nearest] == ["muffin1"]
+    muffin = json.loads(semmap(office, "show", "muffin1", "--json").stdout)
+    assert (muffin["holder"], muffin["relation"]) == ("desk4", "on")
+    assert "food" in muffin["types"]
+
+
+def test_route_of_figure_4(office: str) -> None:
+    done = semmap(office, "route", "lab1", "office4", "--json")
+    assert done.returncode == 0, done.stderr
+    doors = [d["name"] for d in json.loads(done.stdout)["doors"]]
+    assert doors == ["door1", "door2", "edoor1", "edoor3", "door5", "door6"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("show", "mufin1"), "did you mean muffin1"),
+        (("ls", "dask"), "did you mean"),
+        (("ls", "--map", "offic"), "there are: office"),
+        (("ls", "--within", "3"), "--near"),
+        (("ls", "--box", "1,2,3"), "6 numbers"),
+        (("ls", "--where", "blue"), "KEY=VALUE"),
+        (("sql", "DELETE FROM entity"), "--write"),
+        (("sql", "COMMIT; DELETE FROM entity"), "multiple commands"),
+        (("sql", "SELEC 1"), "syntax error"),
+        (("route", "lab1", "moon"), "moon"),
+        (("import", "nowhere.sdf"), "is not there"),
+        (("import", "README.md"), "is not known"),
+    ],
+)
+def test_errors_say_what_to_do(office: str, words: tuple[str, ...], says: str) -> None:
+    done = semmap(office, *words)
+    assert done.returncode == 2, done.stdout
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_bad_file_and_a_bad_element(office: str, tmp_path: Path) -> None:
+    good = box_world(tmp_path, {"a": (0, 0, 0), "b": (0, 0, float("nan"))})
+    done = semmap(office, "import", good, "--map", "bad", "--strict")
+    assert done.returncode == 2
+    assert "b" in done.stderr
+    done = semmap(office, "import", good, "--map", "bad")
+    assert done.returncode == 0
+    assert "left out: 1" in done.stdout
+    good.write_text(good.read_text()[:100])
+    done = semmap(office, "import", good, "--map", "bad")
+    assert done.returncode == 2
+    assert good.name in done.stderr
+
+
+def test_changes_come_with_a_cursor(office: str) -> None:
+    first = json.loads(semmap(office, "changes", "--json").stdout)
+    assert first["changes"]
+    moved = semmap(
+        office, "sql", "--write", "UPDATE placement SET pose[1] = pose[1] + 0.1 "
+        "WHERE entity_id = entity_id('cup1')", "--map", "office",
+    )  # fmt: skip
+    assert moved.returncode == 0, moved.stderr
+    then = json.loads(semmap(office, "changes", first["cursor"], "--json").stdout)
+    assert [c["what"] for c in then["changes"]] == ["moved"]
+    assert json.loads(semmap(office, "changes", then["cursor"], "--json").stdout)["changes"] == []
