@@ -23,6 +23,9 @@ CONTACT = 0.03
 HALF = 0.5 - 1e-9
 """Share of a footprint that holds it."""
 
+WALKED = 0.5
+"""Square metres beyond which something flat is walked over."""
+
 CLEAR = 0.95
 """Share of a footprint from which there is no doubt."""
 
@@ -38,9 +41,10 @@ class Thing:
 
 @dataclass(frozen=True, eq=False)
 class SurfacePatch:
-    """A support surface in world coordinates, and whose it is."""
+    """A support surface in world coordinates: whose it is, and how low that one reaches."""
 
     owner: int
+    low: float
     height: float
     outline: Polygon
 
@@ -70,13 +74,13 @@ def derive_holders(
     """The holder of each thing: the surface it lies on, else the room it stands in, else none.
 
     A thing lies on a surface whose height is within `CONTACT` of its bottom and which bears at
-    least half of its footprint. What is flatter than `CONTACT` (a carpet) holds nothing, so that
-    nobody is held by what he walks over; and a surface holds only from above its owner's bottom, so
-    that no two things hold each other. A thing stands in the room with most of its footprint, at
-    least half, whose heights take in its middle.
+    least half of its footprint. What one walks over (flatter than `CONTACT`, larger than `WALKED`:
+    a carpet) holds nothing, a tray does. A holder's bottom is below that of what it holds, so that
+    no two things hold each other. A thing stands in the room with most of its footprint, at least
+    half, whose heights take in its middle.
     """
-    boxes = {thing.id: thing.box for thing in things}
-    bearing = [s for s in surfaces if _bears(s, boxes.get(s.owner))]
+    known = {thing.id: thing for thing in things}
+    bearing = [s for s in surfaces if _bears(s, known.get(s.owner))]
     surface_tree = STRtree([s.outline for s in bearing])
     room_tree = STRtree([r.outline for r in rooms])
     held = {}
@@ -89,11 +93,11 @@ def derive_holders(
     return held
 
 
-def _bears(surface: SurfacePatch, owner: NDArray[np.float64] | None) -> bool:
+def _bears(surface: SurfacePatch, owner: Thing | None) -> bool:
     if owner is None:
         return True
-    low, high = owner[:, 2]
-    return bool(high - low > CONTACT and surface.height > low + 0.005)
+    low, high = owner.box[:, 2]
+    return bool(high - low > CONTACT or owner.footprint.area < WALKED)
 
 
 def _on(thing: Thing, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holding | None:
@@ -103,7 +107,7 @@ def _on(thing: Thing, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holdin
     for i in tree.query(thing.footprint):
         surface = surfaces[i]
         gap = abs(surface.height - bottom)
-        if surface.owner == thing.id or gap > CONTACT or area == 0:
+        if surface.owner == thing.id or gap > CONTACT or surface.low >= bottom - 1e-6 or area == 0:
             continue
         share = surface.outline.intersection(thing.footprint).area / area
         shares[surface.owner] = min(shares.get(surface.owner, 0.0) + share, 1.0)

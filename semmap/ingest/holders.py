@@ -50,6 +50,7 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
             wanted[thing.id] = (_storey_of(thing, storeys), "in", None)
     for fixture in fixtures:
         wanted[fixture.id] = (_storey_of(fixture, storeys), "in", None)
+    _break_circles(connection, map_id, wanted, {f.id: _storey_of(f, storeys) for f in things})
     changed = 0
     with connection.cursor() as cursor:
         cursor.execute(
@@ -63,6 +64,31 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
                 cursor.execute("SELECT put(%s, %s, %s, %s::float8)", (thing_id, *holding_now))
                 changed += 1
     return changed
+
+
+def _break_circles(
+    connection: psycopg.Connection[Any],
+    map_id: int,
+    wanted: dict[int, tuple[int | None, str, float | None]],
+    storeys: dict[int, int | None],
+) -> None:
+    """What would be held by something that somebody put into it goes to its storey instead."""
+    above: dict[int, int | None] = dict(
+        connection.execute(
+            "SELECT p.entity_id, p.holder_id FROM placement p JOIN entity e ON e.id = p.entity_id "
+            "WHERE e.map_id = %s",
+            (map_id,),
+        ).fetchall()
+    )
+    above.update({thing: holder for thing, (holder, _, _) in wanted.items()})
+    for thing in wanted:
+        seen, step = {thing}, above.get(thing)
+        while step is not None and step not in seen:
+            seen.add(step)
+            step = above.get(step)
+        if step is not None:
+            wanted[thing] = (storeys.get(thing), "in", None)
+            above[thing] = storeys.get(thing)
 
 
 def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
@@ -130,7 +156,7 @@ def _things(connection: psycopg.Connection[Any], map_id: int) -> tuple[list[Thin
 def _surfaces(connection: psycopg.Connection[Any], map_id: int) -> list[SurfacePatch]:
     """The support surfaces of all upright objects, in world coordinates."""
     rows = connection.execute(
-        "SELECT e.id, s.height, ST_AsBinary(s.outline), w.pose FROM entity e "
+        "SELECT e.id, ST_ZMin(w.box), s.height, ST_AsBinary(s.outline), w.pose FROM entity e "
         "JOIN world w ON w.entity_id = e.id JOIN entity_model em ON em.entity_id = e.id "
         "JOIN support_surface s ON s.model_id = em.model_id AND s.height IS NOT NULL "
         "WHERE e.map_id = %s AND e.kind = 'object' AND abs(w.pose[4]) < 1e-3 "
@@ -139,13 +165,10 @@ def _surfaces(connection: psycopg.Connection[Any], map_id: int) -> list[SurfaceP
         (map_id, list(BUILDING)),
     ).fetchall()
     patches = []
-    for entity_id, height, outline, pose in rows:
+    for entity_id, low, height, outline, pose in rows:
         placed = Pose(*pose)
-        patches.append(
-            SurfacePatch(
-                entity_id, placed.z + height, _placed(shapely.from_wkb(bytes(outline)), placed)
-            )
-        )
+        ground = _placed(shapely.from_wkb(bytes(outline)), placed)
+        patches.append(SurfacePatch(entity_id, low, placed.z + height, ground))
     return patches
 
 

@@ -20,7 +20,8 @@ def box(id_: int, x: float, y: float, z: float, w: float, d: float, h: float) ->
 
 
 def top(thing: Thing) -> SurfacePatch:
-    return SurfacePatch(thing.id, float(thing.box[1, 2]), thing.footprint)  # type: ignore[arg-type]
+    low, high = (float(z) for z in thing.box[:, 2])
+    return SurfacePatch(thing.id, low, high, thing.footprint)  # type: ignore[arg-type]
 
 
 TABLE = box(1, 1, 1, 0, 1.2, 0.6, 0.75)
@@ -60,6 +61,20 @@ def test_confidence_falls_where_it_is_close() -> None:
 def test_a_tall_shelf_does_not_hold_the_table_it_overlaps() -> None:
     shelf = box(6, 2.19, 1, 0, 0.4, 0.6, 2.0)
     assert derive_holders([TABLE, shelf], [top(TABLE), top(shelf)], [ROOM])[1].holder == 100
+
+
+def test_things_at_one_place_do_not_hold_each_other() -> None:
+    ledge = box(8, 1, 1, 0.5, 1, 0.1, 0.02)
+    twin = box(9, 1, 1, 0.5, 1, 0.1, 0.02)
+    held = derive_holders([ledge, twin], [top(ledge), top(twin)], [ROOM])
+    assert (held[8].holder, held[9].holder) == (100, 100)
+
+
+def test_a_flat_tray_holds_what_lies_on_it() -> None:
+    tray = box(2, 1.1, 1.1, 0.75, 0.4, 0.3, 0.01)
+    cup = box(3, 1.2, 1.2, 0.76, 0.1, 0.1, 0.1)
+    held = derive_holders([TABLE, tray, cup], [top(TABLE), top(tray)], [ROOM])
+    assert (held[2].holder, held[3].holder) == (1, 2)
 
 
 def test_carpets_hold_nobody() -> None:

@@ -125,6 +125,13 @@ def test_names_that_another_file_has_get_a_suffix(engine: Engine, tmp_path: Path
     assert (again.added, again.unchanged) == (0, 1)
 
 
+def test_a_world_imported_twice_under_two_names_stands_beside_itself(engine: Engine) -> None:
+    office = Path(__file__).parents[2] / "examples" / "office" / "office.sdf"
+    first = import_file(engine, office, map_name="twins", source="one")
+    second = import_file(engine, office, map_name="twins", source="two")
+    assert first.added == second.added == 218
+
+
 def test_a_type_that_the_t_box_lacks_is_added_and_said(engine: Engine, tmp_path: Path) -> None:
     path = tmp_path / "odd.geojson"
     features = room_features({"room1": (0, 0, 4, 3)})
