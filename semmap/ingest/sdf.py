@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from semmap.geometry.pose import Pose
+from semmap.ingest.georeference import utm_crs
 from semmap.ingest.naming import guess_type, unique_name
 from semmap.ingest.sdf_frames import Frames
 from semmap.ingest.sdf_geometry import LARGEST
@@ -115,7 +116,17 @@ def _georeference(world: Element) -> dict[str, object] | None:
         for tag in ("latitude_deg", "longitude_deg", "elevation", "heading_deg")
         if element is not None and element.find(tag) is not None
     }
-    return {**values} if any(values.values()) else None
+    if not any(values.values()):
+        return None  # what Gazebo writes where nobody said anything
+    where = "spherical_coordinates"
+    surface = (world.findtext(f"{where}/surface_model") or "EARTH_WGS84").strip()
+    if surface != "EARTH_WGS84":
+        raise Unusable(where, f"{surface} is not the earth", "Use EARTH_WGS84, or leave it out.")
+    try:
+        utm_crs(values.get("latitude_deg", 0.0), values.get("longitude_deg", 0.0))
+    except ValueError as error:
+        raise Unusable(where, str(error), "Correct the file.") from error
+    return {**values}
 
 
 def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) -> Entry:

@@ -19,6 +19,7 @@ from psycopg.types.json import Jsonb
 
 from semmap.geometry.outline import hull_points
 from semmap.geometry.tin import encode_chunks
+from semmap.ingest.georeference import on_utm
 from semmap.ingest.world import OUTSIDE, Connects, Entry, Level, Place, Shape, World, WorldError
 
 __all__ = ["Progress", "Stored", "store_world"]
@@ -472,9 +473,20 @@ def _link(cursor: psycopg.Cursor[Any], world: World, ids: dict[str, int]) -> Non
 
 
 def _georeference(cursor: psycopg.Cursor[Any], map_id: int, world: World) -> None:
-    if world.georeference:
-        cursor.execute(
-            "UPDATE map SET crs = %(crs)s, easting = %(easting)s, northing = %(northing)s, "
-            "height = %(height)s, rotation = %(rotation)s WHERE id = %(id)s",
-            {**world.georeference, "id": map_id},
+    """Of a file that has none, the map keeps what it was told before."""
+    said = world.georeference
+    if not said:
+        return
+    if "crs" not in said:
+        said = on_utm(
+            cursor,
+            said.get("latitude_deg", 0.0),
+            said.get("longitude_deg", 0.0),
+            said.get("elevation", 0.0),
+            said.get("heading_deg", 0.0),
         )
+    cursor.execute(
+        "UPDATE map SET crs = %(crs)s, easting = %(easting)s, northing = %(northing)s, "
+        "height = %(height)s, rotation = %(rotation)s WHERE id = %(id)s",
+        {**said, "id": map_id},
+    )

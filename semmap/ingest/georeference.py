@@ -1,0 +1,76 @@
+"""A place on the earth, said in degrees, as the georeference that a map keeps: on a UTM grid."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import psycopg
+
+__all__ = ["on_utm", "utm_crs"]
+
+UTM_LATITUDES = (-80.0, 84.0)
+"""Degrees between which UTM is defined."""
+
+
+def utm_crs(latitude: float, longitude: float) -> int:
+    """The EPSG code of the UTM zone (WGS 84) of a place given in degrees.
+
+    By the 6° rule alone: the wider zones around Norway and Svalbard are not made an exception of,
+    since a map has to lie near one grid, not on the sheet that others print.
+
+    Raises
+    ------
+    ValueError
+        Beyond the latitudes of UTM.
+    """
+    low, high = UTM_LATITUDES
+    if not low <= latitude <= high:
+        raise ValueError(
+            f"latitude {latitude:g}° is beyond UTM; give one from {low:g} to {high:g} degrees"
+        )
+    zone = int((longitude + 180) % 360 // 6) + 1
+    return (32600 if latitude >= 0 else 32700) + zone
+
+
+def on_utm(
+    cursor: psycopg.Cursor[Any],
+    latitude: float,
+    longitude: float,
+    elevation: float = 0.0,
+    heading: float = 0.0,
+) -> dict[str, float]:
+    """Where a frame that stands level at a place of the earth lies on the place's UTM grid.
+
+    Parameters
+    ----------
+    cursor : of a database with PostGIS, whose projections are used
+    latitude, longitude : of the frame's origin, WGS 84, degrees
+    elevation : metres
+    heading : degrees by which the frame is turned from east-north-up about the downward axis, as
+        `heading_deg` of SDF's ``spherical_coordinates``: at 90 its x axis points south
+
+    Returns
+    -------
+    `crs` (EPSG code), `easting`, `northing`, `height` (metres), `rotation` (of the frame's x axis
+    from the grid's east, radians in [-pi, pi], counter-clockwise; the grid's convergence is
+    allowed for). The grid's scale, within 0.1 % of 1, is not.
+    """
+    crs = utm_crs(latitude, longitude)
+    cursor.execute(
+        "SELECT ST_X(here), ST_Y(here), ST_X(north) - ST_X(here), ST_Y(north) - ST_Y(here) FROM "
+        "ST_Transform(ST_SetSRID(ST_MakePoint(%(lon)s, %(lat)s), 4326), %(crs)s::int) AS here, "
+        "ST_Transform(ST_SetSRID(ST_MakePoint(%(lon)s, %(lat)s + 1e-4), 4326), %(crs)s::int) north",
+        {"lat": latitude, "lon": longitude, "crs": crs},
+    )
+    row = cursor.fetchone()
+    assert row is not None
+    easting, northing, north_x, north_y = row
+    convergence = math.atan2(north_x, north_y)  # of true north from the grid's, clockwise
+    return {
+        "crs": crs,
+        "easting": easting,
+        "northing": northing,
+        "height": elevation,
+        "rotation": -math.remainder(math.radians(heading) + convergence, math.tau),
+    }

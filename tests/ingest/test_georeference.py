@@ -1,0 +1,181 @@
+"""Worlds on the earth: from SDF's degrees to the UTM grid, against GDAL."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import Engine, text
+
+from semmap.ingest.georeference import utm_crs
+from semmap.ingest.importer import import_file
+from semmap.ingest.sdf import read_sdf
+
+OSNABRUECK = (52.2799, 8.0472, 63.5)
+SYDNEY = (-33.8688, 151.2093, 5.0)
+PLACES = (OSNABRUECK, SYDNEY, (61.5, 23.99, 100.0), (0.5, -179.99, -3.0), (-0.001, 3.0, 0.0))
+ROTATION = "SELECT crs, easting, northing, height, rotation FROM map WHERE name = :map"
+ROUND = 6_378_137.0
+"""The earth's equatorial radius (WGS 84), metres."""
+
+
+def sdf(folder: Path, said: dict[str, Any] | None, name: str = "site.sdf") -> Path:
+    """A world of one box of 4 x 2 m, with the spherical coordinates that are said."""
+    elements = "".join(f"<{tag}>{value}</{tag}>" for tag, value in (said or {}).items())
+    earth = "" if said is None else f"<spherical_coordinates>{elements}</spherical_coordinates>"
+    path = folder / name
+    path.write_text(
+        f"<sdf version='1.9'><world name='site'>{earth}<model name='crate'><link name='l'>"
+        "<visual name='v'><geometry><box><size>4 2 1</size></box></geometry></visual></link>"
+        "</model></world></sdf>"
+    )
+    return path
+
+
+def degrees(latitude: float, longitude: float, elevation: float, heading: float) -> dict[str, Any]:
+    return {
+        "latitude_deg": latitude,
+        "longitude_deg": longitude,
+        "elevation": elevation,
+        "heading_deg": heading,
+    }
+
+
+def kept(engine: Engine, name: str = "site") -> Any:
+    with engine.connect() as connection:
+        return connection.execute(text(ROTATION), {"map": name}).one()
+
+
+@pytest.fixture(scope="session")
+def gdaltransform() -> str:
+    program = shutil.which("gdaltransform")
+    if program is None:
+        pytest.skip("gdaltransform is not installed: apt install gdal-bin")
+    return program
+
+
+def gdal(
+    program: str, source: str, target: str, points: list[tuple[float, float]]
+) -> list[list[float]]:
+    """Points (x, y) from one coordinate system to another; CRS84 is longitude, latitude."""
+    done = subprocess.run(
+        [program, "-s_srs", source, "-t_srs", target],
+        input="".join(f"{x!r} {y!r}\n" for x, y in points),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [[float(word) for word in line.split()[:2]] for line in done.stdout.splitlines()]
+
+
+def east_north(origin: tuple[float, float], point: list[float]) -> tuple[float, float]:
+    """Metres to the east and north of a place, on the WGS 84 ellipsoid, over short ways."""
+    squared = 0.00669437999014  # first eccentricity
+    lat = math.radians(origin[0])
+    w = 1 - squared * math.sin(lat) ** 2
+    normal, meridian = ROUND / math.sqrt(w), ROUND * (1 - squared) / w**1.5
+    east = math.remainder(point[0] - origin[1], 360)
+    return math.radians(east) * normal * math.cos(lat), math.radians(
+        point[1] - origin[0]
+    ) * meridian
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "crs"),
+    [
+        (52.3, 8.0, 32632), (-33.9, 151.2, 32756), (0, 0, 32631), (-1e-9, 0, 32731),
+        (10, 5.999, 32631), (10, 6, 32632), (10, -180, 32601), (10, 180, 32601),
+        (10, 179.999, 32660), (10, 190, 32602), (84, 1, 32631), (-80, 1, 32731),
+    ],
+)  # fmt: skip
+def test_the_zone_of_a_place(latitude: float, longitude: float, crs: int) -> None:
+    assert utm_crs(latitude, longitude) == crs
+
+
+@pytest.mark.parametrize("latitude", [84.01, -80.01, 123.0])
+def test_there_is_no_zone_at_the_poles(latitude: float) -> None:
+    with pytest.raises(ValueError, match="beyond UTM; give one from -80 to 84"):
+        utm_crs(latitude, 8.0)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_the_origin_lies_where_gdal_puts_it(
+    module_engine: Engine, tmp_path: Path, gdaltransform: str, place: tuple[float, float, float]
+) -> None:
+    latitude, longitude, elevation = place
+    import_file(module_engine, sdf(tmp_path, degrees(*place, 0)), map_name=tmp_path.name)
+    crs, easting, northing, height, _ = kept(module_engine, tmp_path.name)
+    ((x, y),) = gdal(gdaltransform, "OGC:CRS84", f"EPSG:{crs}", [(longitude, latitude)])
+    assert (easting, northing) == pytest.approx((x, y), abs=1e-4)
+    assert height == elevation
+
+
+@pytest.mark.parametrize("heading", [0, 90, -30, 200])
+@pytest.mark.parametrize("place", PLACES)
+def test_a_heading_turns_the_map_clockwise_from_true_east(
+    module_engine: Engine,
+    tmp_path: Path,
+    gdaltransform: str,
+    place: tuple[float, float, float],
+    heading: float,
+) -> None:
+    """100 m along x and along y of the map, through the grid, back onto the earth."""
+    import_file(module_engine, sdf(tmp_path, degrees(*place, heading)), map_name=tmp_path.name)
+    crs, easting, northing, _, rotation = kept(module_engine, tmp_path.name)
+    c, s = 100 * math.cos(rotation), 100 * math.sin(rotation)
+    ends = [(easting + c, northing + s), (easting - s, northing + c)]
+    x_end, y_end = gdal(gdaltransform, f"EPSG:{crs}", "OGC:CRS84", ends)
+    down = math.radians(heading)  # about the downward axis: from north to east is positive
+    near = 0.12  # of 100 m the grid's scale takes up to 0.1 %
+    assert east_north(place[:2], x_end) == pytest.approx(
+        (100 * math.cos(down), -100 * math.sin(down)), abs=near
+    )
+    assert east_north(place[:2], y_end) == pytest.approx(
+        (100 * math.sin(down), 100 * math.cos(down)), abs=near
+    )
+
+
+def test_the_map_lies_on_the_earth_as_gis_programs_see_it(engine: Engine, tmp_path: Path) -> None:
+    import_file(engine, sdf(tmp_path, degrees(*OSNABRUECK, 90)))
+    with engine.connect() as connection:
+        box = connection.execute(
+            text("SELECT ST_XMin(geom), ST_YMin(geom), ST_XMax(geom), ST_YMax(geom) FROM gis_earth")
+        ).one()
+    low, high = (east_north(OSNABRUECK[:2], list(p)) for p in (box[:2], box[2:]))
+    assert (*low, *high) == pytest.approx((-1, -2, 1, 2), abs=0.01)  # 4 m of x run to the south
+
+
+def test_gazebos_default_says_nothing(engine: Engine, tmp_path: Path) -> None:
+    import_file(engine, sdf(tmp_path, degrees(0, 0, 0, 0)))
+    assert kept(engine) == (None,) * 5
+
+
+def test_what_was_said_outlasts_a_file_that_says_nothing(engine: Engine, tmp_path: Path) -> None:
+    import_file(engine, sdf(tmp_path, degrees(*OSNABRUECK, 12)))
+    said = kept(engine)
+    import_file(engine, sdf(tmp_path, None, "other.sdf"), map_name="site")
+    import_file(engine, sdf(tmp_path, degrees(0, 0, 0, 0)), map_name="site")
+    assert kept(engine) == said
+    import_file(engine, sdf(tmp_path, degrees(*SYDNEY, 12)), map_name="site")
+    assert kept(engine).crs == 32756
+
+
+@pytest.mark.parametrize(
+    ("said", "problem"),
+    [
+        (degrees(91, 8, 0, 0), "latitude 91° is beyond UTM"),
+        ({"surface_model": "MOON_SCS", **degrees(10, 8, 0, 0)}, "MOON_SCS is not the earth"),
+    ],
+)
+def test_what_is_no_place_on_the_grid_is_left_out(
+    tmp_path: Path, said: dict[str, Any], problem: str
+) -> None:
+    world = read_sdf(sdf(tmp_path, said))
+    assert world.georeference is None
+    assert [s.element for s in world.skipped] == ["spherical_coordinates"]
+    assert problem in world.skipped[0].problem
+    assert len(world.entries) == 1
