@@ -1,0 +1,106 @@
+-- What the relations measure: surfaces in world coordinates, only as much of them as is asked about.
+--
+-- Relations hold between two entities of one map. They are false, never null, where either of them is
+-- not placed, and between an entity and itself. An entity without geometry is the point where it is; a
+-- storey, elevator or room without geometry is nowhere, and only the placements tell what is in it.
+
+CREATE FUNCTION grown(box box3d, reach double precision)
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- The diagonal of a 3D box that reaches `reach` metres further to each side.
+SELECT ST_MakeLine(ST_MakePoint(ST_XMin(box) - reach, ST_YMin(box) - reach, ST_ZMin(box) - reach),
+                   ST_MakePoint(ST_XMax(box) + reach, ST_YMax(box) + reach, ST_ZMax(box) + reach))
+$$;
+
+CREATE FUNCTION box_corners(box box3d)
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- The eight corners of a 3D box.
+SELECT ST_Collect(ST_MakePoint(x, y, z))
+FROM unnest(ARRAY[ST_XMin(box), ST_XMax(box)]) x, unnest(ARRAY[ST_YMin(box), ST_YMax(box)]) y,
+     unnest(ARRAY[ST_ZMin(box), ST_ZMax(box)]) z
+$$;
+
+CREATE FUNCTION box_gap(a box3d, b box3d)
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- Metres between two 3D boxes; 0 where they meet.
+SELECT sqrt(power(greatest(ST_XMin(a) - ST_XMax(b), ST_XMin(b) - ST_XMax(a), 0), 2)
+          + power(greatest(ST_YMin(a) - ST_YMax(b), ST_YMin(b) - ST_YMax(a), 0), 2)
+          + power(greatest(ST_ZMin(a) - ST_ZMax(b), ST_ZMin(b) - ST_ZMax(a), 0), 2))
+$$;
+
+CREATE FUNCTION box_reach(a box3d, b box3d)
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- Metres that a point of one 3D box and a point of the other can be apart at most.
+SELECT sqrt(power(greatest(ST_XMax(a) - ST_XMin(b), ST_XMax(b) - ST_XMin(a)), 2)
+          + power(greatest(ST_YMax(a) - ST_YMin(b), ST_YMax(b) - ST_YMin(a)), 2)
+          + power(greatest(ST_ZMax(a) - ST_ZMin(b), ST_ZMax(b) - ST_ZMin(a)), 2))
+$$;
+
+CREATE FUNCTION drawn_surface(of_model bigint)
+RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The surface of a model without faces, in its own frame: its outline from the lowest to the highest
+-- point of its hull, else the corners of the hull.
+SELECT CASE WHEN outline IS NULL THEN hull
+            WHEN ST_ZMax(hull) > ST_ZMin(hull) THEN prism_tin(outline, ST_ZMin(hull), ST_ZMax(hull))
+            ELSE ST_Force3DZ(outline, ST_ZMin(hull)) END
+FROM model WHERE id = of_model
+$$;
+
+CREATE FUNCTION is_nowhere(thing bigint)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- Whether an entity is a storey, elevator or room without geometry: its pose is a frame, not a place.
+SELECT EXISTS (SELECT FROM entity e JOIN world w ON w.entity_id = e.id
+               WHERE e.id = thing AND e.kind IN ('storey', 'elevator', 'room') AND w.footprint IS NULL)
+$$;
+
+CREATE FUNCTION ground_of(place world)
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- The footprint; without geometry, the point.
+SELECT coalesce(place.footprint, ST_MakePoint(place.pose[1], place.pose[2]))
+$$;
+
+CREATE FUNCTION surface_within(thing bigint, zone geometry)
+RETURNS SETOF geometry LANGUAGE plpgsql STABLE PARALLEL SAFE ROWS 100 COST 1000 AS $$
+-- The triangles (or drawn polygons, points of a cloud) of an entity, in world coordinates, whose 3D boxes
+-- meet that of `zone`. The zone is taken into the model's frame, so that patches of triangles are sorted
+-- out by their stored boxes, before any of them is unpacked.
+DECLARE
+    at_pose double precision[];
+    local geometry;
+    shaped boolean;
+BEGIN
+    SELECT w.pose, w.footprint IS NOT NULL INTO at_pose, shaped FROM world w WHERE w.entity_id = thing;
+    IF NOT shaped THEN
+        RETURN QUERY SELECT p FROM ST_MakePoint(at_pose[1], at_pose[2], at_pose[3]) p
+            WHERE p &&& zone AND NOT is_nowhere(thing);
+        RETURN;
+    END IF;
+    local := pose_apply(box_corners(zone), pose_inverse(at_pose));
+    RETURN QUERY
+        WITH patch AS (
+            SELECT c.geom FROM entity_chunk ec JOIN chunk c ON c.id = ec.chunk_id
+            WHERE ec.entity_id = thing AND c.geom &&& local
+          UNION ALL
+            SELECT drawn_surface(em.model_id) FROM entity_model em
+            WHERE em.entity_id = thing AND NOT EXISTS (SELECT FROM chunk c WHERE c.model_id = em.model_id)
+        )
+        SELECT placed.geom
+        FROM patch CROSS JOIN LATERAL ST_Dump(patch.geom) part
+        CROSS JOIN LATERAL (SELECT pose_apply(part.geom, at_pose) OFFSET 0) placed (geom)
+        WHERE part.geom &&& local AND placed.geom &&& zone;
+END $$;
+
+CREATE FUNCTION same_storey(a bigint, b bigint)
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- Whether two storeys (world.storey_id) can be the same: they are, or one is not known.
+SELECT coalesce(a = b, true)
+$$;
+
+CREATE FUNCTION is_held_by(a bigint, b bigint)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- b is the holder of a, or holds its holder, and so on: what the placements say, whatever the geometry.
+WITH RECURSIVE up (id) AS (
+    SELECT holder_id FROM placement WHERE entity_id = a
+  UNION
+    SELECT p.holder_id FROM up JOIN placement p ON p.entity_id = up.id)
+SELECT EXISTS (SELECT FROM up WHERE id = b)
+$$;

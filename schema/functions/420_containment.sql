@@ -1,0 +1,224 @@
+-- What holds a thing: is_in, is_on.
+
+CREATE FUNCTION ground_share(a geometry, b geometry)
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- Which part (0 to 1) of the footprint a lies in the footprint b; a point: 0 or 1.
+SELECT CASE WHEN NOT a && b THEN 0
+            WHEN ST_Covers(b, a) THEN 1
+            WHEN ST_Dimension(a) = 0 THEN 0
+            ELSE ST_Area(ST_Intersection(a, b)) / ST_Area(a) END
+$$;
+
+CREATE FUNCTION height_share(low double precision, high double precision, floor double precision, ceiling double precision)
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- Which part of the interval [low, high] lies in [floor, ceiling]; negative where they are apart.
+SELECT CASE WHEN high > low THEN (least(high, ceiling) - greatest(low, floor)) / (high - low)
+            WHEN low BETWEEN floor AND ceiling THEN 1
+            ELSE -1 END
+$$;
+
+CREATE FUNCTION ceiling_of(place bigint)
+RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The height of a room's ceiling in the map's frame: as said, else the top of its geometry, else that of
+-- its storey, else the floor of the storey above; infinite where none of them is known.
+SELECT coalesce(
+    w.pose[3] + r.ceiling,
+    CASE WHEN ST_ZMax(w.box) > w.pose[3] + r.floor + 0.1 THEN ST_ZMax(w.box) END,
+    (SELECT sw.pose[3] + s.height FROM storey s JOIN world sw ON sw.entity_id = s.entity_id
+     WHERE s.entity_id = w.storey_id),
+    (SELECT min(sw.pose[3]) FROM storey s JOIN world sw ON sw.entity_id = s.entity_id
+     WHERE sw.map_id = w.map_id AND sw.pose[3] > w.pose[3] + r.floor + 0.1),
+    'Infinity')
+FROM room r JOIN world w ON w.entity_id = r.entity_id WHERE r.entity_id = place
+$$;
+
+CREATE FUNCTION level_hull(thing bigint, heading double precision)
+RETURNS box3d LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The 3D box of an entity in the map's frame turned by `heading` about z.
+SELECT coalesce(
+    (SELECT ST_3DExtent(ST_RotateZ(pose_apply(m.hull, w.pose), -heading))
+     FROM entity_model em JOIN model m ON m.id = em.model_id WHERE em.entity_id = thing),
+    Box3D(ST_RotateZ(ST_MakePoint(w.pose[1], w.pose[2], w.pose[3]), -heading)))
+FROM world w WHERE w.entity_id = thing
+$$;
+
+CREATE FUNCTION is_enclosed_by(a bigint, b bigint, tolerance double precision)
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+-- Whether the surface of b shuts a in. More than half of a's box lies in b's, both upright and along b's
+-- heading; and looking from a along b's axes, b is seen on four sides, or below and above, or below and
+-- on three sides. A side counts where three of five rays meet b: from a's middle and the corners of the
+-- middle half of its ground; sideways at half of a's height, upwards from its top, both `tolerance` above
+-- its bottom at least, downwards from `tolerance` above its bottom. So a table top bears, but does not
+-- enclose, what has sunk a little into it, and its legs do not enclose what stands between them.
+DECLARE
+    heading double precision := (SELECT pose_yaw(w.pose) FROM world w WHERE w.entity_id = b);
+    of_a box3d := level_hull(a, heading);
+    of_b box3d := level_hull(b, heading);
+    middle double precision := greatest((ST_ZMin(of_a) + ST_ZMax(of_a)) / 2, ST_ZMin(of_a) + tolerance);
+    top double precision := greatest(ST_ZMax(of_a), ST_ZMin(of_a) + tolerance);
+    rays geometry[];
+    sides geometry[];
+    hit boolean[];
+    seen boolean[];
+BEGIN
+    IF least(height_share(ST_XMin(of_a), ST_XMax(of_a), ST_XMin(of_b), ST_XMax(of_b)),
+             height_share(ST_YMin(of_a), ST_YMax(of_a), ST_YMin(of_b), ST_YMax(of_b)),
+             height_share(ST_ZMin(of_a), ST_ZMax(of_a), ST_ZMin(of_b), ST_ZMax(of_b))) <= 0
+       OR height_share(ST_XMin(of_a), ST_XMax(of_a), ST_XMin(of_b), ST_XMax(of_b))
+        * height_share(ST_YMin(of_a), ST_YMax(of_a), ST_YMin(of_b), ST_YMax(of_b))
+        * height_share(ST_ZMin(of_a), ST_ZMax(of_a), ST_ZMin(of_b), ST_ZMax(of_b)) <= 0.5 THEN
+        RETURN false;
+    END IF;
+
+    -- Six directions (down, up, then the sides) of five rays each.
+    SELECT array_agg(ST_RotateZ(ray, heading) ORDER BY direction, spot) INTO rays
+    FROM (VALUES (1, 0.0, 0.0), (2, -0.25, -0.25), (3, -0.25, 0.25), (4, 0.25, -0.25), (5, 0.25, 0.25)) v (spot, u, v)
+    CROSS JOIN LATERAL (SELECT (ST_XMin(of_a) + ST_XMax(of_a)) / 2 + u * (ST_XMax(of_a) - ST_XMin(of_a)),
+                               (ST_YMin(of_a) + ST_YMax(of_a)) / 2 + v * (ST_YMax(of_a) - ST_YMin(of_a))) p (x, y)
+    CROSS JOIN LATERAL (VALUES
+        (1, ST_MakeLine(ST_MakePoint(x, y, ST_ZMin(of_a) + tolerance), ST_MakePoint(x, y, ST_ZMin(of_b) - 1))),
+        (2, ST_MakeLine(ST_MakePoint(x, y, top), ST_MakePoint(x, y, ST_ZMax(of_b) + 1))),
+        (3, ST_MakeLine(ST_MakePoint(x, y, middle), ST_MakePoint(ST_XMin(of_b) - 1, y, middle))),
+        (4, ST_MakeLine(ST_MakePoint(x, y, middle), ST_MakePoint(ST_XMax(of_b) + 1, y, middle))),
+        (5, ST_MakeLine(ST_MakePoint(x, y, middle), ST_MakePoint(x, ST_YMin(of_b) - 1, middle))),
+        (6, ST_MakeLine(ST_MakePoint(x, y, middle), ST_MakePoint(x, ST_YMax(of_b) + 1, middle)))) r (direction, ray);
+    sides := ARRAY(SELECT surface_within(b, ST_Collect(rays[1:10]))
+                   UNION ALL SELECT surface_within(b, ST_Collect(rays[11:30])));
+    SELECT array_agg(EXISTS (SELECT FROM unnest(sides) s WHERE s &&& ray AND ST_3DDWithin(s, ray, 1e-6)) ORDER BY n)
+        INTO hit FROM unnest(rays) WITH ORDINALITY r (ray, n);
+    SELECT array_agg(count >= 3 ORDER BY direction) INTO seen
+    FROM (SELECT (n - 1) / 5 AS direction, count(*) FILTER (WHERE h)
+          FROM unnest(hit) WITH ORDINALITY s (h, n) GROUP BY 1) d;
+    RETURN CASE (SELECT count(*) FILTER (WHERE s) FROM unnest(seen[3:6]) s)
+           WHEN 4 THEN true
+           WHEN 3 THEN seen[1]
+           ELSE seen[1] AND seen[2] END;
+END $$;
+
+CREATE FUNCTION is_in(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 5000 SET search_path = semmap, public AS $$
+-- b contains a, in the map's frame.
+-- A room: more than half of a's footprint lies in the room's outline, and half of its height between
+-- floor and ceiling (`tolerance` metres more on either end): a muffin on a desk is in the office.
+-- A region: the same, or a's bottom is at the region's lowest height, so that flat regions hold things.
+-- Anything else: b's surface encloses a, see is_enclosed_by.
+-- Without geometry (a storey, an elevator, a room that nobody measured): what the placements say.
+DECLARE
+    wa world;
+    wb world;
+    b_kind text := (SELECT kind FROM entity WHERE id = b);
+    floor double precision;
+    ceiling double precision;
+    low double precision;
+    high double precision;
+BEGIN
+    SELECT * INTO wa FROM world w WHERE w.entity_id = a;
+    SELECT * INTO wb FROM world w WHERE w.entity_id = b;
+    IF a = b OR wa.map_id IS DISTINCT FROM wb.map_id OR wa.map_id IS NULL THEN
+        RETURN false;
+    ELSIF wb.footprint IS NULL OR is_nowhere(a) THEN
+        RETURN is_held_by(a, b);
+    ELSIF NOT wa.box && wb.box THEN
+        RETURN false;
+    ELSIF b_kind NOT IN ('room', 'region') THEN
+        RETURN wa.box &&& wb.box AND is_enclosed_by(a, b, tolerance);
+    END IF;
+    low := ST_ZMin(wa.box);
+    high := ST_ZMax(wa.box);
+    IF b_kind = 'room' THEN
+        floor := wb.pose[3] + (SELECT r.floor FROM room r WHERE r.entity_id = b);
+        ceiling := ceiling_of(b);
+        IF ceiling = 'Infinity' AND NOT same_storey(wa.storey_id, wb.storey_id) THEN
+            RETURN false;
+        END IF;
+    ELSE
+        floor := ST_ZMin(wb.box);
+        ceiling := ST_ZMax(wb.box);
+    END IF;
+    RETURN (height_share(low, high, floor - tolerance, ceiling + tolerance) >= 0.5
+            OR b_kind = 'region' AND abs(low - floor) <= tolerance)
+       AND ground_share(ground_of(wa), wb.footprint) > 0.5;
+END $$;
+
+CREATE FUNCTION level_patch(patch geometry, low double precision, high double precision)
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- What of a triangle lies between two heights, on the ground; null where that is no area.
+SELECT CASE WHEN ST_Area(flat) > 1e-12 THEN flat END
+FROM ST_ConvexHull(ST_Force2D(ST_Points(ST_LocateBetweenElevations(patch, low, high)))) flat
+WHERE ST_Dimension(patch) = 2
+$$;
+
+CREATE FUNCTION underside(thing bigint, thickness double precision)
+RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+-- The ground that the lowest `thickness` metres of an entity's surface cover; a point or an edge on which
+-- it stands, one millimetre wide.
+DECLARE
+    box box3d;
+    bottom double precision;
+    lowest geometry[];
+    flat geometry;
+BEGIN
+    SELECT w.box INTO box FROM world w WHERE w.entity_id = thing;
+    bottom := ST_ZMin(box);
+    lowest := ARRAY(SELECT surface_within(thing, ST_MakeLine(
+        ST_MakePoint(ST_XMin(box) - 1, ST_YMin(box) - 1, bottom - thickness),
+        ST_MakePoint(ST_XMax(box) + 1, ST_YMax(box) + 1, bottom + thickness))));
+    SELECT ST_Union(level_patch(p, bottom - thickness, bottom + thickness)) INTO flat FROM unnest(lowest) p;
+    IF flat IS NULL OR ST_Area(flat) < 1e-8 THEN
+        SELECT ST_Union(ST_Buffer(ST_Force2D(ST_Points(CASE ST_Dimension(p) WHEN 0 THEN p
+                   ELSE ST_LocateBetweenElevations(p, bottom - thickness, bottom + thickness) END)), 0.001, 2))
+            INTO flat FROM unnest(lowest) p;
+    END IF;
+    RETURN flat;
+END $$;
+
+CREATE FUNCTION is_on(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public AS $$
+-- a rests on b, in the map's frame: b has surface within `tolerance` metres, up or down, of a's lowest
+-- height, beneath a's underside (its lowest `tolerance` metres): at least 2 % of that, or of b's surface
+-- there. b reaches lower than a does, by `tolerance` or half of its own height: two things that stand on
+-- the same floor are not on each other. Of direct contact: a muffin on a tray is not on the table.
+-- A room or region: a is in it and its bottom within `tolerance` of the floor (the region's heights).
+-- Rooms themselves rest on nothing.
+DECLARE
+    wa world;
+    wb world;
+    b_kind text := (SELECT kind FROM entity WHERE id = b);
+    bottom double precision;
+    low double precision;
+    high double precision;
+    base geometry;
+    support geometry;
+    common double precision;
+BEGIN
+    SELECT * INTO wa FROM world w WHERE w.entity_id = a;
+    SELECT * INTO wb FROM world w WHERE w.entity_id = b;
+    IF a = b OR wa.map_id IS DISTINCT FROM wb.map_id OR wa.map_id IS NULL OR wb.footprint IS NULL
+       OR EXISTS (SELECT FROM entity WHERE id = a AND kind IN ('storey', 'elevator', 'room'))
+       OR NOT wa.box && grown(wb.box, tolerance) THEN
+        RETURN false;
+    END IF;
+    bottom := ST_ZMin(wa.box);
+    IF b_kind = 'room' THEN
+        RETURN abs(bottom - wb.pose[3] - (SELECT r.floor FROM room r WHERE r.entity_id = b)) <= tolerance
+           AND is_in(a, b, tolerance);
+    ELSIF b_kind = 'region' THEN
+        RETURN bottom BETWEEN ST_ZMin(wb.box) - tolerance AND ST_ZMax(wb.box) + tolerance
+           AND ground_share(ground_of(wa), wb.footprint) > 0.5;
+    END IF;
+    low := greatest(bottom - tolerance,
+                    ST_ZMin(wb.box) + least(tolerance, (ST_ZMax(wb.box) - ST_ZMin(wb.box)) / 2)) - 1e-6;
+    high := bottom + tolerance;
+    IF low > high OR ST_ZMax(wb.box) < low THEN
+        RETURN false;
+    END IF;
+    SELECT ST_Union(level_patch(p, low, high)) INTO support
+    FROM surface_within(b, ST_MakeLine(ST_MakePoint(ST_XMin(wa.box), ST_YMin(wa.box), low),
+                                       ST_MakePoint(ST_XMax(wa.box), ST_YMax(wa.box), high))) p;
+    IF support IS NULL THEN
+        RETURN false;
+    END IF;
+    base := underside(a, tolerance);
+    common := ST_Area(ST_Intersection(base, support));
+    RETURN coalesce(common > 1e-7 AND common >= 0.02 * least(ST_Area(base), ST_Area(support)), false);
+END $$;

@@ -1,0 +1,173 @@
+-- Sides of a thing: is_left_of, is_right_of, is_in_front_of, is_behind, is_between. Horizontal, on one storey.
+--
+-- The frame says where the front of b is:
+--   'object'   where b itself looks: along its x axis, turned by entity.front; its left is its own left hand's
+--   'map'      along the map's x axis; left is along its y axis (REP 103)
+--   observer   an entity or a pose of the map, looking at the middle of b from where it stands: what is in
+--              front of b is on the observer's side of it, and left is the observer's left
+
+CREATE FUNCTION middle(thing bigint)
+RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The centroid of an entity's footprint; without geometry, the point where it is.
+SELECT ST_Centroid(ground_of(w))
+FROM world w WHERE w.entity_id = thing
+$$;
+
+CREATE FUNCTION side_of(a bigint, b bigint, front double precision, leftward double precision, side text)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- Whether the middle of a is to the named side of b, whose front and left have these headings in the map.
+-- Measured from the sides of the rectangle around b's footprint along these headings: the side on which
+-- a is furthest out is its side, and both are on a diagonal. So all along a table's left side is left of it,
+-- further out it is the quarter between the diagonals. Above or within the rectangle it is none.
+SELECT coalesce((
+    SELECT CASE side WHEN 'front' THEN ahead > 0 AND ahead >= abs(left_out)
+                     WHEN 'behind' THEN ahead < 0 AND -ahead >= abs(left_out)
+                     WHEN 'left' THEN left_out > 0 AND left_out >= abs(ahead)
+                     WHEN 'right' THEN left_out < 0 AND -left_out >= abs(ahead) END
+    FROM world wa JOIN world wb ON wb.map_id = wa.map_id AND same_storey(wa.storey_id, wb.storey_id)
+    CROSS JOIN LATERAL (SELECT ground_of(wb)) f (ground)
+    CROSS JOIN LATERAL (SELECT ST_Rotate(f.ground, -front), ST_Rotate(middle(a), -front) OFFSET 0) t (ground, spot)
+    CROSS JOIN LATERAL (SELECT ST_X(t.spot) - least(greatest(ST_X(t.spot), ST_XMin(t.ground)), ST_XMax(t.ground)),
+                               sign(sin(leftward - front))
+                               * (ST_Y(t.spot) - least(greatest(ST_Y(t.spot), ST_YMin(t.ground)), ST_YMax(t.ground)))) o (ahead, left_out)
+    WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b AND NOT is_nowhere(a) AND NOT is_nowhere(b)), false)
+$$;
+
+CREATE FUNCTION side_in_frame(a bigint, b bigint, frame text, side text)
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public AS $$
+-- side_of in the frame 'map' or 'object'.
+DECLARE
+    heading double precision;
+BEGIN
+    IF frame = 'map' THEN
+        heading := 0;
+    ELSIF frame = 'object' THEN
+        SELECT pose_yaw(w.pose) + e.front INTO heading
+            FROM world w JOIN entity e ON e.id = w.entity_id WHERE w.entity_id = b;
+    ELSE
+        RAISE EXCEPTION 'there is no frame ''%''', frame
+            USING ERRCODE = 'invalid_parameter_value',
+                  HINT = 'It is ''map'', ''object'', or an observer: the id of an entity, or a pose.';
+    END IF;
+    RETURN side_of(a, b, heading, heading + pi() / 2, side);
+END $$;
+
+CREATE FUNCTION side_as_seen(a bigint, b bigint, observer double precision[], side text)
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public AS $$
+-- side_of as seen by an observer whose pose (of which x and y count) is given.
+DECLARE
+    target geometry := middle(b);
+    gaze double precision := atan2(ST_Y(target) - observer[2], ST_X(target) - observer[1]);
+BEGIN
+    IF ST_DWithin(target, ST_MakePoint(observer[1], observer[2]), 1e-6) THEN
+        RETURN false;                                          -- looks nowhere
+    END IF;
+    RETURN side_of(a, b, gaze + pi(), gaze + pi() / 2, side);
+END $$;
+
+CREATE FUNCTION is_left_of(a bigint, b bigint, frame text DEFAULT 'object')
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is left of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
+SELECT side_in_frame(a, b, frame, 'left')
+$$;
+
+CREATE FUNCTION is_left_of(a bigint, b bigint, observer bigint)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is left of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
+SELECT coalesce(side_as_seen(a, b, (SELECT o.pose FROM world o JOIN world w ON w.map_id = o.map_id
+                                    WHERE o.entity_id = observer AND w.entity_id = b), 'left'), false)
+$$;
+
+CREATE FUNCTION is_left_of(a bigint, b bigint, observer double precision[])
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is left of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
+SELECT side_as_seen(a, b, observer, 'left')
+$$;
+
+CREATE FUNCTION is_right_of(a bigint, b bigint, frame text DEFAULT 'object')
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is right of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
+SELECT side_in_frame(a, b, frame, 'right')
+$$;
+
+CREATE FUNCTION is_right_of(a bigint, b bigint, observer bigint)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is right of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
+SELECT coalesce(side_as_seen(a, b, (SELECT o.pose FROM world o JOIN world w ON w.map_id = o.map_id
+                                    WHERE o.entity_id = observer AND w.entity_id = b), 'right'), false)
+$$;
+
+CREATE FUNCTION is_right_of(a bigint, b bigint, observer double precision[])
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is right of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
+SELECT side_as_seen(a, b, observer, 'right')
+$$;
+
+CREATE FUNCTION is_in_front_of(a bigint, b bigint, frame text DEFAULT 'object')
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is in front of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
+SELECT side_in_frame(a, b, frame, 'front')
+$$;
+
+CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer bigint)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is in front of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
+SELECT coalesce(side_as_seen(a, b, (SELECT o.pose FROM world o JOIN world w ON w.map_id = o.map_id
+                                    WHERE o.entity_id = observer AND w.entity_id = b), 'front'), false)
+$$;
+
+CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer double precision[])
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is in front of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
+SELECT side_as_seen(a, b, observer, 'front')
+$$;
+
+CREATE FUNCTION is_behind(a bigint, b bigint, frame text DEFAULT 'object')
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is behind b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
+SELECT side_in_frame(a, b, frame, 'behind')
+$$;
+
+CREATE FUNCTION is_behind(a bigint, b bigint, observer bigint)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is behind b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
+SELECT coalesce(side_as_seen(a, b, (SELECT o.pose FROM world o JOIN world w ON w.map_id = o.map_id
+                                    WHERE o.entity_id = observer AND w.entity_id = b), 'behind'), false)
+$$;
+
+CREATE FUNCTION is_behind(a bigint, b bigint, observer double precision[])
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+-- a is behind b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
+SELECT side_as_seen(a, b, observer, 'behind')
+$$;
+
+CREATE FUNCTION is_between(a bigint, b bigint, c bigint, tolerance double precision DEFAULT 0.01)
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public AS $$
+-- a is between b and c, in the map's frame, on one storey. Side by side: the middle of a lies within the
+-- convex hull of both footprints (`tolerance` metres more), but in neither of them, and a's heights
+-- meet theirs. Or stacked: a is above one and under the other.
+DECLARE
+    wa world;
+    wb world;
+    wc world;
+    spot geometry := middle(a);
+    of_b geometry;
+    of_c geometry;
+BEGIN
+    SELECT * INTO wa FROM world w WHERE w.entity_id = a;
+    SELECT * INTO wb FROM world w WHERE w.entity_id = b;
+    SELECT * INTO wc FROM world w WHERE w.entity_id = c;
+    IF a IN (b, c) OR b = c OR is_nowhere(a) OR is_nowhere(b) OR is_nowhere(c) OR wa.map_id IS NULL OR wa.map_id IS DISTINCT FROM wb.map_id
+       OR wa.map_id IS DISTINCT FROM wc.map_id OR NOT same_storey(wa.storey_id, wb.storey_id)
+       OR NOT same_storey(wa.storey_id, wc.storey_id) OR NOT same_storey(wb.storey_id, wc.storey_id) THEN
+        RETURN false;
+    END IF;
+    of_b := ground_of(wb);
+    of_c := ground_of(wc);
+    RETURN ST_DWithin(ST_ConvexHull(ST_Collect(of_b, of_c)), spot, tolerance)
+           AND NOT ST_Intersects(of_b, spot) AND NOT ST_Intersects(of_c, spot)
+           AND ST_ZMax(wa.box) >= least(ST_ZMin(wb.box), ST_ZMin(wc.box)) - tolerance
+           AND ST_ZMin(wa.box) <= greatest(ST_ZMax(wb.box), ST_ZMax(wc.box)) + tolerance
+        OR is_above(a, b, tolerance) AND is_under(a, c, tolerance)
+        OR is_above(a, c, tolerance) AND is_under(a, b, tolerance);
+END $$;

@@ -1,0 +1,39 @@
+-- Which places lead to which: is_reachable. Topology, not geometry: has no frame and no tolerance.
+
+CREATE FUNCTION place_of(thing bigint)
+RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The room that an entity is, or that holds it or its holder, the nearest one; itself where there is none.
+WITH RECURSIVE up (id, depth) AS (
+    SELECT thing, 0
+  UNION ALL
+    SELECT p.holder_id, up.depth + 1 FROM up JOIN placement p ON p.entity_id = up.id
+    WHERE p.holder_id IS NOT NULL)
+SELECT coalesce((SELECT up.id FROM up JOIN room r ON r.entity_id = up.id ORDER BY up.depth LIMIT 1), thing)
+$$;
+
+CREATE FUNCTION reachable_from(place bigint)
+RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100 AS $$
+-- The places that can be reached from the place of an entity, it among them: through connectors that are
+-- not locked, in their direction, and by elevators, whose cabins on all storeys are joined. Outside, of
+-- which the map knows nothing, joins no two doors.
+WITH RECURSIVE reached (id) AS (
+    SELECT place_of(place)
+  UNION
+    SELECT step.id FROM reached r CROSS JOIN LATERAL (
+        SELECT c.place_b FROM connector c
+        WHERE c.place_a = r.id AND c.state <> 'locked' AND c.direction IN ('both', 'forward')
+      UNION ALL
+        SELECT c.place_a FROM connector c
+        WHERE c.place_b = r.id AND c.state <> 'locked' AND c.direction IN ('both', 'backward')
+      UNION ALL
+        SELECT other.entity_id FROM room cabin JOIN room other ON other.elevator_id = cabin.elevator_id
+        WHERE cabin.entity_id = r.id) step (id)
+    WHERE step.id IS NOT NULL)
+SELECT id FROM reached WHERE id IS NOT NULL
+$$;
+
+CREATE FUNCTION is_reachable(place_a bigint, place_b bigint)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 10000 AS $$
+-- A way leads from the place of a to the place of b, see reachable_from. From a place to itself, always.
+SELECT coalesce(place_of(place_b) IN (SELECT reachable_from(place_a)), false)
+$$;
