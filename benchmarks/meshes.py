@@ -17,6 +17,7 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.importer import import_file
 from semmap.ingest.store import store_world
+from semmap.ingest.types import load_tbox
 from semmap.ingest.world import Entry, Shape, World
 from semmap.query.meshes import model_triangles
 
@@ -103,6 +104,7 @@ def main() -> None:
     house = worlds / "small_house" / "worlds" / "small_house.world"
     if house.is_file():
         with engine.begin() as sa:
+            load_tbox(sa)  # once a database, not once a world
             sa.execute(text("SELECT drop_map(name) FROM map WHERE name = 'bench_house'"))
         start = time.perf_counter()
         summary = import_file(engine, house, map_name="bench_house")

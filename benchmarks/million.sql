@@ -49,4 +49,5 @@ INSERT INTO placement (entity_id, holder_id, pose)
            CASE WHEN i % 100 BETWEEN 1 AND 20 THEN ARRAY[0.45 * (i % 100), 0.9 * (i % 11), 0, 0, 0, 0, 1]
                 ELSE ARRAY[0.01 * (i % 37), 0.01 * (i % 41), 0.75, 0, 0, 0, 1] END
     FROM base, generate_series(1, 1000000) i;
+SELECT setval(pg_get_serial_sequence('entity', 'id'), max(id)) FROM entity;
 DROP TABLE base;
