@@ -70,7 +70,7 @@ def test_far_from_everything_there_is_still_a_nearest(hall: Engine) -> None:
 
 
 def test_the_plan_stays_on_the_index_after_a_dozen_executions(hall: Engine) -> None:
-    """psycopg prepares a statement after five executions; a generic plan must not lose the index."""
+    """psycopg prepares a statement after five runs; a generic plan must not lose the index."""
     asked = {"type": "hall_ware", "x": 50.0, "y": 50.0, "z": 5.0, "distance": 3.0}
     compiled = NEAR.compile(hall, compile_kwargs={"literal_binds": False})
     with hall.connect() as connection:
