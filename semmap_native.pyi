@@ -1,13 +1,51 @@
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
-def slices(
+_Faces = NDArray[np.int32] | NDArray[np.int64]
+
+def occupancy(
     vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    heights: list[float],
+    faces: _Faces,
+    intervals: list[tuple[float, float]],
     origin_x: float,
     origin_y: float,
     resolution: float,
     rows: int,
     columns: int,
+    solids: NDArray[np.int32] | None,
+    solid_count: int,
+    fill: bool,
+    filled: NDArray[np.bool_] | None,
+    threads: int,
 ) -> NDArray[np.bool_]: ...
+def occupancy_solids(
+    vertices: NDArray[np.float64],
+    faces: _Faces,
+    intervals: list[tuple[float, float]],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    rows: int,
+    columns: int,
+    solids: NDArray[np.int32] | None,
+    solid_count: int,
+    fill: bool,
+    filled: NDArray[np.bool_] | None,
+    threads: int,
+) -> NDArray[np.int32]: ...
+def closed_solids(
+    vertices: NDArray[np.float64],
+    faces: _Faces,
+    solids: NDArray[np.int32] | None,
+    solid_count: int,
+    threads: int,
+) -> NDArray[np.bool_]: ...
+def inflate(
+    occupied: NDArray[np.bool_],
+    radius: int,
+    costs: NDArray[np.uint8],
+    variant: Literal["baseline", "avx2", "avx512"] | None = None,
+) -> NDArray[np.uint8]: ...
+def inflation_variants() -> list[Literal["baseline", "avx2", "avx512"]]: ...

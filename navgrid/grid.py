@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 __all__ = ["Grid"]
 
-LARGEST = 2**31
+LARGEST = 2**30
 """Cells beyond which a grid is refused."""
 
 

@@ -1,13 +1,19 @@
-// The Python face of semmap_native. Arrays are checked in Python; here they are what they say.
+// The Python face of semmap_native. navgrid checks what arrays say; here they only have to fit.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
 #include <algorithm>
 #include <cstdint>
+#include <new>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
 #include <vector>
 
-#include "semmap/slices.hpp"
+#include "semmap/inflation.hpp"
+#include "semmap/occupancy.hpp"
 
 namespace py = pybind11;
 
@@ -16,29 +22,152 @@ namespace {
 template <typename T>
 using Array = py::array_t<T, py::array::c_style>;
 
-Array<bool> slices(const Array<double>& vertices, const Array<std::int32_t>& faces,
-                   const std::vector<double>& heights, double origin_x, double origin_y,
-                   double resolution, py::ssize_t rows, py::ssize_t columns) {
-    const semmap::GridFrame grid{origin_x, origin_y, resolution, rows, columns};
-    Array<bool> cells({static_cast<py::ssize_t>(heights.size()), rows, columns});
-    auto* data = reinterpret_cast<std::uint8_t*>(cells.mutable_data());
-    const double* corners = vertices.data();
-    const std::int32_t* corner_ids = faces.data();
-    const auto count = static_cast<std::size_t>(faces.shape(0));
-    const py::gil_scoped_release release;
-    std::fill(data, data + heights.size() * static_cast<std::size_t>(rows * columns), 0);
-    for (std::size_t i = 0; i < heights.size(); ++i) {
-        semmap::slice(corners, corner_ids, count, heights[i], grid,
-                      data + i * static_cast<std::size_t>(rows * columns));
+using Solids = std::optional<Array<std::int32_t>>;
+using Marks = std::optional<Array<bool>>;
+using Ends = std::vector<std::pair<double, double>>;
+
+void say(semmap::Flaw flaw, const Array<double>& vertices) {
+    switch (flaw) {
+        case semmap::Flaw::none:
+            return;
+        case semmap::Flaw::not_finite:
+            throw py::value_error(
+                "vertices are finite and within 1e30 m: mend or leave out those that are not");
+        case semmap::Flaw::no_such_vertex:
+            if (vertices.shape(0) == 0) throw py::value_error("there are faces, but no vertices");
+            throw py::value_error("faces name vertices 0 to " +
+                                  std::to_string(vertices.shape(0) - 1));
+        case semmap::Flaw::no_such_solid:
+            throw py::value_error("solid holds a number below 0 or above those that fill knows");
+        case semmap::Flaw::out_of_memory:
+            throw std::bad_alloc();
     }
+}
+
+template <typename Index>
+semmap::MeshView<Index> view(const Array<double>& vertices, const Array<Index>& faces,
+                             const Solids& solids) {
+    return {vertices.data(), static_cast<std::size_t>(vertices.shape(0)), faces.data(),
+            static_cast<std::size_t>(faces.shape(0)), solids ? solids->data() : nullptr};
+}
+
+semmap::Fill filling(bool any, const Marks& filled, std::size_t solid_count) {
+    const auto* marks = filled ? reinterpret_cast<const std::uint8_t*>(filled->data()) : nullptr;
+    return {any, marks, solid_count};
+}
+
+std::vector<semmap::Interval> intervals_of(const Ends& ends) {
+    std::vector<semmap::Interval> intervals;
+    for (const auto& [low, high] : ends) intervals.push_back({low, high});
+    return intervals;
+}
+
+template <typename Index>
+Array<bool> occupancy(const Array<double>& vertices, const Array<Index>& faces, const Ends& ends,
+                      double origin_x, double origin_y, double resolution, std::int32_t rows,
+                      std::int32_t columns, const Solids& solids, std::size_t solid_count,
+                      bool fill, const Marks& filled, unsigned threads) {
+    const semmap::GridFrame grid{origin_x, origin_y, resolution, rows, columns};
+    const std::vector<semmap::Interval> intervals = intervals_of(ends);
+    Array<bool> cells({static_cast<py::ssize_t>(intervals.size()), static_cast<py::ssize_t>(rows),
+                       static_cast<py::ssize_t>(columns)});
+    auto* data = reinterpret_cast<std::uint8_t*>(cells.mutable_data());
+    const auto mesh = view(vertices, faces, solids);
+    const semmap::Fill inside = filling(fill, filled, solid_count);
+    semmap::Flaw flaw = semmap::Flaw::none;
+    {
+        const py::gil_scoped_release release;
+        for (std::size_t i = 0; i < intervals.size() && flaw == semmap::Flaw::none;
+             i += semmap::kMostIntervals) {
+            const auto first = intervals.begin() + static_cast<std::ptrdiff_t>(i);
+            const std::size_t count = std::min(semmap::kMostIntervals, intervals.size() - i);
+            flaw = semmap::occupancy(mesh, {first, first + static_cast<std::ptrdiff_t>(count)},
+                                     grid, inside, threads, data + i * grid.cells());
+        }
+    }
+    say(flaw, vertices);
     return cells;
+}
+
+template <typename Index>
+Array<std::int32_t> occupancy_solids(const Array<double>& vertices, const Array<Index>& faces,
+                                     const Ends& ends, double origin_x, double origin_y,
+                                     double resolution, std::int32_t rows, std::int32_t columns,
+                                     const Solids& solids, std::size_t solid_count, bool fill,
+                                     const Marks& filled, unsigned threads) {
+    const semmap::GridFrame grid{origin_x, origin_y, resolution, rows, columns};
+    const std::vector<semmap::Interval> intervals = intervals_of(ends);
+    Array<std::int32_t> cells({static_cast<py::ssize_t>(intervals.size()),
+                               static_cast<py::ssize_t>(rows), static_cast<py::ssize_t>(columns)});
+    std::int32_t* data = cells.mutable_data();
+    const auto mesh = view(vertices, faces, solids);
+    const semmap::Fill inside = filling(fill, filled, solid_count);
+    semmap::Flaw flaw = semmap::Flaw::none;
+    {
+        const py::gil_scoped_release release;
+        for (std::size_t i = 0; i < intervals.size() && flaw == semmap::Flaw::none; ++i) {
+            flaw = semmap::lowest_solids(mesh, intervals[i], grid, inside, threads,
+                                         data + i * grid.cells());
+        }
+    }
+    say(flaw, vertices);
+    return cells;
+}
+
+template <typename Index>
+Array<bool> closed_solids(const Array<double>& vertices, const Array<Index>& faces,
+                          const Solids& solids, std::size_t solid_count, unsigned threads) {
+    Array<bool> closed(static_cast<py::ssize_t>(solid_count));
+    auto* data = reinterpret_cast<std::uint8_t*>(closed.mutable_data());
+    const auto mesh = view(vertices, faces, solids);
+    semmap::Flaw flaw;
+    {
+        const py::gil_scoped_release release;
+        flaw = semmap::closed_solids(mesh, solid_count, threads, data);
+    }
+    say(flaw, vertices);
+    return closed;
+}
+
+Array<std::uint8_t> inflate(const Array<bool>& occupied, int radius,
+                            const Array<std::uint8_t>& costs,
+                            const std::optional<std::string>& variant) {
+    const auto found = semmap::inflation_variant(variant.value_or(""));
+    if (!found) throw py::value_error("this processor has no variant " + *variant);
+    Array<std::uint8_t> inflated({occupied.shape(0), occupied.shape(1)});
+    const semmap::CostsByDistance table{radius, costs.data()};
+    const auto* source = reinterpret_cast<const std::uint8_t*>(occupied.data());
+    std::uint8_t* target = inflated.mutable_data();
+    const auto rows = static_cast<std::size_t>(occupied.shape(0));
+    const auto columns = static_cast<std::size_t>(occupied.shape(1));
+    const py::gil_scoped_release release;
+    semmap::inflate(source, rows, columns, table, *found, target);
+    return inflated;
+}
+
+template <typename Index>
+void define_for(py::module_& module) {
+    using py::arg;
+    module.def("occupancy", &occupancy<Index>, arg("vertices").noconvert(),
+               arg("faces").noconvert(), arg("intervals"), arg("origin_x"), arg("origin_y"),
+               arg("resolution"), arg("rows"), arg("columns"), arg("solids").none(true),
+               arg("solid_count"), arg("fill"), arg("filled").none(true), arg("threads"));
+    module.def("occupancy_solids", &occupancy_solids<Index>, arg("vertices").noconvert(),
+               arg("faces").noconvert(), arg("intervals"), arg("origin_x"), arg("origin_y"),
+               arg("resolution"), arg("rows"), arg("columns"), arg("solids").none(true),
+               arg("solid_count"), arg("fill"), arg("filled").none(true), arg("threads"));
+    module.def("closed_solids", &closed_solids<Index>, arg("vertices").noconvert(),
+               arg("faces").noconvert(), arg("solids").none(true), arg("solid_count"),
+               arg("threads"));
 }
 
 }  // namespace
 
 PYBIND11_MODULE(semmap_native, module) {
-    module.doc() = "Slices of triangle meshes on grids.";
-    module.def("slices", &slices, py::arg("vertices"), py::arg("faces"), py::arg("heights"),
-               py::arg("origin_x"), py::arg("origin_y"), py::arg("resolution"), py::arg("rows"),
-               py::arg("columns"));
+    module.doc() = "Meshes on grids, and costs around what is occupied.";
+    define_for<std::int32_t>(module);
+    define_for<std::int64_t>(module);
+    module.def("inflate", &inflate, py::arg("occupied").noconvert(), py::arg("radius"),
+               py::arg("costs").noconvert(), py::arg("variant").none(true) = py::none());
+    module.def("inflation_variants", &semmap::inflation_variants);
 }

@@ -1,0 +1,197 @@
+// In which cell a corner of a clipped triangle lies, and where a line crosses a row's lower border:
+// computed in double with a bound on the error, and with exact arithmetic where that cannot decide.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "semmap/exact.hpp"
+#include "semmap/grid.hpp"
+
+namespace semmap {
+
+// A vertex (both ends are it), or the point where the edge from `low` up to `high` passes the plane
+// z = height.
+struct Corner {
+    double u;  // x and y in cells from the origin, rounded
+    double v;
+    std::int32_t column;  // the cell, exact; -1 and `columns` stand for all that lies beyond
+    std::int32_t row;
+    const double* low;
+    const double* high;
+    double height;
+};
+
+// The column in which a line crosses a border, and whether it does so in the column's own lower
+// border, so that what lies just before it is of the column below.
+struct Crossing {
+    std::int32_t column;
+    bool at_border;
+};
+
+class Locator {
+  public:
+    explicit Locator(const GridFrame& grid) : grid_(grid), per_metre_(1.0 / grid.resolution) {}
+
+    // Relative error of u and v of a vertex: difference, reciprocal, product, and as much again.
+    static constexpr double kVertexError = 0x1p-50;
+    // Error of u and v of any corner, in units of the largest |u| or |v| of the triangle.
+    static constexpr double kCornerError = 0x1p-48;
+
+    Corner vertex(const double* p) const {
+        Corner corner;
+        corner.u = (p[0] - grid_.origin_x) * per_metre_;
+        corner.v = (p[1] - grid_.origin_y) * per_metre_;
+        corner.low = corner.high = p;
+        corner.height = p[2];
+        double error = std::abs(corner.u) * kVertexError;
+        corner.column = cell(corner.u, error, grid_.columns);
+        if (corner.column == kUnsure) {
+            corner.column = exact_cell<0>(corner, error, -1, grid_.columns);
+        }
+        error = std::abs(corner.v) * kVertexError;
+        corner.row = cell(corner.v, error, grid_.rows);
+        if (corner.row == kUnsure) corner.row = exact_cell<1>(corner, error, -1, grid_.rows);
+        return corner;
+    }
+
+    // Where the edge from `low` up to `high` passes a height strictly between theirs.
+    Corner pass(const Corner& low, const Corner& high, double height, double error) const {
+        Corner corner;
+        const double share = (height - low.low[2]) / (high.low[2] - low.low[2]);
+        corner.u = low.u + share * (high.u - low.u);
+        corner.v = low.v + share * (high.v - low.v);
+        corner.low = low.low;
+        corner.high = high.low;
+        corner.height = height;
+        corner.column = low.column;
+        if (low.column != high.column) {
+            corner.column = cell(corner.u, error, grid_.columns);
+            if (corner.column == kUnsure) {
+                corner.column = exact_cell<0>(corner, error, std::min(low.column, high.column),
+                                              std::max(low.column, high.column));
+            }
+        }
+        corner.row = low.row;
+        if (low.row != high.row) {
+            corner.row = cell(corner.v, error, grid_.rows);
+            if (corner.row == kUnsure) {
+                corner.row = exact_cell<1>(corner, error, std::min(low.row, high.row),
+                                           std::max(low.row, high.row));
+            }
+        }
+        return corner;
+    }
+
+    // Calls found(row, crossing) for each border of rows first..last, all of which the line from p
+    // to q crosses; p lies below q and in another column.
+    template <typename Found>
+    void crossings(const Corner& p, const Corner& q, std::int32_t first, std::int32_t last,
+                   double error, Found&& found) const {
+        const double rise = q.v - p.v;
+        const bool steep_enough = rise > 1024.0 * error;
+        const double slope = steep_enough ? (q.u - p.u) / rise : 0.0;
+        const double off = steep_enough ? 4.0 * error * (1.0 + std::abs(slope)) : 1.0;
+        for (std::int32_t row = first; row <= last; ++row) {
+            const double u = p.u + (row - p.v) * slope;
+            Crossing crossing{cell(u, off, grid_.columns), false};
+            if (crossing.column == kUnsure) {
+                crossing = exact_crossing(p, q, row, u, steep_enough ? off : HUGE_VAL);
+            }
+            found(row, crossing);
+        }
+    }
+
+  private:
+    static constexpr std::int32_t kUnsure = -2;
+
+    // The cell of a coordinate known to within `error`, if that decides it.
+    static std::int32_t cell(double u, double error, std::int32_t count) {
+        const double inside = std::min(std::max(u, -0.5), count + 0.5);
+        const std::int32_t index = static_cast<std::int32_t>(inside + 1.0) - 1;
+        const double rest = inside - index;
+        return (rest > error) & (rest < 1.0 - error) ? index : kUnsure;
+    }
+
+    template <int Axis>
+    exact::Expansion<3> border(std::int32_t index) const {
+        const double origin = Axis == 0 ? grid_.origin_x : grid_.origin_y;
+        exact::Expansion<3> value(exact::two_product(index, grid_.resolution));
+        value.add(origin);
+        return value;
+    }
+
+    // W * (coordinate - border), where W > 0 is that of homogeneous coordinates.
+    template <int Axis>
+    exact::Expansion<20> beyond(const Corner& c, std::int32_t index) const {
+        using exact::Expansion;
+        using exact::two_product;
+        const Expansion<3> at = border<Axis>(index);
+        Expansion<20> result;
+        if (c.low == c.high) {
+            const Expansion<4> rest = Expansion<1>(c.low[Axis]) - at;
+            std::copy(rest.term, rest.term + rest.count, result.term);
+            result.count = rest.count;
+            return result;
+        }
+        const Expansion<2> from_low(exact::two_sum(c.height, -c.low[2]));
+        const Expansion<2> to_high(exact::two_sum(c.high[2], -c.height));
+        const Expansion<2> whole(exact::two_sum(c.high[2], -c.low[2]));
+        const Expansion<8> there =
+            Expansion<1>(c.low[Axis]) * to_high + Expansion<1>(c.high[Axis]) * from_low;
+        return there - whole * at;
+    }
+
+    // Leaves of low..high what a coordinate known to within `error` can be in.
+    static void narrow(double u, double error, std::int32_t& low, std::int32_t& high) {
+        const auto within = [&](double index) {
+            return static_cast<std::int32_t>(std::clamp<double>(std::floor(index), low, high));
+        };
+        const std::int32_t first = within(u - error);
+        high = within(u + error);
+        low = first;
+    }
+
+    // The last border in (low, high] that `reached` says is reached, or low.
+    template <typename Reached>
+    static std::int32_t last_reached(std::int32_t low, std::int32_t high, Reached&& reached) {
+        while (low < high) {
+            const std::int32_t middle = low + (high - low + 1) / 2;
+            if (reached(middle)) {
+                low = middle;
+            } else {
+                high = middle - 1;
+            }
+        }
+        return low;
+    }
+
+    template <int Axis>
+    std::int32_t exact_cell(const Corner& corner, double error, std::int32_t low,
+                            std::int32_t high) const {
+        narrow(Axis == 0 ? corner.u : corner.v, error, low, high);
+        return last_reached(low, high,
+                            [&](std::int32_t at) { return beyond<Axis>(corner, at).sign() >= 0; });
+    }
+
+    Crossing exact_crossing(const Corner& p, const Corner& q, std::int32_t row, double u,
+                            double error) const {
+        const exact::Expansion<20> below = beyond<1>(p, row);
+        const exact::Expansion<20> above = beyond<1>(q, row);
+        const auto side = [&](std::int32_t at) {
+            return (beyond<0>(p, at) * above - beyond<0>(q, at) * below).sign();
+        };
+        std::int32_t low = std::min(p.column, q.column);
+        std::int32_t high = std::max(p.column, q.column);
+        narrow(u, error, low, high);
+        const std::int32_t column =
+            last_reached(low, high, [&](std::int32_t at) { return side(at) >= 0; });
+        return {column, column >= 0 && side(column) == 0};
+    }
+
+    GridFrame grid_;
+    double per_metre_;
+};
+
+}  // namespace semmap

@@ -1,0 +1,430 @@
+#include "semmap/occupancy.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <new>
+
+#include "closedness.hpp"
+#include "painter.hpp"
+#include "slabs.hpp"
+#include "team.hpp"
+
+namespace semmap {
+namespace {
+
+constexpr std::size_t kVertexChunk = 65536;
+constexpr std::size_t kFaceChunk = 8192;
+
+// Which intervals hold a cell, a bit each.
+template <typename Bits>
+struct MaskCanvas {
+    Bits* cells;
+    std::size_t columns;
+    Bits bits = 0;
+
+    void choose(Mask intervals, std::int32_t /*solid*/) { bits = static_cast<Bits>(intervals); }
+
+    void run(std::int32_t row, std::int32_t first, std::int32_t last) {
+        Bits* line = cells + static_cast<std::size_t>(row) * columns;
+        for (std::int32_t column = first; column <= last; ++column) line[column] |= bits;
+    }
+
+    static constexpr Bits kEmpty = 0;
+    static Bits join(Bits a, Bits b) { return static_cast<Bits>(a | b); }
+};
+
+// The lowest solid that holds a cell; unsigned, so that -1 is above all.
+struct SolidCanvas {
+    std::uint32_t* cells;
+    std::size_t columns;
+    std::uint32_t number = 0;
+
+    void choose(Mask /*intervals*/, std::int32_t solid) {
+        number = static_cast<std::uint32_t>(solid);
+    }
+
+    void run(std::int32_t row, std::int32_t first, std::int32_t last) {
+        std::uint32_t* line = cells + static_cast<std::size_t>(row) * columns;
+        for (std::int32_t column = first; column <= last; ++column) {
+            line[column] = std::min(line[column], number);
+        }
+    }
+
+    static constexpr std::uint32_t kEmpty = 0xFFFFFFFF;
+    static std::uint32_t join(std::uint32_t a, std::uint32_t b) { return std::min(a, b); }
+};
+
+// A face that a fill plane cuts.
+struct Cut {
+    std::uint32_t plane;
+    std::int32_t solid;
+    std::size_t face;
+};
+
+// The winding number changes by `turn` to the right of a column, in a row's lower border.
+struct Turn {
+    std::int32_t row;
+    std::int32_t column;
+    std::int32_t turn;
+};
+
+template <typename Index, typename Canvas>
+class Drawing {
+  public:
+    Drawing(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
+            const GridFrame& grid, const Fill& fill, const Team& team)
+        : mesh_(mesh), slabs_(intervals), grid_(grid), fill_(fill), team_(team) {}
+
+    template <typename Cell>
+    Flaw draw(Cell* cells) {
+        const std::size_t count = grid_.cells();
+        std::fill(cells, cells + count, Canvas::kEmpty);
+        std::vector<std::unique_ptr<Cell[]>> own;  // the first thread draws into the answer
+        for (unsigned i = 0; i < team_.size(); ++i) {
+            Cell* canvas = cells;
+            if (i > 0) {
+                own.emplace_back(new Cell[count]);
+                canvas = own.back().get();
+                std::fill(canvas, canvas + count, Canvas::kEmpty);
+            }
+            members_.emplace_back(grid_, Canvas{canvas, static_cast<std::size_t>(grid_.columns)});
+        }
+        if (!place_vertices() || !draw_faces()) return Flaw::out_of_memory;
+        if (flaw_ != Flaw::none) return flaw_;
+        if (fill_.any && !fill_solids()) return Flaw::out_of_memory;
+        const bool merged =
+            team_.share(count, 1 << 16, [&](unsigned, std::size_t a, std::size_t b) {
+                for (const auto& other : own) {
+                    for (std::size_t i = a; i < b; ++i) cells[i] = Canvas::join(cells[i], other[i]);
+                }
+            });
+        return merged ? Flaw::none : Flaw::out_of_memory;
+    }
+
+  private:
+    struct Member {
+        Member(const GridFrame& grid, Canvas canvas) : painter(grid), canvas(canvas) {}
+        Painter painter;
+        Canvas canvas;
+        std::vector<Cut> cuts;
+    };
+
+    bool place_vertices() {
+        places_.reset(new Place[mesh_.vertex_count]);
+        return team_.share(mesh_.vertex_count, kVertexChunk,
+                           [&](unsigned, std::size_t first, std::size_t last) {
+                               if (slabs_.planes.size() <= 2) {
+                                   place_between_two(first, last);
+                               } else {
+                                   for (std::size_t i = first; i < last; ++i) {
+                                       places_[i] = slabs_.place(mesh_.vertices[3 * i + 2]);
+                                   }
+                               }
+                               if (!near(first, last)) flaw_ = Flaw::not_finite;
+                           });
+    }
+
+    void place_between_two(std::size_t first, std::size_t last) {
+        const double low = slabs_.planes.front();
+        const double high = slabs_.planes.back();
+        const bool flat = slabs_.planes.size() == 1;
+        for (std::size_t i = first; i < last; ++i) {
+            const double z = mesh_.vertices[3 * i + 2];
+            const int place = (z >= low) + (z > low);
+            places_[i] = static_cast<Place>(flat ? place : place + (z >= high) + (z > high));
+        }
+    }
+
+    bool near(std::size_t first, std::size_t last) const {
+        bool all = true;
+        for (std::size_t i = 3 * first; i < 3 * last; ++i) {
+            all &= std::abs(mesh_.vertices[i]) <= kFarthest;
+        }
+        return all;
+    }
+
+    bool draw_faces() {
+        return team_.share(mesh_.face_count, kFaceChunk,
+                           [&](unsigned thread, std::size_t first, std::size_t last) {
+                               for (std::size_t f = first; f < last; ++f) {
+                                   draw_face(f, members_[thread]);
+                               }
+                           });
+    }
+
+    std::int32_t solid_of(std::size_t face) const {
+        return mesh_.solids == nullptr ? 0 : mesh_.solids[face];
+    }
+
+    bool is_filled(std::int32_t solid) const {
+        return fill_.of_solid == nullptr || fill_.of_solid[solid] != 0;
+    }
+
+    void draw_face(std::size_t f, Member& member) {
+        const Index* face = mesh_.faces + 3 * f;
+        std::array<std::size_t, 3> vertex;
+        for (int i = 0; i < 3; ++i) vertex[i] = static_cast<std::size_t>(face[i]);
+        if ((vertex[0] >= mesh_.vertex_count) | (vertex[1] >= mesh_.vertex_count) |
+            (vertex[2] >= mesh_.vertex_count)) {
+            flaw_ = Flaw::no_such_vertex;
+            return;
+        }
+        const std::int32_t solid = solid_of(f);
+        if (static_cast<std::size_t>(solid) >= fill_.solid_count) {
+            flaw_ = Flaw::no_such_solid;
+            return;
+        }
+        std::array<Place, 3> place{places_[vertex[0]], places_[vertex[1]], places_[vertex[2]]};
+        const Place lowest = std::min({place[0], place[1], place[2]});
+        const Place highest = std::max({place[0], place[1], place[2]});
+        if (lowest == slabs_.top || highest == 0) return;
+
+        const std::size_t first_slab = slabs_.first_from[lowest];
+        std::size_t end_slab = first_slab;
+        Mask intervals = 0;
+        for (; end_slab < slabs_.slabs.size() && slabs_.slabs[end_slab].low_place <= highest;
+             ++end_slab) {
+            intervals |= slabs_.slabs[end_slab].intervals;
+        }
+        if (end_slab == first_slab) return;
+        if (fill_.any && is_filled(solid)) {
+            for (std::size_t i = 0; i < slabs_.fills.size(); ++i) {
+                const Place plane = slabs_.fills[i].place;
+                if (lowest <= plane && plane < highest) {
+                    member.cuts.push_back({static_cast<std::uint32_t>(i), solid, f});
+                }
+            }
+        }
+
+        const Locator& locator = member.painter.locator();
+        std::array<Corner, 3> corner;
+        for (int i = 0; i < 3; ++i) corner[i] = locator.vertex(mesh_.vertices + 3 * vertex[i]);
+        const auto& [a, b, c] = corner;
+        if (member.painter.beside_grid(a, b, c)) return;
+        const bool one_cell =
+            a.row == b.row && b.row == c.row && a.column == b.column && b.column == c.column;
+        const Slab& slab = slabs_.slabs[first_slab];
+        if (one_cell || (end_slab == first_slab + 1 && lowest >= slab.low_place &&
+                         highest <= slab.high_place)) {
+            member.canvas.choose(intervals, solid);
+            member.painter.whole(a, b, c, member.canvas);
+            return;
+        }
+        if (place[0] > place[1]) swap(0, 1, corner, place);
+        if (place[1] > place[2]) swap(1, 2, corner, place);
+        if (place[0] > place[1]) swap(0, 1, corner, place);
+        for (std::size_t i = first_slab; i < end_slab; ++i) {
+            member.canvas.choose(slabs_.slabs[i].intervals, solid);
+            member.painter.clipped(corner, place, slabs_.slabs[i], member.canvas);
+        }
+    }
+
+    static void swap(int i, int j, std::array<Corner, 3>& corner, std::array<Place, 3>& place) {
+        std::swap(corner[i], corner[j]);
+        std::swap(place[i], place[j]);
+    }
+
+    // Fills each closed solid by the winding number of its section just above each fill plane.
+    bool fill_solids() {
+        std::vector<Cut> cuts;
+        for (Member& member : members_) {
+            cuts.insert(cuts.end(), member.cuts.begin(), member.cuts.end());
+        }
+        if (cuts.empty()) return true;
+        std::vector<std::uint8_t> closed(fill_.solid_count, 0);
+        for (const Cut& cut : cuts) closed[static_cast<std::size_t>(cut.solid)] = 1;
+        if (!keep_closed(mesh_, team_, closed)) return false;
+
+        // Cuts of a solid and plane side by side.
+        const std::size_t planes = slabs_.fills.size();
+        const auto group_of = [&](const Cut& cut) {
+            return static_cast<std::size_t>(cut.solid) * planes + cut.plane;
+        };
+        std::vector<std::size_t> start(fill_.solid_count * planes + 1, 0);
+        for (const Cut& cut : cuts) ++start[group_of(cut) + 1];
+        for (std::size_t i = 1; i < start.size(); ++i) start[i] += start[i - 1];
+        std::vector<Cut> grouped(cuts.size());
+        std::vector<std::size_t> next = start;
+        for (const Cut& cut : cuts) grouped[next[group_of(cut)]++] = cut;
+
+        return team_.share(start.size() - 1, 16,
+                           [&](unsigned thread, std::size_t first, std::size_t last) {
+                               for (std::size_t i = first; i < last; ++i) {
+                                   if (start[i] == start[i + 1] || closed[i / planes] == 0)
+                                       continue;
+                                   fill_group(grouped.data() + start[i],
+                                              grouped.data() + start[i + 1], members_[thread]);
+                               }
+                           });
+    }
+
+    void fill_group(const Cut* first, const Cut* last, Member& member) const {
+        std::vector<Turn> turns;
+        for (const Cut* cut = first; cut != last; ++cut) {
+            add_turns(*cut, slabs_.fills[cut->plane], member.painter, turns);
+        }
+        if (turns.empty()) return;
+        member.canvas.choose(slabs_.fills[first->plane].intervals, first->solid);
+        std::sort(turns.begin(), turns.end(), [](const Turn& a, const Turn& b) {
+            return a.row != b.row ? a.row < b.row : a.column < b.column;
+        });
+        for (std::size_t i = 0; i < turns.size();) {
+            const std::int32_t row = turns[i].row;
+            std::int32_t winding = 0;
+            for (; i < turns.size() && turns[i].row == row; ++i) {
+                winding += turns[i].turn;
+                const bool more = i + 1 < turns.size() && turns[i + 1].row == row;
+                const std::int32_t from = turns[i].column + 1;
+                const std::int32_t to = more ? turns[i + 1].column : grid_.columns - 1;
+                if (winding != 0 && from <= to) member.canvas.run(row, from, to);
+            }
+        }
+    }
+
+    // The section of a face just above a plane runs from the edge that falls through it to the
+    // edge that rises, so that sections of neighbours make closed curves.
+    void add_turns(const Cut& cut, const FillPlane& plane, const Painter& painter,
+                   std::vector<Turn>& turns) const {
+        const Locator& locator = painter.locator();
+        std::array<Corner, 3> corner;
+        std::array<Place, 3> place;
+        for (int i = 0; i < 3; ++i) {
+            const auto vertex = static_cast<std::size_t>(mesh_.faces[3 * cut.face + i]);
+            corner[i] = locator.vertex(mesh_.vertices + 3 * vertex);
+            place[i] = places_[vertex];
+        }
+        const double error = Painter::error_of(corner[0], corner[1], corner[2]);
+        Corner from{};
+        Corner to{};
+        for (int i = 0; i < 3; ++i) {
+            const int j = (i + 1) % 3;
+            const bool rises = place[i] <= plane.place && plane.place < place[j];
+            const bool falls = place[j] <= plane.place && plane.place < place[i];
+            if (!rises && !falls) continue;
+            const int low = rises ? i : j;
+            const int high = rises ? j : i;
+            Corner& point = rises ? to : from;
+            point = place[low] == plane.place
+                        ? corner[low]
+                        : locator.pass(corner[low], corner[high], plane.height, error);
+        }
+        if (from.row == to.row) return;
+        const bool up = from.row < to.row;
+        const Corner& p = up ? from : to;
+        const Corner& q = up ? to : from;
+        const std::int32_t first = std::max(p.row + 1, 0);
+        const std::int32_t last = std::min(q.row, grid_.rows - 1);
+        const std::int32_t turn = up ? 1 : -1;
+        if (p.column == q.column) {
+            for (std::int32_t row = first; row <= last; ++row) {
+                turns.push_back({row, p.column, turn});
+            }
+            return;
+        }
+        locator.crossings(p, q, first, last, error, [&](std::int32_t row, Crossing at) {
+            turns.push_back({row, at.column, turn});
+        });
+    }
+
+    const MeshView<Index>& mesh_;
+    const Slabs slabs_;
+    const GridFrame grid_;
+    const Fill& fill_;
+    const Team& team_;
+    std::vector<Member> members_;
+    std::unique_ptr<Place[]> places_;
+    std::atomic<Flaw> flaw_{Flaw::none};
+};
+
+template <typename Canvas, typename Cell, typename Index>
+Flaw draw(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
+          const GridFrame& grid, const Fill& fill, const Team& team, Cell* cells) {
+    return Drawing<Index, Canvas>(mesh, intervals, grid, fill, team).draw(cells);
+}
+
+template <typename Bits, typename Index>
+Flaw draw_layers(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
+                 const GridFrame& grid, const Fill& fill, const Team& team, std::uint8_t* cells) {
+    const std::size_t count = grid.cells();
+    const std::unique_ptr<Bits[]> masks(new Bits[count]);
+    const Flaw flaw = draw<MaskCanvas<Bits>>(mesh, intervals, grid, fill, team, masks.get());
+    if (flaw != Flaw::none) return flaw;
+    const bool done = team.share(count, 4096, [&](unsigned, std::size_t first, std::size_t last) {
+        for (std::size_t k = 0; k < intervals.size(); ++k) {
+            std::uint8_t* layer = cells + k * count;
+            for (std::size_t i = first; i < last; ++i) {
+                layer[i] = static_cast<std::uint8_t>((masks[i] >> k) & 1);
+            }
+        }
+    });
+    return done ? Flaw::none : Flaw::out_of_memory;
+}
+
+}  // namespace
+
+template <typename Index>
+Flaw occupancy(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
+               const GridFrame& grid, const Fill& fill, unsigned threads, std::uint8_t* cells) {
+    const Team team(threads);
+    try {
+        if (intervals.empty()) return Flaw::none;
+        if (intervals.size() == 1) {
+            return draw<MaskCanvas<std::uint8_t>>(mesh, intervals, grid, fill, team, cells);
+        }
+        if (intervals.size() <= 8) {
+            return draw_layers<std::uint8_t>(mesh, intervals, grid, fill, team, cells);
+        }
+        return draw_layers<Mask>(mesh, intervals, grid, fill, team, cells);
+    } catch (const std::bad_alloc&) {
+        return Flaw::out_of_memory;
+    }
+}
+
+template <typename Index>
+Flaw lowest_solids(const MeshView<Index>& mesh, Interval interval, const GridFrame& grid,
+                   const Fill& fill, unsigned threads, std::int32_t* cells) {
+    try {
+        return draw<SolidCanvas>(mesh, {interval}, grid, fill, Team(threads),
+                                 reinterpret_cast<std::uint32_t*>(cells));
+    } catch (const std::bad_alloc&) {
+        return Flaw::out_of_memory;
+    }
+}
+
+template <typename Index>
+Flaw closed_solids(const MeshView<Index>& mesh, std::size_t solid_count, unsigned threads,
+                   std::uint8_t* closed) {
+    for (std::size_t f = 0; f < mesh.face_count; ++f) {
+        for (int i = 0; i < 3; ++i) {
+            if (static_cast<std::size_t>(mesh.faces[3 * f + i]) >= mesh.vertex_count) {
+                return Flaw::no_such_vertex;
+            }
+        }
+        if (mesh.solids != nullptr && static_cast<std::size_t>(mesh.solids[f]) >= solid_count) {
+            return Flaw::no_such_solid;
+        }
+    }
+    try {
+        std::vector<std::uint8_t> all(solid_count, 1);
+        if (!keep_closed(mesh, Team(threads), all)) return Flaw::out_of_memory;
+        std::copy(all.begin(), all.end(), closed);
+        return Flaw::none;
+    } catch (const std::bad_alloc&) {
+        return Flaw::out_of_memory;
+    }
+}
+
+#define SEMMAP_FOR_INDEX(Index)                                                                  \
+    template Flaw occupancy(const MeshView<Index>&, const std::vector<Interval>&,                \
+                            const GridFrame&, const Fill&, unsigned, std::uint8_t*);             \
+    template Flaw lowest_solids(const MeshView<Index>&, Interval, const GridFrame&, const Fill&, \
+                                unsigned, std::int32_t*);                                        \
+    template Flaw closed_solids(const MeshView<Index>&, std::size_t, unsigned, std::uint8_t*);
+
+SEMMAP_FOR_INDEX(std::int32_t)
+SEMMAP_FOR_INDEX(std::int64_t)
+
+}  // namespace semmap

@@ -1,0 +1,152 @@
+"""Costs that fall off around what is occupied, with the meaning of costmap_2d.
+
+Distances are exact: those of cell centres, compared as squares of whole numbers of cells.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import semmap_native
+
+__all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "costs_by_distance", "inflate"]
+
+FREE, INSCRIBED, LETHAL, UNKNOWN = 0, 253, 254, 255
+
+LARGEST_RADIUS = 4096
+"""Cells beyond which an inflation is refused."""
+
+_SAME = 1e-9  # of a cell: 0.56 / 0.02 is 28
+
+
+def inflate(
+    occupied: ArrayLike,
+    resolution: float,
+    *,
+    inscribed_radius: float,
+    inflation_radius: float,
+    cost_scaling_factor: float,
+    unknown: ArrayLike | None = None,
+    inflate_unknown: bool = False,
+    variant: Literal["baseline", "avx2", "avx512"] | None = None,
+) -> NDArray[np.uint8]:
+    """The costs of a grid's cells by their distance d to the nearest occupied cell.
+
+    254 where d is 0; 253 up to the inscribed radius; from there
+    ``252 * exp(-cost_scaling_factor * (d - inscribed_radius))``, truncated; 0 beyond
+    ``ceil(inflation_radius / resolution)`` cells. A radius that is a whole number of cells includes
+    its rim.
+
+    Parameters
+    ----------
+    occupied : (rows, columns) bool
+    resolution : metres a cell
+    inscribed_radius, inflation_radius : metres
+    cost_scaling_factor : 1/metre, how fast costs fall
+    unknown : (rows, columns) bool
+        Cells of which nothing is known: they stay 255 unless they are within the inscribed radius,
+        as in costmap_2d's inflation layer.
+    inflate_unknown : give unknown cells every cost above 0
+    variant : the processor family, by default the fastest there is; all give the same
+
+    Returns
+    -------
+    (rows, columns) uint8
+
+    Raises
+    ------
+    ValueError
+        Arrays of another shape or type, numbers that are negative or not finite, a radius of more
+        than `LARGEST_RADIUS` cells.
+
+    Examples
+    --------
+    >>> row = np.array([[True, False, False, False, False]])
+    >>> inflate(row, 0.1, inscribed_radius=0.1, inflation_radius=0.3, cost_scaling_factor=5)
+    array([[254, 253, 152,  92,   0]], dtype=uint8)
+    """
+    cells = _mask("occupied", occupied)
+    costs = costs_by_distance(
+        resolution,
+        inscribed_radius=inscribed_radius,
+        inflation_radius=inflation_radius,
+        cost_scaling_factor=cost_scaling_factor,
+        farthest=max(cells.shape),
+    )
+    radius = math.isqrt(len(costs) - 1)
+    inflated = semmap_native.inflate(cells, radius, costs, variant)
+    if unknown is not None:
+        hidden = _mask("unknown", unknown)
+        if hidden.shape != cells.shape:
+            raise ValueError(f"unknown has the shape {hidden.shape}, occupied {cells.shape}")
+        least = FREE + 1 if inflate_unknown else INSCRIBED
+        inflated[hidden & (inflated < least)] = UNKNOWN
+    return inflated
+
+
+def costs_by_distance(
+    resolution: float,
+    *,
+    inscribed_radius: float,
+    inflation_radius: float,
+    cost_scaling_factor: float,
+    farthest: int | None = None,
+) -> NDArray[np.uint8]:
+    """The cost at each squared distance in cells, up to the square of the inflation radius.
+
+    Parameters
+    ----------
+    farthest : no distance along a row or column exceeds it, in cells
+
+    Returns
+    -------
+    (n**2 + 1,) uint8, n = ceil(inflation_radius / resolution)
+    """
+    _positive("resolution", resolution)
+    for name, value in (
+        ("inscribed_radius", inscribed_radius),
+        ("inflation_radius", inflation_radius),
+        ("cost_scaling_factor", cost_scaling_factor),
+    ):
+        _not_negative(name, value)
+    reach = inflation_radius / resolution - _SAME
+    if farthest is not None:
+        reach = min(reach, 1.5 * farthest)  # the diagonal
+    if reach > LARGEST_RADIUS:
+        raise ValueError(
+            f"an inflation radius of {inflation_radius} m is {reach:.0f} cells of {resolution} m; "
+            f"at most {LARGEST_RADIUS} are computed"
+        )
+    radius = max(math.ceil(reach), 0)
+    cells = np.sqrt(np.arange(radius**2 + 1, dtype=np.float64))
+    metres = cells * resolution
+    with np.errstate(under="ignore"):
+        costs = (252 * np.exp(-cost_scaling_factor * (metres - inscribed_radius).clip(0))).astype(
+            np.uint8
+        )
+    costs[cells <= inscribed_radius / resolution + _SAME] = INSCRIBED
+    costs[0] = LETHAL
+    return costs
+
+
+def _mask(name: str, value: ArrayLike) -> NDArray[np.bool_]:
+    mask = np.asarray(value)
+    if mask.ndim != 2 or mask.dtype != np.bool_:
+        raise ValueError(
+            f"{name} is a (rows, columns) array of bool, not {mask.dtype} of shape {mask.shape}"
+        )
+    return np.ascontiguousarray(mask)
+
+
+def _positive(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} is finite and above 0, not {value}")
+
+
+def _not_negative(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value >= 0):
+        raise ValueError(f"{name} is finite and not negative, not {value}")
