@@ -177,7 +177,8 @@ RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path
 -- a rests on b, in the map's frame: b has surface within `tolerance` metres, up or down, of a's lowest
 -- height, beneath a's underside (its lowest `tolerance` metres): at least 2 % of that, or of b's surface
 -- there. b reaches lower than a does, by `tolerance` or half of its own height: two things that stand on
--- the same floor are not on each other. Of direct contact: a muffin on a tray is not on the table.
+-- the same floor are not on each other. Of two whose bottoms are within `tolerance`, only the one that
+-- reaches higher can be on the other. Of direct contact: a muffin on a tray is not on the table.
 -- A room or region: a is in it and its bottom within `tolerance` of the floor (the region's heights).
 -- Rooms themselves rest on nothing.
 DECLARE
@@ -205,6 +206,10 @@ BEGIN
     ELSIF b_kind = 'region' THEN
         RETURN bottom BETWEEN ST_ZMin(wb.box) - tolerance AND ST_ZMax(wb.box) + tolerance
            AND ground_share(ground_of(wa), wb.footprint) > 0.5;
+    END IF;
+    IF bottom < ST_ZMin(wb.box) - tolerance
+       OR bottom <= ST_ZMin(wb.box) + tolerance AND ST_ZMax(wa.box) <= ST_ZMax(wb.box) THEN
+        RETURN false;
     END IF;
     low := greatest(bottom - tolerance,
                     ST_ZMin(wb.box) + least(tolerance, (ST_ZMax(wb.box) - ST_ZMin(wb.box)) / 2)) - 1e-6;

@@ -37,8 +37,8 @@ CREATE FUNCTION is_above(a bigint, b bigint, tolerance double precision DEFAULT 
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public AS $$
 -- a is over b, in the map's frame (z up), on the same storey, at any height: their footprints share ground
 -- (2 % of the smaller one at least), and on the plumb lines there (up to 26) on which both have surface,
--- all of a is higher than all of b, or `tolerance` metres lower at most. What is on b is above it too,
--- but nothing is above or under what it is in.
+-- all of a is higher than all of b, or `tolerance` metres lower at most, and a reaches higher on average (as
+-- high: begins higher). What is on b is above it too, but nothing is above or under what it is in.
 DECLARE
     wa world;
     wb world;
@@ -59,6 +59,7 @@ BEGIN
     END IF;
     spots := ARRAY(SELECT probes(ground));
     RETURN coalesce((SELECT bool_and(pa.low >= pb.high - tolerance)
+                            AND (round(avg(pa.high)::numeric, 6), avg(pa.low)) > (round(avg(pb.high)::numeric, 6), avg(pb.low))
                      FROM plumb(a, spots) pa JOIN plumb(b, spots) pb USING (spot)), false);
 END $$;
 

@@ -28,8 +28,8 @@ SELECT coalesce((
     CROSS JOIN LATERAL (SELECT ground_of(wb)) f (ground)
     CROSS JOIN LATERAL (SELECT ST_Rotate(f.ground, -front), ST_Rotate(middle(a), -front) OFFSET 0) t (ground, spot)
     CROSS JOIN LATERAL (SELECT ST_X(t.spot) - least(greatest(ST_X(t.spot), ST_XMin(t.ground)), ST_XMax(t.ground)),
-                               sign(sin(leftward - front))
-                               * (ST_Y(t.spot) - least(greatest(ST_Y(t.spot), ST_YMin(t.ground)), ST_YMax(t.ground)))) o (ahead, left_out)
+                               sign(sin(leftward - front)) * (ST_Y(t.spot) - least(
+                                   greatest(ST_Y(t.spot), ST_YMin(t.ground)), ST_YMax(t.ground)))) o (ahead, left_out)
     WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b AND NOT is_nowhere(a) AND NOT is_nowhere(b)), false)
 $$;
 
@@ -157,7 +157,8 @@ BEGIN
     SELECT * INTO wa FROM world w WHERE w.entity_id = a;
     SELECT * INTO wb FROM world w WHERE w.entity_id = b;
     SELECT * INTO wc FROM world w WHERE w.entity_id = c;
-    IF a IN (b, c) OR b = c OR is_nowhere(a) OR is_nowhere(b) OR is_nowhere(c) OR wa.map_id IS NULL OR wa.map_id IS DISTINCT FROM wb.map_id
+    IF a IN (b, c) OR b = c OR is_nowhere(a) OR is_nowhere(b) OR is_nowhere(c)
+       OR wa.map_id IS NULL OR wa.map_id IS DISTINCT FROM wb.map_id
        OR wa.map_id IS DISTINCT FROM wc.map_id OR NOT same_storey(wa.storey_id, wb.storey_id)
        OR NOT same_storey(wa.storey_id, wc.storey_id) OR NOT same_storey(wb.storey_id, wc.storey_id) THEN
         RETURN false;

@@ -125,8 +125,8 @@ def on(a: Operand, b: Operand, tolerance: float = TOLERANCE) -> ColumnElement[bo
     """`a` rests on `b`, directly.
 
     `b` has surface within `tolerance` metres, up or down, of the lowest height of `a`, beneath its
-    underside, and reaches lower than `a` does. A room or region: `a` is in it, and its bottom at
-    the floor.
+    underside, and reaches lower than `a` does (where their bottoms are within `tolerance`: less
+    high). A room or region: `a` is in it, and its bottom at the floor.
     """
     return _indexed("on", a, b, _metres(tolerance))
 
@@ -135,8 +135,8 @@ def above(a: Operand, b: Operand, tolerance: float = TOLERANCE) -> ColumnElement
     """`a` is over `b`, on the same storey, at any height.
 
     On the plumb lines (up to 26) through ground that both cover, all of `a` is higher than all of
-    `b`, or at most `tolerance` metres lower. What is on `b` is above it, too, but nothing is above
-    or under what it is in.
+    `b`, or at most `tolerance` metres lower, and `a` reaches higher on average. What is on `b` is
+    above it, too, but nothing is above or under what it is in.
     """
     return _indexed("above", a, b, _metres(tolerance))
 

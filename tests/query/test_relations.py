@@ -356,6 +356,17 @@ def test_contact_within_the_tolerance(module_engine: Engine, gap: float) -> None
     assert there.holds("touching", "tray", "table", 0.004) is (gap < 0)
 
 
+@pytest.mark.parametrize("lift", [-0.004, 0, 0.003])
+def test_of_two_thin_things_one_is_on_the_other(module_engine: Engine, lift: float) -> None:
+    sheets = [box_mesh((-1, -1, 0), (1, 1, 0.001)), box_mesh((-0.5, -0.5, 0), (0.5, 0.5, 0.006))]
+    world = bodies("thin", sheets)
+    world.entries[1].pose = Pose(z=lift)
+    there = Building(module_engine, store(module_engine, f"thin{next(MAPS)}", world), Pose())
+    for relation in ("on", "above"):
+        assert there.holds(relation, "body1", "body0")
+        assert not there.holds(relation, "body0", "body1")
+
+
 box_poses = st.builds(
     Pose.from_rpy,
     *(st.floats(-1.5, 1.5) for _ in range(3)),
