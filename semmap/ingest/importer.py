@@ -55,6 +55,10 @@ def read_world(path: Path, geometry: Geometry = "visual", mesh_as: MeshAs = "obj
     raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", f"Known: {known}.")
 
 
+MANY = 50
+"""Added entities from which the planner's statistics are made anew: without, it scans tables."""
+
+
 @dataclass
 class ImportSummary:
     """What came in, and what was left out and why."""
@@ -126,6 +130,11 @@ def import_file(
         summary = _summary(world, stored, map_name or world.name, source, holders)
         if stored.added or stored.changed or stored.removed:
             _log(connection, map_id, path, summary)
+    if summary.added >= MANY:
+        with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            connection.exec_driver_sql(
+                "ANALYZE entity, placement, world, object_type, entity_model, entity_chunk"
+            )
     summary.seconds = round(time.perf_counter() - start, 3)
     return summary
 
