@@ -1,0 +1,29 @@
+-- Regions: the triangles of those that are faces of a model, and their end with what they are a part of.
+
+CREATE FUNCTION model_faces(of_model bigint, wanted integer[])
+RETURNS geometry LANGUAGE sql STABLE STRICT PARALLEL SAFE SET search_path = semmap, public AS $$
+-- Triangles of a model, in its own frame, by their numbers in the order of its chunks, from 0.
+WITH patch AS (
+    SELECT id, sum(ST_NumGeometries(geom)) OVER (ORDER BY number) AS upto, ST_NumGeometries(geom) AS n
+    FROM chunk WHERE model_id = of_model
+), asked AS (
+    SELECT p.id, f - (p.upto - p.n) + 1 AS at
+    FROM unnest(wanted) AS f JOIN patch p ON f >= p.upto - p.n AND f < p.upto
+)
+SELECT ST_Collect(part.geom)
+FROM (SELECT id, array_agg(at) AS places FROM asked GROUP BY id) a
+JOIN chunk c ON c.id = a.id
+CROSS JOIN LATERAL ST_Dump(c.geom) part
+WHERE part.path[1] = ANY (a.places)
+$$;
+
+CREATE FUNCTION region_gone()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+-- A region goes with the room or object that it is a part of: its row by the foreign key, its entry here.
+BEGIN
+    DELETE FROM entity e USING former o WHERE e.id = o.entity_id;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER region_gone AFTER DELETE ON region REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION region_gone();

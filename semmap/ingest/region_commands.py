@@ -1,0 +1,193 @@
+"""What regions add to the command line: `semmap regions find`, `draw` and `ls`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Annotated, Any
+
+import shapely
+import typer
+from shapely import Polygon
+from sqlalchemy import Connection, text
+
+from semmap import cli
+from semmap.ingest.regions import (
+    draw_region,
+    find_support_surfaces,
+)
+from semmap.query import entries
+
+__all__ = ["register"]
+
+regions = typer.Typer(
+    no_args_is_help=True, help="Parts of rooms and things: drawn, or found in the geometry."
+)
+
+
+class Sort(StrEnum):
+    """What can be found in the geometry."""
+
+    surfaces = "surfaces"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.add_typer(regions, name="regions")
+
+
+@regions.command()
+def find(
+    sort: Annotated[Sort, typer.Argument(help="Of things: surfaces.")],
+    names: Annotated[list[str] | None, typer.Argument(metavar="NAME...")] = None,
+    type_: Annotated[
+        str | None, typer.Option("--type", help="All of this type: table, kitchen, room.")
+    ] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Find the surfaces of things on which others can stand."""
+    if not names and type_ is None:
+        raise typer.BadParameter("name rooms or things, or give --type")
+    seek: dict[Sort, Callable[[Connection, int], int | list[int]]] = {
+        Sort.surfaces: find_support_surfaces,
+    }
+    found: list[int] = []
+    with cli.engine().begin() as connection:
+        cli.choose_map(connection, map_name)
+        for name in names or []:
+            made = seek[sort](connection, entity_named(connection, name))
+            found += made if isinstance(made, list) else [made]
+        for thing in all_of_type(connection, type_) if type_ else []:
+            try:
+                with connection.begin_nested():
+                    made = seek[sort](connection, thing)
+            except ValueError as error:  # of many, some may have none
+                cli.err.print(f"left out: {error}", style="yellow", markup=False)
+                continue
+            found += made if isinstance(made, list) else [made]
+        answer = listed(connection, found)
+    cli.show_rows(*answer, json_)
+
+
+@regions.command()
+def draw(
+    name: str,
+    polygon: Annotated[
+        str | None, typer.Option(help='Corners "x,y x,y x,y ..." in the map\'s frame, metres.')
+    ] = None,
+    box: Annotated[str | None, typer.Option(help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame.")] = None,
+    type_: Annotated[str, typer.Option("--type", help="Such as blocked_region.")] = "region",
+    holder: Annotated[
+        str | None, typer.Option(help="Room or thing that it is in and moves with.")
+    ] = None,
+    where: Annotated[
+        list[str] | None, typer.Option("--property", help="KEY=VALUE; repeatable.")
+    ] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Draw a region, or draw it anew: a polygon from floor to ceiling, or a box."""
+    with cli.engine().begin() as connection:
+        cli.choose_map(connection, map_name)
+        region = draw_region(
+            connection,
+            connection.execute(text("SELECT current_map()")).scalar_one(),
+            name,
+            None if polygon is None else outline_of(polygon),
+            box=None if box is None else box_of(box),
+            type=type_,
+            holder=None if holder is None else entity_named(connection, holder),
+            properties=dict(property_of(said) for said in where or []),
+        )
+        answer = listed(connection, [region])
+    cli.show_rows(*answer, json_)
+
+
+@regions.command()
+def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List the regions, with what they are a part of and how they came to be."""
+    with cli.engine().connect() as connection:
+        cli.choose_map(connection, map_name)
+        answer = listed(connection)
+    cli.show_rows(*answer, json_)
+
+
+def listed(
+    connection: Connection, ids: list[int] | None = None
+) -> tuple[list[str], list[tuple[Any, ...]]]:
+    """The regions of the current map, or those with these ids, as columns and rows."""
+    result = connection.execute(
+        text(
+            "SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, "
+            "round(CAST(ST_Area(w.footprint) AS numeric), 3) AS area, "
+            "round(CAST(ST_ZMin(w.box) AS numeric), 3) AS low, "
+            "round(CAST(ST_ZMax(w.box) AS numeric), 3) AS high, cardinality(r.faces) AS faces "
+            "FROM region r JOIN entity e ON e.id = r.entity_id "
+            "LEFT JOIN entity o ON o.id = r.of_id LEFT JOIN placement p ON p.entity_id = e.id "
+            "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
+            "WHERE e.map_id = current_map() "
+            "AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY(:ids)) ORDER BY e.name"
+        ),
+        {"ids": ids},
+    )
+    rows = [tuple(float(v) if hasattr(v, "as_tuple") else v for v in row) for row in result]
+    return list(result.keys()), rows
+
+
+def entity_named(connection: Connection, name: str) -> int:
+    """The id of the entity of that name in the current map; an error names those that come near."""
+    entries.describe(connection, name)
+    return int(connection.execute(text("SELECT entity_id(:name)"), {"name": name}).scalar_one())
+
+
+def all_of_type(connection: Connection, type_: str) -> list[int]:
+    """The ids of the things of a type and its subtypes that are placed."""
+    columns, rows = entries.find(connection, entries.Question(type=type_))
+    names = [row[columns.index("name")] for row in rows if row[columns.index("kind")] == "object"]
+    return list(
+        connection.execute(
+            text(
+                "SELECT e.id FROM entity e JOIN world w ON w.entity_id = e.id "
+                "WHERE e.map_id = current_map() AND e.name = ANY(:names) ORDER BY e.name"
+            ),
+            {"names": names},
+        ).scalars()
+    )
+
+
+def outline_of(said: str) -> Polygon:
+    """The polygon that ``x,y x,y x,y ...`` says."""
+    try:
+        corners = [tuple(float(v) for v in corner.split(",")) for corner in said.split()]
+    except ValueError:
+        corners = []
+    if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
+        raise ValueError(f'--polygon takes three corners or more, "x,y x,y x,y", not {said}')
+    polygon = shapely.Polygon(corners)
+    if not polygon.is_valid:
+        raise ValueError(f"--polygon crosses its own border: {shapely.is_valid_reason(polygon)}")
+    return polygon
+
+
+def box_of(said: str) -> tuple[float, float, float, float, float, float]:
+    """The box that ``x0,y0,z0,x1,y1,z1`` says."""
+    try:
+        x0, y0, z0, x1, y1, z1 = (float(v) for v in said.split(","))
+    except ValueError:
+        raise ValueError(
+            f"--box takes six numbers with commas between, x0,y0,z0,x1,y1,z1, not {said}"
+        ) from None
+    return x0, y0, z0, x1, y1, z1
+
+
+def property_of(said: str) -> tuple[str, Any]:
+    """The key and the value, JSON or else text, that ``KEY=VALUE`` says."""
+    key, equals, value = said.partition("=")
+    if not equals or not key:
+        raise ValueError(f"--property takes KEY=VALUE, not {said}")
+    try:
+        return key, json.loads(value)
+    except json.JSONDecodeError:
+        return key, value
