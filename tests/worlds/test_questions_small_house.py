@@ -45,7 +45,8 @@ def test_what_is_on_the_kitchen_table(house: str) -> None:
     rows = ask(
         house, "sql",
         "SELECT e.name, p.relation, p.confidence "
-        "FROM placement p JOIN entity e ON e.id = p.entity_id WHERE p.holder_id = entity_id('KitchenTable_01_001')",
+        "FROM placement p JOIN entity e ON e.id = p.entity_id "
+        "WHERE p.holder_id = entity_id('KitchenTable_01_001')",
     )  # fmt: skip
     assert [(r["name"], r["relation"]) for r in rows] == [("Tableware_01_001", "on")]
     confidence = rows[0]["confidence"]
