@@ -23,6 +23,7 @@ from semmap.draw.rasteriser import Camera
 from semmap.draw.shading import Surfaces, shade
 from semmap.draw.view import ObjectView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh, prism_mesh
+from semmap.geometry.parts import closed_parts
 
 __all__ = ["scene3d"]
 
@@ -197,7 +198,7 @@ def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surf
         shown = _shown(thing, storey, cut)
         if shown is not None and _is_cut(thing):
             at = storey.elevation + cut + float(shift[2])
-            add(shown, object_colour(thing.types), at, _is_closed(shown))
+            add(shown, object_colour(thing.types), at, bool(closed_parts(shown)[1].all()))
         elif shown is not None:
             add(shown, object_colour(thing.types))
     counts = [len(t) for t in triangles[1:]]
@@ -231,16 +232,6 @@ def _shown(thing: ObjectView, storey: StoreyView, cut: float) -> Mesh | None:
     if "floor" in thing.types and storey.rooms:
         return None
     return thing.mesh
-
-
-def _is_closed(mesh: Mesh) -> bool:
-    """True where each edge is met by two faces, once in each direction: it has an inside."""
-    _, joined = np.unique(mesh.vertices.round(6), axis=0, return_inverse=True)
-    faces = joined.reshape(-1)[mesh.faces].astype(np.int64)
-    a, b = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    n = int(faces.max()) + 1
-    there, back = np.unique(a * n + b, return_counts=True), np.unique(b * n + a, return_counts=True)
-    return np.array_equal(there[0], back[0]) and np.array_equal(there[1], back[1])
 
 
 def _box_edges(room: RoomView) -> list[Floats]:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely import MultiPolygon, Polygon, STRtree
 
 from semmap.geometry.mesh import Mesh
+from semmap.geometry.parts import closed_parts
 
 __all__ = ["Surface", "support_surfaces"]
 
@@ -92,12 +91,7 @@ def support_surfaces(
 
 def _inside_out(mesh: Mesh) -> NDArray[np.bool_]:
     """(F,): whether a face belongs to a connected part that encloses a negative volume."""
-    _, corner = np.unique(np.round(mesh.vertices, 6), axis=0, return_inverse=True)
-    faces = corner.reshape(-1)[mesh.faces]
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    size = int(corner.max()) + 1
-    graph = coo_array((np.ones(len(edges), bool), (edges[:, 0], edges[:, 1])), shape=(size, size))
-    part = connected_components(graph, directed=False)[1][faces[:, 0]]
+    part, _ = closed_parts(mesh)
     # Volumes from each part's own middle: an open sheet then encloses nothing, wherever it lies.
     triangles = mesh.triangles
     count = np.bincount(part)

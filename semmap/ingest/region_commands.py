@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from enum import StrEnum
+from functools import partial
 from typing import Annotated, Any
 
 import shapely
@@ -15,7 +16,9 @@ from sqlalchemy import Connection, text
 from semmap import cli
 from semmap.ingest.regions import (
     draw_region,
+    find_observation_area,
     find_support_surfaces,
+    find_walkable_floor,
 )
 from semmap.query import entries
 
@@ -30,6 +33,8 @@ class Sort(StrEnum):
     """What can be found in the geometry."""
 
     surfaces = "surfaces"
+    floor = "floor"
+    observation = "observation"
 
 
 def register(app: typer.Typer) -> None:
@@ -39,27 +44,40 @@ def register(app: typer.Typer) -> None:
 
 @regions.command()
 def find(
-    sort: Annotated[Sort, typer.Argument(help="Of things: surfaces.")],
+    sort: Annotated[
+        Sort, typer.Argument(help="Of things: surfaces, observation; of rooms: floor.")
+    ],
     names: Annotated[list[str] | None, typer.Argument(metavar="NAME...")] = None,
     type_: Annotated[
         str | None, typer.Option("--type", help="All of this type: table, kitchen, room.")
     ] = None,
+    near: Annotated[float, typer.Option(help="observation: metres off the thing, at least.")] = 0.5,
+    far: Annotated[float, typer.Option(help="observation: metres off the thing, at most.")] = 1.2,
+    headroom: Annotated[float, typer.Option(help="floor: metres free above it.")] = 2.0,
+    max_step: Annotated[float, typer.Option(help="floor: metres one steps up or down.")] = 0.03,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Find the surfaces of things on which others can stand."""
+    """Find what of the geometry has a meaning.
+
+    surfaces: where other things can stand; floor: where one can walk in a room as it is now;
+    observation: the ring around a thing from which to look at it.
+    """
     if not names and type_ is None:
         raise typer.BadParameter("name rooms or things, or give --type")
     seek: dict[Sort, Callable[[Connection, int], int | list[int]]] = {
         Sort.surfaces: find_support_surfaces,
+        Sort.floor: partial(find_walkable_floor, headroom=headroom, max_step=max_step),
+        Sort.observation: partial(find_observation_area, near=near, far=far),
     }
+    kind = "room" if sort is Sort.floor else "object"
     found: list[int] = []
     with cli.engine().begin() as connection:
         cli.choose_map(connection, map_name)
         for name in names or []:
             made = seek[sort](connection, entity_named(connection, name))
             found += made if isinstance(made, list) else [made]
-        for thing in all_of_type(connection, type_) if type_ else []:
+        for thing in all_of_type(connection, type_, kind) if type_ else []:
             try:
                 with connection.begin_nested():
                     made = seek[sort](connection, thing)
@@ -142,10 +160,10 @@ def entity_named(connection: Connection, name: str) -> int:
     return int(connection.execute(text("SELECT entity_id(:name)"), {"name": name}).scalar_one())
 
 
-def all_of_type(connection: Connection, type_: str) -> list[int]:
-    """The ids of the things of a type and its subtypes that are placed."""
+def all_of_type(connection: Connection, type_: str, kind: str) -> list[int]:
+    """The ids of the entities of a kind, of a type and its subtypes, that are placed."""
     columns, rows = entries.find(connection, entries.Question(type=type_))
-    names = [row[columns.index("name")] for row in rows if row[columns.index("kind")] == "object"]
+    names = [row[columns.index("name")] for row in rows if row[columns.index("kind")] == kind]
     return list(
         connection.execute(
             text(

@@ -7,29 +7,40 @@ is brought up to date, never doubled; one that is as it should be is not touched
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 import psycopg
 import shapely
-from numpy.typing import NDArray
-from psycopg.types.json import Jsonb
-from shapely import MultiPolygon, Polygon
+from shapely import Polygon
 from sqlalchemy import Connection
 
+from semmap.geometry.floor import walkable_floor
+from semmap.geometry.mesh import Mesh
+from semmap.geometry.observation import observation_area
 from semmap.geometry.outline import silhouette
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
-from semmap.ingest.holders import MANY_TRIANGLES, find_surfaces
-from semmap.ingest.types import load_tbox
-from semmap.query.meshes import model_triangles
+from semmap.ingest.holders import BUILDING, MANY_TRIANGLES, find_surfaces
+from semmap.ingest.region_store import (
+    Outline,
+    Owner,
+    Wanted,
+    at_its_middle,
+    keep,
+    level_region,
+    with_article,
+)
+from semmap.query.meshes import model_triangles, world_triangles
 
 __all__ = [
     "draw_region",
+    "find_observation_area",
     "find_support_surfaces",
+    "find_walkable_floor",
     "region_of_faces",
 ]
 
@@ -42,38 +53,7 @@ ROOM_HEIGHT = 2.5
 UPRIGHT = 1e-3
 """Parts of a quaternion in x and y below which an entity stands upright."""
 
-Outline: TypeAlias = Polygon | MultiPolygon
 Box = tuple[float, float, float, float, float, float]
-Origin = Literal["drawn", "faces", "support_surface", "walkable_floor", "observation_area"]
-
-
-@dataclass(frozen=True)
-class _Owner:
-    """An entity that has regions; pose, box (2, 3) and footprint in the map's frame."""
-
-    id: int
-    map_id: int
-    name: str
-    kind: str
-    pose: Pose
-    box: NDArray[np.float64]
-    footprint: Outline | None
-
-
-@dataclass(frozen=True)
-class _Region:
-    """A region as it should be: outline from z `low` to `high` in its own frame, in its holder."""
-
-    name: str
-    type: str
-    origin: Origin
-    pose: Pose
-    outline: Outline
-    low: float
-    high: float
-    properties: dict[str, Any] = field(default_factory=dict)
-    model_id: int | None = None
-    faces: list[int] | None = None
 
 
 def draw_region(
@@ -118,10 +98,10 @@ def draw_region(
     else:
         low, high = _heights(connection, owner)
     assert outline is not None
-    region = _level_region(
+    region = level_region(
         name, type, "drawn", owner, outline, low, high, properties=properties or {}
     )
-    return _keep(connection, map_id, owner, region)
+    return keep(connection, map_id, owner, region)
 
 
 def region_of_faces(
@@ -165,12 +145,12 @@ def region_of_faces(
     if outline.area < 1e-4:
         outline = shapely.MultiPoint(part.reshape(-1, 3)[:, :2]).convex_hull.buffer(0.001)
     low, high = float(part[:, :, 2].min()), float(part[:, :, 2].max())
-    pose, outline = _at_its_middle(outline, 0.0)
-    region = _Region(
+    pose, outline = at_its_middle(outline, 0.0)
+    region = Wanted(
         name, type, "faces", pose, outline, low, max(high, low + THIN),
         model_id=model, faces=chosen,
     )  # fmt: skip
-    return _keep(connection, owner.map_id, owner, region)
+    return keep(connection, owner.map_id, owner, region)
 
 
 def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
@@ -186,16 +166,18 @@ def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
     """
     owner = _owner(connection, entity)
     if owner.kind != "object":
-        raise ValueError(f"{owner.name} is no object but {_a(owner.kind)}: it has no such surfaces")
+        raise ValueError(
+            f"{owner.name} is no object but {with_article(owner.kind)}: it has no such surfaces"
+        )
     frame = IDENTITY
     if max(abs(owner.pose.qx), abs(owner.pose.qy)) >= UPRIGHT:
         frame = Pose(0, 0, 0, -owner.pose.qx, -owner.pose.qy, -owner.pose.qz, owner.pose.qw)
     found = []
     for model, height, outline, faces in _surfaces(connection, owner, frame):
-        pose, flat = _at_its_middle(outline, height)
+        pose, flat = at_its_middle(outline, height)
         found.append((frame @ pose, flat, model, faces))
     kept = [
-        _keep(connection, owner.map_id, owner, _Region(
+        keep(connection, owner.map_id, owner, Wanted(
             f"{owner.name}_surface_{number}", "support_surface", "support_surface", pose, flat,
             0.0, THIN, model_id=model, faces=faces,
         ))
@@ -209,6 +191,84 @@ def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
     return kept
 
 
+def find_walkable_floor(
+    connection: Connection,
+    room: int,
+    *,
+    headroom: float = 2.0,
+    max_step: float = 0.03,
+    max_slope: float = math.radians(10),
+) -> int:
+    """Make the region ``NAME_floor``: where one can walk in a room as it is now; returns its id.
+
+    Parameters
+    ----------
+    headroom : metres above the floor that have to be free
+    max_step : metres that one steps up or down; what is lower is no obstacle
+    max_slope : radians by which the floor may be tilted
+
+    Raises
+    ------
+    ValueError
+        No room, one without an outline, or one without a place to walk.
+    """
+    owner = _owner(connection, room)
+    if owner.kind != "room" or owner.footprint is None:
+        raise ValueError(
+            f"{owner.name} is no room with an outline but {with_article(owner.kind)}: "
+            "it has no floor"
+        )
+    height, _ = _heights(connection, owner)
+    floor = walkable_floor(
+        owner.footprint, height, _shell(connection, owner), _standing_in(connection, owner),
+        headroom=headroom, max_step=max_step, max_slope=max_slope,
+    )  # fmt: skip
+    if floor is None:
+        raise ValueError(
+            f"nothing of {owner.name} can be walked on at z = {height:.3f} m with {headroom} m "
+            "above it free: check the room's floor height, or ask for less headroom"
+        )
+    region = level_region(
+        f"{owner.name}_floor", "walkable_floor", "walkable_floor", owner, floor.outline, floor.low,
+        max(floor.high, floor.low + THIN),
+        properties={"headroom": headroom, "max_step": max_step, "max_slope": round(max_slope, 6)},
+    )  # fmt: skip
+    return keep(connection, owner.map_id, owner, region)
+
+
+def find_observation_area(
+    connection: Connection, entity: int, *, near: float = 0.5, far: float = 1.2
+) -> int:
+    """Make the region ``NAME_observation``: where to stand to look at a thing; returns its id.
+
+    A ring from `near` to `far` metres off the thing's footprint, within its room, from floor to
+    ceiling. It is held by the thing and moves with it; its room clips it anew when it is found
+    again.
+
+    Raises
+    ------
+    ValueError
+        No thing with a footprint, distances that make no ring, or nothing of it in the room.
+    """
+    owner = _owner(connection, entity)
+    if owner.kind in ("room", "storey", "region") or owner.footprint is None:
+        raise ValueError(
+            f"{owner.name} is no thing to walk around but {with_article(owner.kind)}, "
+            "or has no footprint"
+        )
+    room = _room_of(connection, owner)
+    try:
+        ring = observation_area(owner.footprint, near, far, room and room.footprint)
+    except ValueError as error:
+        raise ValueError(f"{owner.name}: {error}") from None
+    low, high = _heights(connection, owner)
+    region = level_region(
+        f"{owner.name}_observation", "observation_area", "observation_area", owner, ring, low, high,
+        properties={"near": near, "far": far},
+    )  # fmt: skip
+    return keep(connection, owner.map_id, owner, region)
+
+
 # -- what is read -----------------------------------------------------------------------------
 
 
@@ -218,7 +278,7 @@ def _driver(connection: Connection) -> psycopg.Connection[Any]:
     return driver
 
 
-def _owner(connection: Connection, entity: int) -> _Owner:
+def _owner(connection: Connection, entity: int) -> Owner:
     row = connection.exec_driver_sql(
         "SELECT e.id, e.map_id, e.name, e.kind, w.pose, ARRAY[ST_XMin(w.box), ST_YMin(w.box), "
         "ST_ZMin(w.box), ST_XMax(w.box), ST_YMax(w.box), ST_ZMax(w.box)], ST_AsBinary(w.footprint) "
@@ -231,10 +291,10 @@ def _owner(connection: Connection, entity: int) -> _Owner:
     if pose is None:
         raise ValueError(f"{name} is not placed: a region has to be somewhere. Place it first")
     flat = None if footprint is None else shapely.from_wkb(bytes(footprint))
-    return _Owner(number, map_id, name, kind, Pose(*pose), np.array(box).reshape(2, 3), flat)
+    return Owner(number, map_id, name, kind, Pose(*pose), np.array(box).reshape(2, 3), flat)
 
 
-def _room_of(connection: Connection, owner: _Owner) -> _Owner | None:
+def _room_of(connection: Connection, owner: Owner) -> Owner | None:
     """The entity itself where it is a room, else the nearest room above it in the inventories."""
     room = connection.exec_driver_sql(
         "WITH RECURSIVE up (id, depth) AS (SELECT %(id)s::bigint, 0 UNION ALL "
@@ -247,7 +307,7 @@ def _room_of(connection: Connection, owner: _Owner) -> _Owner | None:
     return None if room is None else _owner(connection, room)
 
 
-def _heights(connection: Connection, owner: _Owner | None) -> tuple[float, float]:
+def _heights(connection: Connection, owner: Owner | None) -> tuple[float, float]:
     """Floor and ceiling of the room of an entity, else what rises from its lowest point."""
     if owner is None:
         return 0.0, ROOM_HEIGHT
@@ -262,7 +322,7 @@ def _heights(connection: Connection, owner: _Owner | None) -> tuple[float, float
     return low, low + ROOM_HEIGHT if ceiling is None else room.pose.z + ceiling
 
 
-def _models(connection: Connection, owner: _Owner) -> list[int]:
+def _models(connection: Connection, owner: Owner) -> list[int]:
     """The models that are seen; where there are none, those that collide."""
     rows = connection.exec_driver_sql(
         "SELECT em.model_id FROM entity_model em JOIN model m ON m.id = em.model_id "
@@ -274,8 +334,35 @@ def _models(connection: Connection, owner: _Owner) -> list[int]:
     return list(rows.scalars())
 
 
+def _shell(connection: Connection, room: Owner) -> Mesh | None:
+    """The room's mesh in the map's frame; None where it is drawn, or has none."""
+    drawn = connection.exec_driver_sql(
+        "SELECT bool_and(m.kind = 'polygon') FROM entity_model em "
+        "JOIN model m ON m.id = em.model_id "
+        "WHERE em.entity_id = %(id)s",
+        {"id": room.id},
+    ).scalar()
+    if drawn is None or drawn:
+        return None
+    triangles = world_triangles(connection, [room.id]).get(room.id)
+    return None if triangles is None else to_mesh(triangles)
+
+
+def _standing_in(connection: Connection, room: Owner) -> list[tuple[Mesh, bool]]:
+    """The meshes of things that reach into a room's box, each with whether its rings are filled."""
+    rows = connection.exec_driver_sql(
+        "SELECT e.id, NOT coalesce(e.type = ANY (ARRAY(SELECT sub FROM type_closure "
+        "WHERE super = ANY(%(building)s))), false) FROM entity e "
+        "JOIN world w ON w.entity_id = e.id JOIN world r ON r.entity_id = %(id)s "
+        "WHERE e.map_id = %(map)s AND e.kind = 'object' AND w.box &&& r.box ORDER BY e.id",
+        {"id": room.id, "map": room.map_id, "building": list(BUILDING)},
+    ).all()
+    meshes = world_triangles(connection, [thing for thing, _ in rows])
+    return [(to_mesh(meshes[thing]), fill) for thing, fill in rows if thing in meshes]
+
+
 def _surfaces(
-    connection: Connection, owner: _Owner, frame: Pose
+    connection: Connection, owner: Owner, frame: Pose
 ) -> list[tuple[int, float, Polygon, list[int]]]:
     """Model, height, outline and faces of the surfaces that are level in `frame`, highest first.
 
@@ -305,139 +392,3 @@ def _surfaces(
         for s in support_surfaces(turned):
             found.append((model, s.height, s.outline, [int(face) for face in s.faces]))
     return sorted(found, key=lambda s: (-s[1], -s[2].area, s[0]))
-
-
-def _a(noun: str) -> str:
-    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
-
-
-# -- what is written --------------------------------------------------------------------------
-
-
-def _at_its_middle(outline: Outline, height: float) -> tuple[Pose, Outline]:
-    """A frame at a point of the outline, parallel to the one it is given in; the outline in it."""
-    middle = outline.representative_point()
-    x, y = round(middle.x, 6), round(middle.y, 6)
-    return Pose(x, y, height), shapely.transform(outline, lambda points: points - (x, y))
-
-
-def _level_region(
-    name: str, type_: str, origin: Origin, owner: _Owner | None, outline: Outline, low: float,
-    high: float, *, properties: dict[str, Any],
-) -> _Region:  # fmt: skip
-    """A region given in the map's frame: its own frame is level, its pose that in its owner."""
-    pose, flat = _at_its_middle(outline, low)
-    if owner is not None:
-        pose = owner.pose.inverse() @ pose
-    return _Region(name, type_, origin, pose, flat, 0.0, high - low, properties)
-
-
-def _keep(connection: Connection, map_id: int, owner: _Owner | None, region: _Region) -> int:
-    """Bring the map's region of that name to what it should be, and nothing else."""
-    connection.exec_driver_sql("SELECT pg_advisory_xact_lock(hashtext('semmap.regions'))")
-    _check_type(connection, region)
-    entity = _entry(connection, map_id, owner, region)
-    _give_outline(connection, entity, region)
-    connection.exec_driver_sql(
-        "INSERT INTO placement AS p (entity_id, holder_id, pose) "
-        "VALUES (%(id)s, %(holder)s, %(pose)s) ON CONFLICT (entity_id) DO UPDATE "
-        "SET holder_id = excluded.holder_id, pose = excluded.pose "
-        "WHERE (p.holder_id, p.pose) IS DISTINCT FROM (excluded.holder_id, excluded.pose)",
-        {"id": entity, "holder": owner and owner.id, "pose": region.pose.row},
-    )
-    return entity
-
-
-def _check_type(connection: Connection, region: _Region) -> None:
-    known = "SELECT EXISTS (SELECT FROM type_closure WHERE (sub, super) = (%(type)s, 'region'))"
-    if connection.exec_driver_sql(known, {"type": region.type}).scalar():
-        return
-    load_tbox(connection)
-    if not connection.exec_driver_sql(known, {"type": region.type}).scalar():
-        kinds = connection.exec_driver_sql(
-            "SELECT sub FROM type_closure WHERE super = 'region' ORDER BY sub"
-        ).scalars()
-        raise LookupError(
-            f"{region.name}: the T-Box has no type of region {region.type}; it has "
-            + ", ".join(kinds)
-        )
-
-
-def _entry(connection: Connection, map_id: int, owner: _Owner | None, region: _Region) -> int:
-    """The entity and its row of table region, made or brought up to date."""
-    values = {
-        "map": map_id,
-        "name": region.name,
-        "type": region.type,
-        "properties": Jsonb(region.properties),
-        "of": owner.id if owner is not None and owner.kind in ("room", "object") else None,
-        "model": region.model_id,
-        "faces": region.faces,
-        "origin": region.origin,
-    }
-    there = connection.exec_driver_sql(
-        "SELECT e.id, e.kind, r.origin, r.of_id FROM entity e "
-        "LEFT JOIN region r ON r.entity_id = e.id WHERE (e.map_id, e.name) = (%(map)s, %(name)s)",
-        values,
-    ).one_or_none()
-    if there is None:
-        entity = connection.exec_driver_sql(
-            "INSERT INTO entity (map_id, kind, name, type, properties) "
-            "VALUES (%(map)s, 'region', %(name)s, %(type)s, %(properties)s) RETURNING id",
-            values,
-        ).scalar_one()
-    else:
-        entity, kind, origin, of = there
-        if kind != "region" or (
-            region.origin != "drawn" and (origin, of) != (region.origin, values["of"])
-        ):
-            what = kind if origin is None else f"{origin.replace('_', ' ')} region"
-            raise ValueError(f"the map has another {region.name}, {_a(what)}: rename or delete it")
-        connection.exec_driver_sql(
-            "UPDATE entity SET type = %(type)s, properties = properties || %(properties)s "
-            "WHERE id = %(id)s AND NOT "
-            "(type IS NOT DISTINCT FROM %(type)s AND properties @> %(properties)s)",
-            {**values, "id": entity},
-        )
-    connection.exec_driver_sql(
-        "INSERT INTO region AS r (entity_id, of_id, model_id, faces, origin) "
-        "VALUES (%(id)s, %(of)s, %(model)s, %(faces)s, %(origin)s) ON CONFLICT (entity_id) "
-        "DO UPDATE SET of_id = excluded.of_id, model_id = excluded.model_id, "
-        "faces = excluded.faces, origin = excluded.origin "
-        "WHERE (r.of_id, r.model_id, r.faces, r.origin) IS DISTINCT FROM "
-        "(excluded.of_id, excluded.model_id, excluded.faces, excluded.origin)",
-        {**values, "id": entity},
-    )
-    return int(entity)
-
-
-def _give_outline(connection: Connection, entity: int, region: _Region) -> None:
-    """The drawn model of the region's outline, instead of the one that it had."""
-    model = connection.exec_driver_sql(
-        "SELECT drawn_model(check_outline(ST_GeomFromWKB(%(outline)s, 0), %(name)s), "
-        "%(low)s::float8, %(high)s::float8)",
-        {
-            "outline": shapely.to_wkb(shapely.force_2d(region.outline)),
-            "name": region.name,
-            "low": region.low,
-            "high": region.high,
-        },
-    ).scalar_one()
-    former = connection.exec_driver_sql(
-        "DELETE FROM entity_model WHERE entity_id = %(id)s AND model_id <> %(model)s "
-        "RETURNING model_id",
-        {"id": entity, "model": model},
-    )
-    unused = list(former.scalars())
-    connection.exec_driver_sql(
-        "INSERT INTO entity_model (entity_id, model_id) SELECT %(id)s, %(model)s "
-        "WHERE NOT EXISTS (SELECT FROM entity_model WHERE (entity_id, model_id) = "
-        "(%(id)s, %(model)s))",
-        {"id": entity, "model": model},
-    )
-    connection.exec_driver_sql(
-        "DELETE FROM model m WHERE m.id = ANY(%(unused)s::bigint[]) "
-        "AND NOT EXISTS (SELECT FROM entity_model e WHERE e.model_id = m.id) "
-        "AND NOT EXISTS (SELECT FROM region r WHERE r.model_id = m.id)",
-        {"unused": unused},
-    )

@@ -23,7 +23,9 @@ from semmap.ingest import region_commands
 from semmap.ingest.importer import import_file
 from semmap.ingest.regions import (
     draw_region,
+    find_observation_area,
     find_support_surfaces,
+    find_walkable_floor,
     region_of_faces,
 )
 from semmap.ingest.store import store_world
@@ -256,6 +258,44 @@ def test_drawn_regions_stay_where_they_were_drawn(connection: Connection) -> Non
     assert same(footprint(connection, wet), triangle)
 
 
+def test_a_drawn_rooms_floor_is_free_of_its_things(connection: Connection) -> None:
+    kitchen, table = named(connection, "kitchen"), named(connection, "table")
+    region = find_walkable_floor(connection, kitchen)
+    assert heights(connection, region) == pytest.approx((0, 0.01))
+    free = ROOM - placed(BOARD, PLACED)
+    assert footprint(connection, region).symmetric_difference(free).area < 1e-3
+    connection.execute(text("SELECT move_to(:id, 9, 9, 0, 0.0)"), {"id": table})
+    assert find_walkable_floor(connection, kitchen) == region
+    assert same(footprint(connection, region), ROOM)
+
+
+def test_a_mesh_rooms_floor_is_in_the_mesh(connection: Connection) -> None:
+    ground = box_mesh((0, 0, 0), (4, 3, 2.6))
+    steps = box_mesh((3, 0, 0), (4, 3, 0.5))
+    shell = Shape("mesh", join([ground, steps]))
+    add(connection, Entry("hall", "room", "corridor", pose=Pose.planar(10, 0, math.pi / 2),
+                          shapes=[shell], detail=Place(0, 2.6)))  # fmt: skip
+    region = find_walkable_floor(connection, named(connection, "hall"))
+    assert footprint(connection, region).area == pytest.approx(9, rel=2e-3)
+    whole = shapely.box(7, 0, 10, 3)
+    assert footprint(connection, region).hausdorff_distance(whole) < 3e-3
+
+
+def test_the_area_to_look_at_a_table_from(connection: Connection) -> None:
+    table = named(connection, "table")
+    region = find_observation_area(connection, table, near=0.4, far=1.0)
+    top = placed(BOARD, PLACED)
+    ring = top.buffer(1.0, quad_segs=16).difference(top.buffer(0.4, quad_segs=16))
+    assert same(footprint(connection, region), ring.intersection(ROOM))
+    assert heights(connection, region) == pytest.approx((0, 2.5))
+    connection.execute(text("SELECT move_to(:id, 2, 2, 0, 0.0)"), {"id": table})
+    (middle,) = connection.execute(
+        text("SELECT ST_AsText(ST_Centroid(footprint)) FROM world WHERE entity_id = :id"),
+        {"id": region},
+    ).one()
+    assert shapely.from_wkt(middle).distance(shapely.Point(2, 2)) < 0.2, "it moves along"
+
+
 def test_a_repeat_changes_nothing_and_a_change_changes_the_same(connection: Connection) -> None:
     table = named(connection, "table")
     home = map_id(connection)
@@ -322,6 +362,18 @@ def test_what_cannot_be_is_refused(connection: Connection) -> None:
         find_support_surfaces(connection, named(connection, "idea"))
 
 
+def test_every_room_of_the_office_has_a_floor(module_engine: Engine) -> None:
+    """Walls of many boxes that touch, and a slab under each storey."""
+    folder = Path(__file__).parents[2] / "examples/office"
+    for name in ("office_rooms.geojson", "office.sdf"):
+        import_file(module_engine, folder / name, map_name="office")
+    url = module_engine.url.render_as_string(hide_password=False)
+    floors = semmap(url, "regions", "find", "floor", "--type", "room", "--map", "office")
+    rooms = semmap(url, "ls", "room", "--map", "office")
+    assert {f["of"] for f in floors} == {r["name"] for r in rooms}
+    assert {(f["low"], f["high"]) for f in floors} == {(0.0, 0.01), (7.0, 7.01)}
+
+
 @pytest.fixture(scope="module")
 def flat(module_engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The URL of a database with a kitchen and two tables, as files bring them."""
@@ -363,8 +415,12 @@ def test_regions_by_command(flat: str) -> None:
     (home,) = semmap(flat, "regions", "draw", "home", "--box", "1,1,0,2,2,0.5", "--type",
                      "home_region")  # fmt: skip
     assert (home["of"], home["high"]) == (None, 0.5)
+    (floor,) = semmap(flat, "regions", "find", "floor", "--type", "room")
+    assert (floor["of"], floor["low"], floor["origin"]) == ("kitchen", 0.0, "walkable_floor")
+    (ring,) = semmap(flat, "regions", "find", "observation", "table_1", "--near", "0.3")
+    assert (ring["holder"], ring["type"]) == ("table_1", "observation_area")
     assert [r["name"] for r in semmap(flat, "regions", "ls")] == [
-        "home", "table_1_surface_1", "table_2_surface_1",
+        "home", "kitchen_floor", "table_1_observation", "table_1_surface_1", "table_2_surface_1",
         "wet",
     ]  # fmt: skip
 
@@ -374,6 +430,10 @@ def test_regions_by_command(flat: str) -> None:
     [
         (("find", "surfaces", "tabel_1"), "did you mean table_1"),
         (("find", "surfaces", "--type", "tabel"), "did you mean"),
+        (("find", "floor", "table_1"), "no room with an outline but an object"),
+        (("find", "floor", "kitchen", "--headroom", "-1"), "give 0 <= step"),
+        (("find", "observation", "kitchen"), "no thing to walk around but a room"),
+        (("find", "observation", "table_1", "--near", "3", "--far", "2"), "give 0 <= near < far"),
         (("draw", "wet", "--polygon", "0,0 1,1"), "three corners"),
         (("draw", "wet", "--polygon", "0,0 1,1 1,0 0,1"), "crosses its own border"),
         (("draw", "wet", "--box", "0,0,1"), "six numbers"),

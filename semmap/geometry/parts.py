@@ -1,0 +1,31 @@
+"""The connected parts of a mesh, and which of them have an inside."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+import semmap_native
+from semmap.geometry.mesh import Mesh
+
+__all__ = ["closed_parts"]
+
+
+def closed_parts(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """The part (F,) that each face is of, and (parts,) whether that part is closed.
+
+    Parts hang together by corners that are equal within a micrometre. A closed one meets each of
+    its edges as often in one direction as in the other: it has an inside.
+    """
+    if not len(mesh.faces):
+        return np.zeros(0, np.int32), np.zeros(0, bool)
+    corners, number = np.unique(np.round(mesh.vertices, 6), axis=0, return_inverse=True)
+    faces = np.ascontiguousarray(number.reshape(-1)[mesh.faces], np.int32)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    graph = coo_array((np.ones(len(edges), bool), edges.T), shape=(len(corners),) * 2)
+    label = connected_components(graph, directed=False)[1][faces[:, 0]]
+    used, inverse = np.unique(label, return_inverse=True)
+    part = np.ascontiguousarray(inverse, np.int32)
+    return part, semmap_native.closed_solids(corners, faces, part, len(used), 1)
