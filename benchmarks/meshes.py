@@ -11,7 +11,7 @@ import numpy as np
 import psycopg
 from sqlalchemy import text
 
-from benchmarks.timing import Row, median_seconds, print_rows
+from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
 from semmap.database import connect
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.tin import encode_chunks
@@ -90,8 +90,7 @@ def main() -> None:
 
         got = model_triangles(connection, model_id)
         assert got.shape == (triangles, 3, 3)
-        ours = median_seconds(lambda: model_triangles(connection, model_id), 7)
-        plain = median_seconds(plain_out, 7)
+        ours, plain = medians_in_turn(lambda: model_triangles(connection, model_id), plain_out)
         rows.append(
             Row(f"{triangles:,} triangles to arrays", f"{ours:.3f} s",
                 f"binary COPY of the same bytes: {plain:.3f} s ({ours / plain:.2f}x)",

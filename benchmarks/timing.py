@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
-__all__ = ["Row", "median_seconds", "print_rows"]
+__all__ = ["Row", "median_seconds", "medians_in_turn", "print_rows"]
 
 
 @dataclass
@@ -34,6 +34,18 @@ def median_seconds(run: Callable[[], object], times: int = 7, warm_up: int = 1) 
         run()
         seconds.append(time.perf_counter() - start)
     return statistics.median(seconds)
+
+
+def medians_in_turn(*runs: Callable[[], object], times: int = 11, warm_up: int = 1) -> list[float]:
+    """The medians of calls made in turn, so that all see the same machine, in seconds."""
+    seconds: list[list[float]] = [[] for _ in runs]
+    for turn in range(warm_up + times):
+        for taken, run in zip(seconds, runs, strict=True):
+            start = time.perf_counter()
+            run()
+            if turn >= warm_up:
+                taken.append(time.perf_counter() - start)
+    return [statistics.median(taken) for taken in seconds]
 
 
 def print_rows(title: str, rows: list[Row]) -> None:

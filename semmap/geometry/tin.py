@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh
 
-__all__ = ["CHUNK", "decode", "encode_chunks", "to_mesh"]
+__all__ = ["CHUNK", "decode", "decode_patch", "encode_chunks", "to_mesh"]
 
 CHUNK = 1024
 """Triangles in a patch: small enough to tell patches apart, large enough to be fast."""
@@ -55,23 +55,18 @@ def decode(patches: Iterable[bytes]) -> NDArray[np.float64]:
     ValueError
         A patch that is no little-endian ``TIN Z`` without SRID.
     """
-    parts = list(patches)
-    counts = []
-    for part in parts:
-        order, kind, count = np.frombuffer(part, dtype=_HEADER, count=1)[0]
-        if (
-            order != 1
-            or kind != _TIN_Z
-            or len(part) != _HEADER.itemsize + count * _TRIANGLE.itemsize
-        ):
-            raise ValueError("not the EWKB of a TIN Z without SRID")
-        counts.append(int(count))
-    triangles = np.empty((sum(counts), 3, 3))
-    start = 0
-    for part, count in zip(parts, counts, strict=True):
-        records = np.frombuffer(part, dtype=_TRIANGLE, offset=_HEADER.itemsize)
-        triangles[start : start + count] = records["ring"][:, :3]
-        start += count
+    parts = [decode_patch(patch) for patch in patches]
+    return np.concatenate(parts) if parts else np.empty((0, 3, 3))
+
+
+def decode_patch(patch: bytes) -> NDArray[np.float64]:
+    """The triangles (F, 3, 3) of one patch, as a view of its bytes; errors as of `decode`."""
+    order, kind, count = np.frombuffer(patch, dtype=_HEADER, count=1)[0]
+    size = _HEADER.itemsize + count * _TRIANGLE.itemsize
+    if order != 1 or kind != _TIN_Z or len(patch) != size:
+        raise ValueError("not the EWKB of a TIN Z without SRID")
+    records = np.frombuffer(patch, dtype=_TRIANGLE, offset=_HEADER.itemsize)
+    triangles: NDArray[np.float64] = records["ring"][:, :3]
     return triangles
 
 
