@@ -1,0 +1,80 @@
+"""What a costmap is made from: a storey's entities as arrays, in the map's frame, metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+__all__ = ["NO_TRIANGLES", "Bounds", "Place", "Scene", "Thing"]
+
+Bounds: TypeAlias = tuple[float, float, float, float]
+"""Lowest x and y, highest x and y."""
+
+NO_TRIANGLES = np.empty((0, 3, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """An entity that may be in the way.
+
+    Attributes
+    ----------
+    types : its semantic type and what subsumes it, the nearest first
+    triangles : (F, 3, 3) float64; of a room its mesh, none where it is a drawn outline
+    outline : of a room or a region: what it covers on the ground
+    state : of a connector: open, closed or locked
+    valid : of a region: from when until when it holds; None is for ever
+    """
+
+    id: int
+    name: str
+    kind: Literal["room", "object", "region", "connector", "agent"]
+    types: tuple[str, ...] = ()
+    triangles: NDArray[np.float64] = field(default_factory=lambda: NO_TRIANGLES)
+    outline: Polygon | MultiPolygon | None = None
+    properties: dict[str, Any] = field(default_factory=dict)
+    state: str | None = None
+    valid: tuple[datetime | None, datetime | None] = (None, None)
+
+    def holds_at(self, moment: datetime | None) -> bool:
+        """Whether it is valid at a moment; where none is asked, always."""
+        begin, end = self.valid
+        return moment is None or (
+            (begin is None or begin <= moment) and (end is None or moment < end)
+        )
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """What it covers at most; None without geometry."""
+        if self.outline is not None:
+            x0, y0, x1, y1 = self.outline.bounds
+            return x0, y0, x1, y1
+        if not len(self.triangles):
+            return None
+        flat = self.triangles.reshape(-1, 3)
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a robot may be: a room or the doorway between two; `floor` is the z of its ground."""
+
+    name: str
+    outline: Polygon | MultiPolygon
+    floor: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A storey, or a part of it; without places all of it is known."""
+
+    storey: str
+    elevation: float
+    things: tuple[Thing, ...]
+    places: tuple[Place, ...] = ()
