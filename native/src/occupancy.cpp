@@ -277,8 +277,10 @@ class Drawing {
             for (; i < turns.size() && turns[i].row == row; ++i) {
                 winding += turns[i].turn;
                 const bool more = i + 1 < turns.size() && turns[i + 1].row == row;
-                const std::int32_t from = turns[i].column + 1;
-                const std::int32_t to = more ? turns[i + 1].column : grid_.columns - 1;
+                // Turns beside the grid are in columns -1 and grid_.columns.
+                const std::int32_t from = std::max(turns[i].column + 1, 0);
+                const std::int32_t to =
+                    more ? std::min(turns[i + 1].column, grid_.columns - 1) : grid_.columns - 1;
                 if (winding != 0 && from <= to) member.canvas.run(row, from, to);
             }
         }

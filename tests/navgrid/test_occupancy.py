@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.occupancy import slices
+from navgrid.occupancy import occupancy, slices
 from semmap.geometry.mesh import Mesh, box_mesh
 
 GRID = Grid((-1.0, -0.5), 0.25, (16, 20))
@@ -115,3 +115,13 @@ def test_far_and_empty_meshes_are_no_trouble() -> None:
     assert slices((far.vertices, far.faces), [0.5], GRID).shape == (1, *GRID.shape)
     assert not slices((np.zeros((0, 3)), np.zeros((0, 3), int)), [0.5], GRID).any()
     assert slices((far.vertices, far.faces), [], GRID).shape == (0, *GRID.shape)
+
+
+def test_a_filled_solid_that_reaches_beyond_the_grid_stays_in_its_rows() -> None:
+    box = box_mesh((3.0, 0.3, 0.0), (9.0, 0.9, 1.0))  # the grid ends at x = 4
+    for fill in (False, True):
+        (cells,) = occupancy((box.vertices, box.faces), [(0.2, 0.4)], GRID, fill=fill)
+        rows, columns = np.nonzero(cells)
+        assert (rows.min(), rows.max()) == (3, 5)
+        assert columns.min() == 16
+        assert cells[3:6, 16:].all() == fill
