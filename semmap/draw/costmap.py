@@ -1,0 +1,86 @@
+"""Costmaps in the colours of costmap_2d, as RViz shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon as Patch
+from numpy.typing import NDArray
+
+__all__ = ["PART_COLOURS", "colours", "costmap_picture"]
+
+PART_COLOURS = ("#2e9e4f", "#d6372c", "#2f6fd0", "#e0a21b", "#8a4fc0", "#2aa3a3")
+"""Of a robot's parts in their order: as in Figures 6 and 7 base green, arm red, pole blue."""
+
+_LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
+
+
+def colours(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(..., 3) RGB of costs: free white, then blue to red, cyan inscribed, purple lethal."""
+    share = np.arange(256) / 252
+    table = np.empty((256, 3))
+    table[:, 0], table[:, 1], table[:, 2] = 255 * share, 0, 255 * (1 - share)
+    # Low costs fade into white, so that where they end shows no edge.
+    fade = np.clip(np.arange(256) / 60, 0, 1)[:, None]
+    table = 255 * (1 - fade) + table * fade
+    table[0] = (255, 255, 255)
+    table[_INSCRIBED] = (0, 255, 255)
+    table[_LETHAL] = (200, 0, 200)
+    table[_UNKNOWN] = (112, 137, 134)
+    found: NDArray[np.uint8] = table.clip(0, 255).astype(np.uint8)[costs]
+    return found
+
+
+def costmap_picture(
+    costs: NDArray[np.uint8],
+    origin: tuple[float, float],
+    resolution: float,
+    path: Path | str,
+    *,
+    title: str = "",
+    lines: Sequence[tuple[NDArray[np.float64], str]] = (),
+    footprints: Sequence[tuple[NDArray[np.float64], str]] = (),
+    size: float = 11.0,
+) -> Path:
+    """Draw costs (rows, columns), row 0 the lowest y; returns the picture's path.
+
+    Parameters
+    ----------
+    lines : paths (N, 2) in metres with their colours
+    footprints : polygons (N, 2) in metres with their colours, drawn on top
+    size : inches of the longer side
+    """
+    rows, columns = costs.shape
+    width = size if columns >= rows else size * columns / rows
+    height = width * rows / columns
+    figure = Figure(figsize=(width, height + 0.45), dpi=150)
+    axes = figure.add_axes((0, 0, 1, height / (height + 0.45)))
+    extent = (
+        origin[0],
+        origin[0] + columns * resolution,
+        origin[1],
+        origin[1] + rows * resolution,
+    )
+    axes.imshow(colours(costs), origin="lower", extent=extent, interpolation="nearest")
+    for points, colour in lines:
+        axes.plot(points[:, 0], points[:, 1], color="white", lw=3.4, solid_capstyle="round")
+        axes.plot(points[:, 0], points[:, 1], color=colour, lw=1.8, solid_capstyle="round")
+    for corners, colour in footprints:
+        axes.add_patch(Patch(corners, closed=True, fc=(*_rgb(colour), 0.25), ec=colour, lw=1.6))
+    axes.set_axis_off()
+    axes.set_xlim(extent[:2])
+    axes.set_ylim(extent[2:])
+    figure.text(0.01, 1 - 0.22 / (height + 0.45), title, fontsize=12, weight="bold", va="center")
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    return path
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    from matplotlib.colors import to_rgb
+
+    return to_rgb(colour)

@@ -1,0 +1,17 @@
+"""Robots from URDF: their parts, the intervals of height that these take, their footprints."""
+
+from semmap.robot.grouping import Group, RobotError, find_groups, read_groups
+from semmap.robot.parts import Part, footprint_string, robot_parts
+from semmap.robot.urdf import Robot, load_robot
+
+__all__ = [
+    "Group",
+    "Part",
+    "Robot",
+    "RobotError",
+    "find_groups",
+    "footprint_string",
+    "load_robot",
+    "read_groups",
+    "robot_parts",
+]

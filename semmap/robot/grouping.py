@@ -1,0 +1,178 @@
+"""Which links make up a part: base, pole, arm (Deeken et al., section 4.3), from YAML or found."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+
+from semmap.robot.error import RobotError
+from semmap.robot.urdf import Joint, Robot
+
+__all__ = ["Group", "RobotError", "find_groups", "read_groups"]
+
+ABOVE_BASE = 0.08
+"""Metres above the base's largest link up to which what is fixed to it belongs to the base."""
+
+UPRIGHT = 0.95
+"""Cosine from which an axis counts as upright."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """A part's name and its links; by which radius its layer is inflated, None as it fits."""
+
+    name: str
+    links: tuple[str, ...]
+    inflate_by: Literal["inscribed", "circumscribed"] | None = None
+
+
+def read_groups(path: Path | str, robot: Robot) -> list[Group]:
+    """The parts that a YAML file names; links that it does not name make up a part ``rest``.
+
+    Each part is a list of links, ``*`` and ``?`` standing for what they match, or a mapping::
+
+        base: [base_link, "wheel_*"]
+        arm: {links: ["arm_*", "gripper*"], inflate_by: circumscribed}
+
+    Raises
+    ------
+    RobotError
+        A file that is not there or says something else, a link that the robot has not.
+    """
+    try:
+        said = yaml.safe_load(Path(path).read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise RobotError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(said, dict) or not said:
+        raise RobotError(f"{path}: give parts as name: [link, ...]")
+    groups, taken = [], set[str]()
+    for name, value in said.items():
+        links, inflate_by = _part(value, f"{path}: part {name}")
+        found: list[str] = []
+        for pattern in links:
+            matched = [link for link in robot.links if fnmatchcase(link, pattern)]
+            if not matched:
+                near = difflib.get_close_matches(pattern, robot.links, n=1)
+                mend = f"did you mean {near[0]}?" if near else f"it has {', '.join(robot.links)}"
+                raise RobotError(f"{path}: part {name}: {robot.name} has no link {pattern}; {mend}")
+            found += [link for link in matched if link not in taken]
+            taken.update(matched)
+        groups.append(Group(str(name), tuple(found), inflate_by))
+    rest = tuple(link for link in robot.links if link not in taken and link in robot.meshes)
+    return [*groups, Group("rest", rest)] if rest else groups
+
+
+def _part(
+    value: object, element: str
+) -> tuple[list[str], Literal["inscribed", "circumscribed"] | None]:
+    options: Mapping[str, Any] = value if isinstance(value, dict) else {"links": value}
+    unknown = set(options) - {"links", "inflate_by"}
+    links = options.get("links")
+    if unknown or not isinstance(links, list) or not all(isinstance(li, str) for li in links):
+        raise RobotError(f"{element}: give [link, ...] or {{links: [link, ...], inflate_by: ...}}")
+    inflate_by = options.get("inflate_by")
+    if inflate_by not in (None, "inscribed", "circumscribed"):
+        raise RobotError(f"{element}: inflate_by is inscribed or circumscribed")
+    return links, inflate_by
+
+
+def find_groups(robot: Robot) -> list[Group]:
+    """Base, torso and limbs, found along the kinematic tree.
+
+    The base is what hangs on the root and does not rise above its largest link. The torso is what
+    rises from it without turning: masts, columns, lifts. What turns on base or torso is a limb of
+    its own, unless a single joint moves it (a tilting laser): a head where its links say so, else
+    an arm.
+    """
+    hulls = robot.hulls({})
+    tops = {link: float(points[:, 2].max()) for link, points in hulls.items()}
+    limit = _base_top(robot, hulls) + ABOVE_BASE
+    root = robot.links[0]
+    of = {root: "base"}
+    roots: dict[str, Joint] = {}
+    for joint in robot.joints:
+        part, child = of[joint.parent], joint.child
+        lifts = not joint.moves or (joint.type == "prismatic" and _is_upright(robot, joint))
+        if part == "base" and tops.get(child, -np.inf) <= limit and not _carries(
+            robot, child, tops, limit, joint
+        ):  # fmt: skip
+            of[child] = "base"
+        elif part in ("base", "torso") and lifts:
+            of[child] = "torso" if child in tops or part == "torso" or joint.moves else "base"
+        elif part in ("base", "torso"):
+            of[child] = child  # a limb, by its first link
+            roots[child] = joint
+        else:
+            of[child] = part
+    parents = {child: joint.parent for child, joint in roots.items()}
+    for limb in roots:
+        members = {link for link, part in of.items() if part == limb}
+        moved = [j for j in robot.joints if j.child in members and j.moves and j.mimics is None]
+        if len(moved) < 2 and not any("head" in link for link in members):
+            for link in members:
+                of[link] = of[parents[limb]]
+    names = _limb_names([limb for limb in roots if limb in of.values()], of)
+    groups: dict[str, list[str]] = {"base": [], "torso": []}
+    for link in robot.links:
+        groups.setdefault(names.get(of[link], of[link]), []).append(link)
+    return [
+        Group(name, tuple(links))
+        for name, links in groups.items()
+        if any(link in robot.meshes for link in links)
+    ]
+
+
+def _is_upright(robot: Robot, joint: Joint) -> bool:
+    return bool(abs(robot.axis(joint)[2]) > UPRIGHT)
+
+
+def _base_top(robot: Robot, hulls: Mapping[str, Any]) -> float:
+    """The top of the first link with geometry, or of the largest that is fixed to the root."""
+    fixed = {robot.links[0]}
+    for joint in robot.joints:
+        if joint.parent in fixed and not joint.moves:
+            fixed.add(joint.child)
+    first = next(link for link in robot.links if link in hulls)
+    best, top = -1.0, 0.0
+    for link in robot.links:
+        if link in fixed and link in hulls:
+            size = np.ptp(hulls[link], axis=0)
+            if size[0] * size[1] > best:
+                best, top = float(size[0] * size[1]), float(hulls[link][:, 2].max())
+    return max(top, float(hulls[first][:, 2].max())) if first in fixed else top
+
+
+def _carries(
+    robot: Robot, link: str, tops: Mapping[str, float], limit: float, joint: Joint
+) -> bool:
+    """Whether something that moves on this joint reaches above the base: an arm, not a wheel."""
+    if not joint.moves:
+        return False
+    members = {link}
+    for below in robot.joints:
+        if below.parent in members:
+            members.add(below.child)
+    return any(tops.get(member, -np.inf) > limit for member in members)
+
+
+def _limb_names(limbs: list[str], of: Mapping[str, str]) -> dict[str, str]:
+    names: dict[str, str] = {}
+    for limb in limbs:
+        members = [link for link, part in of.items() if part == limb]
+        kind = "head" if any("head" in link for link in members) else "arm"
+        side = next(
+            (s for s in ("left", "right") if s in limb or limb.startswith(f"{s[0]}_")), None
+        )
+        name = kind if side is None else f"{side}_{kind}"
+        taken, number = set(names.values()), 2
+        while name in taken:
+            name, number = f"{kind}_{number}", number + 1
+        names[limb] = name
+    return names

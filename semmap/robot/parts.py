@@ -1,0 +1,110 @@
+"""A robot's parts in a joint state, their heights and footprints (Deeken et al., section 4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from semmap.robot.grouping import Group, RobotError, find_groups, read_groups
+from semmap.robot.urdf import Robot
+
+__all__ = ["Part", "footprint_string", "robot_parts"]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A functional unit of a robot.
+
+    Attributes
+    ----------
+    interval : lowest and highest z above the ground, metres
+    footprint : (N, 2) the convex hull of its projection, counter-clockwise, in the robot's frame
+    inscribed_radius : from the robot's origin to the hull's border; 0 where it lies outside of it
+    circumscribed_radius : from the robot's origin to the hull's farthest corner
+    inflate_by
+        By which radius its layer is inflated: the inscribed one is optimistic, the circumscribed
+        one safe for a robot taken for a dot.
+    """
+
+    name: str
+    links: tuple[str, ...]
+    interval: tuple[float, float]
+    footprint: NDArray[np.float64]
+    inscribed_radius: float
+    circumscribed_radius: float
+    inflate_by: Literal["inscribed", "circumscribed"]
+
+    @property
+    def radius(self) -> float:
+        """The radius by which its layer is inflated, metres."""
+        if self.inflate_by == "inscribed":
+            return self.inscribed_radius
+        return self.circumscribed_radius
+
+
+def robot_parts(
+    robot: Robot,
+    state: Mapping[str, float],
+    grouping: Path | str | Sequence[Group] | None = None,
+) -> list[Part]:
+    """The parts of a robot in a joint state.
+
+    Parameters
+    ----------
+    state : joint positions, radians or metres; what is not named is at 0
+    grouping : a YAML file (`read_groups`), or groups; by default they are found (`find_groups`)
+
+    Raises
+    ------
+    RobotError
+        A state that the robot cannot take, a grouping that does not fit it.
+    """
+    if grouping is None:
+        groups: Sequence[Group] = find_groups(robot)
+    elif isinstance(grouping, str | Path):
+        groups = read_groups(grouping, robot)
+    else:
+        groups = grouping
+    hulls = robot.hulls(state)
+    parts = []
+    for group in groups:
+        corners = [hulls[link] for link in group.links if link in hulls]
+        if not corners:
+            raise RobotError(f"{robot.name}: no link of part {group.name} has geometry")
+        parts.append(_part(group, np.concatenate(corners)))
+    return parts
+
+
+def _part(group: Group, points: NDArray[np.float64]) -> Part:
+    hull = shapely.MultiPoint(points[:, :2]).convex_hull
+    if hull.geom_type != "Polygon":  # a sheet on edge
+        hull = hull.buffer(1e-3)
+    hull = shapely.geometry.polygon.orient(hull)
+    corners = np.array(hull.exterior.coords)[:-1]
+    origin = shapely.Point(0, 0)
+    inscribed = hull.exterior.distance(origin) if hull.contains(origin) else 0.0
+    return Part(
+        group.name,
+        group.links,
+        (float(points[:, 2].min()), float(points[:, 2].max())),
+        corners,
+        float(inscribed),
+        float(np.linalg.norm(corners, axis=1).max()),
+        group.inflate_by or ("inscribed" if inscribed > 0 else "circumscribed"),
+    )
+
+
+def footprint_string(part: Part) -> str:
+    """A footprint as Nav2's parameter ``footprint`` takes it.
+
+    >>> square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
+    >>> footprint_string(Part("base", (), (0.0, 0.3), square, 0.2, 0.283, "inscribed"))
+    '[[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]'
+    """
+    return "[" + ", ".join(f"[{x:.4g}, {y:.4g}]" for x, y in part.footprint) + "]"
