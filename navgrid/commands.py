@@ -33,9 +33,11 @@ def grid_command(
     map_name: cli.MapName = None,
     storey: Annotated[str | None, typer.Option(help="Only this storey.")] = None,
     interval: Annotated[
-        tuple[float, float], typer.Option(help="Lowest and highest plane above the floor, metres.")
+        tuple[float, float], typer.Option(help="Lowest and highest end above the floor, metres.")
     ] = (0.05, 1.8),
-    increment: Annotated[float, typer.Option(help="Between planes, metres.")] = 0.05,
+    increment: Annotated[
+        float | None, typer.Option(help="Cut by planes so many metres apart; by default exact.")
+    ] = None,
     resolution: Annotated[float, typer.Option(help="Metres a cell.")] = 0.05,
     free_outside: Annotated[
         bool, typer.Option("--free-outside", help="Free, not unknown, outside of rooms.")
@@ -43,12 +45,14 @@ def grid_command(
     picture: Annotated[bool, typer.Option(help="Draw each grid as plan.png, too.")] = True,
     json_: cli.Json = False,
 ) -> None:
-    """Slice what stands in the way into a Nav2 map (map.yaml, map.pgm) a storey."""
+    """Draw what stands in the way as a Nav2 map (map.yaml, map.pgm) a storey."""
     with open_map(map_name) as connection:
         storeys = read_wanted_storeys(connection, storey)
     written = []
     for view in storeys:
-        made = storey_grid(view, interval, increment, resolution, free_outside=free_outside)
+        made = storey_grid(
+            view, interval, resolution, increment=increment, free_outside=free_outside
+        )
         place = folder if len(storeys) == 1 else folder / file_name(view.name)
         written.append(write_grid(made, place, interval, picture=picture))
     if json_:

@@ -1,7 +1,8 @@
-"""The occupancy grid of a storey: sections of what stands in the way, in an interval of heights.
+"""The occupancy grid of a storey: what stands in the way, in an interval of heights.
 
-Deeken et al., section 4.2: planes parallel to the ground cut the meshes; what they touch is
-occupied, whatever else lies in a room is free. A blocked region is occupied as a whole.
+Deeken et al., section 4.2: what of the meshes lies in the interval is occupied, whatever else is in
+a room is free. A blocked region is occupied as a whole. For the layered costmap of a robot see
+`navgrid.costmap`.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from navgrid.area import area_cells
 from navgrid.grid import Grid
-from navgrid.occupancy import slices
+from navgrid.occupancy import occupancy, slices
 from semmap.draw.view import StoreyView
 from semmap.geometry.mesh import Mesh, join
 
@@ -60,9 +62,9 @@ def heights(interval: tuple[float, float], increment: float) -> list[float]:
 def storey_grid(
     storey: StoreyView,
     interval: tuple[float, float] = (0.05, 1.8),
-    increment: float = 0.05,
     resolution: float = 0.05,
     *,
+    increment: float | None = None,
     free_outside: bool = False,
 ) -> StoreyGrid:
     """The grid of a storey.
@@ -70,7 +72,9 @@ def storey_grid(
     Parameters
     ----------
     interval : closed, metres above the storey's floor
-    increment : distance of the planes, metres
+    increment
+        Metres between planes that cut the meshes, as the paper has it; they miss what lies between.
+        By default nothing is sampled, and the inside of closed meshes is occupied, too.
     free_outside
         Leave free what lies neither in a room nor in a doorway. By default it is unknown, in maps
         that have rooms.
@@ -78,13 +82,23 @@ def storey_grid(
     Raises
     ------
     ValueError
-        The storey has neither rooms nor anything that stands in the way.
+        The storey has neither rooms nor anything that stands in the way; an interval that holds
+        the floor.
     """
-    planes = [storey.elevation + h for h in heights(interval, increment)]
-    meshes = [m for m in _relevant(storey) if _reaches(m, planes[0], planes[-1])]
+    planes = heights(interval, increment or interval[1] - interval[0] or 1.0)
+    if interval[0] <= 0 <= interval[1]:
+        raise ValueError(
+            f"the interval from {interval[0]:g} to {interval[1]:g} m holds the floor, which would "
+            "be occupied as a whole; begin above it, as at 0.05 m"
+        )
+    low, high = (storey.elevation + end for end in interval)
+    meshes = [m for m in _relevant(storey) if _reaches(m, low, high)]
     blocked = [r.outline for r in storey.regions if r.blocked]
     grid = _around(storey, meshes, blocked, resolution)
-    occupied = _sections(meshes, planes, grid)
+    if increment is None:
+        occupied = _slab(meshes, (low, high), grid)
+    else:
+        occupied = _sections(meshes, [storey.elevation + h for h in planes], grid)
     for outline in blocked:
         occupied |= covered(outline, grid)
     cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
@@ -96,19 +110,7 @@ def storey_grid(
 
 def covered(outline: shapely.Geometry, grid: Grid) -> NDArray[np.bool_]:
     """(rows, columns) bool: the cells that a polygon meets."""
-    rows, columns = grid.shape
-    inside = np.zeros(grid.shape, bool)
-    if outline.is_empty:
-        return inside
-    x0, y0, x1, y1 = outline.bounds
-    (ox, oy), res = grid.origin, grid.resolution
-    c0, c1 = (min(max(math.floor((v - ox) / res), 0), columns) for v in (x0, x1 + res))
-    r0, r1 = (min(max(math.floor((v - oy) / res), 0), rows) for v in (y0, y1 + res))
-    r, c = np.mgrid[r0:r1, c0:c1]
-    squares = shapely.box(ox + c * res, oy + r * res, ox + (c + 1) * res, oy + (r + 1) * res)
-    shapely.prepare(outline)
-    inside[r0:r1, c0:c1] = shapely.intersects(outline, squares) & ~shapely.touches(outline, squares)
-    return inside
+    return area_cells(outline, grid)
 
 
 def _relevant(storey: StoreyView) -> Iterable[Mesh]:
@@ -142,6 +144,17 @@ def _around(
     every = np.array(boxes)
     low, high = every[:, :2].min(axis=0) - _MARGIN, every[:, 2:].max(axis=0) + _MARGIN
     return Grid.around((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), resolution)
+
+
+def _slab(meshes: Sequence[Mesh], interval: tuple[float, float], grid: Grid) -> NDArray[np.bool_]:
+    if not meshes:
+        return np.zeros(grid.shape, np.bool_)
+    whole = join(list(meshes))
+    solid = np.repeat(np.arange(len(meshes)), [len(m.faces) for m in meshes])
+    cells: NDArray[np.bool_] = occupancy(
+        (whole.vertices, whole.faces), [interval], grid, solid=solid, fill=True
+    )[0]
+    return cells
 
 
 def _sections(meshes: Sequence[Mesh], planes: Sequence[float], grid: Grid) -> NDArray[np.bool_]:

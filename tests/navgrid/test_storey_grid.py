@@ -25,7 +25,8 @@ def test_rooms_are_free_walls_occupied_and_the_rest_unknown():
     assert at(made, 2.0, 0.5) == 0
     assert at(made, 4.1, 1.5) == 0  # in the doorway
     assert at(made, 4.03, 0.5) == 100
-    assert at(made, 4.1, 0.5) == -1  # inside of the wall
+    assert at(made, 4.1, 0.5) == 100  # inside of the wall
+    assert at(storey_grid(two_rooms(), increment=0.05), 4.1, 0.5) == -1  # which planes leave out
     assert at(made, -0.25, 1.0) == -1
     assert at(storey_grid(two_rooms(), free_outside=True), -0.25, 1.0) == 0
 
@@ -110,3 +111,16 @@ def test_a_region_beyond_the_rooms_widens_the_grid():
     storey = two_rooms()
     made = storey_grid(replace(storey, regions=[*storey.regions, more]))
     assert at(made, 20.5, 0.5) == 100
+
+
+def test_what_lies_between_planes_is_found():
+    shelf = thing("shelf", ("shelf",), (1.0, 1.0, 0.96), (2.0, 1.3, 0.975))
+    storey = replace(two_rooms(), objects=[shelf])
+    assert at(storey_grid(storey), 1.5, 1.15) == 100
+    assert at(storey_grid(storey, increment=0.05), 1.5, 1.15) == 0
+
+
+@pytest.mark.parametrize("interval", [(0.0, 1.8), (-0.1, 0.5), (-1.0, 0.0)])
+def test_an_interval_that_holds_the_floor_says_so(interval):
+    with pytest.raises(ValueError, match="holds the floor"):
+        storey_grid(two_rooms(), interval)
