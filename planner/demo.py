@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from navgrid.commands import file_name, open_map, with_grid, write_grid
+from navgrid.demo import robot_demo
 from navgrid.path import grid_path
 from navgrid.storey_grid import StoreyGrid, covered, storey_grid
 from planner.route import NoRouteError, Route, route
@@ -119,8 +120,10 @@ def run_demo(
         target = next((table for room, table in muffins if room == found.goal), None)
         paths = _paths(found, topology, grids, target)
 
-    say("\n5. Pictures")
-    pictures = []
+    say("\n5. A robot's costmaps (Figures 5, 6, 7 and 9)")
+    pictures = robot_demo(map_name, folder, storeys, say)
+
+    say("\n6. Pictures")
     shown = []
     for storey in storeys:
         view = replace(with_grid(grids[storey.name]), path=paths.get(storey.name, []))

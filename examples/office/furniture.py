@@ -66,6 +66,12 @@ def lab_bench() -> Solid:
     )
 
 
+def workbench() -> Solid:
+    """1.8 x 0.7 m, 0.78 m high, on four legs that stand far in: a low robot passes beneath."""
+    posts = [box((0.06, 0.06, 0.74), (x, y, 0)) for x in (-0.3, 0.3) for y in (-0.4, 0.4)]
+    return together(box((0.7, 1.8, 0.04), (0, 0, 0.74)), *posts)
+
+
 def office_chair() -> Solid:
     """A seat and back on a column with five feet."""
     feet = []
@@ -225,6 +231,7 @@ MODELS: dict[str, Model] = {
     "conference_table": Model(conference_table, ".dae", support=(0.74,)),
     "coffee_table": Model(coffee_table, ".stl", support=(0.42,)),
     "lab_bench": Model(lab_bench, ".stl", support=(0.27, 0.90)),
+    "workbench": Model(workbench, support=(0.78,)),
     "office_chair": Model(office_chair, ".dae", support=(0.51,)),
     "chair": Model(chair, ".stl", support=(0.45,)),
     "sofa": Model(sofa, support=(0.42,)),

@@ -276,6 +276,9 @@ def _items() -> tuple[Item, ...]:
     workplace(1, "lab2", 17.55, 4.2, 180, 7)
     put("lab_bench2", "lab_bench", "lab2", 17.58, 7.6, 180)
     put("lab_bench3", "lab_bench", "lab2", 15.8, 0.42, 90)
+    # 30 cm apart: the pole of the delivery robot fits between them, its base beneath
+    put("workbench1", "workbench", "lab2", 14.94, 2.35, 90)
+    put("workbench2", "workbench", "lab2", 17.06, 2.35, 90)
     lay("laptop3", "laptop", "lab_bench3", 0.05, -0.3, 0.90)
     lay("tray2", "tray", "lab_bench2", 0.05, 0.3, 0.90)
     put("bookshelf4", "bookshelf", "lab2", 14.2, 8.2, 0)

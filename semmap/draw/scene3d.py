@@ -198,9 +198,14 @@ def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surf
         shown = _shown(thing, storey, cut)
         if shown is not None and _is_cut(thing):
             at = storey.elevation + cut + float(shift[2])
-            add(shown, object_colour(thing.types), at, bool(closed_parts(shown)[1].all()))
+            add(
+                shown,
+                thing.colour or object_colour(thing.types),
+                at,
+                bool(closed_parts(shown)[1].all()),
+            )
         elif shown is not None:
-            add(shown, object_colour(thing.types))
+            add(shown, thing.colour or object_colour(thing.types))
     counts = [len(t) for t in triangles[1:]]
     return Surfaces(
         np.concatenate(triangles),

@@ -34,12 +34,13 @@ class RoomView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectView:
-    """An object: its triangles and what it covers on the ground."""
+    """An object: its triangles and what it covers on the ground; a colour, if not its type's."""
 
     name: str
     types: tuple[str, ...] = ()
     mesh: Mesh | None = None
     footprint: Outline | None = None
+    colour: str | None = None
 
 
 @dataclass(frozen=True, eq=False)

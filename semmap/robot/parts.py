@@ -100,11 +100,17 @@ def _part(group: Group, points: NDArray[np.float64]) -> Part:
     )
 
 
-def footprint_string(part: Part) -> str:
+def footprint_string(part: Part, tolerance: float = 0.005) -> str:
     """A footprint as Nav2's parameter ``footprint`` takes it.
+
+    Of few corners, around the real one and at most about twice the tolerance beyond it, metres.
 
     >>> square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
     >>> footprint_string(Part("base", (), (0.0, 0.3), square, 0.2, 0.283, "inscribed"))
     '[[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]]'
     """
-    return "[" + ", ".join(f"[{x:.4g}, {y:.4g}]" for x, y in part.footprint) + "]"
+    hull = shapely.Polygon(part.footprint)
+    if len(part.footprint) > 8:
+        hull = hull.buffer(tolerance, join_style="mitre").simplify(tolerance).convex_hull
+    corners = np.array(shapely.geometry.polygon.orient(hull).exterior.coords)[:-1]
+    return "[" + ", ".join(f"[{x:.4g}, {y:.4g}]" for x, y in corners) + "]"

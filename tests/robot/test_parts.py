@@ -138,7 +138,14 @@ def test_groups_that_do_not_fit(robot: Robot, tmp_path: Path, text: str, says: s
         robot_parts(robot, {}, file)
 
 
-def test_footprints_as_nav2_takes_them(robot: Robot) -> None:
-    base = by_name(robot_parts(robot, {}))["base"]
-    said = ast.literal_eval(footprint_string(base))
-    np.testing.assert_allclose(said, base.footprint, atol=1e-3)
+@pytest.mark.parametrize("name", ["by_hand", *REAL])
+def test_footprints_as_nav2_takes_them(robot: Robot, name: str) -> None:
+    """Few corners, and none of the real footprint left out."""
+    robot = robot if name == "by_hand" else load_robot(real_robot(name))
+    for part in robot_parts(robot, {}):
+        said = shapely.Polygon(ast.literal_eval(footprint_string(part)))
+        real = shapely.Polygon(part.footprint)
+        assert said.is_valid
+        assert len(said.exterior.coords) < 60
+        assert real.difference(said.buffer(1e-3)).area < 1e-9
+        assert said.hausdorff_distance(real) < 0.02

@@ -1,0 +1,106 @@
+"""A robot's parts: side by side with their intervals, and their footprints from above.
+
+After Figures 6 and 7 of Deeken et al.: base green, arm red, pole blue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.patches import Polygon as Patch
+from matplotlib.ticker import MultipleLocator
+
+from semmap.draw.costmap import PART_COLOURS
+from semmap.draw.palette import INK, PAPER
+from semmap.draw.scene3d import scene3d
+from semmap.draw.view import ObjectView, StoreyView
+from semmap.geometry.mesh import Mesh, join
+from semmap.geometry.pose import Pose
+from semmap.robot.parts import Part
+
+__all__ = ["footprints_picture", "parts_picture", "robot_views"]
+
+
+def robot_views(
+    parts: Sequence[Part], meshes: Mapping[str, Mesh], pose: Pose | None = None
+) -> list[ObjectView]:
+    """The robot as things to draw, a part in its colour each, at a pose in the map's frame."""
+    found = []
+    for number, part in enumerate(parts):
+        mesh = join([meshes[link] for link in part.links if link in meshes])
+        found.append(
+            ObjectView(
+                part.name, ("robot",), mesh if pose is None else mesh.moved(pose),
+                colour=PART_COLOURS[number % len(PART_COLOURS)],
+            )
+        )  # fmt: skip
+    return found
+
+
+def parts_picture(
+    parts: Sequence[Part], meshes: Mapping[str, Mesh], path: Path | str, title: str = ""
+) -> Path:
+    """The robot in 3D, its parts in their colours (Figure 6)."""
+    storey = StoreyView("robot", objects=robot_views(parts, meshes))
+    return scene3d(
+        [storey], path, title=title, boxes=False, azimuth=-50, elevation=18, width=560, cut=9
+    )
+
+
+def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "") -> Path:
+    """Intervals from the side and footprints from above, with the radii that inflate (Figure 7)."""
+    figure = Figure(figsize=(11, 6.2), dpi=150, facecolor=PAPER)
+    side, above = figure.subplots(1, 2, width_ratios=(1, 1.35))
+    for number, part in enumerate(parts):
+        colour = PART_COLOURS[number % len(PART_COLOURS)]
+        low, high = part.interval
+        x0, x1 = part.footprint[:, 0].min(), part.footprint[:, 0].max()
+        side.add_patch(
+            Patch([(x0, low), (x1, low), (x1, high), (x0, high)], fc=colour, ec=colour, alpha=0.45)
+        )
+        side.annotate(
+            f"{part.name}\n{abs(low) if abs(low) < 5e-3 else low:.2f} to {high:.2f} m",
+            (x1, (low + high) / 2), (6, 0), textcoords="offset points", va="center", fontsize=9,
+            color=INK,
+        )  # fmt: skip
+        above.add_patch(Patch(part.footprint, fc=colour, ec=colour, alpha=0.35, lw=1.5))
+        above.add_patch(Patch(part.footprint, fc="none", ec=colour, lw=1.8))
+        said = f"{part.name}: {part.inflate_by} {part.radius:.2f} m"
+        above.add_patch(Circle((0, 0), part.radius, fc="none", ec=colour, lw=1.2, ls="--",
+                               label=said))  # fmt: skip
+    above.plot([0], [0], marker="+", color=INK, ms=12)
+    above.annotate("", (0.12, 0), (0, 0), arrowprops={"arrowstyle": "->", "color": INK})
+    reach = max(p.circumscribed_radius for p in parts) * 1.12
+    top = max(p.interval[1] for p in parts)
+    _frame(side, (-reach, reach + 0.25), (-0.05, top * 1.06), "x, metres", "z, metres")
+    _frame(above, (-reach, reach), (-reach, reach), "x, metres", "y, metres")
+    side.set_title("intervals of height", fontsize=10, loc="left", color=INK)
+    above.set_title("footprints, and the radius that inflates each layer", fontsize=10, loc="left",
+                    color=INK)  # fmt: skip
+    above.legend(loc="upper left", fontsize=8, frameon=True)
+    figure.suptitle(title, x=0.02, ha="left", fontsize=13, weight="bold", color=INK)
+    figure.tight_layout()
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    return path
+
+
+def _frame(
+    axes: Axes, x: tuple[float, float], y: tuple[float, float], across: str, up: str
+) -> None:
+    axes.set_xlim(*x)
+    axes.set_ylim(*y)
+    axes.set_aspect("equal")
+    axes.set_xlabel(across, fontsize=9)
+    axes.set_ylabel(up, fontsize=9)
+    step = 0.2 if np.ptp(x) < 3 else 0.5
+    axes.xaxis.set_major_locator(MultipleLocator(step))
+    axes.yaxis.set_major_locator(MultipleLocator(step))
+    axes.grid(alpha=0.25)
+    axes.tick_params(labelsize=8)
