@@ -15,7 +15,8 @@ LARGEST = 2**30
 class Grid:
     """A regular grid: cell (r, c) covers the half-open square at origin + (c, r) * resolution.
 
-    Row 0 is the lowest y, as in ``nav_msgs/OccupancyGrid``.
+    Row 0 is the lowest y, as in ``nav_msgs/OccupancyGrid``. Borders are rounded to doubles as they
+    are written: 390 * 0.05 is 19.5.
 
     Attributes
     ----------

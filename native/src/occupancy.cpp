@@ -6,6 +6,7 @@
 #include <cstring>
 #include <memory>
 #include <new>
+#include <type_traits>
 
 #include "closedness.hpp"
 #include "painter.hpp"
@@ -29,6 +30,16 @@ struct MaskCanvas {
 
     void run(std::int32_t row, std::int32_t first, std::int32_t last) {
         Bits* line = cells + static_cast<std::size_t>(row) * columns;
+        if constexpr (sizeof(Bits) == 1) {
+            // Runs are short: eight cells at once cost no more than one.
+            if (last - first < 8 && static_cast<std::size_t>(first) + 8 <= columns) {
+                std::uint64_t eight;
+                std::memcpy(&eight, line + first, 8);
+                eight |= (bits * std::uint64_t{0x0101010101010101}) >> (56 - 8 * (last - first));
+                std::memcpy(line + first, &eight, 8);
+                return;
+            }
+        }
         for (std::int32_t column = first; column <= last; ++column) line[column] |= bits;
     }
 
@@ -114,45 +125,86 @@ class Drawing {
 
     bool place_vertices() {
         places_.reset(new Place[mesh_.vertex_count]);
-        return team_.share(mesh_.vertex_count, kVertexChunk,
-                           [&](unsigned, std::size_t first, std::size_t last) {
-                               if (slabs_.planes.size() <= 2) {
-                                   place_between_two(first, last);
-                               } else {
-                                   for (std::size_t i = first; i < last; ++i) {
-                                       places_[i] = slabs_.place(mesh_.vertices[3 * i + 2]);
-                                   }
-                               }
-                               if (!near(first, last)) flaw_ = Flaw::not_finite;
-                           });
+        spots_.reset(new Spot[mesh_.vertex_count]);
+        return team_.share(
+            mesh_.vertex_count, kVertexChunk, [&](unsigned, std::size_t first, std::size_t last) {
+                const bool near = slabs_.planes.size() <= 2 ? place_vertices<true>(first, last)
+                                                            : place_vertices<false>(first, last);
+                if (!near) flaw_ = Flaw::not_finite;
+            });
     }
 
-    void place_between_two(std::size_t first, std::size_t last) {
+    // False where a coordinate is too far away, or none.
+    template <bool kBetweenTwo>
+    bool place_vertices(std::size_t first, std::size_t last) {
+        const Locator locator(grid_);
         const double low = slabs_.planes.front();
         const double high = slabs_.planes.back();
-        const bool flat = slabs_.planes.size() == 1;
+        const int above_high = slabs_.planes.size() == 1 ? 0 : 1;
+        bool near = true;
         for (std::size_t i = first; i < last; ++i) {
-            const double z = mesh_.vertices[3 * i + 2];
-            const int place = (z >= low) + (z > low);
-            places_[i] = static_cast<Place>(flat ? place : place + (z >= high) + (z > high));
+            const double* p = mesh_.vertices + 3 * i;
+            near &= (std::abs(p[0]) <= kFarthest) & (std::abs(p[1]) <= kFarthest) &
+                    (std::abs(p[2]) <= kFarthest);
+            if (kBetweenTwo) {
+                const int above = (p[2] >= high) + (p[2] > high);
+                places_[i] = static_cast<Place>((p[2] >= low) + (p[2] > low) + above_high * above);
+            } else {
+                places_[i] = slabs_.place(p[2]);
+            }
+            spots_[i] = locator.spot(p);
         }
-    }
-
-    bool near(std::size_t first, std::size_t last) const {
-        bool all = true;
-        for (std::size_t i = 3 * first; i < 3 * last; ++i) {
-            all &= std::abs(mesh_.vertices[i]) <= kFarthest;
-        }
-        return all;
+        return near;
     }
 
     bool draw_faces() {
+        if (flaw_ != Flaw::none) return true;
         return team_.share(mesh_.face_count, kFaceChunk,
                            [&](unsigned thread, std::size_t first, std::size_t last) {
-                               for (std::size_t f = first; f < last; ++f) {
-                                   draw_face(f, members_[thread]);
+                               if (!known_solids(first, last)) return;
+                               std::array<std::uint32_t, kFaceChunk> inside;
+                               const std::size_t count = select(first, last, inside.data());
+                               for (std::size_t i = 0; i < count; ++i) {
+                                   draw_face(first + inside[i], members_[thread]);
                                }
                            });
+    }
+
+    // Whether faces name solids that there are.
+    bool known_solids(std::size_t first, std::size_t last) {
+        if (mesh_.solids == nullptr) return true;
+        std::uint32_t highest_solid = 0;
+        for (std::size_t i = first; i < last; ++i) {
+            highest_solid = std::max(highest_solid, static_cast<std::uint32_t>(mesh_.solids[i]));
+        }
+        if (highest_solid >= fill_.solid_count) {
+            flaw_ = Flaw::no_such_solid;
+            return false;
+        }
+        return true;
+    }
+
+    // The faces, counted from the first, that reach between the lowest and the highest plane.
+    std::size_t select(std::size_t first, std::size_t last, std::uint32_t* inside) {
+        using Unsigned = std::make_unsigned_t<Index>;
+        std::size_t count = 0;
+        for (std::size_t f = first; f < last; ++f) {
+            const Index* face = mesh_.faces + 3 * f;
+            const std::size_t i = static_cast<Unsigned>(face[0]);
+            const std::size_t j = static_cast<Unsigned>(face[1]);
+            const std::size_t k = static_cast<Unsigned>(face[2]);
+            if ((i >= mesh_.vertex_count) | (j >= mesh_.vertex_count) | (k >= mesh_.vertex_count)) {
+                flaw_ = Flaw::no_such_vertex;
+                return 0;
+            }
+            const Place a = places_[i];
+            const Place b = places_[j];
+            const Place c = places_[k];
+            const bool above = (a == slabs_.top) & (b == slabs_.top) & (c == slabs_.top);
+            inside[count] = static_cast<std::uint32_t>(f - first);
+            count += ((a | b | c) != 0) & !above;
+        }
+        return count;
     }
 
     std::int32_t solid_of(std::size_t face) const {
@@ -165,26 +217,18 @@ class Drawing {
 
     void draw_face(std::size_t f, Member& member) {
         const Index* face = mesh_.faces + 3 * f;
-        std::array<std::size_t, 3> vertex;
-        for (int i = 0; i < 3; ++i) vertex[i] = static_cast<std::size_t>(face[i]);
-        if ((vertex[0] >= mesh_.vertex_count) | (vertex[1] >= mesh_.vertex_count) |
-            (vertex[2] >= mesh_.vertex_count)) {
-            flaw_ = Flaw::no_such_vertex;
-            return;
-        }
+        const std::array<std::size_t, 3> vertex{static_cast<std::size_t>(face[0]),
+                                                static_cast<std::size_t>(face[1]),
+                                                static_cast<std::size_t>(face[2])};
         const std::int32_t solid = solid_of(f);
-        if (static_cast<std::size_t>(solid) >= fill_.solid_count) {
-            flaw_ = Flaw::no_such_solid;
-            return;
-        }
         std::array<Place, 3> place{places_[vertex[0]], places_[vertex[1]], places_[vertex[2]]};
         const Place lowest = std::min({place[0], place[1], place[2]});
         const Place highest = std::max({place[0], place[1], place[2]});
-        if (lowest == slabs_.top || highest == 0) return;
 
-        const std::size_t first_slab = slabs_.first_from[lowest];
-        std::size_t end_slab = first_slab;
-        Mask intervals = 0;
+        const bool only = slabs_.slabs.size() == 1;
+        const std::size_t first_slab = only ? 0 : slabs_.first_from[lowest];
+        std::size_t end_slab = only ? 1 : first_slab;
+        Mask intervals = only ? slabs_.slabs[0].intervals : 0;
         for (; end_slab < slabs_.slabs.size() && slabs_.slabs[end_slab].low_place <= highest;
              ++end_slab) {
             intervals |= slabs_.slabs[end_slab].intervals;
@@ -199,18 +243,35 @@ class Drawing {
             }
         }
 
+        const Spot& a = spots_[vertex[0]];
+        const Spot& b = spots_[vertex[1]];
+        const Spot& c = spots_[vertex[2]];
+        const std::int32_t low_row = std::min({a.row, b.row, c.row});
+        const std::int32_t high_row = std::max({a.row, b.row, c.row});
+        const std::int32_t low_column = std::min({a.column, b.column, c.column});
+        const std::int32_t high_column = std::max({a.column, b.column, c.column});
+        if ((high_row < 0) | (high_column < 0) | (low_row >= grid_.rows) |
+            (low_column >= grid_.columns)) {
+            return;
+        }
+        const bool one_row = low_row == high_row;
+        const bool one_column = low_column == high_column;
+        const Slab& slab = slabs_.slabs[first_slab];
+        const bool whole =
+            end_slab == first_slab + 1 && lowest >= slab.low_place && highest <= slab.high_place;
+        if ((one_row & one_column) || (whole && (one_row | one_column))) {
+            member.canvas.choose(intervals, solid);
+            member.painter.rectangle(low_row, high_row, low_column, high_column, member.canvas);
+            return;
+        }
         const Locator& locator = member.painter.locator();
         std::array<Corner, 3> corner;
-        for (int i = 0; i < 3; ++i) corner[i] = locator.vertex(mesh_.vertices + 3 * vertex[i]);
-        const auto& [a, b, c] = corner;
-        if (member.painter.beside_grid(a, b, c)) return;
-        const bool one_cell =
-            a.row == b.row && b.row == c.row && a.column == b.column && b.column == c.column;
-        const Slab& slab = slabs_.slabs[first_slab];
-        if (one_cell || (end_slab == first_slab + 1 && lowest >= slab.low_place &&
-                         highest <= slab.high_place)) {
+        for (int i = 0; i < 3; ++i) {
+            corner[i] = locator.vertex(mesh_.vertices + 3 * vertex[i], spots_[vertex[i]]);
+        }
+        if (whole) {
             member.canvas.choose(intervals, solid);
-            member.painter.whole(a, b, c, member.canvas);
+            member.painter.whole(corner[0], corner[1], corner[2], member.canvas);
             return;
         }
         if (place[0] > place[1]) swap(0, 1, corner, place);
@@ -295,7 +356,7 @@ class Drawing {
         std::array<Place, 3> place;
         for (int i = 0; i < 3; ++i) {
             const auto vertex = static_cast<std::size_t>(mesh_.faces[3 * cut.face + i]);
-            corner[i] = locator.vertex(mesh_.vertices + 3 * vertex);
+            corner[i] = locator.vertex(mesh_.vertices + 3 * vertex, spots_[vertex]);
             place[i] = places_[vertex];
         }
         const double error = Painter::error_of(corner[0], corner[1], corner[2]);
@@ -338,6 +399,7 @@ class Drawing {
     const Team& team_;
     std::vector<Member> members_;
     std::unique_ptr<Place[]> places_;
+    std::unique_ptr<Spot[]> spots_;
     std::atomic<Flaw> flaw_{Flaw::none};
 };
 

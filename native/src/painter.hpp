@@ -27,31 +27,29 @@ class Painter {
 
     const Locator& locator() const { return locator_; }
 
-    bool beside_grid(const Corner& a, const Corner& b, const Corner& c) const {
-        return std::max({a.row, b.row, c.row}) < 0 ||
-               std::max({a.column, b.column, c.column}) < 0 ||
-               std::min({a.row, b.row, c.row}) >= grid_.rows ||
-               std::min({a.column, b.column, c.column}) >= grid_.columns;
-    }
-
     static double error_of(const Corner& a, const Corner& b, const Corner& c) {
         return Locator::kCornerError * std::max({std::abs(a.u), std::abs(b.u), std::abs(c.u),
                                                  std::abs(a.v), std::abs(b.v), std::abs(c.v)});
     }
 
+    // What fills a row or a column of cells, or one.
+    template <typename Canvas>
+    void rectangle(std::int32_t low_row, std::int32_t high_row, std::int32_t low_column,
+                   std::int32_t high_column, Canvas& canvas) const {
+        low_column = std::max(low_column, 0);
+        high_column = std::min(high_column, grid_.columns - 1);
+        if (low_column > high_column) return;
+        high_row = std::min(high_row, grid_.rows - 1);
+        for (std::int32_t row = std::max(low_row, 0); row <= high_row; ++row) {
+            canvas.run(row, low_column, high_column);
+        }
+    }
+
     // A triangle that is not clipped.
     template <typename Canvas>
     void whole(const Corner& a, const Corner& b, const Corner& c, Canvas& canvas) {
-        const std::int32_t low_row = std::min({a.row, b.row, c.row});
-        const std::int32_t high_row = std::max({a.row, b.row, c.row});
-        const std::int32_t low_column = std::min({a.column, b.column, c.column});
-        const std::int32_t high_column = std::max({a.column, b.column, c.column});
-        if (low_row == high_row || low_column == high_column) {
-            rectangle(low_row, high_row, low_column, high_column, canvas);
-            return;
-        }
         const double error = error_of(a, b, c);
-        begin(low_row, high_row);
+        begin(std::min({a.row, b.row, c.row}), std::max({a.row, b.row, c.row}));
         reach(a);
         reach(b);
         reach(c);
@@ -172,18 +170,6 @@ class Painter {
             const std::int32_t low = std::max(at.low, 0);
             const std::int32_t high = std::min(at.high, grid_.columns - 1);
             if (low <= high) canvas.run(row, low, high);
-        }
-    }
-
-    template <typename Canvas>
-    void rectangle(std::int32_t low_row, std::int32_t high_row, std::int32_t low_column,
-                   std::int32_t high_column, Canvas& canvas) const {
-        low_column = std::max(low_column, 0);
-        high_column = std::min(high_column, grid_.columns - 1);
-        if (low_column > high_column) return;
-        high_row = std::min(high_row, grid_.rows - 1);
-        for (std::int32_t row = std::max(low_row, 0); row <= high_row; ++row) {
-            canvas.run(row, low_column, high_column);
         }
     }
 

@@ -6,8 +6,8 @@
 
 namespace semmap {
 
-// Row 0 is the lowest y; cell (r, c) covers the half-open square at origin + (c, r) * resolution.
-// Both counts are below 2^30.
+// Row 0 is the lowest y; cell (r, c) covers the half-open square at origin + (c, r) * resolution,
+// rounded to a double as it is written: 390 * 0.05 is 19.5. Both counts are below 2^30.
 struct GridFrame {
     double origin_x;
     double origin_y;

@@ -9,6 +9,9 @@
 #include "semmap/exact.hpp"
 #include "semmap/grid.hpp"
 
+// What the compiler leaves out of line, called for each crossing of an edge and a border.
+#define SEMMAP_INLINE __attribute__((always_inline)) inline
+
 namespace semmap {
 
 // A vertex (both ends are it), or the point where the edge from `low` up to `high` passes the plane
@@ -23,6 +26,12 @@ struct Corner {
     double height;
 };
 
+// The cell of a vertex, exact; -1 and the count stand for all that lies beyond.
+struct Spot {
+    std::int32_t column;
+    std::int32_t row;
+};
+
 // The column in which a line crosses a border, and whether it does so in the column's own lower
 // border, so that what lies just before it is of the column below.
 struct Crossing {
@@ -32,32 +41,45 @@ struct Crossing {
 
 class Locator {
   public:
-    explicit Locator(const GridFrame& grid) : grid_(grid), per_metre_(1.0 / grid.resolution) {}
+    explicit Locator(const GridFrame& grid)
+        : grid_(grid),
+          per_metre_(1.0 / grid.resolution),
+          border_error_(0x1p-51 * per_metre_ *
+                        (std::max(std::abs(grid.origin_x), std::abs(grid.origin_y)) +
+                         std::max(grid.rows, grid.columns) * grid.resolution)),
+          spot_error_(border_error_ + (std::max(grid.rows, grid.columns) + 1) * kVertexError) {}
 
     // Relative error of u and v of a vertex: difference, reciprocal, product, and as much again.
     static constexpr double kVertexError = 0x1p-50;
     // Error of u and v of any corner, in units of the largest |u| or |v| of the triangle.
     static constexpr double kCornerError = 0x1p-48;
 
-    Corner vertex(const double* p) const {
-        Corner corner;
-        corner.u = (p[0] - grid_.origin_x) * per_metre_;
-        corner.v = (p[1] - grid_.origin_y) * per_metre_;
-        corner.low = corner.high = p;
-        corner.height = p[2];
-        double error = std::abs(corner.u) * kVertexError;
-        corner.column = cell(corner.u, error, grid_.columns);
-        if (corner.column == kUnsure) {
-            corner.column = exact_cell<0>(corner, error, -1, grid_.columns);
+    SEMMAP_INLINE Spot spot(const double* p) const {
+        const double u = (p[0] - grid_.origin_x) * per_metre_;
+        const double v = (p[1] - grid_.origin_y) * per_metre_;
+        Spot found{cell(u, spot_error_, grid_.columns), cell(v, spot_error_, grid_.rows)};
+        if ((found.column == kUnsure) | (found.row == kUnsure)) {
+            const double u_error = std::abs(u) * kVertexError + border_error_;
+            const double v_error = std::abs(v) * kVertexError + border_error_;
+            found.column = vertex_cell<0>(p[0], u, u_error, grid_.columns);
+            found.row = vertex_cell<1>(p[1], v, v_error, grid_.rows);
         }
-        error = std::abs(corner.v) * kVertexError;
-        corner.row = cell(corner.v, error, grid_.rows);
-        if (corner.row == kUnsure) corner.row = exact_cell<1>(corner, error, -1, grid_.rows);
-        return corner;
+        return found;
+    }
+
+    Corner vertex(const double* p, Spot spot) const {
+        return {(p[0] - grid_.origin_x) * per_metre_,
+                (p[1] - grid_.origin_y) * per_metre_,
+                spot.column,
+                spot.row,
+                p,
+                p,
+                p[2]};
     }
 
     // Where the edge from `low` up to `high` passes a height strictly between theirs.
     Corner pass(const Corner& low, const Corner& high, double height, double error) const {
+        error += border_error_;
         Corner corner;
         const double share = (height - low.low[2]) / (high.low[2] - low.low[2]);
         corner.u = low.u + share * (high.u - low.u);
@@ -90,6 +112,7 @@ class Locator {
     void crossings(const Corner& p, const Corner& q, std::int32_t first, std::int32_t last,
                    double error, Found&& found) const {
         const double rise = q.v - p.v;
+        error += border_error_;
         const bool steep_enough = rise > 1024.0 * error;
         const double slope = steep_enough ? (q.u - p.u) / rise : 0.0;
         const double off = steep_enough ? 4.0 * error * (1.0 + std::abs(slope)) : 1.0;
@@ -107,30 +130,26 @@ class Locator {
     static constexpr std::int32_t kUnsure = -2;
 
     // The cell of a coordinate known to within `error`, if that decides it.
-    static std::int32_t cell(double u, double error, std::int32_t count) {
-        const double inside = std::min(std::max(u, -0.5), count + 0.5);
+    SEMMAP_INLINE static std::int32_t cell(double u, double error, std::int32_t count) {
+        const double inside = std::min(count + 0.5, std::max(-0.5, u));  // also of no number
         const std::int32_t index = static_cast<std::int32_t>(inside + 1.0) - 1;
-        const double rest = inside - index;
-        return (rest > error) & (rest < 1.0 - error) ? index : kUnsure;
+        return std::abs(inside - index - 0.5) < 0.5 - error ? index : kUnsure;
     }
 
     template <int Axis>
-    exact::Expansion<3> border(std::int32_t index) const {
-        const double origin = Axis == 0 ? grid_.origin_x : grid_.origin_y;
-        exact::Expansion<3> value(exact::two_product(index, grid_.resolution));
-        value.add(origin);
-        return value;
+    double border(std::int32_t index) const {
+        return (Axis == 0 ? grid_.origin_x : grid_.origin_y) + index * grid_.resolution;
     }
 
     // W * (coordinate - border), where W > 0 is that of homogeneous coordinates.
     template <int Axis>
-    exact::Expansion<20> beyond(const Corner& c, std::int32_t index) const {
+    exact::Expansion<12> beyond(const Corner& c, std::int32_t index) const {
         using exact::Expansion;
         using exact::two_product;
-        const Expansion<3> at = border<Axis>(index);
-        Expansion<20> result;
+        const Expansion<1> at(border<Axis>(index));
+        Expansion<12> result;
         if (c.low == c.high) {
-            const Expansion<4> rest = Expansion<1>(c.low[Axis]) - at;
+            const Expansion<2> rest = Expansion<1>(c.low[Axis]) - at;
             std::copy(rest.term, rest.term + rest.count, result.term);
             result.count = rest.count;
             return result;
@@ -145,6 +164,7 @@ class Locator {
 
     // Leaves of low..high what a coordinate known to within `error` can be in.
     static void narrow(double u, double error, std::int32_t& low, std::int32_t& high) {
+        if (!(std::abs(u) < HUGE_VAL)) return;
         const auto within = [&](double index) {
             return static_cast<std::int32_t>(std::clamp<double>(std::floor(index), low, high));
         };
@@ -168,6 +188,15 @@ class Locator {
     }
 
     template <int Axis>
+    std::int32_t vertex_cell(double at, double u, double error, std::int32_t count) const {
+        std::int32_t low = -1;
+        std::int32_t high = count;
+        narrow(u, error, low, high);
+        return last_reached(low, high,
+                            [&](std::int32_t index) { return at >= border<Axis>(index); });
+    }
+
+    template <int Axis>
     std::int32_t exact_cell(const Corner& corner, double error, std::int32_t low,
                             std::int32_t high) const {
         narrow(Axis == 0 ? corner.u : corner.v, error, low, high);
@@ -177,8 +206,8 @@ class Locator {
 
     Crossing exact_crossing(const Corner& p, const Corner& q, std::int32_t row, double u,
                             double error) const {
-        const exact::Expansion<20> below = beyond<1>(p, row);
-        const exact::Expansion<20> above = beyond<1>(q, row);
+        const exact::Expansion<12> below = beyond<1>(p, row);
+        const exact::Expansion<12> above = beyond<1>(q, row);
         const auto side = [&](std::int32_t at) {
             return (beyond<0>(p, at) * above - beyond<0>(q, at) * below).sign();
         };
@@ -192,6 +221,8 @@ class Locator {
 
     GridFrame grid_;
     double per_metre_;
+    double border_error_;  // of a border, which is a rounded number, in cells
+    double spot_error_;    // of a vertex on the grid, which includes its border's
 };
 
 }  // namespace semmap
