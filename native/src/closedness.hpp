@@ -20,14 +20,15 @@ struct PointHash {
 
 inline PointHash hash_point(const double* p) {
     constexpr std::uint64_t kOdd[3] = {0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9};
-    std::uint64_t sum = 0;
+    std::uint64_t part[3];
     for (int i = 0; i < 3; ++i) {
         const double value = p[i] + 0.0;  // -0 is 0
-        std::uint64_t bits;
-        std::memcpy(&bits, &value, sizeof bits);
-        sum = (sum ^ bits ^ (bits >> 32)) * kOdd[i];
-        sum ^= sum >> 29;
+        std::memcpy(&part[i], &value, sizeof value);
+        part[i] = (part[i] ^ (part[i] >> 32)) * kOdd[i];
+        part[i] ^= part[i] >> 29;
     }
+    const std::uint64_t sum =
+        part[0] + ((part[1] << 21) | (part[1] >> 43)) + ((part[2] << 42) | (part[2] >> 22));
     const std::uint64_t s = sum * 0xBF58476D1CE4E5B9;
     const std::uint64_t t = (sum ^ 0x94D049BB133111EB) * 0xD6E8FEB86659FD93;
     return {s ^ (s >> 32), t ^ (t >> 29)};

@@ -277,9 +277,15 @@ class Drawing {
         if (place[0] > place[1]) swap(0, 1, corner, place);
         if (place[1] > place[2]) swap(1, 2, corner, place);
         if (place[0] > place[1]) swap(0, 1, corner, place);
+        std::array<Corner, 2> bottom{corner[0], corner[0]};
         for (std::size_t i = first_slab; i < end_slab; ++i) {
-            member.canvas.choose(slabs_.slabs[i].intervals, solid);
-            member.painter.clipped(corner, place, slabs_.slabs[i], member.canvas);
+            const Slab& each = slabs_.slabs[i];
+            const bool cut = place[0] < each.low_place && each.low_place < place[2];
+            if (cut && (i == first_slab || slabs_.slabs[i - 1].high_place != each.low_place)) {
+                bottom = Painter::section(locator, corner, place, each.low, each.low_place);
+            }
+            member.canvas.choose(each.intervals, solid);
+            member.painter.clipped(corner, place, each, bottom, member.canvas);
         }
     }
 
@@ -418,10 +424,10 @@ Flaw draw_layers(const MeshView<Index>& mesh, const std::vector<Interval>& inter
     if (flaw != Flaw::none) return flaw;
     const bool done = team.share(count, 4096, [&](unsigned, std::size_t first, std::size_t last) {
         for (std::size_t k = 0; k < intervals.size(); ++k) {
-            std::uint8_t* layer = cells + k * count;
-            for (std::size_t i = first; i < last; ++i) {
-                layer[i] = static_cast<std::uint8_t>((masks[i] >> k) & 1);
-            }
+            const Bits* __restrict mask = masks.get();
+            std::uint8_t* __restrict layer = cells + k * count;
+            const Bits bit = static_cast<Bits>(Bits{1} << k);
+            for (std::size_t i = first; i < last; ++i) layer[i] = (mask[i] & bit) != 0;
         }
     });
     return done ? Flaw::none : Flaw::out_of_memory;

@@ -60,10 +60,11 @@ class Painter {
     }
 
     // The part between two planes of a triangle that meets the slab; a, b, c ascend, and so do
-    // their places.
+    // their places. `bottom` is the section at the slab's lower end, where that cuts through, and
+    // becomes that at its upper end.
     template <typename Canvas>
     void clipped(const std::array<Corner, 3>& corner, const std::array<Place, 3>& place,
-                 const Slab& slab, Canvas& canvas) {
+                 const Slab& slab, std::array<Corner, 2>& bottom, Canvas& canvas) {
         const auto& [a, b, c] = corner;
         const double error = error_of(a, b, c);
         const Place low = slab.low_place;
@@ -71,12 +72,18 @@ class Painter {
         // Points of the long edge a-c and of the short ones a-b-c in the planes that cut through.
         const bool cut_low = place[0] < low && low < place[2];
         const bool cut_high = place[0] < high && high < place[2];
-        std::array<Corner, 2> bottom;
         std::array<Corner, 2> roof;
-        if (cut_low) bottom = section(corner, place, slab.low, low, error);
-        if (cut_high) roof = section(corner, place, slab.high, high, error);
+        if (cut_high) roof = section(locator_, corner, place, slab.high, high);
 
-        begin(std::min({a.row, b.row, c.row}), std::max({a.row, b.row, c.row}));
+        const std::int32_t low_row = std::min({a.row, b.row, c.row});
+        const std::int32_t high_row = std::max({a.row, b.row, c.row});
+        if (low_row == high_row || (a.column == b.column && b.column == c.column)) {
+            box(corner, place, slab, cut_low ? &bottom : nullptr, cut_high ? &roof : nullptr,
+                canvas);
+            bottom = roof;
+            return;
+        }
+        begin(low_row, high_row);
         for (int i = 0; i < 3; ++i) {
             if (low <= place[i] && place[i] <= high) reach(corner[i]);
         }
@@ -94,20 +101,46 @@ class Painter {
         part(a, b, place[0], place[1], slab, bottom[1], roof[1], error);
         part(b, c, place[1], place[2], slab, bottom[1], roof[1], error);
         paint(canvas);
+        bottom = roof;
     }
 
     // The points in which a plane that cuts through meets the edge a-c and the edges a-b-c.
-    std::array<Corner, 2> section(const std::array<Corner, 3>& corner,
-                                  const std::array<Place, 3>& place, double height, Place at,
-                                  double error) const {
+    static std::array<Corner, 2> section(const Locator& locator,
+                                         const std::array<Corner, 3>& corner,
+                                         const std::array<Place, 3>& place, double height,
+                                         Place at) {
         const auto& [a, b, c] = corner;
-        std::array<Corner, 2> points{locator_.pass(a, c, height, error), b};
-        if (at < place[1]) points[1] = locator_.pass(a, b, height, error);
-        if (at > place[1]) points[1] = locator_.pass(b, c, height, error);
+        const double error = error_of(a, b, c);
+        std::array<Corner, 2> points{locator.pass(a, c, height, error), b};
+        if (at < place[1]) points[1] = locator.pass(a, b, height, error);
+        if (at > place[1]) points[1] = locator.pass(b, c, height, error);
         return points;
     }
 
   private:
+    // The part within a slab of a triangle that lies in one row or column of cells.
+    template <typename Canvas>
+    void box(const std::array<Corner, 3>& corner, const std::array<Place, 3>& place,
+             const Slab& slab, const std::array<Corner, 2>* bottom,
+             const std::array<Corner, 2>* roof, Canvas& canvas) const {
+        Spot low{std::numeric_limits<std::int32_t>::max(),
+                 std::numeric_limits<std::int32_t>::max()};
+        Spot high{-1, -1};
+        const auto reach = [&](const Corner& at) {
+            low = {std::min(low.column, at.column), std::min(low.row, at.row)};
+            high = {std::max(high.column, at.column), std::max(high.row, at.row)};
+        };
+        for (int i = 0; i < 3; ++i) {
+            if (slab.low_place <= place[i] && place[i] <= slab.high_place) reach(corner[i]);
+        }
+        for (const auto* section : {bottom, roof}) {
+            if (section == nullptr) continue;
+            reach((*section)[0]);
+            reach((*section)[1]);
+        }
+        rectangle(low.row, high.row, low.column, high.column, canvas);
+    }
+
     struct Span {
         std::int32_t low;
         std::int32_t high;

@@ -79,6 +79,10 @@ class Locator {
 
     // Where the edge from `low` up to `high` passes a height strictly between theirs.
     Corner pass(const Corner& low, const Corner& high, double height, double error) const {
+        if ((low.u == high.u) & (low.v == high.v) & (low.column == high.column) &
+            (low.row == high.row)) {
+            return {low.u, low.v, low.column, low.row, low.low, high.low, height};
+        }
         error += border_error_;
         Corner corner;
         const double share = (height - low.low[2]) / (high.low[2] - low.low[2]);
