@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -60,11 +61,12 @@ class Policy:
     layers: tuple[Layer, ...]
     rules: tuple[Rule, ...]
 
-    @classmethod
-    def default(cls) -> Policy:
+    @staticmethod
+    @cache
+    def default() -> Policy:
         """The policy that comes with navgrid, ``policy.yaml`` beside this file."""
         file = resources.files("navgrid") / "policy.yaml"
-        return cls.parse(file.read_text("utf-8"), "navgrid's policy.yaml")
+        return Policy.parse(file.read_text("utf-8"), "navgrid's policy.yaml")
 
     @classmethod
     def read(cls, path: Path | str) -> Policy:

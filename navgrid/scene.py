@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -48,7 +49,7 @@ class Thing:
             (begin is None or begin <= moment) and (end is None or moment < end)
         )
 
-    @property
+    @cached_property
     def bounds(self) -> Bounds | None:
         """What it covers at most; None without geometry."""
         if self.outline is not None:
@@ -56,9 +57,8 @@ class Thing:
             return x0, y0, x1, y1
         if not len(self.triangles):
             return None
-        flat = self.triangles.reshape(-1, 3)
-        low, high = flat.min(axis=0), flat.max(axis=0)
-        return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+        x, y = (self.triangles[..., k] for k in range(2))
+        return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
 
 @dataclass(frozen=True, eq=False)

@@ -155,8 +155,9 @@ def _band(connection: Connection, storey: str) -> tuple[float, float, float, int
             raise LookupError(_no_such("storey", storey, names))
         floor = connection.execute(
             text(
-                "SELECT coalesce(min(w.pose[3] + r.floor), 0) FROM room r "
-                "JOIN world w ON w.entity_id = r.entity_id WHERE w.map_id = current_map()"
+                "SELECT coalesce(min(w.pose[3] + r.floor), 0) FROM entity e "
+                "JOIN room r ON r.entity_id = e.id JOIN world w ON w.entity_id = e.id "
+                "WHERE e.map_id = current_map() AND e.kind = 'room'"
             )
         ).scalar_one()
         return floor - BELOW, floor + TOP, floor, None
@@ -228,6 +229,8 @@ def _things(connection: Connection, rows: Sequence[Any]) -> list[Thing]:
 def _placed(triangles: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
     """Triangles in the map's frame; equal corners stay equal to the last bit."""
     r, t = pose.rotation, (pose.x, pose.y, pose.z)
+    if (pose.qx, pose.qy, pose.qz) == (0.0, 0.0, 0.0):
+        return np.add(triangles, t, dtype=np.float64)
     x, y, z = np.moveaxis(triangles, 2, 0)
     found = np.empty_like(triangles)
     for k in range(3):

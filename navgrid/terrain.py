@@ -101,7 +101,9 @@ def _within_steps(
     max_step: float,
 ) -> NDArray[np.bool_]:
     """(F,): whether gentle faces at heights between lead there from a floor, wherever they lie."""
-    spans = np.unique(np.column_stack([low[gentle], high[gentle]]).round(4), axis=0)
+    tenths = np.rint(np.column_stack([low[gentle], high[gentle]]) * 1e4).astype(np.int64)
+    _, one = np.unique(tenths[:, 0] * 2**32 + tenths[:, 1], return_index=True)
+    spans = tenths[one] / 1e4
     found = np.zeros(len(low), np.bool_)
     for floor in set(floors):
         bottom, top, grown = floor, floor, True
