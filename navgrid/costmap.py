@@ -19,7 +19,7 @@ from navgrid.area import area_cells
 from navgrid.grid import Grid
 from navgrid.inflation import INSCRIBED, UNKNOWN, inflate
 from navgrid.occupancy import occupancy
-from navgrid.policy import FLOOR, NONE, Policy
+from navgrid.policy import FLOOR, NONE, Layer, Policy
 from navgrid.scene import Bounds, Scene, Thing
 from navgrid.terrain import Gait, Level, drivable, levels
 from semmap.robot import Part
@@ -60,6 +60,7 @@ class Costmap:
 
     Attributes
     ----------
+    static : further layers by name, (rows, columns) bool, in the way of every part: a SLAM map
     occupied : by layer, (parts, rows, columns) bool
     costs : (parts, rows, columns) uint8, with the meaning of costmap_2d
     master : (rows, columns) uint8, the highest of all; a known cost beats unknown
@@ -74,6 +75,7 @@ class Costmap:
     inflation: Inflation = field(default_factory=Inflation)
     gait: Gait = field(default_factory=Gait)
     threads: int | None = None
+    static: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
     occupied: dict[str, NDArray[np.bool_]] = field(init=False)
     costs: NDArray[np.uint8] = field(init=False)
     master: NDArray[np.uint8] = field(init=False)
@@ -90,6 +92,10 @@ class Costmap:
                     f"part {part.name} reaches from {low:.3f} to {high:.3f} m, all within a step "
                     f"of {self.gait.max_step} m: it touches nothing but floor. Join it to another"
                 )
+        for name, cells in self.static.items():
+            if cells.shape != self.grid.shape or name in {la.name for la in self.policy.layers}:
+                raise ValueError(f"static layer {name}: give it the grid's shape and its own name")
+        self.layers = (*self.policy.layers, *(Layer(name) for name in self.static))
         self._things = {thing.id: thing for thing in self.scene.things}
         self._compute()
 
@@ -106,6 +112,8 @@ class Costmap:
         self.occupied = {
             name: self._cells(self._members[name], everywhere) for name in self._members
         }
+        for name, cells in self.static.items():
+            self.occupied[name] = np.broadcast_to(cells, (len(self.parts), *cells.shape)).copy()
         drawn = time.perf_counter()
         self.costs = np.empty((len(self.parts), *self.grid.shape), np.uint8)
         self.master = np.empty(self.grid.shape, np.uint8)
@@ -222,7 +230,7 @@ class Costmap:
     @property
     def reach(self) -> int:
         """Cells beyond which nothing that is occupied has an effect."""
-        metres = max(self.radii(p, la.padding)[1] for p in self.parts for la in self.policy.layers)
+        metres = max(self.radii(p, la.padding)[1] for p in self.parts for la in self.layers)
         return max(0, math.ceil(metres / self.grid.resolution - 1e-9))
 
     def _inflate(self, window: Window) -> None:
@@ -234,7 +242,7 @@ class Costmap:
         hidden = self.unknown[window]
         for number, part in enumerate(self.parts):
             cost = np.zeros(hidden.shape, np.uint8)
-            for layer in self.policy.layers:
+            for layer in self.layers:
                 cells = self.occupied[layer.name][number][outer]
                 if cells.any():
                     np.maximum(cost, self._cost(cells, part, layer.padding)[inner], out=cost)
@@ -351,7 +359,7 @@ class Costmap:
         outer = _grown((slice(row, row + 1), slice(column, column + 1)), self.reach, self.grid)
         found = []
         for number, part in enumerate(self.parts):
-            for layer in self.policy.layers:
+            for layer in self.layers:
                 cells = self.occupied[layer.name][number][outer]
                 if not cells.any():
                     continue
@@ -370,6 +378,8 @@ class Costmap:
         (r0, c0), (r1, c1) = cells.min(axis=0), cells.max(axis=0)
         window = (slice(int(r0), int(r1) + 1), slice(int(c0), int(c1) + 1))
         at = tuple((cells - (r0, c0)).T)
+        if layer in self.static:
+            return (layer,)
         names = [
             thing.name
             for number, thing in self._near(self._members[layer], window).items()

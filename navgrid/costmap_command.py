@@ -22,6 +22,7 @@ from navgrid.nav2 import Files, write_nav2
 from navgrid.policy import Policy
 from navgrid.scene import Bounds, Scene
 from navgrid.source import read_scene, read_storey_names
+from navgrid.static_map import map_layer
 from navgrid.terrain import Gait
 from semmap import cli
 from semmap.draw.costmap import PART_COLOURS, costmap_picture
@@ -51,6 +52,9 @@ def costmap_command(
     ] = None,
     policy: Annotated[
         Path | None, typer.Option(help="Which entity goes on which layer; YAML.")
+    ] = None,
+    static_map: Annotated[
+        Path | None, typer.Option(help="A map.yaml, as from SLAM, as a layer more.")
     ] = None,
     map_name: cli.MapName = None,
     storey: Annotated[str | None, typer.Option(help="Only this storey.")] = None,
@@ -107,7 +111,8 @@ def costmap_command(
             # Beyond a part, so far as it has an effect there: costs are those of the whole map.
             bounded = wanted is not None or bounds is not None
             grid = grid_of(scene, resolution, _four(bounds), reach if bounded else MARGIN)
-            made.append(Costmap(scene, shape, grid, rules, fall, gait))
+            static = {} if static_map is None else {"static_map": map_layer(static_map, grid)}
+            made.append(Costmap(scene, shape, grid, rules, fall, gait, static=static))
     if not made:
         raise LookupError("nothing is there; name a storey, rooms or a box of the map")
     if why is not None:

@@ -39,6 +39,9 @@ def route_command(
         bool, typer.Option("--closed/--no-closed", help="The robot opens closed doors.")
     ] = True,
     outside: Annotated[bool, typer.Option("--outside", help="It may go outside.")] = False,
+    rooms: Annotated[
+        bool, typer.Option("--rooms", help="Only the rooms that it leads through, with commas.")
+    ] = False,
     json_: cli.Json = False,
 ) -> None:
     """Find the doors to pass from room to room, in order, each with its two poses."""
@@ -66,7 +69,9 @@ def route_command(
     if best is None:
         assert why is not None
         raise why
-    if json_:
+    if rooms:
+        print(",".join(dict.fromkeys([best.start, *(step.to_place for step in best.steps)])))
+    elif json_:
         print(json.dumps(route_as_json(best)))
     else:
         show_route(best)

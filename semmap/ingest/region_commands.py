@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from datetime import datetime
 from enum import StrEnum
 from functools import partial
 from typing import Annotated, Any
@@ -103,6 +104,8 @@ def draw(
     where: Annotated[
         list[str] | None, typer.Option("--property", help="KEY=VALUE; repeatable.")
     ] = None,
+    since: Annotated[datetime | None, typer.Option(help="It holds from then on.")] = None,
+    until: Annotated[datetime | None, typer.Option(help="It holds until then.")] = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -118,6 +121,7 @@ def draw(
             type=type_,
             holder=None if holder is None else entity_named(connection, holder),
             properties=dict(property_of(said) for said in where or []),
+            valid=None if since is None and until is None else (zoned(since), zoned(until)),
         )
         answer = listed(connection, [region])
     cli.show_rows(*answer, json_)
@@ -187,6 +191,11 @@ def outline_of(said: str) -> Polygon:
     if not polygon.is_valid:
         raise ValueError(f"--polygon crosses its own border: {shapely.is_valid_reason(polygon)}")
     return polygon
+
+
+def zoned(moment: datetime | None) -> datetime | None:
+    """A moment that is said without a time zone, in that of the machine."""
+    return moment if moment is None or moment.tzinfo else moment.astimezone()
 
 
 def box_of(said: str) -> tuple[float, float, float, float, float, float]:

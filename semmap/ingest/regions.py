@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,7 @@ def draw_region(
     type: str = "region",
     holder: int | None = None,
     properties: dict[str, Any] | None = None,
+    valid: tuple[datetime | None, datetime | None] | None = None,
 ) -> int:
     """Make or redraw a region that somebody drew; returns its id.
 
@@ -77,6 +79,7 @@ def draw_region(
     type : a semantic type of the T-Box, such as ``blocked_region``
     holder : the entity that it is in and moves with; the map itself where None
     properties : added to those that it has
+    valid : from when until when it holds, None being open; as it was where not given
 
     Raises
     ------
@@ -101,7 +104,17 @@ def draw_region(
     region = level_region(
         name, type, "drawn", owner, outline, low, high, properties=properties or {}
     )
-    return keep(connection, map_id, owner, region)
+    made = keep(connection, map_id, owner, region)
+    if valid is not None:
+        since, until = valid
+        if since is not None and until is not None and since >= until:
+            raise ValueError(f"{name}: it would end at {until}, before it begins at {since}")
+        connection.exec_driver_sql(
+            "UPDATE region SET valid = tstzrange(%(since)s, %(until)s) WHERE entity_id = %(id)s "
+            "AND valid IS DISTINCT FROM tstzrange(%(since)s, %(until)s)",
+            {"since": since, "until": until, "id": made},
+        )
+    return made
 
 
 def region_of_faces(

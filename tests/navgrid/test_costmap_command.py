@@ -1,0 +1,109 @@
+"""`semmap costmap` as a user calls it, on the office."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from sqlalchemy import Engine
+from typer.testing import CliRunner
+
+from navgrid.costmap_command import register
+from semmap import cli
+from semmap.ingest.importer import import_file
+
+OFFICE = Path(__file__).parents[2] / "examples" / "office"
+ROBOT, PARTS = OFFICE / "delivery_robot.urdf", OFFICE / "delivery_robot_parts.yaml"
+
+
+@pytest.fixture(scope="module")
+def office(module_engine: Engine) -> Iterator[typer.Typer]:
+    """The command, on a database that holds the office."""
+    for name in ("office_rooms.geojson", "office.sdf"):
+        import_file(module_engine, OFFICE / name, map_name="office")
+    app = typer.Typer()
+    register(app)
+    app.command("other")(lambda: None)  # one command alone takes no name
+    before = cli.State.url
+    cli.State.url = module_engine.url.render_as_string(hide_password=False)
+    yield app
+    cli.State.url = before
+
+
+def run(app: typer.Typer, *words: object) -> Any:
+    said = [str(w) for w in ("costmap", "--robot", ROBOT, "--parts", PARTS, *words, "--json")]
+    done = CliRunner().invoke(app, said, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def test_a_folder_a_storey_with_all_that_nav2_loads(office: typer.Typer, tmp_path: Path) -> None:
+    written = run(office, "-o", tmp_path, "--resolution", "0.1", "--headings", "4")
+    assert [w["storey"] for w in written] == ["floor-1st", "floor-3rd"]
+    for said in written:
+        folder = tmp_path / said["storey"]
+        for file in said["maps"].values():
+            assert (folder / file).with_suffix(".pgm").is_file()
+        assert {"nav2_params.yaml", "costmap.json", "master.png", "collisions.npz"} <= {
+            p.name for p in folder.iterdir()
+        }
+        assert [p["name"] for p in said["parts"]] == ["base", "arm", "pole"]
+    assert "keepout_mask" in written[0]["maps"]
+    assert "speed_mask" in written[1]["maps"]
+
+
+def test_joints_change_the_arm_and_its_costmap(office: typer.Typer, tmp_path: Path) -> None:
+    near = ("-o", tmp_path, "--rooms", "lab2", "--no-picture")
+    (ahead,) = run(office, *near)
+    state = tmp_path / "state.json"
+    state.write_text('{"lift_joint": 1.2, "elbow_joint": 1.0}')
+    (down,) = run(office, *near, "--state", state)
+    intervals = [{p["name"]: p["interval"] for p in w["parts"]} for w in (ahead, down)]
+    assert intervals[0]["base"] == intervals[1]["base"]
+    assert intervals[1]["arm"][0] < intervals[0]["arm"][0] - 0.2
+    assert down["lethal"] != ahead["lethal"], "now it meets the workbenches"
+
+
+def test_why(office: typer.Typer) -> None:
+    (said,) = run(office, "--why", "9.2,0.45", "--storey", "floor-3rd")
+    assert said["cost"] == 254
+    first = said["because"][0]
+    assert (first["layer"], first["cost"]) == ("admissible_objects", 254)
+    assert "desk4" in {name for b in said["because"] for name in b["entities"]}
+
+
+def test_a_box_of_the_storey(office: typer.Typer, tmp_path: Path) -> None:
+    (said,) = run(office, "-o", tmp_path, "--storey", "floor-3rd", "--box", "5,1,9,3",
+                  "--no-picture")  # fmt: skip
+    assert said["width"] * said["resolution"] < 4 + 2 * 1.3
+    assert said["origin"][0] < 5
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--why", "1"), "takes 2 numbers"),
+        (("--why", "100,100"), "on none of the grids"),
+        (("-o", "x", "--box", "1,1,0,0"), "upside down"),
+        (("-o", "x", "--rooms", "lab9", "--storey", "floor-3rd"), "no room named lab9"),
+        (("-o", "x", "--storey", "attic"), "no storey named attic"),
+        (("-o", "x", "--state", "{"), "no JSON"),
+        (("-o", "x", "--state", "[1]"), "no JSON and no file"),
+        (("-o", "x", "--state", '{"lift_joint": 9}'), "goes from -1.2 to 1.2"),
+        (("-o", "x", "--policy", "none.yaml"), "cannot be read"),
+        (("-o", "x", "--max-step", "-1"), "0 m or more"),
+        (("-o", "x", "--resolution", "0"), "above 0"),
+    ],
+)
+def test_what_cannot_be_done(
+    office: typer.Typer, words: tuple[str, ...], says: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((ValueError, LookupError), match=says):
+        run(office, *words)
+    assert list(tmp_path.iterdir()) == []
