@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <new>
 #include <type_traits>
@@ -18,6 +19,7 @@ namespace {
 
 constexpr std::size_t kVertexChunk = 65536;
 constexpr std::size_t kFaceChunk = 8192;
+constexpr std::int32_t kNoSpot = std::numeric_limits<std::int32_t>::min();
 
 // Which intervals hold a cell, a bit each.
 template <typename Bits>
@@ -152,9 +154,19 @@ class Drawing {
             } else {
                 places_[i] = slabs_.place(p[2]);
             }
-            spots_[i] = locator.spot(p);
+            // Beyond all planes a vertex counts only where a face reaches from there to between.
+            if ((places_[i] == 0) | (places_[i] == slabs_.top)) {
+                spots_[i].column = kNoSpot;
+            } else {
+                spots_[i] = locator.spot(p);
+            }
         }
         return near;
+    }
+
+    Spot spot_of(std::size_t vertex, const Locator& locator) const {
+        const Spot spot = spots_[vertex];
+        return spot.column == kNoSpot ? locator.spot(mesh_.vertices + 3 * vertex) : spot;
     }
 
     bool draw_faces() {
@@ -243,9 +255,10 @@ class Drawing {
             }
         }
 
-        const Spot& a = spots_[vertex[0]];
-        const Spot& b = spots_[vertex[1]];
-        const Spot& c = spots_[vertex[2]];
+        const Locator& locator = member.painter.locator();
+        const Spot a = spot_of(vertex[0], locator);
+        const Spot b = spot_of(vertex[1], locator);
+        const Spot c = spot_of(vertex[2], locator);
         const std::int32_t low_row = std::min({a.row, b.row, c.row});
         const std::int32_t high_row = std::max({a.row, b.row, c.row});
         const std::int32_t low_column = std::min({a.column, b.column, c.column});
@@ -264,11 +277,10 @@ class Drawing {
             member.painter.rectangle(low_row, high_row, low_column, high_column, member.canvas);
             return;
         }
-        const Locator& locator = member.painter.locator();
-        std::array<Corner, 3> corner;
-        for (int i = 0; i < 3; ++i) {
-            corner[i] = locator.vertex(mesh_.vertices + 3 * vertex[i], spots_[vertex[i]]);
-        }
+        const double* at = mesh_.vertices;
+        std::array<Corner, 3> corner{locator.vertex(at + 3 * vertex[0], a),
+                                     locator.vertex(at + 3 * vertex[1], b),
+                                     locator.vertex(at + 3 * vertex[2], c)};
         if (whole) {
             member.canvas.choose(intervals, solid);
             member.painter.whole(corner[0], corner[1], corner[2], member.canvas);
@@ -362,7 +374,7 @@ class Drawing {
         std::array<Place, 3> place;
         for (int i = 0; i < 3; ++i) {
             const auto vertex = static_cast<std::size_t>(mesh_.faces[3 * cut.face + i]);
-            corner[i] = locator.vertex(mesh_.vertices + 3 * vertex, spots_[vertex]);
+            corner[i] = locator.vertex(mesh_.vertices + 3 * vertex, spot_of(vertex, locator));
             place[i] = places_[vertex];
         }
         const double error = Painter::error_of(corner[0], corner[1], corner[2]);
