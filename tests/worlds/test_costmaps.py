@@ -1,0 +1,132 @@
+"""TIAGo in the small house, Stretch in the hotel: costmaps checked by an independent way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from numpy.typing import NDArray
+from sqlalchemy import Engine
+
+from navgrid.costmap import Costmap
+from navgrid.costmap_command import grid_of
+from navgrid.nav2 import write_nav2
+from navgrid.scene import Scene
+from navgrid.source import read_scene, read_storey_names
+from semmap.ingest.importer import import_file
+from semmap.robot import load_robot, robot_parts
+from tests.robot.robots import real_robot
+
+ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
+
+
+def costmap_of(engine: Engine, storey: str | None, robot: str) -> Costmap:
+    with engine.connect() as connection:
+        scene = read_scene(connection, storey or read_storey_names(connection)[0])
+    parts = robot_parts(load_robot(real_robot(robot)), {})
+    return Costmap(scene, parts, grid_of(scene, 0.05))
+
+
+def touched(scene: Scene, square: shapely.Polygon, low: float, high: float) -> bool:
+    """Whether a thing's triangles between two heights meet a square: trimesh cuts, shapely asks."""
+    x0, y0, x1, y1 = square.bounds
+    for thing in scene.things:
+        t = thing.triangles
+        if thing.kind != "object" or not len(t):
+            continue
+        near = (
+            (t[:, :, 0].min(1) <= x1) & (t[:, :, 0].max(1) >= x0) & (t[:, :, 1].min(1) <= y1)
+            & (t[:, :, 1].max(1) >= y0) & (t[:, :, 2].min(1) <= high) & (t[:, :, 2].max(1) >= low)
+        )  # fmt: skip
+        for triangle in t[near]:
+            if between(triangle, low, high).distance(square) == 0:
+                return True
+    return False
+
+
+def between(triangle: NDArray[np.float64], low: float, high: float) -> shapely.Geometry:
+    vertices, faces = triangle, np.array([[0, 1, 2]])
+    for side, at in ((1, low), (-1, high)):
+        if len(faces):
+            vertices, faces, _ = trimesh.intersections.slice_faces_plane(
+                vertices, faces, (0, 0, side), (0, 0, at)
+            )
+    if not len(faces):
+        return shapely.Point()
+    return shapely.union_all(shapely.convex_hull(shapely.multipoints(vertices[faces][:, :, :2])))
+
+
+def check(made: Costmap, count: int) -> None:
+    """Random cells: occupied if something reaches into the part's interval there."""
+    random = np.random.default_rng(8)
+    grid, floor = made.grid, made.scene.elevation
+    for number, (low, high) in enumerate(made.intervals):
+        occupied = np.zeros(grid.shape, bool)
+        for name in ("admissible_objects", "lethal_obstacles", "room_geometry"):
+            occupied |= made.occupied[name][number]
+        sure = [np.argwhere(occupied == value) for value in (True, False)]
+        for value, cells in zip((True, False), sure, strict=True):
+            for r, c in cells[random.integers(0, len(cells), count)]:
+                x, y = grid.origin[0] + c * 0.05, grid.origin[1] + r * 0.05
+                inner = shapely.box(x + 1e-6, y + 1e-6, x + 0.05 - 1e-6, y + 0.05 - 1e-6)
+                outer = shapely.box(x - 1e-6, y - 1e-6, x + 0.05 + 1e-6, y + 0.05 + 1e-6)
+                if value:
+                    assert touched(made.scene, outer, floor + low, floor + high) or filled(
+                        made, number, r, c
+                    )
+                else:
+                    assert not touched(made.scene, inner, floor + low, floor + high)
+
+
+def filled(made: Costmap, number: int, r: int, c: int) -> bool:
+    """Whether the cell's middle is inside of a closed thing, at the lower end of the interval."""
+    low = made.intervals[number][0] + made.scene.elevation
+    x = made.grid.origin[0] + (c + 0.5) * made.grid.resolution
+    y = made.grid.origin[1] + (r + 0.5) * made.grid.resolution
+    point = shapely.Point(x, y)
+    for thing in made.scene.things:
+        if thing.kind != "object" or thing.bounds is None:
+            continue
+        if shapely.box(*thing.bounds).contains(point):
+            faces = np.arange(3 * len(thing.triangles)).reshape(-1, 3)
+            body = trimesh.Trimesh(thing.triangles.reshape(-1, 3), faces)
+            if body.contains([[x, y, low + 1e-6]]).any():
+                return True
+    return False
+
+
+def test_tiago_in_the_small_house(module_engine: Engine, worlds: Path, tmp_path: Path) -> None:
+    world = worlds / "small_house" / "worlds" / "small_house.world"
+    for path in (world, ROOMS):
+        import_file(module_engine, path, map_name="house")
+    made = costmap_of(module_engine, None, "tiago")
+    check(made, 25)
+    free = (made.master < 253).mean()
+    assert 0.1 < free < 0.7
+    said = write_nav2(made, tmp_path)
+    assert len(said["maps"]) >= 1 + 4 + 4 * 4 + 1
+    row, column = np.argwhere(made.master == 254)[0]
+    x = made.grid.origin[0] + (column + 0.5) * 0.05
+    y = made.grid.origin[1] + (row + 0.5) * 0.05
+    assert made.why(x, y)[0].cost == 254
+    assert made.why(x, y)[0].entities
+
+
+@pytest.mark.parametrize("level", ["L1", "L2", "L3"])
+def test_stretch_in_the_hotel(level: str, hotel: Engine, tmp_path: Path) -> None:
+    made = costmap_of(hotel, level, "stretch")
+    check(made, 10)
+    inside = ~made.unknown
+    assert 0.3 < (made.master[inside] < 253).mean() < 0.98
+    assert (made.master == 255).any()
+    write_nav2(made, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def hotel(module_engine: Engine, worlds: Path) -> Engine:
+    """A database that holds the hotel."""
+    import_file(module_engine, worlds / "rmf" / "hotel" / "hotel.building.yaml", map_name="hotel")
+    return module_engine
