@@ -230,7 +230,7 @@ def show(written: Iterable[Files]) -> None:
             f"{said['height']} cells of {said['resolution']:g} m, frame {said['frame']}"
         )
         for k, part in enumerate(said["parts"]):
-            low, high = part["interval"]
+            low, high = (round(end, 3) + 0.0 for end in part["interval"])
             radius = part[f"{part['inflate_by']}_radius"]
             cli.out.print(
                 f"  [{PART_COLOURS[k % len(PART_COLOURS)]}]{part['name']}[/]: {low:.2f} to "
