@@ -1,0 +1,85 @@
+// One grid for all: which set of entities each voxel belongs to (VDB-based Spatially Grounded
+// Semantics for Interactive Robots, section III).
+#pragma once
+
+#include <openvdb/openvdb.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <shared_mutex>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "semmap/fields/sets.hpp"
+#include "semmap/fields/shapes.hpp"
+#include "semmap/fields/voxels.hpp"
+
+namespace semmap::fields {
+
+// Voxels of one entity that all lack it, or all have it, and change that.
+struct Edit {
+    std::int32_t entity;
+    const Voxels* voxels;
+};
+
+struct Memory {
+    std::size_t grid;
+    std::size_t index;
+    std::size_t sets;
+    std::int64_t active_voxels;
+    std::int64_t leaves;
+    std::int64_t tiles;
+    std::int64_t set_count;
+};
+
+// Entities are numbers from 0, best close together. Readers and writers may be of any thread: many
+// read at once, or one writes.
+class RegionMap {
+  public:
+    explicit RegionMap(double voxel_size);
+
+    double voxel_size() const { return voxel_size_; }
+
+    void insert(std::int32_t entity, const Shape& shape);
+    void remove(std::int32_t entity);
+    void move(std::int32_t entity, const Shape& shape);
+    // The same voxels as one by one, in one pass on several threads; the numbers do not depend on
+    // how many.
+    void insert_many(const std::vector<std::int32_t>& entities,
+                     const std::vector<const Shape*>& shapes, int threads);
+
+    void look_up(const double* points, std::size_t count, std::int32_t* numbers) const;
+    // The members of each of the given sets; empty for what is none.
+    std::vector<std::vector<std::int32_t>> members(const std::vector<std::int32_t>& numbers) const;
+    Voxels voxels(std::int32_t entity) const;
+    std::int64_t size(std::int32_t entity) const;
+    // How many voxels of the shape each entity has, ascending by entity.
+    std::vector<std::pair<std::int32_t, std::int64_t>> entities_in(const Shape& shape) const;
+    std::int64_t overlap(std::int32_t a, std::int32_t b) const;
+    Memory memory() const;
+    // Throws std::logic_error that says what is amiss: numbers, counts and index against the grid.
+    void check() const;
+    void write(const std::string& path) const;
+
+  private:
+    using Tree = openvdb::Int32Tree;
+    using Accessor = openvdb::tree::ValueAccessor<Tree>;
+
+    const Voxels& region(std::int32_t entity) const;
+    Voxels& region_to_change(std::int32_t entity);
+    void apply(const Edit& edit);
+    void apply_many(const std::vector<Edit>& edits, int threads);
+    void make_tile(Accessor& accessor, const Origin& origin, std::int32_t value);
+    void prune();
+
+    double voxel_size_;
+    openvdb::Int32Grid::Ptr grid_;
+    Register sets_;
+    std::vector<Voxels> regions_;          // by entity
+    std::vector<std::int32_t> next_;       // by set, during one edit; -1: not known yet
+    std::vector<openvdb::Coord> emptied_;  // blocks of 128^3 that lost voxels
+    mutable std::shared_mutex mutex_;
+};
+
+}  // namespace semmap::fields

@@ -1,0 +1,231 @@
+// The Python face of semmap_vdb. semmap.fields checks what arrays say; here they only have to fit.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "semmap/fields/region_map.hpp"
+#include "semmap/fields/shapes.hpp"
+
+namespace py = pybind11;
+namespace fields = semmap::fields;
+
+namespace {
+
+template <typename T>
+using Array = py::array_t<T, py::array::c_style>;
+
+void expect_columns(const py::array& array, const char* name) {
+    if (array.ndim() != 2 || array.shape(1) != 3) {
+        throw py::value_error(std::string(name) + " is an (N, 3) array");
+    }
+}
+
+std::vector<fields::Vector> vectors(const Array<double>& rows, const char* name) {
+    expect_columns(rows, name);
+    const auto* data = reinterpret_cast<const fields::Vector*>(rows.data());
+    return {data, data + rows.shape(0)};
+}
+
+std::vector<fields::Triangle> triangles(const Array<std::int32_t>& rows, std::size_t vertices) {
+    expect_columns(rows, "faces");
+    for (py::ssize_t i = 0; i < 3 * rows.shape(0); ++i) {
+        if (rows.data()[i] < 0 || static_cast<std::size_t>(rows.data()[i]) >= vertices) {
+            throw py::value_error("faces name vertices 0 to " + std::to_string(vertices) +
+                                  " (exclusive)");
+        }
+    }
+    const auto* data = reinterpret_cast<const fields::Triangle*>(rows.data());
+    return {data, data + rows.shape(0)};
+}
+
+// Released last, so that the interpreter is held again where NumPy makes the array.
+Array<std::int32_t> rows_of(const fields::Voxels& voxels) {
+    Array<std::int32_t> rows({static_cast<py::ssize_t>(voxels.size()), py::ssize_t{3}});
+    voxels.write(rows.mutable_data());
+    return rows;
+}
+
+fields::Shape ball(const fields::Vector& center, double radius) {
+    return fields::Ball{center, radius};
+}
+
+fields::Shape cylinder(const fields::Vector& center, const fields::Vector& axis, double radius,
+                       double height) {
+    return fields::Cylinder{center, axis, radius, height};
+}
+
+fields::Shape cone(const fields::Vector& apex, const fields::Vector& axis, double half_angle,
+                   double height) {
+    return fields::Cone{apex, axis, half_angle, height};
+}
+
+fields::Shape polytope(const Array<double>& corners, const Array<double>& normals,
+                       const Array<double>& edges) {
+    return fields::Polytope{vectors(corners, "corners"), vectors(normals, "normals"),
+                            vectors(edges, "edges")};
+}
+
+fields::Shape points(const Array<double>& rows) { return fields::Points{vectors(rows, "points")}; }
+
+fields::Shape solid(const Array<double>& vertices, const Array<std::int32_t>& faces) {
+    fields::Solid solid{vectors(vertices, "vertices"), {}};
+    solid.faces = triangles(faces, solid.vertices.size());
+    std::size_t open;
+    {
+        const py::gil_scoped_release release;
+        open = fields::weld(solid.vertices, solid.faces);
+    }
+    if (open > 0) {
+        throw py::value_error(
+            "the mesh is not closed: " + std::to_string(open) +
+            " edges have a face on one side only, or faces that turn against each "
+            "other; close it, or give it as a Surface");
+    }
+    return solid;
+}
+
+fields::Shape surface(const Array<double>& vertices, const Array<std::int32_t>& faces) {
+    fields::Surface surface{vectors(vertices, "vertices"), {}};
+    surface.faces = triangles(faces, surface.vertices.size());
+    return surface;
+}
+
+Array<std::int32_t> voxels_of(const fields::Shape& shape, double voxel_size) {
+    fields::Voxels voxels;
+    {
+        const py::gil_scoped_release release;
+        voxels = fields::rasterise(shape, voxel_size);
+    }
+    return rows_of(voxels);
+}
+
+Array<std::int32_t> look_up(const fields::RegionMap& map, const Array<double>& rows) {
+    expect_columns(rows, "points");
+    Array<std::int32_t> numbers(rows.shape(0));
+    const double* data = rows.data();
+    std::int32_t* out = numbers.mutable_data();
+    const auto count = static_cast<std::size_t>(rows.shape(0));
+    const py::gil_scoped_release release;
+    map.look_up(data, count, out);
+    return numbers;
+}
+
+Array<std::int32_t> voxels_in(const fields::RegionMap& map, std::int32_t entity) {
+    return rows_of(map.voxels(entity));
+}
+
+void insert_many(fields::RegionMap& map, const std::vector<std::int32_t>& entities,
+                 const std::vector<const fields::Shape*>& shapes, int threads) {
+    if (entities.size() != shapes.size()) throw py::value_error("one shape an entity");
+    const py::gil_scoped_release release;
+    map.insert_many(entities, shapes, threads);
+}
+
+// std::variant would be taken apart by pybind11; a shape stays one object.
+struct ShapeHolder {
+    fields::Shape shape;
+};
+
+}  // namespace
+
+PYBIND11_MODULE(semmap_vdb, module) {
+    module.doc() = "Regions of space as voxels, and the grid of sets of entities, over OpenVDB.";
+    using py::arg;
+    using Release = py::call_guard<py::gil_scoped_release>;
+
+    py::class_<ShapeHolder>(module, "Shape")
+        .def_static(
+            "ball",
+            [](const fields::Vector& center, double radius) {
+                return ShapeHolder{ball(center, radius)};
+            },
+            arg("center"), arg("radius"))
+        .def_static(
+            "cylinder",
+            [](const fields::Vector& center, const fields::Vector& axis, double radius,
+               double height) { return ShapeHolder{cylinder(center, axis, radius, height)}; },
+            arg("center"), arg("axis"), arg("radius"), arg("height"))
+        .def_static(
+            "cone",
+            [](const fields::Vector& apex, const fields::Vector& axis, double half_angle,
+               double height) { return ShapeHolder{cone(apex, axis, half_angle, height)}; },
+            arg("apex"), arg("axis"), arg("half_angle"), arg("height"))
+        .def_static(
+            "polytope",
+            [](const Array<double>& corners, const Array<double>& normals,
+               const Array<double>& edges) {
+                return ShapeHolder{polytope(corners, normals, edges)};
+            },
+            arg("corners"), arg("normals"), arg("edges"))
+        .def_static(
+            "points", [](const Array<double>& rows) { return ShapeHolder{points(rows)}; },
+            arg("points"))
+        .def_static(
+            "solid",
+            [](const Array<double>& vertices, const Array<std::int32_t>& faces) {
+                return ShapeHolder{solid(vertices, faces)};
+            },
+            arg("vertices"), arg("faces"))
+        .def_static(
+            "surface",
+            [](const Array<double>& vertices, const Array<std::int32_t>& faces) {
+                return ShapeHolder{surface(vertices, faces)};
+            },
+            arg("vertices"), arg("faces"))
+        .def(
+            "voxels",
+            [](const ShapeHolder& self, double size) { return voxels_of(self.shape, size); },
+            arg("voxel_size"));
+
+    py::class_<fields::Memory>(module, "Memory")
+        .def_readonly("grid", &fields::Memory::grid)
+        .def_readonly("index", &fields::Memory::index)
+        .def_readonly("sets", &fields::Memory::sets)
+        .def_readonly("active_voxels", &fields::Memory::active_voxels)
+        .def_readonly("leaves", &fields::Memory::leaves)
+        .def_readonly("tiles", &fields::Memory::tiles)
+        .def_readonly("set_count", &fields::Memory::set_count);
+
+    py::class_<fields::RegionMap>(module, "RegionMap")
+        .def(py::init<double>(), arg("voxel_size"))
+        .def(
+            "insert",
+            [](fields::RegionMap& self, std::int32_t entity, const ShapeHolder& region) {
+                self.insert(entity, region.shape);
+            },
+            arg("entity"), arg("shape"), Release())
+        .def("remove", &fields::RegionMap::remove, arg("entity"), Release())
+        .def(
+            "move",
+            [](fields::RegionMap& self, std::int32_t entity, const ShapeHolder& region) {
+                self.move(entity, region.shape);
+            },
+            arg("entity"), arg("shape"), Release())
+        .def(
+            "insert_many",
+            [](fields::RegionMap& self, const std::vector<std::int32_t>& entities,
+               const std::vector<const ShapeHolder*>& holders, int threads) {
+                std::vector<const fields::Shape*> shapes;
+                for (const ShapeHolder* holder : holders) shapes.push_back(&holder->shape);
+                insert_many(self, entities, shapes, threads);
+            },
+            arg("entities"), arg("shapes"), arg("threads"))
+        .def("set_numbers_at", &look_up, arg("points"))
+        .def("members", &fields::RegionMap::members, arg("numbers"), Release())
+        .def("voxels", &voxels_in, arg("entity"))
+        .def("size", &fields::RegionMap::size, arg("entity"), Release())
+        .def(
+            "entities_in",
+            [](const fields::RegionMap& self, const ShapeHolder& region) {
+                return self.entities_in(region.shape);
+            },
+            arg("shape"), Release())
+        .def("overlap", &fields::RegionMap::overlap, arg("a"), arg("b"), Release())
+        .def("memory", &fields::RegionMap::memory, Release())
+        .def("check", &fields::RegionMap::check, Release())
+        .def("write", &fields::RegionMap::write, arg("path"), Release());
+}

@@ -1,0 +1,59 @@
+// Convex solids in voxel units: one interval of z a column.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "semmap/fields/shapes.hpp"
+#include "semmap/fields/voxels.hpp"
+
+namespace semmap::fields {
+
+constexpr double kTolerance = 1e-9;
+
+// n . p <= d
+struct HalfSpace {
+    Vector n;
+    double d;
+};
+
+// About a unit axis u through `center`, with p relative to it: a ball |p| <= r, a cylinder
+// |p|^2 - (u . p)^2 <= r^2, or a cone k |p|^2 <= (u . p)^2 within its half-space.
+struct Quadric {
+    enum class Kind { none, ball, cylinder, cone } kind = Kind::none;
+    Vector center{};
+    Vector axis{};
+    double number = 0;  // r^2 or k
+};
+
+struct Bounds {
+    std::array<std::int32_t, 3> low;
+    std::array<std::int32_t, 3> high;  // inclusive
+};
+
+struct Convex {
+    std::vector<HalfSpace> half_spaces;
+    Quadric quadric;
+    Bounds bounds;
+};
+
+Convex convex(const Ball& ball, double voxel_size);
+Convex convex(const Cylinder& cylinder, double voxel_size);
+Convex convex(const Cone& cone, double voxel_size);
+// By the centres of voxels, unless it is too thin for them or they all miss it.
+Voxels polytope_voxels(const Polytope& polytope, double voxel_size);
+// Every voxel that the polytope meets; its corners in voxel units.
+Convex meeting(const Polytope& polytope);
+
+bool is_thin(std::array<double, 3> widths_in_voxels);
+Polytope prism_around(const Cylinder& cylinder, double voxel_size);
+Polytope pyramid_around(const Cone& cone, double voxel_size);
+
+Voxels rasterise_convex(const Convex& solid);
+void rasterise_convex(const Convex& solid, VoxelCollector& into);
+
+// In voxels, checked against what a grid can hold.
+std::int32_t checked_index(double voxel);
+
+}  // namespace semmap::fields

@@ -1,0 +1,298 @@
+#include "mesh.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <tuple>
+#include <utility>
+
+#include "convex.hpp"
+
+namespace semmap::fields {
+namespace {
+
+constexpr std::size_t kMostColumns = std::size_t{1} << 30;
+
+std::vector<Vector> scaled(const std::vector<Vector>& vertices, double voxel_size) {
+    std::vector<Vector> v = vertices;
+    for (Vector& vertex : v) {
+        for (double& at : vertex) at /= voxel_size;
+    }
+    return v;
+}
+
+Vector minus(const Vector& a, const Vector& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+
+Polytope polytope_of(const Vector& a, const Vector& b, const Vector& c) {
+    Polytope p;
+    p.corners = {a, b, c};
+    p.edges = {minus(b, a), minus(c, b), minus(a, c)};
+    const Vector& u = p.edges[0];
+    const Vector& v = p.edges[1];
+    Vector n{u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
+    const double length = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    if (length > 1e-12) p.normals = {{n[0] / length, n[1] / length, n[2] / length}};
+    return p;
+}
+
+// Where an edge crosses x; the same to the last bit for both of its triangles.
+struct Crossing {
+    double y;
+    double z;
+};
+
+bool crosses(const Vector& a, const Vector& b, double x, Crossing& at) {
+    if ((a[0] <= x) == (b[0] <= x)) return false;
+    const Vector& low = a[0] <= b[0] ? a : b;
+    const Vector& high = a[0] <= b[0] ? b : a;
+    const double part = (x - low[0]) / (high[0] - low[0]);
+    at = {low[1] + part * (high[1] - low[1]), low[2] + part * (high[2] - low[2])};
+    return true;
+}
+
+// Where the surface crosses the line of voxel centres in a column, and which way it turns there.
+struct Hit {
+    std::uint64_t column;
+    double z;
+    int turn;
+};
+
+// Components share no vertex.
+std::vector<std::int32_t> components(std::size_t vertices, const std::vector<Triangle>& faces) {
+    std::vector<std::int32_t> parent(vertices);
+    std::iota(parent.begin(), parent.end(), 0);
+    const auto root = [&](std::int32_t v) {
+        while (parent[static_cast<std::size_t>(v)] != v) {
+            auto& up = parent[static_cast<std::size_t>(v)];
+            v = up = parent[static_cast<std::size_t>(up)];
+        }
+        return v;
+    };
+    for (const Triangle& face : faces) {
+        for (const std::int32_t other : {face[1], face[2]}) {
+            parent[static_cast<std::size_t>(root(other))] = root(face[0]);
+        }
+    }
+    std::vector<std::int32_t> part(faces.size());
+    for (std::size_t i = 0; i < faces.size(); ++i) part[i] = root(faces[i][0]);
+    return part;
+}
+
+// Widths along the principal axes of the corners, in voxels.
+std::array<double, 3> principal_widths(const std::vector<Vector>& corners) {
+    Vector mean{};
+    for (const Vector& p : corners) {
+        for (std::size_t k = 0; k < 3; ++k) mean[k] += p[k] / static_cast<double>(corners.size());
+    }
+    double m[3][3] = {};
+    for (const Vector& p : corners) {
+        const Vector d = minus(p, mean);
+        for (std::size_t i = 0; i < 3; ++i) {
+            for (std::size_t j = 0; j < 3; ++j) m[i][j] += d[i] * d[j];
+        }
+    }
+    // Jacobi's rotations.
+    double v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    for (int sweep = 0; sweep < 32; ++sweep) {
+        for (const auto& [p, q] : {std::pair{0, 1}, std::pair{0, 2}, std::pair{1, 2}}) {
+            if (std::abs(m[p][q]) < 1e-300) continue;
+            const double turn = std::atan2(2 * m[p][q], m[q][q] - m[p][p]) / 2;
+            const double c = std::cos(turn);
+            const double s = std::sin(turn);
+            for (auto& row : m) {
+                const double a = row[p];
+                const double b = row[q];
+                row[p] = c * a - s * b;
+                row[q] = s * a + c * b;
+            }
+            for (int k = 0; k < 3; ++k) {
+                const double a = m[p][k];
+                const double b = m[q][k];
+                m[p][k] = c * a - s * b;
+                m[q][k] = s * a + c * b;
+            }
+            for (auto& row : v) {
+                const double a = row[p];
+                const double b = row[q];
+                row[p] = c * a - s * b;
+                row[q] = s * a + c * b;
+            }
+        }
+    }
+    std::array<double, 3> widths{};
+    for (std::size_t k = 0; k < 3; ++k) {
+        double low = std::numeric_limits<double>::infinity();
+        double high = -low;
+        for (const Vector& p : corners) {
+            const double at = v[0][k] * p[0] + v[1][k] * p[1] + v[2][k] * p[2];
+            low = std::min(low, at);
+            high = std::max(high, at);
+        }
+        widths[k] = high - low;
+    }
+    return widths;
+}
+
+bool is_thin_part(const std::vector<Vector>& corners) {
+    std::array<double, 3> box{};
+    for (std::size_t k = 0; k < 3; ++k) {
+        const auto [low, high] =
+            std::minmax_element(corners.begin(), corners.end(),
+                                [k](const Vector& a, const Vector& b) { return a[k] < b[k]; });
+        box[k] = (*high)[k] - (*low)[k];
+    }
+    return is_thin(box) || is_thin(principal_widths(corners));
+}
+
+void add_surface(const std::vector<Vector>& v, const Triangle& face, VoxelCollector& into) {
+    const auto at = [&](int k) {
+        return v[static_cast<std::size_t>(face[static_cast<std::size_t>(k)])];
+    };
+    rasterise_convex(meeting(polytope_of(at(0), at(1), at(2))), into);
+}
+
+void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces,
+                VoxelCollector& into) {
+    double low_y = std::numeric_limits<double>::infinity();
+    double high_y = -low_y;
+    for (const Vector& p : v) {
+        for (const double at : p) checked_index(std::floor(at));
+        low_y = std::min(low_y, p[1]);
+        high_y = std::max(high_y, p[1]);
+    }
+    const std::int32_t first_y = checked_index(std::floor(low_y));
+    const auto rows = static_cast<std::uint64_t>(std::floor(high_y) - first_y) + 1;
+    std::vector<Hit> hits;
+    const double least = -static_cast<double>(1 << 30);
+    for (const Triangle& face : faces) {
+        const Vector& a = v[static_cast<std::size_t>(face[0])];
+        const Vector& b = v[static_cast<std::size_t>(face[1])];
+        const Vector& c = v[static_cast<std::size_t>(face[2])];
+        const auto from = static_cast<std::int32_t>(std::floor(std::min({a[0], b[0], c[0]}) - 0.5));
+        const auto to = static_cast<std::int32_t>(std::ceil(std::max({a[0], b[0], c[0]}) - 0.5));
+        for (std::int32_t x = from; x <= to; ++x) {
+            const double cx = x + 0.5;
+            Crossing ends[3];
+            int turns[3];
+            int found = 0;
+            for (const auto& [p, q] : {std::pair{&a, &b}, std::pair{&b, &c}, std::pair{&c, &a}}) {
+                if (!crosses(*p, *q, cx, ends[found])) continue;
+                turns[found++] = (*p)[0] <= cx ? 1 : -1;
+            }
+            if (found != 2) continue;
+            const bool swap = ends[1].y < ends[0].y;
+            const Crossing& low = ends[swap ? 1 : 0];
+            const Crossing& high = ends[swap ? 0 : 1];
+            // Counted where low.y <= centre < high.y, so that each centre meets one of two
+            // triangles.
+            const auto first = static_cast<std::int32_t>(std::ceil(low.y - 0.5));
+            const auto past = static_cast<std::int32_t>(std::ceil(high.y - 0.5));
+            for (std::int32_t y = first; y < past; ++y) {
+                const double part = (y + 0.5 - low.y) / (high.y - low.y);
+                const auto column =
+                    static_cast<std::uint64_t>(x - static_cast<std::int64_t>(least)) * rows +
+                    static_cast<std::uint64_t>(y - first_y);
+                hits.push_back({column, low.z + part * (high.z - low.z), turns[swap ? 1 : 0]});
+                if (hits.size() > kMostColumns) {
+                    throw BadRegion("the mesh has too many voxels: take larger voxels");
+                }
+            }
+        }
+    }
+    std::sort(hits.begin(), hits.end(), [](const Hit& a, const Hit& b) {
+        return std::tie(a.column, a.z) < std::tie(b.column, b.z);
+    });
+    for (std::size_t i = 0; i < hits.size();) {
+        const std::uint64_t column = hits[i].column;
+        const auto x = static_cast<std::int32_t>(static_cast<std::int64_t>(column / rows) +
+                                                 static_cast<std::int64_t>(least));
+        const auto y = static_cast<std::int32_t>(column % rows) + first_y;
+        int winding = 0;
+        double start = 0;
+        for (; i < hits.size() && hits[i].column == column; ++i) {
+            if (winding == 0) start = hits[i].z;
+            winding += hits[i].turn;
+            if (winding != 0) continue;
+            const auto low = static_cast<std::int32_t>(std::ceil(start - 0.5 - kTolerance));
+            const auto high = static_cast<std::int32_t>(std::floor(hits[i].z - 0.5 + kTolerance));
+            if (low <= high) into.add_column(x, y, low, high);
+        }
+    }
+}
+
+}  // namespace
+
+std::size_t weld(std::vector<Vector>& vertices, std::vector<Triangle>& faces) {
+    std::vector<std::int32_t> order(vertices.size());
+    std::iota(order.begin(), order.end(), 0);
+    const auto at = [&](std::int32_t i) -> const Vector& {
+        return vertices[static_cast<std::size_t>(i)];
+    };
+    std::sort(order.begin(), order.end(),
+              [&](std::int32_t a, std::int32_t b) { return at(a) < at(b); });
+    std::vector<std::int32_t> number(vertices.size());
+    std::vector<Vector> kept;
+    for (const std::int32_t i : order) {
+        if (kept.empty() || kept.back() != at(i)) kept.push_back(at(i));
+        number[static_cast<std::size_t>(i)] = static_cast<std::int32_t>(kept.size()) - 1;
+    }
+    vertices = std::move(kept);
+    std::vector<std::pair<std::uint64_t, int>> edges;
+    std::vector<Triangle> whole;
+    for (const Triangle& face : faces) {
+        Triangle f;
+        for (std::size_t k = 0; k < 3; ++k) f[k] = number[static_cast<std::size_t>(face[k])];
+        if (f[0] == f[1] || f[1] == f[2] || f[2] == f[0]) continue;
+        whole.push_back(f);
+        for (std::size_t k = 0; k < 3; ++k) {
+            const auto a = static_cast<std::uint64_t>(f[k]);
+            const auto b = static_cast<std::uint64_t>(f[(k + 1) % 3]);
+            edges.emplace_back(std::min(a, b) << 32 | std::max(a, b), a < b ? 1 : -1);
+        }
+    }
+    faces = std::move(whole);
+    std::sort(edges.begin(), edges.end());
+    std::size_t open = 0;
+    for (std::size_t i = 0; i < edges.size();) {
+        const std::uint64_t edge = edges[i].first;
+        int balance = 0;
+        for (; i < edges.size() && edges[i].first == edge; ++i) balance += edges[i].second;
+        open += balance != 0 ? 1 : 0;
+    }
+    return open;
+}
+
+Voxels surface_voxels(const Surface& surface, double voxel_size) {
+    const std::vector<Vector> v = scaled(surface.vertices, voxel_size);
+    VoxelCollector collector;
+    for (const Triangle& face : surface.faces) add_surface(v, face, collector);
+    return collector.finish();
+}
+
+Voxels solid_voxels(const Solid& solid, double voxel_size) {
+    std::vector<Vector> v = scaled(solid.vertices, voxel_size);
+    VoxelCollector collector;
+    add_inside(v, solid.faces, collector);
+    const std::vector<std::int32_t> part = components(v.size(), solid.faces);
+    std::vector<std::size_t> order(part.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::size_t a, std::size_t b) { return part[a] < part[b]; });
+    for (std::size_t i = 0; i < order.size();) {
+        std::size_t past = i;
+        std::vector<Vector> corners;
+        for (; past < order.size() && part[order[past]] == part[order[i]]; ++past) {
+            for (const std::int32_t vertex : solid.faces[order[past]]) {
+                corners.push_back(v[static_cast<std::size_t>(vertex)]);
+            }
+        }
+        const bool thin = is_thin_part(corners);
+        for (; i < past; ++i) {
+            if (thin) add_surface(v, solid.faces[order[i]], collector);
+        }
+    }
+    return collector.finish();
+}
+
+}  // namespace semmap::fields
