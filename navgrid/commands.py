@@ -17,7 +17,6 @@ from navgrid.map_file import write_map
 from navgrid.source import read_wanted_storeys
 from navgrid.storey_grid import StoreyGrid, storey_grid
 from semmap import cli
-from semmap.draw.floor_plan import floor_plan
 from semmap.draw.view import Occupancy, StoreyView
 
 __all__ = ["open_map", "register", "with_grid", "write_grid"]
@@ -98,6 +97,8 @@ def write_grid(
     for name, value in (("occupied", 100), ("free", 0), ("unknown", -1)):
         said[name] = int(np.count_nonzero(made.cells == value))
     if picture:
+        from semmap.draw.floor_plan import floor_plan  # slow to load, as all that draws
+
         said["picture"] = str(floor_plan(with_grid(made), folder / "plan.png"))
     return said
 

@@ -25,7 +25,7 @@ from navgrid.source import read_scene, read_storey_names
 from navgrid.static_map import map_layer
 from navgrid.terrain import Gait
 from semmap import cli
-from semmap.draw.costmap import PART_COLOURS, costmap_picture
+from semmap.draw.palette import PART_COLOURS
 from semmap.robot import Part, load_robot, robot_parts
 
 __all__ = ["costmap_command", "draw_costmap", "grid_of", "parts_of", "register"]
@@ -171,6 +171,8 @@ def grid_of(
 
 def draw_costmap(costmap: Costmap, folder: Path) -> list[Path]:
     """The master and each part's costmap, as pictures in the colours of costmap_2d."""
+    from semmap.draw.costmap import costmap_picture  # slow to load, as all that draws
+
     storey, grid = costmap.scene.storey, costmap.grid
     drawn = [
         costmap_picture(

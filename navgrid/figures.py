@@ -14,6 +14,7 @@ from navgrid.costmap import Costmap
 from navgrid.inflation import INSCRIBED
 from navgrid.path import grid_path
 from semmap.draw.costmap import costmap_picture
+from semmap.draw.palette import PART_COLOURS
 from semmap.draw.robot import footprints_picture, parts_picture, robot_views
 from semmap.draw.scene3d import scene3d
 from semmap.draw.view import ObjectView, StoreyView
@@ -100,9 +101,9 @@ def passage(
         float(points[near][0]), float(points[near][1]), float(np.arctan2(ahead[1], ahead[0])),
         layered.scene.elevation,
     )  # fmt: skip
-    colours = ["#2e9e4f", "#d6372c", "#2f6fd0"]
     footprints = [
-        (_turned(part.footprint, pose), colours[k % 3]) for k, part in enumerate(layered.parts)
+        (_turned(part.footprint, pose), PART_COLOURS[k % len(PART_COLOURS)])
+        for k, part in enumerate(layered.parts)
     ]
     pictures = [
         costmap_picture(

@@ -12,7 +12,6 @@ import typer
 from rich.table import Table
 
 from navgrid.commands import open_map
-from planner.demo import run_demo
 from planner.route import NoRouteError, Route, route
 from planner.source import read_places_like, read_topology
 from planner.topology import UnknownPlaceError
@@ -140,4 +139,6 @@ def demo_command(
     ),
 ) -> None:
     """Import a world, ask it, write its grids, find a route, and draw it all."""
+    from planner.demo import run_demo  # slow to load, as all that draws
+
     run_demo(world or [], folder, start=start, goal=goal, say=cli.out.print)

@@ -7,7 +7,7 @@ import sys
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import psycopg
 import sqlalchemy.exc
@@ -19,9 +19,11 @@ from rich.table import Table
 from sqlalchemy import Connection, Engine
 
 from semmap.database import DatabaseError, commands, connect
-from semmap.ingest.importer import ImportSummary, import_file
 from semmap.ingest.world import WorldError
 from semmap.query import entries
+
+if TYPE_CHECKING:
+    from semmap.ingest.importer import ImportSummary
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -108,6 +110,8 @@ def import_(
     json_: Json = False,
 ) -> None:
     """Read world files into the map: each in one transaction, repeatable."""
+    from semmap.ingest.importer import import_file  # parsers of meshes are slow to load
+
     if geometry not in ("visual", "collision") or as_ not in ("object", "room"):
         raise typer.BadParameter("--geometry is visual or collision, --as is object or room")
     summaries: list[ImportSummary] = []

@@ -10,10 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
 from numpy.typing import NDArray
 
-__all__ = ["PART_COLOURS", "colours", "costmap_picture"]
-
-PART_COLOURS = ("#2e9e4f", "#d6372c", "#2f6fd0", "#e0a21b", "#8a4fc0", "#2aa3a3")
-"""Of a robot's parts in their order: as in Figures 6 and 7 base green, arm red, pole blue."""
+__all__ = ["colours", "costmap_picture"]
 
 _LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
 

@@ -89,6 +89,10 @@ BOX_COLOURS = (
 )  # fmt: skip
 
 
+PART_COLOURS = ("#2e9e4f", "#d6372c", "#2f6fd0", "#e0a21b", "#8a4fc0", "#2aa3a3")
+"""Of a robot's parts in their order: as in Figures 6 and 7 base green, arm red, pole blue."""
+
+
 def family(types: Iterable[str]) -> str | None:
     """The most special of the types that has a colour as an object."""
     known = set(types)

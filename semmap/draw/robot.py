@@ -15,8 +15,7 @@ from matplotlib.patches import Circle
 from matplotlib.patches import Polygon as Patch
 from matplotlib.ticker import MultipleLocator
 
-from semmap.draw.costmap import PART_COLOURS
-from semmap.draw.palette import INK, PAPER
+from semmap.draw.palette import INK, PAPER, PART_COLOURS
 from semmap.draw.scene3d import scene3d
 from semmap.draw.view import ObjectView, StoreyView
 from semmap.geometry.mesh import Mesh, join
