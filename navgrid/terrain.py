@@ -14,19 +14,15 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from shapely import STRtree, box, contains_properly, polygons, union_all
+from shapely import box, contains_properly, polygons, union_all
 
 from navgrid.area import area_cells
 from navgrid.grid import Grid
 from navgrid.occupancy import occupancy
 from navgrid.scene import Place
+from semmap.geometry.walk import GAP, walked_faces
 
 __all__ = ["Gait", "Level", "drivable", "levels"]
-
-GAP = 0.005
-"""Metres between faces of a floor, on the ground, that do not part it."""
 
 THINNEST = 0.005
 """Metres of height below which a slope is not divided."""
@@ -69,53 +65,9 @@ def drivable(
     floor, of which `floors` are the heights. What lies within a step of such a height is ground.
     """
     low, high = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)
-    ground = np.zeros(len(triangles), np.bool_)
+    found = walked_faces(triangles, floors, gait.max_step, gait.max_slope)
     for floor in floors:
-        ground |= (low > floor - gait.ground) & (high < floor + gait.ground)
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    gentle = (lengths > 1e-12) & (np.abs(normals[:, 2]) >= math.cos(gait.max_slope) * lengths)
-    some = np.flatnonzero(gentle & _within_steps(low, high, gentle, floors, gait.max_step))
-    if ground[some].all():
-        return ground
-    shapes = polygons(triangles[some][:, :, :2])
-    one, other = STRtree(shapes).query(shapes, predicate="dwithin", distance=GAP)
-    step = np.maximum(low[some[one]], low[some[other]]) - np.minimum(
-        high[some[one]], high[some[other]]
-    )
-    joined = step <= gait.max_step
-    graph = coo_array(
-        (np.ones(int(joined.sum()), bool), (one[joined], other[joined])), shape=(len(some),) * 2
-    )
-    part = connected_components(graph, directed=False)[1]
-    found = ground
-    found[some[np.isin(part, part[ground[some]])]] = True
-    return found
-
-
-def _within_steps(
-    low: NDArray[np.float64],
-    high: NDArray[np.float64],
-    gentle: NDArray[np.bool_],
-    floors: Sequence[float],
-    max_step: float,
-) -> NDArray[np.bool_]:
-    """(F,): whether gentle faces at heights between lead there from a floor, wherever they lie."""
-    tenths = np.rint(np.column_stack([low[gentle], high[gentle]]) * 1e4).astype(np.int64)
-    _, one = np.unique(tenths[:, 0] * 2**32 + tenths[:, 1], return_index=True)
-    spans = tenths[one] / 1e4
-    found = np.zeros(len(low), np.bool_)
-    for floor in set(floors):
-        bottom, top, grown = floor, floor, True
-        while grown:
-            near = (spans[:, 0] <= top + max_step) & (spans[:, 1] >= bottom - max_step)
-            reach = (
-                min(bottom, float(spans[near, 0].min(initial=bottom))),
-                max(top, float(spans[near, 1].max(initial=top))),
-            )
-            grown = reach != (bottom, top)
-            bottom, top = reach
-        found |= (low >= bottom - 1e-4) & (high <= top + 1e-4)
+        found |= (low > floor - gait.ground) & (high < floor + gait.ground)
     return found
 
 

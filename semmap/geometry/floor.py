@@ -9,17 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from shapely import MultiPolygon, Polygon, STRtree
+from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.parts import closed_parts
+from semmap.geometry.walk import GAP, walked_faces
 
 __all__ = ["Floor", "shadow", "walkable_floor"]
-
-GAP = 0.005
-"""Metres between faces of a floor, on the ground, that do not part it."""
 
 THIN = 1e-3
 """Metres that a sheet without thickness takes to either side."""
@@ -199,32 +195,20 @@ def _levels(
 ) -> tuple[list[_Level], list[Mesh], Mesh]:
     """The levels of the floor, the room's solids, and what is neither floor nor solid."""
     triangles = room.triangles
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
     solid, upward = _solids(room, too_large)
-    gentle = np.flatnonzero(
-        (lengths > 1e-10)
-        & (np.abs(normals[:, 2]) >= math.cos(max_slope) * np.maximum(lengths, 1e-14))
-        & ((solid < 0) | (upward * normals[:, 2] > 0))
+    up = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])[:, 2]
+    walked = np.flatnonzero(
+        walked_faces(triangles, [height], max_step, max_slope, (solid < 0) | (upward * up > 0))
     )
-    shapes = shapely.polygons(triangles[gentle][:, :, :2])
-    low, high = triangles[gentle, :, 2].min(axis=1), triangles[gentle, :, 2].max(axis=1)
-    one, other = STRtree(shapes).query(shapes, predicate="dwithin", distance=GAP)
-    step = np.maximum(low[one], low[other]) - np.minimum(high[one], high[other])
-    meet = step <= max_step
-    graph = coo_array(
-        (np.ones(int(meet.sum()), bool), (one[meet], other[meet])), shape=(len(gentle),) * 2
-    )
-    part = connected_components(graph, directed=False)[1]
-    start = (low <= height + max_step) & (high >= height - max_step)
-    walked = np.isin(part, part[start])
+    shapes = shapely.polygons(triangles[walked][:, :, :2])
+    low, high = triangles[walked, :, 2].min(axis=1), triangles[walked, :, 2].max(axis=1)
     levels: dict[tuple[float, float], list[int]] = {}
-    for k in np.flatnonzero(walked):
-        levels.setdefault((round(low[k], 3), round(high[k], 3)), []).append(int(k))
-    others = np.setdiff1d(np.flatnonzero(solid < 0), gentle[walked])
+    for k in range(len(walked)):
+        levels.setdefault((round(low[k], 3), round(high[k], 3)), []).append(k)
+    others = np.setdiff1d(np.flatnonzero(solid < 0), walked)
     return (
         [
-            _Level(shapely.union_all(shapes[k]), a, b, frozenset(solid[gentle[k]].tolist()))
+            _Level(shapely.union_all(shapes[k]), a, b, frozenset(solid[walked[k]].tolist()))
             for (a, b), k in sorted(levels.items())
         ],
         [Mesh(room.vertices, room.faces[solid == n]) for n in range(solid.max(initial=-1) + 1)],

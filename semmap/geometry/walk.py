@@ -1,0 +1,91 @@
+"""Faces that hang together with a floor: by steps not too high, on slopes not too steep."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely import STRtree, polygons
+
+__all__ = ["GAP", "walked_faces"]
+
+GAP = 0.005
+"""Metres between faces, on the ground, that do not part them."""
+
+
+def walked_faces(
+    triangles: NDArray[np.float64],
+    floors: Iterable[float],
+    max_step: float,
+    max_slope: float,
+    among: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
+    """(F,): the faces that one comes to from a floor, walking on faces alone.
+
+    Parameters
+    ----------
+    triangles : (F, 3, 3), metres; whichever way they look, for meshes from the wild look both ways
+    floors : heights at which one begins, on faces that come within a step of them
+    max_step : metres that one steps up or down between faces that touch, seen from above
+    max_slope : radians by which a face may be tilted
+    among : (F,) the faces that count; by default all
+    """
+    low, high = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    gentle = (lengths > 1e-10) & (np.abs(normals[:, 2]) >= math.cos(max_slope) * lengths)
+    if among is not None:
+        gentle &= among
+    heights = set(floors)
+    step = max(max_step, 1e-6)
+    start = np.zeros(len(triangles), np.bool_)
+    for floor in heights:
+        start |= gentle & (low < floor + step) & (high > floor - step)
+    found = start.copy()
+    some = np.flatnonzero(gentle & _within_steps(low, high, gentle, heights, max_step))
+    if start[some].all():
+        return found
+    shapes = polygons(triangles[some][:, :, :2])
+    one, other = STRtree(shapes).query(shapes, predicate="dwithin", distance=GAP)
+    rise = np.maximum(low[some[one]], low[some[other]]) - np.minimum(
+        high[some[one]], high[some[other]]
+    )
+    joined = rise <= max_step
+    graph = coo_array(
+        (np.ones(int(joined.sum()), bool), (one[joined], other[joined])), shape=(len(some),) * 2
+    )
+    part = connected_components(graph, directed=False)[1]
+    found[some[np.isin(part, part[start[some]])]] = True
+    return found
+
+
+def _within_steps(
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    gentle: NDArray[np.bool_],
+    floors: Iterable[float],
+    max_step: float,
+) -> NDArray[np.bool_]:
+    """(F,): whether gentle faces at heights between lead there from a floor, wherever they lie."""
+    tenths = np.rint(np.column_stack([low[gentle], high[gentle]]) * 1e4).astype(np.int64)
+    _, one = np.unique(tenths[:, 0] * 2**32 + tenths[:, 1], return_index=True)
+    spans = tenths[one] / 1e4
+    found = np.zeros(len(low), np.bool_)
+    for floor in floors:
+        bottom, top, grown = floor, floor, True
+        while grown:
+            near = (spans[:, 0] <= top + max_step + 1e-4) & (
+                spans[:, 1] >= bottom - max_step - 1e-4
+            )
+            reach = (
+                min(bottom, float(spans[near, 0].min(initial=bottom))),
+                max(top, float(spans[near, 1].max(initial=top))),
+            )
+            grown = reach != (bottom, top)
+            bottom, top = reach
+        found |= (low >= bottom - 1e-4) & (high <= top + 1e-4)
+    return found
