@@ -218,6 +218,7 @@ PYBIND11_MODULE(semmap_vdb, module) {
         .def("members", &fields::RegionMap::members, arg("numbers"), Release())
         .def("voxels", &voxels_in, arg("entity"))
         .def("size", &fields::RegionMap::size, arg("entity"), Release())
+        .def("has", &fields::RegionMap::has, arg("entity"), Release())
         .def(
             "entities_in",
             [](const fields::RegionMap& self, const ShapeHolder& region) {

@@ -10,6 +10,9 @@ namespace semmap::fields {
 namespace {
 
 constexpr double kMostVoxel = 1 << 30;
+constexpr const char* kTooFar =
+    "a region or a point lies beyond 2^30 voxels from the origin: take larger voxels, or a nearer "
+    "frame";
 constexpr double kMostBlocks = 1 << 27;
 constexpr double kRoundness = 0.01;  // voxels by which a prism around a circle exceeds it
 constexpr std::size_t kMostEdgePairs = 64;
@@ -48,18 +51,21 @@ struct Kernels {
     void (*ball_columns)(const Quadric&, std::int32_t, std::int32_t, Ends&);
     void (*round_columns)(const Ends&, std::int32_t, std::int32_t, Columns&);
     void (*block_words)(const Columns&, std::int32_t, Words&);
+    bool (*voxel_indices)(const double*, std::size_t, double, std::int32_t*);
 };
 
 Kernels kernels() {
 #if defined(__x86_64__)
     if (best_family() == Family::avx512) {
-        return {avx512::ball_columns, avx512::round_columns, avx512::block_words};
+        return {avx512::ball_columns, avx512::round_columns, avx512::block_words,
+                avx512::voxel_indices};
     }
     if (best_family() == Family::avx2) {
-        return {avx2::ball_columns, avx2::round_columns, avx2::block_words};
+        return {avx2::ball_columns, avx2::round_columns, avx2::block_words, avx2::voxel_indices};
     }
 #endif
-    return {baseline::ball_columns, baseline::round_columns, baseline::block_words};
+    return {baseline::ball_columns, baseline::round_columns, baseline::block_words,
+            baseline::voxel_indices};
 }
 
 double dot(const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -359,12 +365,13 @@ void walk(const Convex& solid, Sink&& sink) {
 }  // namespace
 
 std::int32_t checked_index(double voxel) {
-    if (!(std::abs(voxel) < kMostVoxel)) {
-        throw BadRegion(
-            "a region reaches beyond 2^30 voxels from the origin: take larger voxels, or a nearer "
-            "frame");
-    }
+    if (!(std::abs(voxel) < kMostVoxel)) throw BadRegion(kTooFar);
     return static_cast<std::int32_t>(voxel);
+}
+
+void voxel_indices(const double* p, std::size_t count, double voxel_size, std::int32_t* out) {
+    static const Kernels kernel = kernels();
+    if (!kernel.voxel_indices(p, count, voxel_size, out)) throw BadRegion(kTooFar);
 }
 
 bool is_thin(std::array<double, 3> w) {

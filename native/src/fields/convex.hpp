@@ -55,5 +55,7 @@ void rasterise_convex(const Convex& solid, VoxelCollector& into);
 
 // In voxels, checked against what a grid can hold.
 std::int32_t checked_index(double voxel);
+// floor(p / voxel_size) of each of `count` numbers.
+void voxel_indices(const double* p, std::size_t count, double voxel_size, std::int32_t* out);
 
 }  // namespace semmap::fields

@@ -428,14 +428,59 @@ void RegionMap::prune() {
     emptied_.clear();
 }
 
+// Down the tree level by level for many points at once, so that they wait for memory together.
 void RegionMap::look_up(const double* points, std::size_t count, std::int32_t* numbers) const {
     const std::shared_lock lock(mutex_);
-    Reader reader(grid_->tree());
-    for (std::size_t i = 0; i < count; ++i) {
-        const double* p = points + 3 * i;
-        numbers[i] = reader.getValue({checked_index(std::floor(p[0] / voxel_size_)),
-                                      checked_index(std::floor(p[1] / voxel_size_)),
-                                      checked_index(std::floor(p[2] / voxel_size_))});
+    constexpr std::size_t few = 128;
+    std::int32_t at[3 * few];
+    const Lower* lowers[few];
+    const Leaf* leaves[few];
+    const std::int32_t* values[few];
+    const Tree& tree = grid_->tree();
+    openvdb::Coord key = openvdb::Coord::max();
+    const Upper* upper = nullptr;
+    for (std::size_t first = 0; first < count; first += few) {
+        const std::size_t here = std::min(few, count - first);
+        voxel_indices(points + 3 * first, 3 * here, voxel_size_, at);
+        const auto place = [&](std::size_t i) {
+            return openvdb::Coord(at[3 * i], at[3 * i + 1], at[3 * i + 2]);
+        };
+        std::int32_t* out = numbers + first;
+        for (std::size_t i = 0; i < here; ++i) {
+            const openvdb::Coord p = place(i);
+            if ((p & ~static_cast<std::int32_t>(Upper::DIM - 1)) != key) {
+                key = p & ~static_cast<std::int32_t>(Upper::DIM - 1);
+                upper = tree.probeConstNode<Upper>(p);
+            }
+            out[i] = 0;
+            lowers[i] = nullptr;
+            if (upper == nullptr) continue;
+            const openvdb::Index n = Upper::coordToOffset(p);
+            if (upper->isChildMaskOn(n)) {
+                lowers[i] = upper->getTable()[n].getChild();
+                __builtin_prefetch(lowers[i]->getTable() + Lower::coordToOffset(p));
+            } else {
+                out[i] = upper->getTable()[n].getValue();
+            }
+        }
+        for (std::size_t i = 0; i < here; ++i) {
+            leaves[i] = nullptr;
+            if (lowers[i] == nullptr) continue;
+            const openvdb::Index n = Lower::coordToOffset(place(i));
+            if (lowers[i]->isChildMaskOn(n)) {
+                leaves[i] = lowers[i]->getTable()[n].getChild();
+                __builtin_prefetch(leaves[i]);
+            } else {
+                out[i] = lowers[i]->getTable()[n].getValue();
+            }
+        }
+        for (std::size_t i = 0; i < here; ++i) {
+            values[i] = out + i;
+            if (leaves[i] == nullptr) continue;
+            values[i] = leaves[i]->buffer().data() + Leaf::coordToOffset(place(i));
+            __builtin_prefetch(values[i]);
+        }
+        for (std::size_t i = 0; i < here; ++i) out[i] = *values[i];
     }
 }
 
@@ -457,6 +502,11 @@ Voxels RegionMap::voxels(std::int32_t entity) const {
 std::int64_t RegionMap::size(std::int32_t entity) const {
     const std::shared_lock lock(mutex_);
     return region(entity).size();
+}
+
+bool RegionMap::has(std::int32_t entity) const {
+    const std::shared_lock lock(mutex_);
+    return region(entity).blocks() > 0;
 }
 
 std::int64_t RegionMap::overlap(std::int32_t a, std::int32_t b) const {

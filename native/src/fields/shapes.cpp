@@ -1,5 +1,6 @@
 #include "semmap/fields/shapes.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "convex.hpp"
@@ -86,12 +87,12 @@ Voxels rasterise(const Shape& shape, double voxel_size) {
 
 Voxels voxels_of_points(const double* points, std::size_t count, double voxel_size) {
     VoxelCollector voxels;
-    for (std::size_t i = 0; i < count; ++i) {
-        std::int32_t at[3];
-        for (std::size_t k = 0; k < 3; ++k) {
-            at[k] = checked_index(std::floor(points[3 * i + k] / voxel_size));
-        }
-        voxels.add(at[0], at[1], at[2]);
+    constexpr std::size_t few = 256;
+    std::int32_t at[3 * few];
+    for (std::size_t first = 0; first < count; first += few) {
+        const std::size_t here = std::min(few, count - first);
+        voxel_indices(points + 3 * first, 3 * here, voxel_size, at);
+        for (std::size_t i = 0; i < here; ++i) voxels.add(at[3 * i], at[3 * i + 1], at[3 * i + 2]);
     }
     return voxels.finish();
 }

@@ -54,6 +54,7 @@ class RegionMap {
     std::vector<std::vector<std::int32_t>> members(const std::vector<std::int32_t>& numbers) const;
     Voxels voxels(std::int32_t entity) const;
     std::int64_t size(std::int32_t entity) const;
+    bool has(std::int32_t entity) const;
     // How many voxels of the shape each entity has, ascending by entity.
     std::vector<std::pair<std::int32_t, std::int64_t>> entities_in(const Shape& shape) const;
     std::int64_t overlap(std::int32_t a, std::int32_t b) const;

@@ -1,0 +1,221 @@
+"""One grid for all: which set of entities each voxel belongs to.
+
+Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", sections III-A and III-B.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import semmap_vdb
+from semmap.fields.regions import Region, _above_0, _points, shape_of
+
+__all__ = ["Memory", "Overlap", "RegionMap"]
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """What two entities share: how many voxels, and their volume in cubic metres."""
+
+    voxels: int
+    volume: float
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a map holds, in bytes, and of how much.
+
+    Attributes
+    ----------
+    grid, index, sets : int
+        Bytes of the voxels, of each entity's own list of blocks, and of the register of sets.
+    active_voxels, leaves, tiles, set_count : int
+        Voxels in at least one entity; blocks of 8 x 8 x 8 that hold several sets, and those of one;
+        sets in use.
+    """
+
+    grid: int
+    index: int
+    sets: int
+    active_voxels: int
+    leaves: int
+    tiles: int
+    set_count: int
+
+    @property
+    def bytes_per_voxel(self) -> float:
+        """All bytes by active voxels; NaN where there are none."""
+        whole = self.grid + self.index + self.sets
+        return whole / self.active_voxels if self.active_voxels else float("nan")
+
+
+class RegionMap:
+    """Which entities are where, on a grid of voxels.
+
+    Each voxel holds the number of a set; a register turns it into the set of entities. A number
+    stays that of its set while a voxel holds it. May be used by several threads.
+
+    Parameters
+    ----------
+    voxel_size : float
+        Metres.
+    threads : int, optional
+        How many `insert_many` may use; all processors if not given. The result is the same.
+    """
+
+    def __init__(self, voxel_size: float, *, threads: int | None = None) -> None:
+        self._native = semmap_vdb.RegionMap(_above_0(voxel_size, "voxel_size"))
+        self._voxel_size = float(voxel_size)
+        self._threads = (os.cpu_count() or 1) if threads is None else int(threads)
+        if self._threads < 1:
+            raise ValueError(f"threads is {threads}: give at least 1")
+        self._number: dict[Hashable, int] = {}
+        self._entity: list[Hashable] = []
+        self._free: list[int] = []
+        # Numbers and entities change together.
+        self._lock = threading.RLock()
+
+    @property
+    def voxel_size(self) -> float:
+        """Metres."""
+        return self._voxel_size
+
+    def __contains__(self, entity: object) -> bool:
+        """True for an entity that has voxels."""
+        return entity in self._number
+
+    def __len__(self) -> int:
+        """How many entities have voxels."""
+        return len(self._number)
+
+    def entities(self) -> set[Hashable]:
+        """Those that have voxels."""
+        with self._lock:
+            return set(self._number)
+
+    def insert(self, entity: Hashable, region: Region) -> None:
+        """Add a region to what the entity has."""
+        shape = shape_of(region)
+        with self._lock:
+            number = self._hand_out(entity)
+            try:
+                self._native.insert(number, shape)
+            finally:
+                self._forget_if_empty(entity)
+
+    def insert_many(
+        self, regions: Mapping[Hashable, Region] | Iterable[tuple[Hashable, Region]]
+    ) -> None:
+        """Add many regions in one pass; an entity may be named more than once."""
+        pairs = list(regions.items() if isinstance(regions, Mapping) else regions)
+        shapes = [shape_of(region) for _, region in pairs]
+        with self._lock:
+            numbers = [self._hand_out(entity) for entity, _ in pairs]
+            try:
+                self._native.insert_many(numbers, shapes, self._threads)
+            finally:
+                for entity, _ in pairs:
+                    self._forget_if_empty(entity)
+
+    def remove(self, entity: Hashable) -> None:
+        """Take an entity out; an unknown one is not there to take out."""
+        with self._lock:
+            number = self._number.get(entity)
+            if number is not None:
+                self._native.remove(number)
+                self._forget_if_empty(entity)
+
+    def move(self, entity: Hashable, region: Region) -> None:
+        """Give an entity another region in place of what it has; an unknown one is put in."""
+        shape = shape_of(region)
+        with self._lock:
+            number = self._hand_out(entity)
+            try:
+                self._native.move(number, shape)
+            finally:
+                self._forget_if_empty(entity)
+
+    def set_numbers_at(self, points: ArrayLike) -> NDArray[np.int32]:
+        """(N,) the number of the set at each of (N, 3) points; 0 where there is no entity."""
+        return self._native.set_numbers_at(_points(points, "points"))
+
+    def sets(self, numbers: ArrayLike) -> dict[int, frozenset[Hashable]]:
+        """The set of each of the given numbers; empty for one that is not in use."""
+        wanted: list[int] = np.unique(np.asarray(numbers, dtype=np.int32)).tolist()
+        with self._lock:
+            members = self._native.members(wanted)
+            return {
+                number: frozenset(self._entity[i] for i in each)
+                for number, each in zip(wanted, members, strict=True)
+            }
+
+    def entities_at(self, points: ArrayLike) -> list[set[Hashable]]:
+        """The set of entities at each of (N, 3) points in metres."""
+        with self._lock:
+            numbers = self.set_numbers_at(points)
+            sets = self.sets(numbers)
+        return [set(sets[number]) for number in numbers.tolist()]
+
+    def voxels(self, entity: Hashable) -> NDArray[np.int32]:
+        """(N, 3) the voxels of an entity, each once; none of an unknown one."""
+        with self._lock:
+            number = self._number.get(entity)
+            if number is None:
+                return np.zeros((0, 3), np.int32)
+            return self._native.voxels(number)
+
+    def entities_in(self, region: Region) -> set[Hashable]:
+        """The entities that share a voxel with a region."""
+        return set(self.counts_in(region))
+
+    def counts_in(self, region: Region) -> dict[Hashable, int]:
+        """How many of the voxels of a region each entity has that has one."""
+        shape = shape_of(region)
+        with self._lock:
+            return {self._entity[i]: count for i, count in self._native.entities_in(shape)}
+
+    def overlap(self, a: Hashable, b: Hashable) -> Overlap:
+        """What two entities share; nothing where one is unknown."""
+        with self._lock:
+            one, other = self._number.get(a), self._number.get(b)
+            shared = 0 if one is None or other is None else self._native.overlap(one, other)
+        return Overlap(shared, shared * self._voxel_size**3)
+
+    def memory(self) -> Memory:
+        """Bytes, and what they hold."""
+        m = self._native.memory()
+        return Memory(m.grid, m.index, m.sets, m.active_voxels, m.leaves, m.tiles, m.set_count)
+
+    def check(self) -> None:
+        """Compare numbers, counts and indices with the whole grid, for tests."""
+        self._native.check()
+
+    def write(self, path: str | Path) -> None:
+        """Write the set numbers as a `.vdb` file."""
+        self._native.write(str(path))
+
+    def _hand_out(self, entity: Hashable) -> int:
+        number = self._number.get(entity)
+        if number is None:
+            if self._free:
+                number = self._free.pop()
+                self._entity[number] = entity
+            else:
+                number = len(self._entity)
+                self._entity.append(entity)
+            self._number[entity] = number
+        return number
+
+    def _forget_if_empty(self, entity: Hashable) -> None:
+        number = self._number.get(entity)
+        if number is not None and not self._native.has(number):
+            del self._number[entity]
+            self._entity[number] = None
+            self._free.append(number)
