@@ -1,0 +1,122 @@
+"""The region map on 50 balls of about 248,000 voxels, rasterising included; one thread."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Hashable
+
+import numpy as np
+
+from benchmarks.spheres import centers
+from benchmarks.timing import Row, median_seconds, print_rows
+from semmap.fields import RegionMap, Sphere, voxels_of
+
+__all__ = ["main"]
+
+BALLS = 50
+RADIUS = 39.0
+TIMES = 5
+
+INSERT = {200: 2.5, 100: 4.0}
+REMOVE = {200: 2.5, 100: 5.0}
+"""Nanoseconds a voxel at most, by span of the centres."""
+
+LOOK_UP_MS = 5.0
+MOVE_MS = 2.0
+
+
+def balls(span: int) -> list[Sphere]:
+    """The balls, in voxels of a metre."""
+    return [Sphere(center, RADIUS) for center in centers(BALLS, span)]
+
+
+def full_map(span: int) -> RegionMap:
+    """A map with all of them, one by one."""
+    whole = RegionMap(1.0, threads=1)
+    for entity, ball in enumerate(balls(span)):
+        whole.insert(entity, ball)
+    return whole
+
+
+def median_after(prepare: Callable[[], RegionMap], run: Callable[[RegionMap], object]) -> float:
+    """The median time of a run on a map made for it, in seconds."""
+    seconds = []
+    for _ in range(TIMES):
+        prepared = prepare()
+        start = time.perf_counter()
+        run(prepared)
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds)
+
+
+def remove_even(whole: RegionMap) -> None:
+    """Take every other ball out."""
+    for entity in range(0, BALLS, 2):
+        whole.remove(entity)
+
+
+def seconds_a_voxel_in_a_dictionary(span: int) -> float:
+    """Algorithm 1 of the paper over a hash table of sets, on three of the balls."""
+    regions = [list(map(tuple, voxels_of(ball, 1.0).tolist())) for ball in balls(span)[:3]]
+    start = time.perf_counter()
+    at: dict[tuple[int, ...], frozenset[Hashable]] = {}
+    nothing: frozenset[Hashable] = frozenset()
+    for entity, voxels in enumerate(regions):
+        for voxel in voxels:
+            at[voxel] = at.get(voxel, nothing) | {entity}
+    return (time.perf_counter() - start) / sum(map(len, regions))
+
+
+def main() -> None:
+    """Print the table."""
+    rows = []
+    for span in (200, 100):
+        whole = full_map(span)
+        sizes = [len(whole.voxels(entity)) for entity in range(BALLS)]
+        before = whole.memory()
+        plain = 1e9 * seconds_a_voxel_in_a_dictionary(span)
+
+        insert = 1e9 * median_seconds(lambda span=span: full_map(span), TIMES) / sum(sizes)  # type: ignore[misc]
+        rows.append(
+            Row(f"insert, a voxel, S = {span} ({before.set_count:,} sets)", f"{insert:.2f} ns",
+                f"dictionary of 3 balls: {plain:.0f} ns: {plain / insert:.0f}x",
+                f"at most {INSERT[span]:g} ns", insert <= INSERT[span])
+        )  # fmt: skip
+
+        removed = sum(sizes[::2])
+        remove = 1e9 * median_after(lambda span=span: full_map(span), remove_even) / removed  # type: ignore[misc]
+        rows.append(
+            Row(f"remove the even ones, a removed voxel, S = {span}", f"{remove:.2f} ns", "",
+                f"at most {REMOVE[span]:g} ns", remove <= REMOVE[span])
+        )  # fmt: skip
+
+        points = np.random.default_rng(0).uniform(61, 139 + span, (100_000, 3))
+        look_up = 1e3 * median_seconds(lambda w=whole, p=points: w.set_numbers_at(p))  # type: ignore[misc]
+        rows.append(
+            Row(f"100,000 points looked up, S = {span}", f"{look_up:.1f} ms", "",
+                f"at most {LOOK_UP_MS:g} ms", look_up <= LOOK_UP_MS)
+        )  # fmt: skip
+
+        x, y, z = centers(BALLS, span)[7]
+        there = [Sphere((x + 1, y, z), RADIUS), Sphere((x, y, z), RADIUS)]
+        both = 1e3 * median_seconds(lambda w=whole, t=there: [w.move(7, ball) for ball in t])  # type: ignore[misc]
+        rows.append(
+            Row(f"move one of {sizes[7]:,} voxels by a voxel, S = {span}", f"{both / 2:.2f} ms", "",
+                f"at most {MOVE_MS:g} ms", both / 2 <= MOVE_MS)
+        )  # fmt: skip
+
+        remove_even(whole)
+        after = whole.memory()
+        rows.append(
+            Row(f"bytes an active voxel, S = {span}",
+                f"{before.bytes_per_voxel:.1f}; {after.bytes_per_voxel:.1f} after removal",
+                f"{before.leaves:,} leaves, {before.tiles:,} tiles; "
+                f"{after.leaves:,} leaves, {after.tiles:,} tiles",
+                "reported", True)
+        )  # fmt: skip
+    print_rows("Region map", rows)
+
+
+if __name__ == "__main__":
+    main()
