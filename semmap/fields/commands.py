@@ -1,0 +1,131 @@
+"""What fields add to the command line: `semmap fields at`, `ls` and `export`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from semmap import cli
+from semmap.fields.mirror import Mirror
+
+__all__ = ["register"]
+
+fields = typer.Typer(no_args_is_help=True, help="What fills space, voxel by voxel.")
+
+VoxelSize = Annotated[float, typer.Option(help="Metres.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.add_typer(fields, name="fields")
+
+
+@fields.command()
+def at(
+    point: Annotated[str, typer.Argument(help="X,Y,Z in the map's frame, metres.")],
+    voxel_size: VoxelSize = 0.05,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Tell which things fill the voxel at a point."""
+    try:
+        place = [float(v) for v in point.split(",")]
+    except ValueError:
+        place = []
+    if len(place) != 3 or not np.isfinite(place).all():
+        raise ValueError(f"at takes X,Y,Z, three numbers with commas between, not {point}")
+    mirror = mirrored(map_name, voxel_size)
+    (found,) = mirror.regions.entities_at([place])
+    rows = [(mirror.names[n],) for n in sorted(int(str(n)) for n in found)]
+    cli.show_rows(["name"], rows, json_)
+
+
+@fields.command()
+def ls(voxel_size: VoxelSize = 0.05, map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List the things that fill space, with their voxels and cubic metres."""
+    mirror = mirrored(map_name, voxel_size)
+    rows: list[tuple[Any, ...]] = []
+    for number, name in sorted(mirror.names.items(), key=lambda item: item[1]):
+        count = len(mirror.regions.voxels(number))
+        rows.append((name, count, round(count * voxel_size**3, 6)))
+    cli.show_rows(["name", "voxels", "volume"], rows, json_)
+
+
+@fields.command()
+def export(
+    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files.")],
+    voxel_size: VoxelSize = 0.05,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Write the set numbers as OpenVDB, the register of sets, and the voxels as points."""
+    mirror = mirrored(map_name, voxel_size)
+    regions = mirror.regions
+    parts = [np.zeros((0, 3), np.int32), *(regions.voxels(n) for n in sorted(mirror.names))]
+    voxels = np.unique(np.concatenate(parts), axis=0)
+    centres = (voxels + 0.5) * voxel_size
+    numbers = regions.set_numbers_at(centres)
+    sets = {
+        number: sorted(mirror.names[int(str(n))] for n in members)
+        for number, members in regions.sets(numbers).items()
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    regions.write(folder / "sets.vdb")
+    (folder / "sets.json").write_text(json.dumps(sets, indent=1) + "\n")
+    write_points(folder / "points.ply", centres, numbers)
+    memory = regions.memory()
+    said = {
+        "folder": str(folder),
+        "voxel_size": voxel_size,
+        "voxels": len(voxels),
+        "entities": len(mirror.names),
+        "sets": len(sets),
+        "bytes_per_voxel": round(memory.bytes_per_voxel, 2),
+    }
+    if json_:
+        print(json.dumps(said))
+    else:
+        cli.out.print(
+            f"{folder}: {said['voxels']} voxels of {voxel_size:g} m, {said['entities']} entities "
+            f"in {said['sets']} sets, {said['bytes_per_voxel']} bytes a voxel"
+        )
+
+
+def mirrored(map_name: str | None, voxel_size: float) -> Mirror:
+    """A mirror of a map, as it is now."""
+    engine = cli.engine()
+    try:
+        with engine.connect() as connection:
+            cli.choose_map(connection, map_name)  # an error names the maps that there are
+        mirror = Mirror(engine, map_name, voxel_size)
+        mirror.catch_up()
+    finally:
+        engine.dispose()
+    return mirror
+
+
+def write_points(path: Path, points: Any, numbers: Any) -> None:
+    """Points (N, 3) with the number of each one's set and a colour of its own, as PLY."""
+    rows = np.empty(
+        len(points),
+        [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("r", "u1"), ("g", "u1"), ("b", "u1"),
+         ("set", "<i4")],
+    )  # fmt: skip
+    for k, axis in enumerate("xyz"):
+        rows[axis] = points[:, k]
+    mixed = np.asarray(numbers, np.uint32) * np.uint32(2654435761)
+    for k, channel in enumerate("rgb"):
+        rows[channel] = 60 + ((mixed >> np.uint32(8 * k)) & np.uint32(127))
+    rows["set"] = numbers
+    head = (
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {len(rows)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+        "property int set\nend_header\n"
+    )
+    path.write_bytes(head.encode("ascii") + rows.tobytes())

@@ -1,0 +1,79 @@
+"""`semmap fields` as a user calls it, on the office."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+import typer
+from sqlalchemy import Engine
+from typer.testing import CliRunner
+
+from semmap import cli
+from semmap.fields.commands import register
+from semmap.ingest.importer import import_file
+
+OFFICE = Path(__file__).parents[2] / "examples" / "office"
+
+
+@pytest.fixture(scope="module")
+def office(module_engine: Engine) -> Iterator[typer.Typer]:
+    """The commands, on a database that holds the office."""
+    for name in ("office_rooms.geojson", "office.sdf"):
+        import_file(module_engine, OFFICE / name, map_name="office")
+    app = typer.Typer()
+    register(app)
+    before = cli.State.url
+    cli.State.url = module_engine.url.render_as_string(hide_password=False)
+    yield app
+    cli.State.url = before
+
+
+def run(app: typer.Typer, *words: object) -> Any:
+    done = CliRunner().invoke(app, ["fields", *map(str, words), "--json"], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def test_what_is_at_a_point(office: typer.Typer) -> None:
+    assert {r["name"] for r in run(office, "at", "9.2,0.45,7.73")} == {"desk4"}
+    assert run(office, "at", "9.2,2.5,8.5") == []
+
+
+def test_the_desk_has_its_volume(office: typer.Typer) -> None:
+    rows = {r["name"]: r for r in run(office, "ls", "--voxel-size", "0.02")}
+    assert {"desk4", "muffin1", "walls-3rd"} <= set(rows)
+    desk = 0.8 * 1.6 * 0.03 + 4 * 0.05**2 * 0.71 + 0.02 * 1.4 * 0.3
+    assert rows["desk4"]["volume"] == pytest.approx(desk, rel=0.35)
+    assert rows["muffin1"]["voxels"] > 10
+
+
+def test_export(office: typer.Typer, tmp_path: Path) -> None:
+    said = run(office, "export", "-o", tmp_path, "--voxel-size", "0.1")
+    cloud = trimesh.load(tmp_path / "points.ply")
+    assert len(cloud.vertices) == said["voxels"]
+    sets = json.loads((tmp_path / "sets.json").read_text())
+    assert len(sets) == said["sets"]
+    assert ["desk4"] in sets.values()
+    assert (tmp_path / "sets.vdb").stat().st_size > 1000
+    low, high = np.asarray(cloud.bounds)
+    assert low[2] < 0.1
+    assert high[2] > 9
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("at", "1,2"), "at takes X,Y,Z"),
+        (("at", "a,b,c"), "at takes X,Y,Z"),
+        (("ls", "--voxel-size", "0"), "give metres above 0"),
+    ],
+)
+def test_what_cannot_be_done(office: typer.Typer, words: tuple[str, ...], says: str) -> None:
+    with pytest.raises((ValueError, LookupError), match=says):
+        run(office, *words)
