@@ -29,9 +29,9 @@ inline PointHash hash_point(const double* p) {
     }
     const std::uint64_t sum =
         part[0] + ((part[1] << 21) | (part[1] >> 43)) + ((part[2] << 42) | (part[2] >> 22));
-    const std::uint64_t s = sum * 0xBF58476D1CE4E5B9;
-    const std::uint64_t t = (sum ^ 0x94D049BB133111EB) * 0xD6E8FEB86659FD93;
-    return {s ^ (s >> 32), t ^ (t >> 29)};
+    const std::uint64_t s = sum ^ (sum >> 32);
+    const std::uint64_t t = s * 0xBF58476D1CE4E5B9;
+    return {s, t ^ (t >> 29)};
 }
 
 // Leaves of the solids marked in `closed` those whose surface is closed: false where memory ran

@@ -289,6 +289,24 @@ class Drawing {
         if (place[0] > place[1]) swap(0, 1, corner, place);
         if (place[1] > place[2]) swap(1, 2, corner, place);
         if (place[0] > place[1]) swap(0, 1, corner, place);
+        if (one_row | one_column) {
+            const Slab* first = slabs_.slabs.data() + first_slab;
+            const Slab* end = slabs_.slabs.data() + end_slab;
+            if (one_row) {
+                member.painter.template strip<0>(
+                    corner, place, first, end, [&](const Slab& each, auto low, auto high) {
+                        member.canvas.choose(each.intervals, solid);
+                        member.painter.rectangle(low_row, low_row, low, high, member.canvas);
+                    });
+            } else {
+                member.painter.template strip<1>(
+                    corner, place, first, end, [&](const Slab& each, auto low, auto high) {
+                        member.canvas.choose(each.intervals, solid);
+                        member.painter.rectangle(low, high, low_column, low_column, member.canvas);
+                    });
+            }
+            return;
+        }
         std::array<Corner, 2> bottom{corner[0], corner[0]};
         for (std::size_t i = first_slab; i < end_slab; ++i) {
             const Slab& each = slabs_.slabs[i];

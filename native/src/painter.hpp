@@ -75,15 +75,7 @@ class Painter {
         std::array<Corner, 2> roof;
         if (cut_high) roof = section(locator_, corner, place, slab.high, high);
 
-        const std::int32_t low_row = std::min({a.row, b.row, c.row});
-        const std::int32_t high_row = std::max({a.row, b.row, c.row});
-        if (low_row == high_row || (a.column == b.column && b.column == c.column)) {
-            box(corner, place, slab, cut_low ? &bottom : nullptr, cut_high ? &roof : nullptr,
-                canvas);
-            bottom = roof;
-            return;
-        }
-        begin(low_row, high_row);
+        begin(std::min({a.row, b.row, c.row}), std::max({a.row, b.row, c.row}));
         for (int i = 0; i < 3; ++i) {
             if (low <= place[i] && place[i] <= high) reach(corner[i]);
         }
@@ -104,6 +96,51 @@ class Painter {
         bottom = roof;
     }
 
+    // The parts within slabs of a triangle that lies in one row of cells (Axis 0: its columns
+    // count) or in one column; a, b, c ascend, and so do their places. Each part is found(slab,
+    // low, high).
+    template <int Axis, typename Found>
+    void strip(const std::array<Corner, 3>& corner, const std::array<Place, 3>& place,
+               const Slab* first, const Slab* end, Found&& found) const {
+        struct Reach {
+            std::int32_t low = std::numeric_limits<std::int32_t>::max();
+            std::int32_t high = std::numeric_limits<std::int32_t>::min();
+            void take(std::int32_t at) {
+                low = std::min(low, at);
+                high = std::max(high, at);
+            }
+            void take(const Reach& other) {
+                low = std::min(low, other.low);
+                high = std::max(high, other.high);
+            }
+        };
+        const auto& [a, b, c] = corner;
+        const double error = error_of(a, b, c);
+        const auto section = [&](double height, Place at) {
+            Reach reach;
+            if (at <= place[0] || place[2] <= at) return reach;  // nothing, or a vertex
+            reach.take(locator_.pass_cell<Axis>(a, c, height, error));
+            if (at < place[1]) reach.take(locator_.pass_cell<Axis>(a, b, height, error));
+            if (at > place[1]) reach.take(locator_.pass_cell<Axis>(b, c, height, error));
+            return reach;
+        };
+        Place reached = 0;
+        Reach roof;
+        for (const Slab* slab = first; slab != end; ++slab) {
+            Reach reach;
+            for (int i = 0; i < 3; ++i) {
+                if (slab->low_place <= place[i] && place[i] <= slab->high_place) {
+                    reach.take(Axis == 0 ? corner[i].column : corner[i].row);
+                }
+            }
+            reach.take(slab->low_place == reached ? roof : section(slab->low, slab->low_place));
+            reached = slab->high_place;
+            roof = section(slab->high, reached);
+            reach.take(roof);
+            found(*slab, reach.low, reach.high);
+        }
+    }
+
     // The points in which a plane that cuts through meets the edge a-c and the edges a-b-c.
     static std::array<Corner, 2> section(const Locator& locator,
                                          const std::array<Corner, 3>& corner,
@@ -118,29 +155,6 @@ class Painter {
     }
 
   private:
-    // The part within a slab of a triangle that lies in one row or column of cells.
-    template <typename Canvas>
-    void box(const std::array<Corner, 3>& corner, const std::array<Place, 3>& place,
-             const Slab& slab, const std::array<Corner, 2>* bottom,
-             const std::array<Corner, 2>* roof, Canvas& canvas) const {
-        Spot low{std::numeric_limits<std::int32_t>::max(),
-                 std::numeric_limits<std::int32_t>::max()};
-        Spot high{-1, -1};
-        const auto reach = [&](const Corner& at) {
-            low = {std::min(low.column, at.column), std::min(low.row, at.row)};
-            high = {std::max(high.column, at.column), std::max(high.row, at.row)};
-        };
-        for (int i = 0; i < 3; ++i) {
-            if (slab.low_place <= place[i] && place[i] <= slab.high_place) reach(corner[i]);
-        }
-        for (const auto* section : {bottom, roof}) {
-            if (section == nullptr) continue;
-            reach((*section)[0]);
-            reach((*section)[1]);
-        }
-        rectangle(low.row, high.row, low.column, high.column, canvas);
-    }
-
     struct Span {
         std::int32_t low;
         std::int32_t high;
@@ -190,10 +204,15 @@ class Painter {
             }
             return;
         }
+        // A row has what is between its lower and its upper border.
+        std::int32_t low = std::numeric_limits<std::int32_t>::max();
+        std::int32_t high = -1;
         locator_.crossings(p, q, first, last, error, [&](std::int32_t row, Crossing at) {
-            include(row, at.column, at.column);
-            include(row - 1, at.column, at.column - (at.at_border ? 1 : 0));
+            include(row - 1, std::min(low, at.column),
+                    std::max(high, at.column - (at.at_border ? 1 : 0)));
+            low = high = at.column;
         });
+        if (first <= last) include(last, low, high);
     }
 
     template <typename Canvas>

@@ -110,6 +110,22 @@ class Locator {
         return corner;
     }
 
+    // The column (Axis 0) or row of that point alone.
+    template <int Axis>
+    std::int32_t pass_cell(const Corner& low, const Corner& high, double height,
+                           double error) const {
+        const std::int32_t from = Axis == 0 ? low.column : low.row;
+        if (from == (Axis == 0 ? high.column : high.row)) return from;
+        const double a = Axis == 0 ? low.u : low.v;
+        const double b = Axis == 0 ? high.u : high.v;
+        const double share = (height - low.low[2]) / (high.low[2] - low.low[2]);
+        const std::int32_t index = cell(a + share * (b - a), error + border_error_,
+                                        Axis == 0 ? grid_.columns : grid_.rows);
+        if (index != kUnsure) return index;
+        const Corner corner = pass(low, high, height, error);
+        return Axis == 0 ? corner.column : corner.row;
+    }
+
     // Calls found(row, crossing) for each border of rows first..last, all of which the line from p
     // to q crosses; p lies below q and in another column.
     template <typename Found>

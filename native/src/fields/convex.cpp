@@ -303,18 +303,24 @@ void general_columns(const Convex& solid, std::int32_t x, std::int32_t y, Ends& 
     }
 }
 
-template <typename Sink>
-void walk(const Convex& solid, Sink&& sink) {
-    const Bounds& bounds = solid.bounds;
+std::size_t block_count(const Bounds& bounds) {
     double blocks = 1;
     for (std::size_t k = 0; k < 3; ++k) {
-        if (bounds.high[k] < bounds.low[k]) return;
-        blocks *= (double{1} * bounds.high[k] - bounds.low[k]) / kBlock + 1;
+        if (bounds.high[k] < bounds.low[k]) return 0;
+        const std::int64_t low = block_floor(bounds.low[k]);
+        blocks *= static_cast<double>((bounds.high[k] - low) / kBlock + 1);
     }
     if (blocks > kMostBlocks) {
         throw BadRegion(
             "the region spans more than 2^36 voxels: take larger voxels, or parts of it");
     }
+    return static_cast<std::size_t>(blocks);
+}
+
+template <typename Sink>
+void walk(const Convex& solid, Sink&& sink) {
+    const Bounds& bounds = solid.bounds;
+    if (block_count(bounds) == 0) return;
     static const Kernels kernel = kernels();
     for (std::int32_t x = block_floor(bounds.low[0]); x <= bounds.high[0]; x += kBlock) {
         for (std::int32_t y = block_floor(bounds.low[1]); y <= bounds.high[1]; y += kBlock) {
@@ -521,6 +527,9 @@ Polytope pyramid_around(const Cone& cone, double voxel_size) {
 
 Voxels rasterise_convex(const Convex& solid) {
     Voxels voxels;
+    const std::size_t blocks = std::min(block_count(solid.bounds), std::size_t{1} << 16);
+    voxels.origins.reserve(blocks);
+    voxels.words.reserve(blocks);
     walk(solid, [&](const Origin& origin, const Words& words) { voxels.append(origin, words); });
     return voxels;
 }

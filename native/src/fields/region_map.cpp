@@ -1,6 +1,6 @@
 #include "semmap/fields/region_map.hpp"
 
-#include <tbb/blocked_range.h>
+#include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -151,6 +151,9 @@ void in_parallel(std::size_t count, int threads, const Body& body) {
         for (std::size_t i = 0; i < count; ++i) body(i);
         return;
     }
+    // More than there are processors are allowed too.
+    const tbb::global_control allowed(tbb::global_control::max_allowed_parallelism,
+                                      static_cast<std::size_t>(threads));
     tbb::task_arena arena(threads);
     arena.execute([&] { tbb::parallel_for(std::size_t{0}, count, body); });
 }
@@ -188,7 +191,19 @@ void resolve(Chunk& chunk, const std::vector<Edit>& edits, Register& sets,
     }
 }
 
-void rewrite(Touched& touched, const std::vector<Touch>& touches, const Chunk& chunk) {
+// The steps of a chunk taken to their sets.
+struct Renumber {
+    const Chunk& chunk;
+    Words cleared{};
+
+    std::int32_t next(std::int32_t from) const { return chunk.set_of(from); }
+    void moved(std::size_t x, std::int32_t, std::int32_t to, std::uint64_t which, int) {
+        if (to == 0) cleared[x] |= which;
+    }
+};
+
+void rewrite(Touched& touched, const std::vector<Touch>& touches, const Chunk& chunk,
+             Family family) {
     if (touched.leaf == nullptr) {
         touched.tile = chunk.set_of(touched.tile);
         return;
@@ -198,16 +213,11 @@ void rewrite(Touched& touched, const std::vector<Touch>& touches, const Chunk& c
     for (std::uint32_t t = touched.first; t != kEnd; t = touches[t].next) {
         for (std::size_t x = 0; x < 8; ++x) all[x] |= (*touches[t].words)[x];
     }
+    Renumber step{chunk};
+    retag(family, values, all, step);
     for (std::size_t x = 0; x < 8; ++x) {
-        if (all[x] == 0) continue;
-        std::uint64_t active = 0;
-        for (std::size_t i = 0; i < 64; ++i) {
-            std::int32_t& value = values[64 * x + i];
-            if (value >= chunk.base)
-                value = chunk.sets[static_cast<std::size_t>(value - chunk.base)];
-            active |= std::uint64_t{value != 0} << i;
-        }
-        active_word(*touched.leaf, x) = active;
+        std::uint64_t& active = active_word(*touched.leaf, x);
+        active = (active | all[x]) & ~step.cleared[x];
     }
     touched.uniform = is_uniform(values);
     if (touched.uniform) touched.tile = values[0];
@@ -405,7 +415,7 @@ void RegionMap::apply_many(const std::vector<Edit>& edits, int threads) {
     for (const std::int32_t set : emptier) sets_.free_if_unused(set);
     in_parallel(chunks.size(), threads, [&](std::size_t c) {
         for (std::size_t n = c * kChunk; n < std::min((c + 1) * kChunk, blocks.size()); ++n) {
-            rewrite(blocks[n], touches, chunks[c]);
+            rewrite(blocks[n], touches, chunks[c], family);
         }
     });
     for (std::size_t n = 0; n < blocks.size(); ++n) {
