@@ -210,7 +210,8 @@ def _edges(
         apart = (np.where(f >= 0, owners[f], -1) != np.where(g >= 0, owners[g], -1)) & (gap > 0.004)
         edge[a][at] |= apart | (bend < 0.55) | ((gap > far) & (bend < 0.98))
     crowded = uniform_filter(edge.astype(np.float32), 9) >= 0.5
-    return edge & ~crowded
+    found: NDArray[np.bool_] = edge & ~crowded
+    return found
 
 
 def _to_linear(colour: Floats) -> Floats:

@@ -22,7 +22,8 @@ def hull_points(mesh: Mesh) -> NDArray[np.float64]:
     if len(points) <= 8:
         return points
     try:
-        return points[ConvexHull(points).vertices]
+        corners: NDArray[np.float64] = points[ConvexHull(points).vertices]
+        return corners
     except QhullError:
         return _flat_hull(points)
 
@@ -34,7 +35,8 @@ def _flat_hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
     flat = centred @ axes.T
     if sizes[1] > 1e-9 * max(sizes[0], 1e-12):
         try:
-            return points[ConvexHull(flat[:, :2]).vertices]
+            ring: NDArray[np.float64] = points[ConvexHull(flat[:, :2]).vertices]
+            return ring
         except QhullError:
             pass
     return points[[flat[:, 0].argmin(), flat[:, 0].argmax()]]
