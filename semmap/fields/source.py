@@ -27,8 +27,11 @@ class Occupant:
 
     @property
     def regions(self) -> list[Region]:
-        """The solids that its closed parts enclose, and the surfaces of the open ones."""
-        mesh = to_mesh(self.triangles)
+        """The solids that its closed parts enclose, and the surfaces of the open ones.
+
+        Corners within a micrometre are one, as `closed_parts` has it.
+        """
+        mesh = to_mesh(np.round(self.triangles, 6))
         part, closed = closed_parts(mesh)
         found: list[Region] = []
         solid = closed[part]
