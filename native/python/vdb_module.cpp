@@ -4,9 +4,12 @@
 #include <pybind11/stl.h>
 
 #include <cstdint>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "semmap/fields/grid.hpp"
 #include "semmap/fields/region_map.hpp"
 #include "semmap/fields/shapes.hpp"
 
@@ -130,6 +133,115 @@ struct ShapeHolder {
     fields::Shape shape;
 };
 
+using Matrix = std::array<std::array<double, 4>, 3>;
+
+ShapeHolder depth_image(const Array<float>& depth, const std::optional<Array<bool>>& mask,
+                        const std::array<double, 4>& intrinsics, const Matrix& pose,
+                        double farthest) {
+    if (depth.ndim() != 2) throw py::value_error("depth is an (H, W) array");
+    if (mask && (mask->ndim() != 2 || mask->shape(0) != depth.shape(0) ||
+                 mask->shape(1) != depth.shape(1))) {
+        throw py::value_error("mask is of the shape of depth");
+    }
+    const fields::Camera camera{intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], pose};
+    const bool* pixels = mask ? mask->data() : nullptr;
+    const float* data = depth.data();
+    const auto rows = static_cast<std::size_t>(depth.shape(0));
+    const auto columns = static_cast<std::size_t>(depth.shape(1));
+    const py::gil_scoped_release release;
+    return {fields::points_of_depth(data, pixels, rows, columns, camera, farthest)};
+}
+
+template <typename Value>
+Array<Value> grid_look_up(const fields::Grid<Value>& grid, const Array<double>& rows) {
+    expect_columns(rows, "points");
+    Array<Value> values(rows.shape(0));
+    const double* data = rows.data();
+    Value* out = values.mutable_data();
+    const auto count = static_cast<std::size_t>(rows.shape(0));
+    const py::gil_scoped_release release;
+    grid.look_up(data, count, out);
+    return values;
+}
+
+template <typename Value>
+void grid_set(fields::Grid<Value>& grid, const Array<std::int32_t>& voxels,
+              const Array<Value>& values) {
+    expect_columns(voxels, "voxels");
+    if (values.ndim() != 1 || values.shape(0) != voxels.shape(0)) {
+        throw py::value_error("one value a voxel");
+    }
+    const std::int32_t* at = voxels.data();
+    const Value* data = values.data();
+    const auto count = static_cast<std::size_t>(voxels.shape(0));
+    const py::gil_scoped_release release;
+    grid.set(at, data, count);
+}
+
+template <typename Value>
+std::pair<Array<std::int32_t>, Array<Value>> grid_read(const fields::Grid<Value>& grid) {
+    const auto count = static_cast<py::ssize_t>(grid.size());
+    Array<std::int32_t> voxels({count, py::ssize_t{3}});
+    Array<Value> values(count);
+    std::int32_t* at = voxels.mutable_data();
+    Value* data = values.mutable_data();
+    {
+        const py::gil_scoped_release release;
+        grid.read(at, data);
+    }
+    return {voxels, values};
+}
+
+template <typename Value>
+Array<Value> grid_read_box(const fields::Grid<Value>& grid, const std::array<std::int32_t, 3>& low,
+                           const std::array<std::int32_t, 3>& shape) {
+    for (const std::int32_t side : shape) {
+        if (side < 0) throw py::value_error("a box has sides of at least 0 voxels");
+    }
+    Array<Value> values({shape[0], shape[1], shape[2]});
+    Value* data = values.mutable_data();
+    const py::gil_scoped_release release;
+    grid.read_box(low, shape, data);
+    return values;
+}
+
+template <typename Value>
+void define_grid(py::module_& module, const char* name) {
+    using py::arg;
+    using Release = py::call_guard<py::gil_scoped_release>;
+    using Grid = fields::Grid<Value>;
+    py::class_<Grid>(module, name)
+        .def(py::init<double, Value>(), arg("voxel_size"), arg("background"))
+        .def_property_readonly("voxel_size", &Grid::voxel_size)
+        .def_property_readonly("background", &Grid::background)
+        .def_property_readonly("placement", &Grid::placement)
+        .def("place", &Grid::place, arg("placement"))
+        .def(
+            "fill",
+            [](Grid& self, const ShapeHolder& shape, Value value) {
+                self.fill(shape.shape, value);
+            },
+            arg("shape"), arg("value"), Release())
+        .def(
+            "clear", [](Grid& self, const ShapeHolder& shape) { self.clear(shape.shape); },
+            arg("shape"), Release())
+        .def("set", &grid_set<Value>, arg("voxels"), arg("values"))
+        .def("at", &grid_look_up<Value>, arg("points"))
+        .def("read", &grid_read<Value>)
+        .def("read_box", &grid_read_box<Value>, arg("low"), arg("shape"))
+        .def("prune", &Grid::prune, Release())
+        .def("bytes", &Grid::bytes, Release())
+        .def("__len__", &Grid::size, Release())
+        .def("write", &Grid::write, arg("path"), arg("name"), Release())
+        .def("serialised", [](const Grid& self) { return py::bytes(self.serialised()); })
+        .def_static(
+            "from_serialised",
+            [](const py::bytes& data) {
+                return Grid::from_serialised(static_cast<std::string>(data));
+            },
+            arg("data"));
+}
+
 }  // namespace
 
 PYBIND11_MODULE(semmap_vdb, module) {
@@ -176,6 +288,8 @@ PYBIND11_MODULE(semmap_vdb, module) {
                 return ShapeHolder{surface(vertices, faces)};
             },
             arg("vertices"), arg("faces"))
+        .def_static("depth_image", &depth_image, arg("depth"), arg("mask").none(true),
+                    arg("intrinsics"), arg("pose"), arg("farthest"))
         .def(
             "voxels",
             [](const ShapeHolder& self, double size) { return voxels_of(self.shape, size); },
@@ -229,4 +343,8 @@ PYBIND11_MODULE(semmap_vdb, module) {
         .def("memory", &fields::RegionMap::memory, Release())
         .def("check", &fields::RegionMap::check, Release())
         .def("write", &fields::RegionMap::write, arg("path"), Release());
+
+    define_grid<bool>(module, "BoolGrid");
+    define_grid<std::int32_t>(module, "Int32Grid");
+    define_grid<float>(module, "FloatGrid");
 }

@@ -18,13 +18,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap_vdb import Shape
 
-__all__ = ["Box", "Cone", "Cylinder", "Hull", "Region", "Solid", "Sphere", "Surface", "voxels_of"]
+__all__ = [
+    "Box",
+    "Cone",
+    "Cylinder",
+    "DepthImage",
+    "Hull",
+    "Region",
+    "Solid",
+    "Sphere",
+    "Surface",
+    "voxels_of",
+]
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Box:
     """A cuboid.
 
@@ -55,7 +66,7 @@ class Box:
         _set(self, Shape.polytope(corners, normals, np.ascontiguousarray(axes.T)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sphere:
     """A ball.
 
@@ -76,7 +87,7 @@ class Sphere:
         _set(self, Shape.ball(center, _above_0(self.radius, "Sphere.radius")))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cylinder:
     """A cylinder with flat ends.
 
@@ -109,7 +120,7 @@ class Cylinder:
         _set(self, Shape.cylinder(center, axis, radius, height))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cone:
     """A cone from its apex to a flat base.
 
@@ -143,7 +154,7 @@ class Cone:
         _set(self, Shape.cone(apex, axis, angle / 2, _above_0(self.height, "Cone.height")))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Hull:
     """The convex hull of points: a polytope, or a polygon, a segment or a point.
 
@@ -164,7 +175,7 @@ class Hull:
         _set(self, Shape.polytope(*_hull(points)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solid:
     """What a closed triangle mesh encloses.
 
@@ -194,7 +205,7 @@ class Solid:
         _set(self, Shape.solid(vertices, _faces(self.faces, len(vertices), "Solid.faces")))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """Triangles without an inside: all the voxels that they meet.
 
@@ -215,13 +226,63 @@ class Surface:
         _set(self, Shape.surface(vertices, _faces(self.faces, len(vertices), "Surface.faces")))
 
 
-Region = Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | NDArray[Any]
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """What a depth camera sees: the points of its pixels, as of a surface seen from one side.
+
+    There are gaps where neighbouring pixels lie further apart than a voxel.
+
+    Parameters
+    ----------
+    depth : (H, W) metres
+        Along the camera's z axis; NaN, infinity and what is not above 0 are left out.
+    intrinsics : (4,)
+        fx, fy, cx, cy in pixels, the centre of the first pixel at (0, 0).
+    pose : (4, 4)
+        Of the camera's optical frame (x right, y down, z ahead) in the map's.
+    mask : (H, W) bool, optional
+        The pixels that are meant; all if not given.
+    farthest : float
+        Metres of depth beyond which pixels are left out.
+    """
+
+    depth: ArrayLike
+    intrinsics: ArrayLike
+    pose: ArrayLike
+    mask: ArrayLike | None = None
+    farthest: float = math.inf
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no image of a camera."""
+        depth = np.ascontiguousarray(self.depth, dtype=np.float32)
+        if depth.ndim != 2:
+            raise ValueError(f"DepthImage.depth has shape {depth.shape}: give an (H, W) array")
+        mask = None
+        if self.mask is not None:
+            mask = np.ascontiguousarray(self.mask, dtype=np.bool_)
+            if mask.shape != depth.shape:
+                raise ValueError(
+                    f"DepthImage.mask has shape {mask.shape}: give that of depth, {depth.shape}"
+                )
+        camera = np.asarray(self.intrinsics, dtype=float)
+        if camera.shape != (4,) or not np.isfinite(camera).all() or not (camera[:2] > 0).all():
+            raise ValueError(
+                f"DepthImage.intrinsics is {self.intrinsics!r}: give fx, fy, cx, cy in pixels, "
+                "fx and fy above 0"
+            )
+        fx, fy, cx, cy = camera.tolist()
+        pose = _rigid(self.pose, "DepthImage.pose")
+        _set(self, Shape.depth_image(depth, mask, (fx, fy, cx, cy), pose, float(self.farthest)))
+
+
+Region = Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage | NDArray[Any]
 """A region, or the points (N, 3) in metres of one."""
 
 
 def shape_of(region: Region) -> Shape:
     """A region as the native code takes it."""
-    if isinstance(region, Box | Sphere | Cone | Cylinder | Hull | Solid | Surface):
+    if isinstance(region, Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage):
         return region.shape
     return Shape.points(_points(region, "a region of points"))
 
@@ -276,6 +337,18 @@ def _rotation(value: ArrayLike, name: str) -> NDArray[np.float64]:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def _rigid(value: ArrayLike, name: str) -> list[list[float]]:
+    """The upper three rows."""
+    m = np.asarray(value, dtype=float)
+    if m.shape != (4, 4) or not np.isfinite(m).all():
+        raise ValueError(f"{name}: give a (4, 4) rigid transform of finite numbers")
+    turn = m[:3, :3]
+    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or not np.allclose(m[3], (0, 0, 0, 1)):
+        raise ValueError(f"{name}: give a (4, 4) rigid transform: a rotation, no scale, no shear")
+    rows: list[list[float]] = m[:3].tolist()
+    return rows
 
 
 def _points(value: ArrayLike, name: str) -> NDArray[np.float64]:

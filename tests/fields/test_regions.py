@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from semmap.fields import Box, Cone, Cylinder, Hull, Solid, Sphere, Surface, voxels_of
+from semmap.fields import Box, Cone, Cylinder, DepthImage, Hull, Solid, Sphere, Surface, voxels_of
 
 Floats = NDArray[np.float64]
 
@@ -298,3 +298,29 @@ def test_refused(make: object, text: str) -> None:
     """What is no region is refused with the mend."""
     with pytest.raises(ValueError, match=text):
         make()  # type: ignore[operator]
+
+
+def test_depth_image() -> None:
+    """Pixels lie where the pinhole puts them; the masked, the far and the empty are left out."""
+    random = np.random.default_rng(3)
+    depth = random.uniform(0.5, 4, (48, 64)).astype(np.float32)
+    depth[0] = np.nan
+    depth[1] = 0
+    depth[2] = np.inf
+    depth[3] = -1
+    mask = random.uniform(size=depth.shape) < 0.5
+    turn, shift = Rotation.random(rng=random), random.uniform(-3, 3, 3)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn.as_matrix(), shift
+    rows, columns = np.nonzero(mask & (depth > 0) & (depth <= 3))
+    d = depth[rows, columns].astype(float)
+    points = np.stack([(columns - 31.5) / 50 * d, (rows - 23.5) / 60 * d, d], 1)
+    region = DepthImage(depth, (50, 60, 31.5, 23.5), pose, mask, 3)
+    found = voxels_of(region, 0.1)
+    wanted = voxels_of(turn.apply(points) + shift, 0.1)
+    assert set(map(tuple, found.tolist())) == set(map(tuple, wanted.tolist()))
+    assert len(voxels_of(DepthImage(depth, (50, 60, 31.5, 23.5), pose), 0.1)) > len(found)
+    for bad in ({"mask": mask[1:]}, {"pose": 2 * pose}, {"intrinsics": (0, 1, 1, 1)}):
+        arguments = {"depth": depth, "intrinsics": (50, 60, 31.5, 23.5), "pose": pose, **bad}
+        with pytest.raises(ValueError, match="DepthImage"):
+            DepthImage(**arguments)

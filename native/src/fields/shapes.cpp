@@ -85,6 +85,28 @@ Voxels rasterise(const Shape& shape, double voxel_size) {
     return std::visit(Rasteriser{voxel_size}, shape);
 }
 
+Points points_of_depth(const float* depth, const bool* mask, std::size_t rows, std::size_t columns,
+                       const Camera& camera, double farthest) {
+    Points all;
+    if (mask == nullptr) all.points.reserve(rows * columns);
+    for (std::size_t row = 0; row < rows; ++row) {
+        const double y = (static_cast<double>(row) - camera.cy) / camera.fy;
+        for (std::size_t column = 0; column < columns; ++column) {
+            const std::size_t i = row * columns + column;
+            const double d = depth[i];
+            if ((mask != nullptr && !mask[i]) || !(d > 0 && d <= farthest && d < 1e30)) continue;
+            const double x = (static_cast<double>(column) - camera.cx) / camera.fx;
+            Vector p;
+            for (std::size_t k = 0; k < 3; ++k) {
+                const std::array<double, 4>& r = camera.pose[k];
+                p[k] = d * (r[0] * x + r[1] * y + r[2]) + r[3];
+            }
+            all.points.push_back(p);
+        }
+    }
+    return all;
+}
+
 Voxels voxels_of_points(const double* points, std::size_t count, double voxel_size) {
     VoxelCollector voxels;
     constexpr std::size_t few = 256;

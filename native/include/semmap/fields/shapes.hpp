@@ -79,6 +79,20 @@ Voxels rasterise(const Shape& shape, double voxel_size);
 // Vertices of the same place are one; how many of the edges are not closed.
 std::size_t weld(std::vector<Vector>& vertices, std::vector<Triangle>& faces);
 
+// A pinhole camera; pixel (row, column) looks along ((column - cx) / fx, (row - cy) / fy, 1).
+struct Camera {
+    double fx;
+    double fy;
+    double cx;
+    double cy;
+    std::array<std::array<double, 4>, 3> pose;  // rows of its rotation and translation
+};
+
+// Where the masked pixels of a depth image lie; `mask` may be null. Left out: what is not above 0,
+// not finite or beyond `farthest`.
+Points points_of_depth(const float* depth, const bool* mask, std::size_t rows, std::size_t columns,
+                       const Camera& camera, double farthest);
+
 Voxels voxels_of_points(const double* points, std::size_t count, double voxel_size);
 
 }  // namespace semmap::fields

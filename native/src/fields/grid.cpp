@@ -1,0 +1,215 @@
+#include "semmap/fields/grid.hpp"
+
+#include <openvdb/io/Stream.h>
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+
+#include "convex.hpp"
+
+namespace semmap::fields {
+namespace {
+
+constexpr const char* kVoxelSize = "semmap_voxel_size";
+constexpr const char* kPlacement = "semmap_placement";
+
+openvdb::Coord coord(const Origin& o) { return {o.x, o.y, o.z}; }
+
+openvdb::Mat4d matrix(const Placement& p) {
+    // OpenVDB multiplies rows.
+    openvdb::Mat4d m = openvdb::Mat4d::identity();
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 4; ++j) {
+            m(j, i) = p[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)];
+        }
+    }
+    return m;
+}
+
+}  // namespace
+
+template <typename Value>
+Grid<Value>::Grid(double voxel_size, Value background) : voxel_size_(voxel_size) {
+    openvdb::initialize();
+    grid_ = VdbGrid::create(background);
+    place(kUnmoved);
+}
+
+template <typename Value>
+void Grid<Value>::place(const Placement& placement) {
+    placement_ = placement;
+    // A voxel's index names its lowest corner; OpenVDB's transform its centre.
+    openvdb::Mat4d m = openvdb::Mat4d::identity();
+    m.preScale(openvdb::Vec3d(voxel_size_));
+    m.setTranslation(openvdb::Vec3d(voxel_size_ / 2));
+    grid_->setTransform(openvdb::math::Transform::createLinearTransform(m * matrix(placement)));
+    grid_->removeMeta(kVoxelSize);
+    grid_->removeMeta(kPlacement);
+    grid_->insertMeta(kVoxelSize, openvdb::DoubleMetadata(voxel_size_));
+    grid_->insertMeta(kPlacement, openvdb::Mat4DMetadata(matrix(placement)));
+}
+
+template <typename Value>
+void Grid<Value>::fill(const Shape& shape, Value value) {
+    const Voxels voxels = rasterise(shape, voxel_size_);
+    auto accessor = grid_->getAccessor();
+    for (std::size_t i = 0; i < voxels.blocks(); ++i) {
+        const openvdb::Coord origin = coord(voxels.origins[i]);
+        if (is_full(voxels.words[i])) {
+            accessor.addTile(1, origin, value, true);
+            accessor.clear();  // it may still hold the leaf that is gone
+            continue;
+        }
+        auto* leaf = accessor.touchLeaf(origin);
+        for (std::size_t x = 0; x < 8; ++x) {
+            for (std::uint64_t w = voxels.words[i][x]; w != 0; w &= w - 1) {
+                const auto bit = static_cast<openvdb::Index>(__builtin_ctzll(w));
+                leaf->setValueOn(static_cast<openvdb::Index>(64 * x) + bit, value);
+            }
+        }
+    }
+}
+
+template <typename Value>
+void Grid<Value>::clear(const Shape& shape) {
+    const Voxels voxels = rasterise(shape, voxel_size_);
+    auto accessor = grid_->getAccessor();
+    const Value background = grid_->background();
+    for (std::size_t i = 0; i < voxels.blocks(); ++i) {
+        const openvdb::Coord origin = coord(voxels.origins[i]);
+        const bool whole = is_full(voxels.words[i]);
+        if (whole || (accessor.probeLeaf(origin) == nullptr && !accessor.isValueOn(origin))) {
+            if (whole) {
+                accessor.addTile(1, origin, background, false);
+                accessor.clear();
+            }
+            continue;
+        }
+        auto* leaf = accessor.touchLeaf(origin);
+        for (std::size_t x = 0; x < 8; ++x) {
+            for (std::uint64_t w = voxels.words[i][x]; w != 0; w &= w - 1) {
+                const auto bit = static_cast<openvdb::Index>(__builtin_ctzll(w));
+                leaf->setValueOff(static_cast<openvdb::Index>(64 * x) + bit, background);
+            }
+        }
+    }
+    prune();
+}
+
+template <typename Value>
+void Grid<Value>::set(const std::int32_t* voxels, const Value* values, std::size_t count) {
+    auto accessor = grid_->getAccessor();
+    for (std::size_t i = 0; i < count; ++i) {
+        accessor.setValueOn({voxels[3 * i], voxels[3 * i + 1], voxels[3 * i + 2]}, values[i]);
+    }
+}
+
+template <typename Value>
+void Grid<Value>::look_up(const double* points, std::size_t count, Value* values) const {
+    auto accessor = grid_->getConstAccessor();
+    constexpr std::size_t few = 128;
+    std::int32_t at[3 * few];
+    double local[3 * few];
+    const bool moved = placement_ != kUnmoved;
+    for (std::size_t first = 0; first < count; first += few) {
+        const std::size_t here = std::min(few, count - first);
+        const double* from = points + 3 * first;
+        if (moved) {
+            for (std::size_t i = 0; i < here; ++i) {
+                double d[3];
+                for (std::size_t k = 0; k < 3; ++k) d[k] = from[3 * i + k] - placement_[k][3];
+                for (std::size_t k = 0; k < 3; ++k) {
+                    local[3 * i + k] =
+                        placement_[0][k] * d[0] + placement_[1][k] * d[1] + placement_[2][k] * d[2];
+                }
+            }
+            from = local;
+        }
+        voxel_indices(from, 3 * here, voxel_size_, at);
+        for (std::size_t i = 0; i < here; ++i) {
+            values[first + i] = accessor.getValue({at[3 * i], at[3 * i + 1], at[3 * i + 2]});
+        }
+    }
+}
+
+template <typename Value>
+void Grid<Value>::read(std::int32_t* voxels, Value* values) const {
+    for (auto it = grid_->cbeginValueOn(); it; ++it) {
+        const openvdb::CoordBBox box = it.getBoundingBox();
+        const Value value = *it;
+        for (auto voxel = box.begin(); voxel; ++voxel) {
+            for (int k = 0; k < 3; ++k) *voxels++ = (*voxel)[k];
+            *values++ = value;
+        }
+    }
+}
+
+template <typename Value>
+void Grid<Value>::read_box(const std::array<std::int32_t, 3>& low,
+                           const std::array<std::int32_t, 3>& shape, Value* values) const {
+    auto accessor = grid_->getConstAccessor();
+    for (std::int32_t x = 0; x < shape[0]; ++x) {
+        for (std::int32_t y = 0; y < shape[1]; ++y) {
+            for (std::int32_t z = 0; z < shape[2]; ++z) {
+                *values++ = accessor.getValue({low[0] + x, low[1] + y, low[2] + z});
+            }
+        }
+    }
+}
+
+template <typename Value>
+void Grid<Value>::prune() {
+    grid_->pruneGrid();
+}
+
+template <typename Value>
+void Grid<Value>::write(const std::string& path, const std::string& name) const {
+    const auto named = grid_->copyGrid();
+    named->setName(name);
+    openvdb::io::File file(path);
+    file.write({named});
+}
+
+template <typename Value>
+std::string Grid<Value>::serialised() const {
+    std::ostringstream out(std::ios::binary);
+    openvdb::io::Stream stream(out);
+    stream.setCompression(openvdb::io::COMPRESS_ACTIVE_MASK);
+    stream.write({openvdb::GridBase::ConstPtr(grid_)});
+    return out.str();
+}
+
+template <typename Value>
+Grid<Value> Grid<Value>::from_serialised(const std::string& data) {
+    openvdb::initialize();
+    openvdb::GridPtrVecPtr grids;
+    try {
+        std::istringstream in(data, std::ios::binary);
+        openvdb::io::Stream stream(in, false);
+        grids = stream.getGrids();
+    } catch (const std::exception& error) {
+        throw std::invalid_argument(std::string("these bytes are no grid: ") + error.what());
+    }
+    const auto found = grids && grids->size() == 1 ? openvdb::gridPtrCast<VdbGrid>(grids->front())
+                                                   : typename VdbGrid::Ptr();
+    if (!found || !(*found)[kVoxelSize] || !(*found)[kPlacement]) {
+        throw std::invalid_argument("these bytes are no grid of this type that semmap wrote");
+    }
+    Grid grid(found->template metaValue<double>(kVoxelSize), found->background());
+    const auto m = found->template metaValue<openvdb::Mat4d>(kPlacement);
+    for (std::size_t i = 0; i < 3; ++i) {
+        for (std::size_t j = 0; j < 4; ++j) {
+            grid.placement_[i][j] = m(static_cast<int>(j), static_cast<int>(i));
+        }
+    }
+    grid.grid_ = found;
+    return grid;
+}
+
+template class Grid<bool>;
+template class Grid<std::int32_t>;
+template class Grid<float>;
+
+}  // namespace semmap::fields
