@@ -53,7 +53,7 @@ def parts_picture(
 
 def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "") -> Path:
     """Intervals from the side and footprints from above, with the radii that inflate (Figure 7)."""
-    figure = Figure(figsize=(11, 6.2), dpi=150, facecolor=PAPER)
+    figure = Figure(figsize=(11, 6.2), dpi=150, facecolor=PAPER, layout="constrained")
     side, above = figure.subplots(1, 2, width_ratios=(1, 1.35))
     for number, part in enumerate(parts):
         colour = PART_COLOURS[number % len(PART_COLOURS)]
@@ -76,14 +76,13 @@ def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "")
     above.annotate("", (0.12, 0), (0, 0), arrowprops={"arrowstyle": "->", "color": INK})
     reach = max(p.circumscribed_radius for p in parts) * 1.12
     top = max(p.interval[1] for p in parts)
-    _frame(side, (-reach, reach + 0.25), (-0.05, top * 1.06), "x, metres", "z, metres")
+    _frame(side, (-reach, reach + 0.35), (-0.05, top * 1.06), "x, metres", "z, metres")
     _frame(above, (-reach, reach), (-reach, reach), "x, metres", "y, metres")
     side.set_title("intervals of height", fontsize=10, loc="left", color=INK)
     above.set_title("footprints, and the radius that inflates each layer", fontsize=10, loc="left",
                     color=INK)  # fmt: skip
     above.legend(loc="upper left", fontsize=8, frameon=True)
     figure.suptitle(title, x=0.02, ha="left", fontsize=13, weight="bold", color=INK)
-    figure.tight_layout()
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
