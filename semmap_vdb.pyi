@@ -9,6 +9,11 @@ _Index = tuple[int, int, int]
 _Number = TypeVar("_Number", np.bool_, np.int32, np.float32)
 _Plain = TypeVar("_Plain", bool, int, float)
 
+def variants() -> list[str]:
+    """The kinds of instructions that this processor has, the slowest first; the last is used."""
+
+def choose_variant(name: str) -> None: ...
+
 class Shape:
     @staticmethod
     def ball(center: _Vector, radius: float) -> Shape: ...

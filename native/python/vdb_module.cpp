@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "family.hpp"
 #include "semmap/fields/grid.hpp"
 #include "semmap/fields/region_map.hpp"
 #include "semmap/fields/shapes.hpp"
@@ -343,6 +344,9 @@ PYBIND11_MODULE(semmap_vdb, module) {
         .def("memory", &fields::RegionMap::memory, Release())
         .def("check", &fields::RegionMap::check, Release())
         .def("write", &fields::RegionMap::write, arg("path"), Release());
+
+    module.def("variants", &fields::family_names);
+    module.def("choose_variant", &fields::choose_family, arg("name"));
 
     define_grid<bool>(module, "BoolGrid");
     define_grid<std::int32_t>(module, "Int32Grid");

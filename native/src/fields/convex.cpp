@@ -56,11 +56,11 @@ struct Kernels {
 
 Kernels kernels() {
 #if defined(__x86_64__)
-    if (best_family() == Family::avx512) {
+    if (used_family() == Family::avx512) {
         return {avx512::ball_columns, avx512::round_columns, avx512::block_words,
                 avx512::voxel_indices};
     }
-    if (best_family() == Family::avx2) {
+    if (used_family() == Family::avx2) {
         return {avx2::ball_columns, avx2::round_columns, avx2::block_words, avx2::voxel_indices};
     }
 #endif
@@ -321,7 +321,7 @@ template <typename Sink>
 void walk(const Convex& solid, Sink&& sink) {
     const Bounds& bounds = solid.bounds;
     if (block_count(bounds) == 0) return;
-    static const Kernels kernel = kernels();
+    const Kernels kernel = kernels();
     for (std::int32_t x = block_floor(bounds.low[0]); x <= bounds.high[0]; x += kBlock) {
         for (std::int32_t y = block_floor(bounds.low[1]); y <= bounds.high[1]; y += kBlock) {
             Ends ends;
@@ -376,7 +376,7 @@ std::int32_t checked_index(double voxel) {
 }
 
 void voxel_indices(const double* p, std::size_t count, double voxel_size, std::int32_t* out) {
-    static const Kernels kernel = kernels();
+    const Kernels kernel = kernels();
     if (!kernel.voxel_indices(p, count, voxel_size, out)) throw BadRegion(kTooFar);
 }
 

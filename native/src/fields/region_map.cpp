@@ -327,7 +327,7 @@ void RegionMap::apply(const Edit& edit) {
     if (next_.size() < static_cast<std::size_t>(sets_.end())) {
         next_.resize(static_cast<std::size_t>(2 * sets_.end()), kUnknown);
     }
-    const Family family = best_family();
+    const Family family = used_family();
     Direct step{sets_, next_, edit.entity};
     Accessor accessor(grid_->tree());
     const Voxels& voxels = *edit.voxels;
@@ -392,7 +392,7 @@ void RegionMap::apply_many(const std::vector<Edit>& edits, int threads) {
             blocks[n].leaf = accessor.touchLeaf(coord(origins[n]));
         }
     }
-    const Family family = best_family();
+    const Family family = used_family();
     std::vector<Chunk> chunks((blocks.size() + kChunk - 1) / kChunk);
     in_parallel(chunks.size(), threads, [&](std::size_t c) {
         Chunk& chunk = chunks[c];
