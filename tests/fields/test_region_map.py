@@ -160,6 +160,19 @@ def test_nothing_is_left() -> None:
         assert len(whole) == 0
 
 
+def test_a_register_under_churn() -> None:
+    """Thousands of sets made and freed in no order; each stays one, with one number."""
+    random = np.random.default_rng(7)
+    here = RegionMap(1.0)
+    for i in range(150):
+        entity = int(random.integers(40))
+        points = random.integers(0, 24, (random.integers(1, 4000), 3)).astype(float)
+        here.move(entity, points)
+        if i % 10 == 9:
+            here.check()
+    assert here.memory().set_count > 2000
+
+
 def test_sets_have_no_order() -> None:
     """{A, B} and {B, A} are one set with one number."""
     here = RegionMap(0.1)

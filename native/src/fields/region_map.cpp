@@ -10,6 +10,7 @@
 #include <limits>
 #include <map>
 #include <mutex>
+#include <set>
 #include <stdexcept>
 
 #include "convex.hpp"
@@ -585,9 +586,11 @@ void RegionMap::check() const {
         if (tile.isTileValue()) counts[*tile] += static_cast<std::int64_t>(tile.getVoxelCount());
     }
     std::map<std::int32_t, std::int64_t> sizes;
+    std::set<std::vector<std::int32_t>> distinct;
     for (const auto& [set, count] : counts) {
         expect(set > 0 && set < sets_.end() && !sets_.members(set).empty(),
                "a voxel holds the number of no set");
+        expect(distinct.insert(sets_.members(set)).second, "two numbers are of one set");
         expect(sets_.count(set) == count, "a set's count is not that of its voxels");
         for (const std::int32_t entity : sets_.members(set)) sizes[entity] += count;
     }
