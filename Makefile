@@ -1,11 +1,12 @@
 # make demo [WORLD=path]   the main job on examples/office, or on your own world
 # make test                the tests
+# make explore             the property tests again, with examples that no run has had
 # make lint                ruff, mypy, import-linter, clang-format
 # make bench               the speed tables
 # make clean               what these left
 
 WORLD ?=
-.PHONY: demo test lint bench clean
+.PHONY: demo test explore lint bench clean
 
 demo:
 	@scripts/setup
@@ -14,6 +15,10 @@ demo:
 test:
 	@scripts/setup
 	@.venv/bin/python -m pytest -q
+
+explore:
+	@scripts/setup
+	@HYPOTHESIS_PROFILE=explore .venv/bin/python -m pytest -q -m hypothesis
 
 lint:
 	@scripts/setup

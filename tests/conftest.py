@@ -1,7 +1,8 @@
 """What all tests share: a cluster of their own, fresh databases in it, the real worlds.
 
 ``SEMMAP_TEST_DB`` names another server to test on (its user must be allowed to make databases),
-``SEMMAP_WORLDS`` the folder of real worlds.
+``SEMMAP_WORLDS`` the folder of real worlds. ``HYPOTHESIS_PROFILE=explore`` looks for examples that
+no run has had; by default each run has the same, so that a change fails by what it changes.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+import hypothesis
 import pytest
 from sqlalchemy import URL, Engine, create_engine, make_url
 from sqlalchemy.exc import OperationalError
@@ -25,6 +27,10 @@ from sqlalchemy.orm import Session
 from sqlalchemy.pool import NullPool
 
 from semmap.database import Cluster, connect
+
+hypothesis.settings.register_profile("same", derandomize=True, deadline=None)
+hypothesis.settings.register_profile("explore", deadline=None)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 ROOT = Path(__file__).parents[1]
 PASSWORD = "p@ss/w:rd"  # with what a URL has to quote

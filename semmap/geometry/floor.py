@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.mesh import Mesh
+from semmap.geometry.morphology import polygons, without_gaps
 from semmap.geometry.parts import closed_parts
 from semmap.geometry.walk import GAP, walked_faces
 
@@ -171,8 +172,7 @@ def walkable_floor(
                 place = place.difference(above)
         free.append((place, level.low, level.high))
     whole = shapely.union_all([place for place, _, _ in free])
-    whole = whole.buffer(GAP / 2, join_style="mitre").buffer(-GAP / 2, join_style="mitre")
-    kept = [p for p in shapely.get_parts(whole) if p.area >= min_area]
+    kept = [p for p in polygons(without_gaps(whole, GAP)) if p.area >= min_area]
     if not kept:
         return None
     outline = shapely.union_all(kept)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon, STRtree
 
 from semmap.geometry.mesh import Mesh
+from semmap.geometry.morphology import polygons, without_gaps, without_slivers
 from semmap.geometry.parts import closed_parts
 
 __all__ = ["Surface", "support_surfaces"]
@@ -79,7 +80,7 @@ def support_surfaces(
             continue
         free = _free_above(layer, ups, downs, clearance)
         tree = STRtree(shapely.centroid(shapes[layer.faces]))
-        for outline in _parts(free.buffer(-level / 4).buffer(level / 4, join_style="mitre")):
+        for outline in polygons(without_slivers(free, level / 2)):
             if outline.area < min_area:
                 continue
             own = layer.faces[np.sort(tree.query(outline, predicate="intersects"))]
@@ -129,7 +130,7 @@ def _layers(
         _Layer(
             float(heights[group].min()),
             float(heights[group].max()),
-            _merge(shapes[group], level),
+            without_gaps(shapely.union_all(shapes[group]), level),
             group,
         )
         for group in _by_height(faces, heights, level)
@@ -172,13 +173,3 @@ def _by_height(
     ordered = faces[np.argsort(heights[faces], kind="stable")]
     gaps = np.flatnonzero(np.diff(heights[ordered]) > level) + 1
     return np.split(ordered, gaps)
-
-
-def _merge(shapes: NDArray[np.object_], gap: float) -> Polygon | MultiPolygon:
-    """The union of polygons, with gaps narrower than `gap` closed."""
-    grown = shapely.union_all(shapely.buffer(shapes, gap / 2, join_style="mitre", quad_segs=1))
-    return grown.buffer(-gap / 2, join_style="mitre").buffer(0)
-
-
-def _parts(shape: Polygon | MultiPolygon) -> list[Polygon]:
-    return [p for p in shapely.get_parts(shape) if p.geom_type == "Polygon"]
