@@ -11,6 +11,7 @@
 
 #include "family.hpp"
 #include "semmap/fields/grid.hpp"
+#include "semmap/fields/operators.hpp"
 #include "semmap/fields/region_map.hpp"
 #include "semmap/fields/shapes.hpp"
 
@@ -207,16 +208,91 @@ Array<Value> grid_read_box(const fields::Grid<Value>& grid, const std::array<std
 }
 
 template <typename Value>
+void expect_same_lattice(const fields::Grid<Value>& a, double voxel_size,
+                         const fields::Placement& placement) {
+    if (a.voxel_size() != voxel_size || a.placement() != placement) {
+        throw py::value_error("grids of one lattice and placement combine: resample one of them");
+    }
+}
+
+fields::Join join_named(const std::string& name) {
+    constexpr std::pair<const char*, fields::Join> kNames[] = {
+        {"first", fields::Join::first}, {"last", fields::Join::last}, {"max", fields::Join::max},
+        {"min", fields::Join::min},     {"sum", fields::Join::sum},
+    };
+    for (const auto& [known, join] : kNames) {
+        if (name == known) return join;
+    }
+    throw py::value_error("grids are joined by first, last, max, min or sum");
+}
+
+fields::Grid<std::int32_t> labelled(const Array<float>& depth, const Array<std::int32_t>& labels,
+                                    const std::array<double, 4>& intrinsics, const Matrix& pose,
+                                    double farthest, double voxel_size) {
+    if (depth.ndim() != 2) throw py::value_error("depth is an (H, W) array");
+    if (labels.ndim() != 2 || labels.shape(0) != depth.shape(0) ||
+        labels.shape(1) != depth.shape(1)) {
+        throw py::value_error("labels are of the shape of depth");
+    }
+    const fields::Camera camera{intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], pose};
+    const float* data = depth.data();
+    const std::int32_t* of_pixels = labels.data();
+    const auto rows = static_cast<std::size_t>(depth.shape(0));
+    const auto columns = static_cast<std::size_t>(depth.shape(1));
+    const py::gil_scoped_release release;
+    return fields::labelled(data, of_pixels, rows, columns, camera, farthest, voxel_size);
+}
+
+// What makes grids of grids.
+template <typename Value>
+void define_operators(py::class_<fields::Grid<Value>>& grid) {
+    using py::arg;
+    using Release = py::call_guard<py::gil_scoped_release>;
+    using Grid = fields::Grid<Value>;
+    grid.def(
+            "joined",
+            [](const Grid& self, const Grid& other, const std::string& how) {
+                expect_same_lattice(self, other.voxel_size(), other.placement());
+                const fields::Join join = join_named(how);
+                const py::gil_scoped_release release;
+                return fields::joined(self, other, join);
+            },
+            arg("other"), arg("how"))
+        .def(
+            "masked",
+            [](const Grid& self, const fields::Grid<bool>& mask, bool inside) {
+                expect_same_lattice(self, mask.voxel_size(), mask.placement());
+                const py::gil_scoped_release release;
+                return fields::masked(self, mask, inside);
+            },
+            arg("mask"), arg("inside") = true)
+        .def("active", &fields::active<Value>, Release())
+        .def("between", &fields::between<Value>, arg("low"), arg("high"), Release())
+        .def("cropped", &fields::cropped<Value>, arg("low"), arg("high"), Release())
+        .def("bounds", &fields::bounds<Value>, Release())
+        .def("resampled", &fields::resampled<Value>, arg("voxel_size"), arg("placement"),
+             Release());
+    if constexpr (std::is_same_v<Value, std::int32_t>) {
+        grid.def("among", &fields::among, arg("values"), Release())
+            .def("renumbered", &fields::renumbered, arg("pairs"), Release())
+            .def_static("of_labels", &labelled, arg("depth"), arg("labels"), arg("intrinsics"),
+                        arg("pose"), arg("farthest"), arg("voxel_size"));
+    }
+}
+
+template <typename Value>
 void define_grid(py::module_& module, const char* name) {
     using py::arg;
     using Release = py::call_guard<py::gil_scoped_release>;
     using Grid = fields::Grid<Value>;
-    py::class_<Grid>(module, name)
-        .def(py::init<double, Value>(), arg("voxel_size"), arg("background"))
+    py::class_<Grid> grid(module, name);
+    define_operators(grid);
+    grid.def(py::init<double, Value>(), arg("voxel_size"), arg("background"))
         .def_property_readonly("voxel_size", &Grid::voxel_size)
         .def_property_readonly("background", &Grid::background)
         .def_property_readonly("placement", &Grid::placement)
         .def("place", &Grid::place, arg("placement"))
+        .def("placed", &Grid::placed, arg("placement"))
         .def(
             "fill",
             [](Grid& self, const ShapeHolder& shape, Value value) {

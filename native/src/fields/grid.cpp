@@ -52,6 +52,14 @@ void Grid<Value>::place(const Placement& placement) {
 }
 
 template <typename Value>
+Grid<Value> Grid<Value>::placed(const Placement& placement) const {
+    Grid other = *this;
+    other.grid_ = grid_->copy();
+    other.place(placement);
+    return other;
+}
+
+template <typename Value>
 void Grid<Value>::fill(const Shape& shape, Value value) {
     const Voxels voxels = rasterise(shape, voxel_size_);
     auto accessor = grid_->getAccessor();

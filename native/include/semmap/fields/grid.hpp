@@ -32,6 +32,10 @@ class Grid {
     Value background() const { return grid_->background(); }
     const Placement& placement() const { return placement_; }
     void place(const Placement& placement);
+    // The same voxels elsewhere; they are shared, so that neither may be changed from then on.
+    Grid placed(const Placement& placement) const;
+    const Tree& tree() const { return grid_->constTree(); }
+    Tree& tree() { return grid_->tree(); }
 
     // The region stands in the grid's own frame.
     void fill(const Shape& shape, Value value);

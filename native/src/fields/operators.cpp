@@ -1,0 +1,499 @@
+#include "semmap/fields/operators.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <unordered_map>
+#include <unordered_set>
+
+#include "convex.hpp"
+
+namespace semmap::fields {
+namespace {
+
+constexpr std::size_t kVoxels = 512;
+
+openvdb::Coord coord(const Origin& o) { return {o.x, o.y, o.z}; }
+
+// The voxels of one block of a grid: of a leaf, of a tile or of nothing.
+template <typename Value>
+struct Block {
+    Words active;
+    std::array<Value, kVoxels> values;
+    bool uniform;  // all active and of values[0]
+};
+
+template <typename Value>
+void take(const typename Grid<Value>::Tree::LeafNodeType& leaf, Block<Value>& block) {
+    const auto& mask = leaf.valueMask();
+    for (openvdb::Index x = 0; x < 8; ++x)
+        block.active[x] = mask.template getWord<std::uint64_t>(x);
+    if constexpr (std::is_same_v<Value, bool>) {
+        for (openvdb::Index i = 0; i < kVoxels; ++i) block.values[i] = leaf.getValue(i);
+    } else {
+        const Value* data = leaf.buffer().data();
+        std::copy(data, data + kVoxels, block.values.begin());
+    }
+    block.uniform = false;
+}
+
+template <typename Value>
+void take_tile(Value value, Block<Value>& block) {
+    block.active.fill(~std::uint64_t{0});
+    block.values.fill(value);
+    block.uniform = true;
+}
+
+// Reads blocks by their origin.
+template <typename Value>
+class Reader {
+  public:
+    explicit Reader(const Grid<Value>& grid) : accessor_(grid.tree()) {}
+
+    // False where nothing is active.
+    bool read(const openvdb::Coord& origin, Block<Value>& block) {
+        if (const auto* leaf =
+                accessor_.template probeConstNode<typename Grid<Value>::Tree::LeafNodeType>(
+                    origin)) {
+            take(*leaf, block);
+            return !is_empty(block.active);
+        }
+        Value value;
+        if (!accessor_.probeValue(origin, value)) return false;
+        take_tile(value, block);
+        return true;
+    }
+
+    // Whether a block has active voxels, and which: for masks.
+    bool read_mask(const openvdb::Coord& origin, Words& active) {
+        if (const auto* leaf =
+                accessor_.template probeConstNode<typename Grid<Value>::Tree::LeafNodeType>(
+                    origin)) {
+            const auto& mask = leaf->valueMask();
+            for (openvdb::Index x = 0; x < 8; ++x) {
+                active[x] = mask.template getWord<std::uint64_t>(x);
+            }
+            return true;
+        }
+        if (!accessor_.isValueOn(origin)) return false;
+        active.fill(~std::uint64_t{0});
+        return true;
+    }
+
+  private:
+    openvdb::tree::ValueAccessor<const typename Grid<Value>::Tree> accessor_;
+};
+
+// Calls found(origin) for each block that has something active, larger tiles taken apart.
+template <typename Value, typename Found>
+void each_origin(const Grid<Value>& grid, Found&& found) {
+    for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
+        if (!leaf->isEmpty()) found(leaf->origin());
+    }
+    auto tile = grid.tree().cbeginValueOn();
+    tile.setMaxDepth(Grid<Value>::Tree::ValueOnCIter::LEAF_DEPTH - 1);
+    for (; tile; ++tile) {
+        const openvdb::CoordBBox box = tile.getBoundingBox();
+        for (openvdb::Int32 x = box.min().x(); x <= box.max().x(); x += kBlock) {
+            for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += kBlock) {
+                for (openvdb::Int32 z = box.min().z(); z <= box.max().z(); z += kBlock) {
+                    found(openvdb::Coord(x, y, z));
+                }
+            }
+        }
+    }
+}
+
+template <typename Value>
+std::size_t nodes(const Grid<Value>& grid) {
+    return static_cast<std::size_t>(grid.tree().leafCount()) +
+           static_cast<std::size_t>(grid.tree().activeTileCount());
+}
+
+// Writes blocks; one that is full and of one value becomes a tile.
+template <typename Value>
+class Writer {
+  public:
+    template <typename Like>
+    explicit Writer(const Grid<Like>& like, Value background)
+        : grid_(like.voxel_size(), background), accessor_(grid_.tree()) {
+        grid_.place(like.placement());
+    }
+
+    void write(const openvdb::Coord& origin, const Block<Value>& block) {
+        if (is_empty(block.active)) return;
+        if (block.uniform || is_uniform(block)) {
+            accessor_.addTile(1, origin, block.values[0], true);
+            accessor_.clear();
+            return;
+        }
+        using Leaf = typename Grid<Value>::Tree::LeafNodeType;
+        auto* leaf = new Leaf(origin, grid_.background(), false);
+        for (std::size_t x = 0; x < 8; ++x) {
+            for (std::uint64_t w = block.active[x]; w != 0; w &= w - 1) {
+                const std::size_t i = 64 * x + static_cast<std::size_t>(__builtin_ctzll(w));
+                leaf->setValueOn(static_cast<openvdb::Index>(i), block.values[i]);
+            }
+        }
+        accessor_.addLeaf(leaf);
+    }
+
+    Grid<Value> finish() {
+        grid_.prune();
+        return std::move(grid_);
+    }
+
+  private:
+    static bool is_uniform(const Block<Value>& block) {
+        if (!is_full(block.active)) return false;
+        return std::all_of(block.values.begin(), block.values.end(),
+                           [&](Value v) { return v == block.values[0]; });
+    }
+
+    Grid<Value> grid_;
+    openvdb::tree::ValueAccessor<typename Grid<Value>::Tree> accessor_;
+};
+
+// Block by block of one grid; f changes the block.
+template <typename Value, typename Change>
+Grid<Value> changed(const Grid<Value>& grid, Change&& change) {
+    Writer<Value> out(grid, grid.background());
+    Reader<Value> reader(grid);
+    Block<Value> block;
+    each_origin(grid, [&](const openvdb::Coord& origin) {
+        if (!reader.read(origin, block)) return;
+        change(origin, block);
+        out.write(origin, block);
+    });
+    return out.finish();
+}
+
+template <typename Value, typename Holds>
+Grid<bool> where(const Grid<Value>& grid, Holds&& holds) {
+    Writer<bool> out(grid, false);
+    Reader<Value> reader(grid);
+    Block<Value> block;
+    Block<bool> answer;
+    answer.values.fill(true);
+    each_origin(grid, [&](const openvdb::Coord& origin) {
+        if (!reader.read(origin, block)) return;
+        answer.uniform = block.uniform;
+        if (block.uniform) {
+            answer.active = block.active;
+            if (!holds(block.values[0])) return;
+        } else {
+            answer.active.fill(0);
+            for (std::size_t i = 0; i < kVoxels; ++i) {
+                answer.active[i / 64] |= std::uint64_t{holds(block.values[i])} << (i % 64);
+            }
+            for (std::size_t x = 0; x < 8; ++x) answer.active[x] &= block.active[x];
+        }
+        out.write(origin, answer);
+    });
+    return out.finish();
+}
+
+template <typename Value>
+Value both(Value a, Value b, Join how) {
+    switch (how) {
+        case Join::first:
+            return a;
+        case Join::last:
+            return b;
+        case Join::max:
+            return std::max(a, b);
+        case Join::min:
+            return std::min(a, b);
+        case Join::sum:
+            break;
+    }
+    if constexpr (std::is_same_v<Value, bool>) {
+        return a || b;
+    } else if constexpr (std::is_same_v<Value, std::int32_t>) {
+        return static_cast<Value>(static_cast<std::uint32_t>(a) + static_cast<std::uint32_t>(b));
+    } else {
+        return a + b;
+    }
+}
+
+bool is_on(const Words& words, std::size_t i) { return (words[i / 64] >> (i % 64) & 1) != 0; }
+
+}  // namespace
+
+template <typename Value>
+Grid<Value> joined(const Grid<Value>& a, const Grid<Value>& b, Join how) {
+    Writer<Value> out(a, a.background());
+    Reader<Value> of_a(a);
+    Reader<Value> of_b(b);
+    Block<Value> one;
+    Block<Value> other;
+    each_origin(a, [&](const openvdb::Coord& origin) {
+        if (!of_a.read(origin, one)) return;
+        if (of_b.read(origin, other)) {
+            for (std::size_t i = 0; i < kVoxels; ++i) {
+                if (!is_on(other.active, i)) continue;
+                one.values[i] = is_on(one.active, i) ? both(one.values[i], other.values[i], how)
+                                                     : other.values[i];
+            }
+            for (std::size_t x = 0; x < 8; ++x) one.active[x] |= other.active[x];
+            one.uniform = false;
+        }
+        out.write(origin, one);
+    });
+    each_origin(b, [&](const openvdb::Coord& origin) {
+        if (!of_a.read(origin, one) && of_b.read(origin, other)) out.write(origin, other);
+    });
+    return out.finish();
+}
+
+template <typename Value>
+Grid<Value> masked(const Grid<Value>& grid, const Grid<bool>& mask, bool inside) {
+    Writer<Value> out(grid, grid.background());
+    Reader<Value> reader(grid);
+    Reader<bool> of_mask(mask);
+    Block<Value> block;
+    Words active;
+    const auto at = [&](const openvdb::Coord& origin) {
+        const bool met = of_mask.read_mask(origin, active);
+        if (!met && inside) return;
+        if (!reader.read(origin, block)) return;
+        if (met) {
+            for (std::size_t x = 0; x < 8; ++x) {
+                block.active[x] &= inside ? active[x] : ~active[x];
+            }
+            block.uniform = block.uniform && is_full(block.active);
+        }
+        out.write(origin, block);
+    };
+    // The smaller of the two says where to look.
+    if (inside && nodes(mask) < nodes(grid)) {
+        each_origin(mask, at);
+    } else {
+        each_origin(grid, at);
+    }
+    return out.finish();
+}
+
+template <typename Value>
+Grid<bool> active(const Grid<Value>& grid) {
+    return where(grid, [](Value) { return true; });
+}
+
+template <typename Value>
+Grid<bool> between(const Grid<Value>& grid, Value low, Value high) {
+    return where(grid, [=](Value v) { return low <= v && v <= high; });
+}
+
+Grid<bool> among(const Grid<std::int32_t>& grid, const std::vector<std::int32_t>& values) {
+    if (values.size() == 1) return between(grid, values[0], values[0]);
+    const std::unordered_set<std::int32_t> wanted(values.begin(), values.end());
+    return where(grid, [&](std::int32_t v) { return wanted.count(v) > 0; });
+}
+
+Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
+                              const std::vector<std::pair<std::int32_t, std::int32_t>>& pairs) {
+    const std::unordered_map<std::int32_t, std::int32_t> to(pairs.begin(), pairs.end());
+    return changed(grid, [&](const openvdb::Coord&, Block<std::int32_t>& block) {
+        for (std::int32_t& value : block.values) {
+            const auto found = to.find(value);
+            if (found != to.end()) value = found->second;
+        }
+    });
+}
+
+template <typename Value>
+Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high) {
+    const openvdb::CoordBBox box({low[0], low[1], low[2]}, {high[0], high[1], high[2]});
+    Writer<Value> out(grid, grid.background());
+    Reader<Value> reader(grid);
+    Block<Value> block;
+    const auto at = [&](const openvdb::Coord& origin) {
+        const openvdb::CoordBBox here(origin, origin.offsetBy(kBlock - 1));
+        if (!box.hasOverlap(here) || !reader.read(origin, block)) return;
+        if (!box.isInside(here)) {
+            for (int x = 0; x < kBlock; ++x) {
+                for (int y = 0; y < kBlock; ++y) {
+                    for (int z = 0; z < kBlock; ++z) {
+                        if (box.isInside(origin.offsetBy(x, y, z))) continue;
+                        block.active[static_cast<std::size_t>(x)] &=
+                            ~(std::uint64_t{1} << (8 * y + z));
+                    }
+                }
+            }
+            block.uniform = false;
+        }
+        out.write(origin, block);
+    };
+    if (box.empty()) return out.finish();
+    double blocks = 1;
+    for (int k = 0; k < 3; ++k) {
+        blocks *= (static_cast<double>(box.max()[k]) - box.min()[k]) / kBlock + 2;
+    }
+    if (blocks > static_cast<double>(nodes(grid))) {
+        each_origin(grid, at);
+        return out.finish();
+    }
+    for (openvdb::Int32 x = block_floor(low[0]); x <= high[0]; x += kBlock) {
+        for (openvdb::Int32 y = block_floor(low[1]); y <= high[1]; y += kBlock) {
+            for (openvdb::Int32 z = block_floor(low[2]); z <= high[2]; z += kBlock) {
+                at(openvdb::Coord(x, y, z));
+            }
+        }
+    }
+    return out.finish();
+}
+
+template <typename Value>
+std::optional<std::pair<Index, Index>> bounds(const Grid<Value>& grid) {
+    openvdb::CoordBBox box;
+    if (!grid.tree().evalActiveVoxelBoundingBox(box) || box.empty()) return std::nullopt;
+    return std::pair{Index{box.min().x(), box.min().y(), box.min().z()},
+                     Index{box.max().x(), box.max().y(), box.max().z()}};
+}
+
+template <typename Value>
+Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placement& placement) {
+    Grid<Value> frame(voxel_size, grid.background());
+    frame.place(placement);
+    // From voxels of the answer (their lowest corners) to those of the grid: p = turn q + shift.
+    const Placement& from = placement;
+    const Placement& to = grid.placement();
+    std::array<std::array<double, 3>, 3> turn;
+    Vector shift;
+    for (std::size_t i = 0; i < 3; ++i) {
+        shift[i] = 0;
+        for (std::size_t k = 0; k < 3; ++k) {
+            shift[i] += to[k][i] * (from[k][3] - to[k][3]) / grid.voxel_size();
+        }
+        for (std::size_t j = 0; j < 3; ++j) {
+            double sum = 0;
+            for (std::size_t k = 0; k < 3; ++k) sum += to[k][i] * from[k][j];
+            turn[i][j] = sum * voxel_size / grid.voxel_size();
+        }
+    }
+    // Blocks of the answer that a ball around a block of the grid meets.
+    OriginIndex candidates;
+    const double reach = std::sqrt(3.0) * kBlock / 2 * grid.voxel_size() / voxel_size;
+    each_origin(grid, [&](const openvdb::Coord& origin) {
+        Vector middle;
+        for (int k = 0; k < 3; ++k) middle[static_cast<std::size_t>(k)] = origin[k] + kBlock / 2.0;
+        std::array<std::int32_t, 3> low;
+        std::array<std::int32_t, 3> high;
+        for (std::size_t j = 0; j < 3; ++j) {
+            double q =
+                0;  // turn is a rotation times a scale: its inverse is its transpose by scale^2
+            for (std::size_t i = 0; i < 3; ++i) q += turn[i][j] * (middle[i] - shift[i]);
+            q *= (grid.voxel_size() / voxel_size) * (grid.voxel_size() / voxel_size);
+            low[j] = block_floor(checked_index(std::floor(q - reach)));
+            high[j] = checked_index(std::floor(q + reach));
+        }
+        for (std::int32_t x = low[0]; x <= high[0]; x += kBlock) {
+            for (std::int32_t y = low[1]; y <= high[1]; y += kBlock) {
+                for (std::int32_t z = low[2]; z <= high[2]; z += kBlock) {
+                    candidates.number({x, y, z});
+                }
+            }
+        }
+    });
+    Writer<Value> out(frame, grid.background());
+    auto accessor = openvdb::tree::ValueAccessor<const typename Grid<Value>::Tree>(grid.tree());
+    Block<Value> block;
+    block.uniform = false;
+    for (const Origin& origin : candidates.origins()) {
+        block.active.fill(0);
+        block.values.fill(grid.background());
+        for (int i = 0; i < static_cast<int>(kVoxels); ++i) {
+            const Vector q{origin.x + (i >> 6) + 0.5, origin.y + (i >> 3 & 7) + 0.5,
+                           origin.z + (i & 7) + 0.5};
+            openvdb::Coord at;
+            for (std::size_t k = 0; k < 3; ++k) {
+                const double p =
+                    turn[k][0] * q[0] + turn[k][1] * q[1] + turn[k][2] * q[2] + shift[k];
+                at[static_cast<int>(k)] = static_cast<std::int32_t>(std::floor(p));
+            }
+            Value value;
+            if (!accessor.probeValue(at, value)) continue;
+            const auto n = static_cast<std::size_t>(i);
+            block.active[n / 64] |= std::uint64_t{1} << (n % 64);
+            block.values[n] = value;
+        }
+        out.write(coord(origin), block);
+    }
+    return out.finish();
+}
+
+Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std::size_t rows,
+                            std::size_t columns, const Camera& camera, double farthest,
+                            double voxel_size) {
+    // The vote of Boyer and Moore in each voxel: a label that has more than half of it wins.
+    struct Vote {
+        std::int32_t label = 0;
+        std::uint32_t lead = 0;
+    };
+    OriginIndex index;
+    std::vector<std::array<Vote, kVoxels>> votes;
+    std::vector<double> along(columns);
+    for (std::size_t column = 0; column < columns; ++column) {
+        along[column] = (static_cast<double>(column) - camera.cx) / camera.fx;
+    }
+    const double per_metre = 1 / voxel_size;
+    Placement pose;
+    for (std::size_t k = 0; k < 3; ++k) {
+        for (std::size_t j = 0; j < 4; ++j) pose[k][j] = camera.pose[k][j];
+    }
+    std::size_t last = 0;
+    std::int32_t voxel[3];
+    for (std::size_t row = 0; row < rows; ++row) {
+        const double y = (static_cast<double>(row) - camera.cy) / camera.fy;
+        Vector base;
+        for (std::size_t k = 0; k < 3; ++k) base[k] = pose[k][1] * y + pose[k][2];
+        for (std::size_t column = 0; column < columns; ++column) {
+            const std::size_t i = row * columns + column;
+            const double d = depth[i];
+            if (labels[i] == 0 || !(d > 0 && d <= farthest && d < 1e30)) continue;
+            for (std::size_t k = 0; k < 3; ++k) {
+                const double p = (d * (pose[k][0] * along[column] + base[k]) + pose[k][3]);
+                voxel[k] = checked_index(std::floor(p * per_metre));
+            }
+            last =
+                index.number({block_floor(voxel[0]), block_floor(voxel[1]), block_floor(voxel[2])});
+            if (last == votes.size()) votes.emplace_back();
+            Vote& vote = votes[last][static_cast<std::size_t>(
+                (voxel[0] & 7) << 6 | (voxel[1] & 7) << 3 | (voxel[2] & 7))];
+            if (vote.label == labels[i]) {
+                ++vote.lead;
+            } else if (vote.lead == 0) {
+                vote = {labels[i], 1};
+            } else {
+                --vote.lead;
+            }
+        }
+    }
+    const Grid<std::int32_t> frame(voxel_size, 0);
+    Writer<std::int32_t> out(frame, 0);
+    Block<std::int32_t> block;
+    block.uniform = false;
+    for (std::size_t b = 0; b < votes.size(); ++b) {
+        block.active.fill(0);
+        for (std::size_t i = 0; i < kVoxels; ++i) {
+            block.values[i] = votes[b][i].label;
+            block.active[i / 64] |= std::uint64_t{votes[b][i].label != 0} << (i % 64);
+        }
+        out.write(coord(index.origins()[b]), block);
+    }
+    return out.finish();
+}
+
+#define SEMMAP_FOR_VALUE(Value)                                                   \
+    template Grid<Value> joined(const Grid<Value>&, const Grid<Value>&, Join);    \
+    template Grid<Value> masked(const Grid<Value>&, const Grid<bool>&, bool);     \
+    template Grid<bool> active(const Grid<Value>&);                               \
+    template Grid<bool> between(const Grid<Value>&, Value, Value);                \
+    template Grid<Value> cropped(const Grid<Value>&, const Index&, const Index&); \
+    template std::optional<std::pair<Index, Index>> bounds(const Grid<Value>&);   \
+    template Grid<Value> resampled(const Grid<Value>&, double, const Placement&);
+
+SEMMAP_FOR_VALUE(bool)
+SEMMAP_FOR_VALUE(std::int32_t)
+SEMMAP_FOR_VALUE(float)
+
+}  // namespace semmap::fields
