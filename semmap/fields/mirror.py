@@ -62,7 +62,7 @@ class Mirror:
                 self._since = now
                 return set()
             things = read_occupants(connection, changed)
-        regions = {thing.id: thing.regions for thing in things}
+        regions = {thing.id: thing.regions(self.regions.voxel_size) for thing in things}
         gone = set(self.names) - set(regions) if changed is None else changed - set(regions)
         for number in (gone | set(regions)) & set(self.names):
             self.regions.remove(number)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
-from semmap.fields.regions import Region, Solid, Surface
-from semmap.geometry.parts import closed_parts
+from semmap.fields.mesh_regions import parts_of
+from semmap.fields.regions import Region
 from semmap.geometry.tin import to_mesh
 from semmap.query.meshes import world_triangles
 
@@ -25,21 +25,9 @@ class Occupant:
     name: str
     triangles: NDArray[np.float64]
 
-    @property
-    def regions(self) -> list[Region]:
-        """The solids that its closed parts enclose, and the surfaces of the open ones.
-
-        Corners within a micrometre are one, as `closed_parts` has it.
-        """
-        mesh = to_mesh(np.round(self.triangles, 6))
-        part, closed = closed_parts(mesh)
-        found: list[Region] = []
-        solid = closed[part]
-        if solid.any():
-            found.append(Solid(mesh.vertices, mesh.faces[solid]))
-        if not solid.all():
-            found.append(Surface(mesh.vertices, mesh.faces[~solid]))
-        return found
+    def regions(self, voxel_size: float) -> list[Region]:
+        """The solids that its closed parts enclose, and the surfaces of the open ones."""
+        return parts_of(to_mesh(self.triangles)).regions(voxel_size)
 
 
 def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> list[Occupant]:

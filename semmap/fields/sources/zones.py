@@ -1,0 +1,58 @@
+"""Zones: the rooms and regions that people drew, with their floor and height."""
+
+from __future__ import annotations
+
+import numpy as np
+from shapely import Polygon
+from trimesh.creation import extrude_polygon
+
+from semmap.fields.mesh_regions import parts_of
+from semmap.fields.regions import Region, _above_0
+from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.sources.percepts import Zone, Zones
+from semmap.fields.vocabulary import Vocabulary
+from semmap.geometry.mesh import Mesh
+from semmap.geometry.morphology import polygons
+
+__all__ = ["ZoneSource"]
+
+
+class ZoneSource:
+    """One bool map a zone: of `inRoom` for rooms, of `inZone` for regions.
+
+    Parameters
+    ----------
+    voxel_size : metres
+    """
+
+    def __init__(self, vocabulary: Vocabulary, *, voxel_size: float = 0.05) -> None:
+        self._property = {"room": vocabulary["inRoom"], "region": vocabulary["inZone"]}
+        self._voxel_size = _above_0(voxel_size, "voxel_size")
+        self._known: dict[str, tuple[Zone, RepresentationMap]] = {}
+
+    def __call__(self, percept: Zones) -> list[RepresentationMap]:
+        known = {}
+        for zone in percept.zones:
+            before = self._known.get(zone.name)
+            if before is not None and before[0] == zone:
+                known[zone.name] = before
+                continue
+            grid = RepresentationMap.of_regions(
+                self._property[zone.kind],
+                [(region, True) for region in _prism(zone, self._voxel_size)],
+                self._voxel_size,
+                about=zone.name,
+                time=percept.time,
+            )
+            known[zone.name] = (zone, grid)
+        self._known = known
+        return [each for _, each in known.values()]
+
+
+def _prism(zone: Zone, voxel_size: float) -> list[Region]:
+    regions: list[Region] = []
+    for polygon in polygons(zone.outline):
+        made = extrude_polygon(Polygon(polygon), zone.high - zone.low)
+        mesh = Mesh(np.add(made.vertices, (0, 0, zone.low)), made.faces)
+        regions += parts_of(mesh).regions(voxel_size)
+    return regions

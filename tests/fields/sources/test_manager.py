@@ -1,0 +1,182 @@
+"""Sources at work: rates, failures, what they leave; readers and writers at once."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+import pytest
+
+from semmap.fields.maps import Maps
+from semmap.fields.property import Property
+from semmap.fields.regions import Box, Sphere
+from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.sources import Manager
+
+SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "thing", measure="attention")
+COUNT = Property("urn:t#count", "count", "Region", None, "voxel", "number")
+SECONDS = float(os.environ.get("SEMMAP_SOAK", "10"))
+
+
+class Percept:
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.time = datetime.now(UTC)
+
+
+def counter() -> Callable[[], Percept]:
+    numbers = iter(range(10**9))
+    return lambda: Percept(next(numbers))
+
+
+def spheres(percept: Percept) -> list[RepresentationMap]:
+    return [
+        RepresentationMap.of_regions(SEES, [(Sphere((i, 0, 0), 0.2), True)], 0.05, about=f"h{i}")
+        for i in range(percept.number % 3 + 1)
+    ]
+
+
+def wait_for(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + 10
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_on_and_off_at_run_time() -> None:
+    with Manager(Maps()) as manager:
+        manager.activate("gaze", spheres, counter(), rate=100)
+        manager.activate("more", spheres, counter(), rate=1)
+        with pytest.raises(ValueError, match="is active"):
+            manager.activate("gaze", spheres, counter())
+        wait_for(lambda: manager.status()["gaze"].updates > 5)
+        assert manager.maps.sources() == ["gaze", "more"]
+        # Another number of maps each time.
+        seen = set()
+        wait_for(lambda: seen.add(len(manager.maps.now())) or len(seen) > 2)
+        assert manager.status()["more"].updates <= 2
+        manager.deactivate("gaze")
+        assert manager.maps.sources() == ["more"]
+        assert set(manager.status()) == {"more"}
+        with pytest.raises(LookupError, match="active: more"):
+            manager.deactivate("gaze")
+    assert manager.maps.sources() == []
+    assert manager.maps.now() == ()
+
+
+def test_a_source_that_fails_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    def source(percept: Percept) -> list[RepresentationMap]:
+        if percept.number % 2:
+            raise RuntimeError("no light")
+        return spheres(percept)
+
+    with Manager(Maps()) as manager:
+        manager.activate("gaze", source, counter(), rate=200)
+        wait_for(lambda: manager.status()["gaze"].updates > 3)
+        wait_for(lambda: manager.status()["gaze"].error == "RuntimeError: no light")
+        assert manager.maps.sources() == ["gaze"]
+    assert "source gaze failed" in caplog.text
+
+
+def test_the_same_percept_makes_no_new_maps() -> None:
+    one = Percept(0)
+    with Manager(Maps()) as manager:
+        manager.activate("gaze", spheres, lambda: one, rate=500)
+        manager.activate("none", spheres, lambda: None, rate=500)
+        wait_for(lambda: manager.status()["gaze"].updates == 1)
+        time.sleep(0.05)
+        assert manager.status()["gaze"].updates == 1
+        assert manager.maps.sources() == ["gaze"]
+
+
+def test_rates_that_are_none() -> None:
+    with pytest.raises(ValueError, match="above 0"):
+        Manager(Maps()).activate("gaze", spheres, counter(), rate=0)
+
+
+def test_moments_and_intervals() -> None:
+    start = datetime(2026, 11, 21, tzinfo=UTC)
+
+    def after(seconds: float) -> datetime:
+        return start + timedelta(seconds=seconds)
+
+    made = [spheres(Percept(0)) for _ in range(6)]
+    maps = Maps(timedelta(seconds=10))
+    for i, each in enumerate(made[:4]):
+        maps.put("gaze", each, after(5 * i))
+    maps.put("other", made[4], after(7))
+
+    def told(found: tuple[RepresentationMap, ...]) -> list[int]:
+        return sorted(i for i, each in enumerate(made) if each[0] in found)
+
+    assert told(maps.now()) == [3, 4]
+    assert told(maps.at(after(6))) == [1]
+    assert told(maps.at(after(10))) == [2, 4]
+    assert told(maps.during(after(6), after(11))) == [1, 2, 4]
+    assert told(maps.at(after(4.9))) == []  # older than its span
+    assert maps.since() == after(5)
+    maps.withdraw("gaze", after(20))
+    assert told(maps.now()) == [4]
+    assert told(maps.at(after(19))) == [3, 4]
+    maps.put("gaze", made[5], after(40))
+    assert told(maps.at(after(31))) == [4]
+    with pytest.raises(ValueError, match="before those"):
+        maps.put("gaze", made[5], after(39))
+    with pytest.raises(ValueError, match="time zone"):
+        maps.at(datetime(2026, 1, 1))
+    with pytest.raises(ValueError, match="before it begins"):
+        maps.during(after(2), after(1))
+
+
+def test_nothing_is_torn() -> None:
+    """4 sources at 30 Hz, each of two maps that say the same number everywhere, and 4 readers."""
+
+    def source(percept: Percept) -> list[RepresentationMap]:
+        return [
+            RepresentationMap.of_regions(
+                COUNT, [(Box((0, y, 0), (2, 2, 1)), float(percept.number))], 0.05,
+                value_type="float32",
+            )
+            for y in (0.0, 3.0)
+        ]  # fmt: skip
+
+    torn: list[Any] = []
+    reads = [0] * 4
+    stop = threading.Event()
+
+    def read(reader: int, maps: Maps) -> None:
+        last: dict[int, float] = {}
+        while not stop.is_set():
+            now = maps.now()
+            values = [np.unique(each.values()) for each in now]
+            if any(len(v) != 1 for v in values) or len(now) % 2:
+                torn.append(values)
+            for i in range(0, len(now), 2):
+                a, b = float(values[i][0]), float(values[i + 1][0])
+                if a != b or a < last.get(i, 0):
+                    torn.append((i, a, b))
+                last[i] = a
+            reads[reader] += 1
+
+    with Manager(Maps(timedelta(seconds=1))) as manager:
+        for k in range(4):
+            manager.activate(f"source{k}", source, counter(), rate=30)
+        wait_for(lambda: len(manager.maps.now()) == 8)
+        readers = [threading.Thread(target=read, args=(k, manager.maps)) for k in range(4)]
+        for reader in readers:
+            reader.start()
+        time.sleep(SECONDS)
+        stop.set()
+        for reader in readers:
+            reader.join()
+        updates = [each.updates for each in manager.status().values()]
+        errors = [each.error for each in manager.status().values()]
+    assert torn == []
+    assert errors == [None] * 4
+    assert min(reads) > 10
+    assert min(updates) >= 0.5 * 30 * SECONDS / 4  # a shared machine; none starves
