@@ -435,34 +435,37 @@ Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std:
     for (std::size_t column = 0; column < columns; ++column) {
         along[column] = (static_cast<double>(column) - camera.cx) / camera.fx;
     }
-    const double per_metre = 1 / voxel_size;
-    Placement pose;
-    for (std::size_t k = 0; k < 3; ++k) {
-        for (std::size_t j = 0; j < 4; ++j) pose[k][j] = camera.pose[k][j];
-    }
-    std::size_t last = 0;
-    std::int32_t voxel[3];
+    const Placement& pose = camera.pose;
+    std::vector<double> points(3 * columns);
+    std::vector<std::int32_t> voxels(3 * columns);
+    std::vector<std::int32_t> shown(columns);
     for (std::size_t row = 0; row < rows; ++row) {
         const double y = (static_cast<double>(row) - camera.cy) / camera.fy;
         Vector base;
         for (std::size_t k = 0; k < 3; ++k) base[k] = pose[k][1] * y + pose[k][2];
+        std::size_t count = 0;
         for (std::size_t column = 0; column < columns; ++column) {
             const std::size_t i = row * columns + column;
             const double d = depth[i];
             if (labels[i] == 0 || !(d > 0 && d <= farthest && d < 1e30)) continue;
             for (std::size_t k = 0; k < 3; ++k) {
-                const double p = (d * (pose[k][0] * along[column] + base[k]) + pose[k][3]);
-                voxel[k] = checked_index(std::floor(p * per_metre));
+                points[3 * count + k] = d * (pose[k][0] * along[column] + base[k]) + pose[k][3];
             }
-            last =
-                index.number({block_floor(voxel[0]), block_floor(voxel[1]), block_floor(voxel[2])});
-            if (last == votes.size()) votes.emplace_back();
-            Vote& vote = votes[last][static_cast<std::size_t>(
-                (voxel[0] & 7) << 6 | (voxel[1] & 7) << 3 | (voxel[2] & 7))];
-            if (vote.label == labels[i]) {
+            shown[count++] = labels[i];
+        }
+        voxel_indices(points.data(), 3 * count, voxel_size, voxels.data());
+        for (std::size_t i = 0; i < count; ++i) {
+            const std::int32_t* v = &voxels[3 * i];
+            const std::size_t block =
+                index.number({block_floor(v[0]), block_floor(v[1]), block_floor(v[2])});
+            if (block == votes.size()) votes.emplace_back();
+            Vote& vote =
+                votes[block]
+                     [static_cast<std::size_t>((v[0] & 7) << 6 | (v[1] & 7) << 3 | (v[2] & 7))];
+            if (vote.label == shown[i]) {
                 ++vote.lead;
             } else if (vote.lead == 0) {
-                vote = {labels[i], 1};
+                vote = {shown[i], 1};
             } else {
                 --vote.lead;
             }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semmap.fields.regions import _above_0, _rigid
 from semmap.fields.representation_map import RepresentationMap
@@ -35,11 +36,7 @@ class _Seen:
             raise ValueError(
                 f"labels have shape {labels.shape}, depth {depth.shape}: give two (H, W) arrays"
             )
-        unknown = set(np.unique(labels).tolist()) - {0, *percept.names}
-        if unknown:
-            raise ValueError(f"labels hold {sorted(unknown)}, which have no name: name all")
-        if len(names) < len(percept.names):
-            labels = np.where(np.isin(labels, [*names]), labels, 0).astype(np.int32)
+        labels = _chosen(labels, percept.names, names)
         fx, fy, cx, cy = np.asarray(percept.intrinsics, float).tolist()
         if not (fx > 0 and fy > 0):
             raise ValueError("intrinsics are fx, fy, cx, cy in pixels, fx and fy above 0")
@@ -90,3 +87,21 @@ class PeopleSource(_Seen):
 
     def __call__(self, percept: Segmentation) -> list[RepresentationMap]:
         return [self._map(percept, dict(percept.names))]
+
+
+def _chosen(
+    labels: NDArray[np.int32], known: Collection[int], wanted: Collection[int]
+) -> NDArray[np.int32]:
+    """The labels that are wanted, 0 for the others, all of which must be known."""
+    top = int(labels.max(initial=0))
+    if labels.min(initial=0) < 0 or top > 1 << 20:
+        raise ValueError("labels are numbers from 0, nothing, to about a million")
+    there = np.bincount(labels.ravel(), minlength=1) > 0
+    unknown = set(np.flatnonzero(there).tolist()) - {0, *known}
+    if unknown:
+        raise ValueError(f"labels hold {sorted(unknown)}, which have no name: name all")
+    table = np.zeros(top + 1, np.int32)
+    for label in wanted:
+        if label <= top:
+            table[label] = label
+    return table[labels]
