@@ -11,11 +11,13 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from navgrid.area import area_cells
+from navgrid.field_layer import field_cells, social_costs
 from navgrid.grid import Grid
 from navgrid.inflation import INSCRIBED, UNKNOWN, inflate
 from navgrid.occupancy import occupancy
@@ -23,6 +25,9 @@ from navgrid.policy import FLOOR, NONE, Layer, Policy
 from navgrid.scene import Bounds, Scene, Thing
 from navgrid.terrain import Gait, Level, drivable, levels
 from semmap.robot import Part
+
+if TYPE_CHECKING:
+    from semmap.fields.representation_map import RepresentationMap
 
 __all__ = ["Blame", "Costmap", "Inflation"]
 
@@ -61,6 +66,8 @@ class Costmap:
     Attributes
     ----------
     static : further layers by name, (rows, columns) bool, in the way of every part: a SLAM map
+    fields : further layers by name, representation maps: what a bool map or one of things holds is
+        in the way of the parts at its height, and numbers from 0 to 1 are social costs
     occupied : by layer, (parts, rows, columns) bool
     costs : (parts, rows, columns) uint8, with the meaning of costmap_2d
     master : (rows, columns) uint8, the highest of all; a known cost beats unknown
@@ -76,6 +83,7 @@ class Costmap:
     gait: Gait = field(default_factory=Gait)
     threads: int | None = None
     static: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
+    fields: Mapping[str, RepresentationMap] = field(default_factory=dict)
     occupied: dict[str, NDArray[np.bool_]] = field(init=False)
     costs: NDArray[np.uint8] = field(init=False)
     master: NDArray[np.uint8] = field(init=False)
@@ -95,7 +103,12 @@ class Costmap:
         for name, cells in self.static.items():
             if cells.shape != self.grid.shape or name in {la.name for la in self.policy.layers}:
                 raise ValueError(f"static layer {name}: give it the grid's shape and its own name")
-        self.layers = (*self.policy.layers, *(Layer(name) for name in self.static))
+        taken = {la.name for la in self.policy.layers} | set(self.static)
+        for name in self.fields:
+            if name in taken:
+                raise ValueError(f"field {name}: there is a layer of that name; give it its own")
+        self.fields = dict(self.fields)
+        self._social: dict[str, NDArray[np.uint8]] = {}
         self._things = {thing.id: thing for thing in self.scene.things}
         self._compute()
 
@@ -114,11 +127,27 @@ class Costmap:
         }
         for name, cells in self.static.items():
             self.occupied[name] = np.broadcast_to(cells, (len(self.parts), *cells.shape)).copy()
+        self._social.clear()
+        for name in self.fields:
+            self._draw_field(name)
         drawn = time.perf_counter()
         self.costs = np.empty((len(self.parts), *self.grid.shape), np.uint8)
         self.master = np.empty(self.grid.shape, np.uint8)
         self._inflate(everywhere)
         self.seconds = {"slabs": drawn - start, "inflation": time.perf_counter() - drawn}
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """Those of the policy, static ones, and fields that are in the way."""
+        fields = [name for name in self.fields if name not in self._social]
+        return (*self.policy.layers, *(Layer(name) for name in [*self.static, *fields]))
+
+    def _draw_field(self, name: str) -> None:
+        values = field_cells(self.fields[name], self._levels, self.intervals, self.grid)
+        if self.fields[name].value_type == "float32":
+            self._social[name] = social_costs(values)
+        else:
+            self.occupied[name] = values > 0
 
     def _sort(self) -> None:
         """Things to layers; of floors, what is driven on to the terrain and the rest to walls."""
@@ -246,6 +275,8 @@ class Costmap:
                 cells = self.occupied[layer.name][number][outer]
                 if cells.any():
                     np.maximum(cost, self._cost(cells, part, layer.padding)[inner], out=cost)
+            for social in self._social.values():
+                np.maximum(cost, social[number][window], out=cost)
             cost[hidden & (cost < INSCRIBED)] = UNKNOWN
             self.costs[number][window] = cost
         self.master[window] = joined(self.costs[:, *window])
@@ -296,6 +327,34 @@ class Costmap:
         for name in changed:
             near = self._near(self._members[name], window)
             self.occupied[name][:, *window] = self._cells(near, window)
+        wide = _grown(window, self.reach, self.grid)
+        self._inflate(wide)
+        return wide
+
+    def lay(self, name: str, map: RepresentationMap | None) -> Window | None:
+        """Lay a field, replace it, or take it away (None); the window of cells that are new.
+
+        Raises
+        ------
+        ValueError
+            A layer that is no field has that name.
+        """
+        if name in self.static or name in {la.name for la in self.policy.layers}:
+            raise ValueError(f"field {name}: there is a layer of that name; give it its own")
+        touched = np.zeros(self.grid.shape, np.bool_)
+        for drawn in (self._social.pop(name, None), self.occupied.pop(name, None)):
+            if drawn is not None:
+                touched |= drawn.any(axis=0)
+        self.fields = {k: v for k, v in self.fields.items() if k != name}
+        if map is not None:
+            self.fields[name] = map
+            self._draw_field(name)
+            drawn = self._social[name] if name in self._social else self.occupied[name]
+            touched |= drawn.any(axis=0)
+        if not touched.any():
+            return None
+        rows, columns = np.nonzero(touched.any(axis=1))[0], np.nonzero(touched.any(axis=0))[0]
+        window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
         wide = _grown(window, self.reach, self.grid)
         self._inflate(wide)
         return wide
@@ -372,6 +431,10 @@ class Costmap:
                     distance = math.sqrt(squared.min()) * self.grid.resolution
                     names = self._occupants(layer.name, number, nearest)
                     found.append(Blame(part.name, layer.name, names, distance, cost))
+            for name, social in self._social.items():
+                if cost := int(social[number, row, column]):
+                    names = (self.fields[name].about or name,)
+                    found.append(Blame(part.name, name, names, 0.0, cost))
         return sorted(found, key=lambda b: (-b.cost, b.distance, b.part))
 
     def _occupants(self, layer: str, part: int, cells: NDArray[np.int64]) -> tuple[str, ...]:
@@ -380,6 +443,8 @@ class Costmap:
         at = tuple((cells - (r0, c0)).T)
         if layer in self.static:
             return (layer,)
+        if layer in self.fields:
+            return (self.fields[layer].about or layer,)
         names = [
             thing.name
             for number, thing in self._near(self._members[layer], window).items()

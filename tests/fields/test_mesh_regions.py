@@ -45,5 +45,5 @@ def test_a_pose() -> None:
     parts = parts_of(crate(0.1))
     (moved,) = parts.regions(0.05, pose)
     (still,) = parts.regions(0.05)
-    shifted = voxels_of(still, 0.05) + (20, 40, 60)
+    shifted = np.add(voxels_of(still, 0.05), (20, 40, 60))
     assert {tuple(v) for v in voxels_of(moved, 0.05)} == {tuple(v) for v in shifted}
