@@ -1,4 +1,4 @@
-"""A z-buffer in NumPy: which triangle each pixel shows, under parallel projection.
+"""A z-buffer in NumPy: which triangle each pixel shows.
 
 Pictures need neither a display nor a graphics card this way. A fragment is one number, depth above
 and triangle below, so that the nearest is a maximum.
@@ -7,17 +7,33 @@ and triangle below, so that the nearest is a maximum.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Camera", "nearest_triangles"]
+__all__ = ["Camera", "Projection", "nearest_triangles"]
 
 Floats = NDArray[np.float64]
 
 _DEPTH_BITS, _FACE_BITS = 31, 32
 _FRAGMENTS_AT_ONCE = 4_000_000
+
+
+class Projection(Protocol):
+    """What takes points to a picture."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        ...
+
+    def project(self, points: Floats) -> Floats:
+        """Points (..., 3): pixels from the left and from the top, and what is larger the nearer.
+
+        All three are linear across the picture of a triangle.
+        """
+        ...
 
 
 @dataclass(frozen=True)
@@ -70,14 +86,14 @@ class Camera:
 
 
 def nearest_triangles(
-    camera: Camera, triangles: Floats, cut: Floats | None = None
+    camera: Projection, triangles: Floats, cut: Floats | None = None
 ) -> tuple[NDArray[np.int32], Floats]:
     """The triangle that each pixel shows, and its depth.
 
     Parameters
     ----------
     triangles : (F, 3, 3) corners in the map's frame; either side is seen
-    cut : (F,) height above which a triangle is cut away, inf for none
+    cut : (F,) height above which a triangle is cut away, inf for none; with a `Camera` alone
 
     Returns
     -------
@@ -105,7 +121,7 @@ def nearest_triangles(
         face, row = _expand(part, rows[part], top[part])
         face, x, y = _spans(corners, face, row, width)
         depth = planes[face, 0] * x + planes[face, 1] * y + planes[face, 2]
-        if cut is not None:
+        if cut is not None and isinstance(camera, Camera):
             kept = _height(camera, y, depth) <= cut[face]
             face, x, y, depth = face[kept], x[kept], y[kept], depth[kept]
         level = np.clip((depth - far) * steps, 0, 2**_DEPTH_BITS - 2).astype(np.int64)

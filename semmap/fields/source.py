@@ -6,15 +6,33 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
+from semmap.database.files import schema_folder
 from semmap.fields.mesh_regions import parts_of
+from semmap.fields.names import Names
 from semmap.fields.regions import Region
+from semmap.fields.sources.percepts import Zone
+from semmap.fields.vocabulary import Vocabulary, read_vocabulary
 from semmap.geometry.tin import to_mesh
+from semmap.ingest.tbox import snake_case
 from semmap.query.meshes import world_triangles
 
-__all__ = ["Occupant", "changed_since", "cursor", "read_occupants"]
+__all__ = [
+    "Occupant",
+    "changed_since",
+    "cursor",
+    "read_names",
+    "read_occupants",
+    "read_vocabulary_of_map",
+    "read_zones",
+]
+
+
+HEIGHT = 2.5
+"""Metres above the floor of a zone of which no height is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +64,59 @@ def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> 
         for row in rows
         if len(triangles.get(row.id, ()))
     ]
+
+
+def read_names(connection: Connection) -> Names:
+    """The entities of the current map with their types, and the T-Box."""
+    entities = connection.execute(
+        text("SELECT name, coalesce(type, kind) AS type FROM entity WHERE map_id = current_map()")
+    )
+    supers: dict[str, set[str]] = {}
+    for sub, super_ in connection.execute(text("SELECT sub, super FROM type_closure")):
+        supers.setdefault(sub, set()).add(super_)
+    labels = connection.execute(text("SELECT name, label FROM semantic_type WHERE label <> name"))
+    return Names(
+        {row.name: row.type for row in entities},
+        {sub: frozenset(each) for sub, each in supers.items()},
+        {snake_case(row.label): row.name for row in labels},
+    )
+
+
+def read_zones(connection: Connection, ids: Iterable[int] | None = None) -> list[Zone]:
+    """The rooms and regions of the current map that hold now, from their floor to their height.
+
+    A room reaches from its floor to the top of its box; one without a height `HEIGHT` up.
+
+    Parameters
+    ----------
+    ids : only those of these entities
+    """
+    rows = connection.execute(
+        text(
+            "SELECT e.name, e.kind, ST_AsBinary(w.footprint) AS outline, "
+            "CASE WHEN e.kind = 'room' THEN coalesce(w.pose[3] + r.floor, ST_ZMin(w.box)) "
+            "ELSE ST_ZMin(w.box) END AS low, "
+            "coalesce(w.pose[3] + r.ceiling, ST_ZMax(w.box)) AS high "
+            "FROM entity e JOIN world w ON w.entity_id = e.id "
+            "LEFT JOIN room r ON r.entity_id = e.id LEFT JOIN region g ON g.entity_id = e.id "
+            "WHERE e.map_id = current_map() AND e.kind IN ('room', 'region') "
+            "AND w.footprint IS NOT NULL AND (g.valid IS NULL OR g.valid @> now()) "
+            "AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY(:ids)) ORDER BY e.id"
+        ),
+        {"ids": None if ids is None else [*ids]},
+    )
+    zones = []
+    for row in rows:
+        outline = shapely.from_wkb(bytes(row.outline))
+        high = row.high if row.high - row.low > 0.1 else row.low + HEIGHT
+        if outline.area > 0:
+            zones.append(Zone(row.name, row.kind, outline, float(row.low), float(high)))
+    return zones
+
+
+def read_vocabulary_of_map() -> Vocabulary:
+    """The properties that semmap's own ontology declares."""
+    return read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
 
 
 def cursor(connection: Connection) -> str:
