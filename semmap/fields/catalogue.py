@@ -115,9 +115,9 @@ class FieldCatalogue:
         return self._when(lambda: self._maps.during(begin, end))
 
     def known(self) -> dict[str, str | None]:
-        """Things that maps name or are about, with the type that their property gives them."""
+        """Things that maps name or are about, now or of late, with the type of their property."""
         found: dict[str, str | None] = {}
-        for each in self._selected():
+        for each in self._maps.remembered():
             for name in [*each.legend.values(), *([each.about] if each.about else [])]:
                 if name not in self._names.supers:
                     found[name] = each.property.range

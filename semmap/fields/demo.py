@@ -209,11 +209,11 @@ def _picture(
         ),
         FieldView(near(gaze.voxels()), size, "#e8a200", "field of view of human1", 0.22),
     ]
-    human = stage.actors[0]
-    across = np.degrees(np.arctan2(middle[0] - human.x, -(middle[1] - human.y)))
+    # From the camera's side, that what it sees is seen here, and a little off, that depth shows.
+    robot = np.degrees(np.arctan2(eye[1] - middle[1], eye[0] - middle[0]))
     return fields_picture(
         np.concatenate(triangles), np.concatenate(colours), fields, path,
-        title="What human1 sees", azimuth=float(across), elevation=35,
+        title="What human1 sees", azimuth=float(robot) + 20, elevation=35, width=1400,
     )  # fmt: skip
 
 
