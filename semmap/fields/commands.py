@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +11,11 @@ import numpy as np
 import typer
 
 from semmap import cli
+from semmap.fields.catalogue import FieldCatalogue, Occupancy
+from semmap.fields.language import Rows, query
 from semmap.fields.mirror import Mirror
+from semmap.fields.source import read_names, read_vocabulary_of_map
+from semmap.fields.stored import stored_map
 
 __all__ = ["register"]
 
@@ -53,6 +58,73 @@ def ls(voxel_size: VoxelSize = 0.05, map_name: cli.MapName = None, json_: cli.Js
         count = len(mirror.regions.voxels(number))
         rows.append((name, count, round(count * voxel_size**3, 6)))
     cli.show_rows(["name", "voxels", "volume"], rows, json_)
+
+
+@fields.command("query")
+def query_command(
+    text: Annotated[str | None, typer.Argument(help="SPARQL; see docs/fields_language.md.")] = None,
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="Read it from a file.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Where STORE writes its map (.vdb).")
+    ] = None,
+    limit: Annotated[int, typer.Option(help="Rows shown; all in JSON.")] = 50,
+    voxel_size: VoxelSize = 0.05,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Ask the fields of the map: what fills space, rooms, regions, what is free."""
+    if (text is None) == (file is None):
+        raise ValueError("query takes its text, or --file with a file that holds it")
+    asked = text if file is None else file.read_text(encoding="utf-8")
+    mirror = mirrored(map_name, voxel_size)
+    engine = cli.engine()
+    try:
+        with engine.connect() as connection:
+            cli.choose_map(connection, map_name)
+            names = read_names(connection)
+    finally:
+        engine.dispose()
+    answer = query(
+        FieldCatalogue(
+            read_vocabulary_of_map(),
+            mirror.maps,
+            names,
+            occupancy=Occupancy(mirror.regions, mirror.names),
+            voxel_size=voxel_size,
+        ),
+        str(asked),
+    )
+    if isinstance(answer, bool):
+        print(json.dumps(answer) if json_ else ("yes" if answer else "no"))
+    elif isinstance(answer, Rows):
+        show_answer(answer, limit, json_)
+    else:
+        said = {"property": answer.property.name, "voxels": len(answer.voxels)}
+        if output is not None:
+            stored_map(answer).write(output)
+            said["file"] = str(output)
+        if json_:
+            print(json.dumps(said))
+        else:
+            where = "" if output is None else f", written to {output}"
+            cli.out.print(f"{said['property']}: {said['voxels']} voxels{where}")
+
+
+def show_answer(answer: Rows, limit: int, json_: bool) -> None:
+    """Rows as a table, no more than `limit`; all of them as JSON."""
+    if json_:
+        print(json.dumps(answer.json()))
+        return
+    rows = [tuple(_readable(value) for value in row) for row in islice(answer, limit)]
+    cli.show_rows(list(answer.names), rows, json_)
+    if len(answer) > limit:
+        cli.out.print(f"{len(answer) - limit} rows more: --limit shows them, --json gives all")
+
+
+def _readable(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return " ".join(f"{v:.3f}" for v in value)
+    return round(value, 6) if isinstance(value, float) else value
 
 
 @fields.command()

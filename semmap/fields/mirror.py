@@ -8,13 +8,22 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from datetime import UTC, datetime
 
 import psycopg
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
+from semmap.fields.maps import Maps
 from semmap.fields.region_map import RegionMap
-from semmap.fields.source import changed_since, cursor, read_occupants
+from semmap.fields.source import (
+    changed_since,
+    cursor,
+    read_occupants,
+    read_vocabulary_of_map,
+    read_zones,
+)
+from semmap.fields.sources import Zones, ZoneSource
 
 __all__ = ["Mirror"]
 
@@ -37,6 +46,8 @@ class Mirror:
         Readers may ask it at any time. A thing that moves is not there for a moment, never half.
     names : dict
         The name of each id.
+    maps : Maps
+        The zones: a map of each room and region that holds.
     """
 
     def __init__(
@@ -44,6 +55,8 @@ class Mirror:
     ) -> None:
         self.regions = RegionMap(voxel_size)
         self.names: dict[int, str] = {}
+        self.maps = Maps()
+        self._zones = ZoneSource(read_vocabulary_of_map(), voxel_size=voxel_size)
         self._engine = engine
         self._map_name = map_name
         self._since: str | None = None
@@ -62,6 +75,7 @@ class Mirror:
                 self._since = now
                 return set()
             things = read_occupants(connection, changed)
+            zones = tuple(read_zones(connection))
         regions = {thing.id: thing.regions(self.regions.voxel_size) for thing in things}
         gone = set(self.names) - set(regions) if changed is None else changed - set(regions)
         for number in (gone | set(regions)) & set(self.names):
@@ -71,6 +85,9 @@ class Mirror:
         self.regions.insert_many(
             [(number, region) for number, each in regions.items() for region in each]
         )
+        drawn = self._zones(Zones(zones, datetime.now(UTC)))  # anew, what is not as it was
+        if drawn != list(self.maps.now()):
+            self.maps.put("zones", drawn)
         self._since = now
         return gone | set(regions)
 
