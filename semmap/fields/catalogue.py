@@ -160,7 +160,8 @@ class FieldCatalogue:
                 nearest = operators.distance(operators.union(*people), self._farthest, as_=property)
                 own = [nearest]
         if property.object == "number":
-            own += [m for m in maps if m.property.measure == property.name]
+            graded = [m for m in maps if m.value_type == "float32"]
+            own += [m for m in graded if m.property.measure == property.name]
             return _NumberRelation(property, own)
         return _ThingRelation(property, own)
 

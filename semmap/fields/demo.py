@@ -62,13 +62,15 @@ def field_demo(
     maps = perceived(stage, eye, target, zones, voxel_size)
     text = PAPERS_QUERY.format(type=target.type)
     for line in text.splitlines():
-        say(f"   {line}", markup=False)
+        say(f"   {line}")
     catalogue = FieldCatalogue(read_vocabulary_of_map(), maps, names, voxel_size=voxel_size)
     answer = query(catalogue, text)
     assert isinstance(answer, Stored)
     count = len(answer.voxels)
     say(f"   {count} voxels of {voxel_size:g} m, {count * voxel_size**3 * 1e6:.0f} cm³")
-    return [_picture(stage, target, eye, maps, answer, names, folder / "fields.png")]
+    picture = _picture(stage, target, eye, maps, answer, names, folder / "fields.png")
+    say(f"   {picture}")
+    return [picture]
 
 
 def staged(

@@ -66,6 +66,50 @@ def test_export(office: typer.Typer, tmp_path: Path) -> None:
     assert high[2] > 9
 
 
+PREFIX = "PREFIX : <urn:semmap:ontology#> "
+
+
+def test_query(office: typer.Typer, tmp_path: Path) -> None:
+    asked = "SELECT ?thing (COUNT(?v) AS ?n) WHERE { ?v :inRoom :office4 . ?v :occupiedBy ?thing }"
+    said = run(
+        office, "query", "--voxel-size", "0.1", f"{PREFIX}{asked} GROUP BY ?thing ORDER BY DESC(?n)"
+    )
+    rows = dict(said["rows"])
+    assert said["variables"] == ["thing", "n"]
+    assert next(iter(rows)) == "sofa3"
+    assert rows["desk4"] > 50
+    # What is free and what is occupied make the room.
+    count = "SELECT (COUNT(DISTINCT ?v) AS ?n) WHERE { ?v :inRoom :office4 "
+    [[whole]] = run(office, "query", "--voxel-size", "0.1", f"{PREFIX}{count} }}")["rows"]
+    [[free]] = run(
+        office, "query", "--voxel-size", "0.1", f"{PREFIX}{count} . ?v :freeIn :office4 }}"
+    )["rows"]
+    [[full]] = run(
+        office, "query", "--voxel-size", "0.1", f"{PREFIX}{count} . ?v :occupiedBy ?t }}"
+    )["rows"]
+    assert free + full == whole
+    file = tmp_path / "ask.rq"
+    file.write_text(PREFIX + "ASK { ?v :occupiedBy 'muffin' }")
+    assert run(office, "query", "--voxel-size", "0.1", "-f", file) is True
+    stored = run(
+        office, "query", "--voxel-size", "0.1",
+        PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy",
+        "-o", tmp_path / "muffin.vdb",
+    )  # fmt: skip
+    assert stored["property"] == "occupiedBy"
+    assert stored["voxels"] > 0
+    assert (tmp_path / "muffin.vdb").stat().st_size > 100
+
+
+def test_readable_rows(office: typer.Typer) -> None:
+    text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy :muffin1 } ORDER BY :z(?v)"
+    done = CliRunner().invoke(
+        office, ["fields", "query", text, "--limit", "3", "--voxel-size", "0.03"]
+    )
+    assert done.exit_code == 0
+    assert "rows more" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
