@@ -21,6 +21,8 @@ from semmap.fields.regions import Region, _above_0, _points, shape_of
 
 __all__ = ["Memory", "Neighbour", "Overlap", "RegionMap", "Support"]
 
+_FARTHEST = 1000
+
 
 @dataclass(frozen=True)
 class Overlap:
@@ -238,12 +240,15 @@ class RegionMap:
         Parameters
         ----------
         reach : float, optional
-            Metres of gap, from 0. If not given: only those that share a voxel.
+            Metres of gap, up to 1,000 voxels. If not given: only those that share a voxel.
         """
         farthest = -1
         if reach is not None:
-            if not 0 <= reach < float("inf"):
-                raise ValueError(f"reach is {reach!r}: give metres of at least 0, or None")
+            if not 0 <= reach <= _FARTHEST * self._voxel_size:
+                raise ValueError(
+                    f"reach is {reach!r}: give metres from 0 to {_FARTHEST * self._voxel_size:g} "
+                    f"({_FARTHEST} voxels), or None"
+                )
             farthest = math.floor((reach / self._voxel_size) ** 2 * (1 + 1e-9))
         with self._lock:
             number = self._number.get(entity)

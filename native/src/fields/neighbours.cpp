@@ -25,8 +25,8 @@ std::int64_t squared_gap(std::int32_t difference) {
 
 // Along one axis, between blocks: no voxel of the one is nearer to one of the other.
 std::int64_t least_squared_gap(std::int32_t a, std::int32_t b) {
-    const std::int64_t gap = std::max(std::abs(a - b) - kBlock, 0);
-    return gap * gap;
+    const std::int64_t apart = std::abs(std::int64_t{a} - b) - kBlock;
+    return apart > 0 ? apart * apart : 0;
 }
 
 std::int64_t least_squared_gap(const Origin& a, const Origin& b) {
