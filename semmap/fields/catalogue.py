@@ -302,13 +302,7 @@ class _TypeRelation:
             for super_ in self._catalogue.supers(type_)
             if objects is None or super_ in objects
         ]
-        return Statements(_things([a for a, _ in pairs]), _things([b for _, b in pairs]))
-
-
-def _things(names: Sequence[str]) -> Things:
-    known = tuple(dict.fromkeys(names))
-    code = {name: i for i, name in enumerate(known)}
-    return Things(np.array([code[name] for name in names], np.int32), known)
+        return Statements(Things.of(a for a, _ in pairs), Things.of(b for _, b in pairs))
 
 
 def _by_thing(found: Sequence[tuple[str, NDArray[np.int64]]]) -> Statements:
