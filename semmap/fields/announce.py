@@ -18,7 +18,7 @@ from sqlalchemy import Engine, text
 
 from semmap.fields.relations import Event
 
-__all__ = ["CHANNEL", "Announcer", "Listener"]
+__all__ = ["CHANNEL", "Announcer", "Listener", "as_json"]
 
 CHANNEL = "semmap_events"
 
@@ -118,18 +118,19 @@ class Listener:
         self.close()
 
 
+def as_json(event: Event) -> dict[str, str | int]:
+    """An event as it is written in JSON."""
+    return {
+        "event": "begin" if event.began else "end",
+        "relation": event.relation,
+        "subject": _plain(event.subject),
+        "object": _plain(event.object),
+        "time": event.time.isoformat(),
+    }
+
+
 def _message(number: int, event: Event) -> str:
-    message = json.dumps(
-        {
-            "number": number,
-            "event": "begin" if event.began else "end",
-            "relation": event.relation,
-            "subject": _plain(event.subject),
-            "object": _plain(event.object),
-            "time": event.time.isoformat(),
-        },
-        ensure_ascii=False,
-    )
+    message = json.dumps({"number": number, **as_json(event)}, ensure_ascii=False)
     if len(message.encode()) > _LONGEST:
         raise ValueError(
             f"the event is longer than {_LONGEST} bytes: give its subject and object shorter names"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import threading
+from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,9 +13,11 @@ import numpy as np
 import typer
 
 from semmap import cli
-from semmap.fields.catalogue import FieldCatalogue, Occupancy
+from semmap.fields.announce import Announcer, as_json
 from semmap.fields.language import Rows, query
 from semmap.fields.mirror import Mirror
+from semmap.fields.mirrored import catalogue_of
+from semmap.fields.relations import Relations
 from semmap.fields.source import read_names, read_vocabulary_of_map
 from semmap.fields.stored import stored_map
 
@@ -84,16 +88,7 @@ def query_command(
             names = read_names(connection)
     finally:
         engine.dispose()
-    answer = query(
-        FieldCatalogue(
-            read_vocabulary_of_map(),
-            mirror.maps,
-            names,
-            occupancy=Occupancy(mirror.regions, mirror.names),
-            voxel_size=voxel_size,
-        ),
-        str(asked),
-    )
+    answer = query(catalogue_of(mirror, names, read_vocabulary_of_map()), str(asked))
     if isinstance(answer, bool):
         print(json.dumps(answer) if json_ else ("yes" if answer else "no"))
     elif isinstance(answer, Rows):
@@ -125,6 +120,47 @@ def _readable(value: Any) -> Any:
     if isinstance(value, tuple):
         return " ".join(f"{v:.3f}" for v in value)
     return round(value, 6) if isinstance(value, float) else value
+
+
+@fields.command()
+def watch(
+    voxel_size: VoxelSize = 0.05,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop after that time; by default never.")
+    ] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Follow the map; tell which relations of things begin and end, and announce them.
+
+    Others hear of it on the database's channel `semmap_events`.
+    """
+    stop = threading.Event()
+    engine = cli.engine()
+    mirror = _mirror(engine, map_name, voxel_size)
+    names: Mapping[Any, Any] = mirror.names
+    relations = Relations(mirror.regions, names=names)
+    relations.update(mirror.regions.entities())
+    announcer = Announcer(engine)
+
+    def heard(changed: set[int]) -> None:
+        events = relations.update(changed)
+        announcer.announce(events)
+        for event in events:
+            print(json.dumps(as_json(event)) if json_ else str(event), flush=True)
+
+    if not json_:
+        cli.out.print(f"{len(relations.holding())} relations hold; Ctrl-C ends")
+    timer = threading.Timer(seconds or 0, stop.set)
+    if seconds is not None:
+        timer.start()
+    try:
+        mirror.follow(stop, heard)
+    except KeyboardInterrupt:
+        stop.set()
+    finally:
+        timer.cancel()
+        engine.dispose()
 
 
 @fields.command()
@@ -171,12 +207,16 @@ def mirrored(map_name: str | None, voxel_size: float) -> Mirror:
     """A mirror of a map, as it is now."""
     engine = cli.engine()
     try:
-        with engine.connect() as connection:
-            cli.choose_map(connection, map_name)  # an error names the maps that there are
-        mirror = Mirror(engine, map_name, voxel_size)
-        mirror.catch_up()
+        return _mirror(engine, map_name, voxel_size)
     finally:
         engine.dispose()
+
+
+def _mirror(engine: Any, map_name: str | None, voxel_size: float) -> Mirror:
+    with engine.connect() as connection:
+        cli.choose_map(connection, map_name)  # an error names the maps that there are
+    mirror = Mirror(engine, map_name, voxel_size)
+    mirror.catch_up()
     return mirror
 
 

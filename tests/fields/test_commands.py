@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 import typer
-from sqlalchemy import Engine
+from sqlalchemy import Engine, text
 from typer.testing import CliRunner
 
 from semmap import cli
+from semmap.fields.announce import Listener
 from semmap.fields.commands import register
 from semmap.ingest.importer import import_file
 
@@ -88,6 +91,10 @@ def test_query(office: typer.Typer, tmp_path: Path) -> None:
         office, "query", "--voxel-size", "0.1", f"{PREFIX}{count} . ?v :occupiedBy ?t }}"
     )["rows"]
     assert free + full == whole
+    on = "SELECT ?thing WHERE { ?thing :on :desk4 } ORDER BY ?thing"
+    found = [row for [row] in run(office, "query", f"{PREFIX}{on}")["rows"]]
+    assert {"muffin1", "monitor5"} <= set(found)
+    assert not {"desk4", "sofa3", "office_chair5"} & set(found)
     file = tmp_path / "ask.rq"
     file.write_text(PREFIX + "ASK { ?v :occupiedBy 'muffin' }")
     assert run(office, "query", "--voxel-size", "0.1", "-f", file) is True
@@ -108,6 +115,38 @@ def test_readable_rows(office: typer.Typer) -> None:
     )
     assert done.exit_code == 0
     assert "rows more" in done.stdout
+
+
+def test_watch(office: typer.Typer, module_engine: Engine) -> None:
+    """The muffin is lifted and set down on the floor: said here, and on the channel."""
+    told: list[Any] = []
+
+    def watch() -> None:
+        words = ["fields", "watch", "--seconds", "12", "--voxel-size", "0.05", "--json"]
+        done = CliRunner().invoke(office, words, catch_exceptions=False)
+        told.extend(json.loads(line) for line in done.stdout.splitlines())
+
+    with Listener(module_engine) as listener:
+        watching = threading.Thread(target=watch)
+        watching.start()
+        heard: list[Any] = []
+        end = time.monotonic() + 11
+        moved = False
+        while time.monotonic() < end and not heard:
+            if not moved and time.monotonic() > end - 5:
+                moved = True
+                with module_engine.begin() as connection:
+                    connection.execute(
+                        text(
+                            "UPDATE placement SET pose[3] = pose[3] + 0.6 "
+                            "WHERE entity_id = entity_id('muffin1')"
+                        )
+                    )
+            heard = list(listener.events(timeout=0.5))
+        watching.join()
+    ended = {(e["subject"], e["relation"], e["object"]) for e in told if e["event"] == "end"}
+    assert ("muffin1", "on", "desk4") in ended
+    assert ("on", "muffin1", "desk4") in {(e.relation, e.subject, e.object) for e in heard}
 
 
 @pytest.mark.parametrize(
