@@ -51,7 +51,8 @@ class Support(NamedTuple):
     """How many voxels the lowest layer of an entity has, and how many of them rest on another.
 
     A voxel rests on what has the voxel beneath it or the same one, but not the one above. Of two
-    that begin at one height, only what reaches higher can rest on the other.
+    that begin at one height, only what reaches higher can rest on the other. All are 0 where an
+    entity begins too low to rest on the other.
 
     Attributes
     ----------

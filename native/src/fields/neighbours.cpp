@@ -23,20 +23,49 @@ std::int64_t squared_gap(std::int32_t difference) {
     return gap * gap;
 }
 
-// Along one axis, between blocks: no voxel of the one is nearer to one of the other.
-std::int64_t least_squared_gap(std::int32_t a, std::int32_t b) {
-    const std::int64_t apart = std::abs(std::int64_t{a} - b) - kBlock;
-    return apart > 0 ? apart * apart : 0;
+// The lowest and the highest voxel of a block along each axis.
+struct Bounds {
+    Origin low;
+    Origin high;
+};
+
+int lowest(std::uint64_t bits) { return __builtin_ctzll(bits); }
+int highest(std::uint64_t bits) { return 63 - __builtin_clzll(bits); }
+
+// Which z have voxels, a bit each.
+std::uint64_t levels(const Words& words) {
+    std::uint64_t rows = 0;
+    for (const std::uint64_t word : words) rows |= word;
+    for (int shift = 32; shift >= 8; shift /= 2) rows |= rows >> shift;
+    return rows & 0xFF;
 }
 
-std::int64_t least_squared_gap(const Origin& a, const Origin& b) {
-    return least_squared_gap(a.x, b.x) + least_squared_gap(a.y, b.y) + least_squared_gap(a.z, b.z);
+Bounds bounds_of(const Origin& origin, const Words& words) {
+    std::uint64_t slices = 0;
+    std::uint64_t rows = 0;
+    for (std::size_t x = 0; x < 8; ++x) {
+        slices |= std::uint64_t{words[x] != 0} << x;
+        rows |= words[x];
+    }
+    const std::uint64_t along = levels(words);
+    return {
+        {origin.x + lowest(slices), origin.y + lowest(rows) / kBlock, origin.z + lowest(along)},
+        {origin.x + highest(slices), origin.y + highest(rows) / kBlock, origin.z + highest(along)}};
+}
+
+// No voxel within the one is nearer to one within the other.
+std::int64_t least_squared_gap(const Bounds& a, const Bounds& b) {
+    const auto along = [&](std::int32_t Origin::* axis) {
+        const std::int64_t up = std::int64_t{b.low.*axis} - a.high.*axis;
+        const std::int64_t down = std::int64_t{a.low.*axis} - b.high.*axis;
+        const std::int64_t gap = std::max({up, down, std::int64_t{1}}) - 1;
+        return gap * gap;
+    };
+    return along(&Origin::x) + along(&Origin::y) + along(&Origin::z);
 }
 
 // Between rows of eight voxels along z, of which the second begins `offset` voxels further up.
 std::int64_t row_gap(unsigned a, unsigned b, std::int32_t offset) {
-    const auto lowest = [](unsigned row) { return __builtin_ctz(row); };
-    const auto highest = [](unsigned row) { return 31 - __builtin_clz(row); };
     if (offset > 0) return squared_gap(offset + lowest(b) - highest(a));
     if (offset < 0) return squared_gap(offset + highest(b) - lowest(a));
     std::int32_t steps = 0;
@@ -135,33 +164,80 @@ const Words* block_at(const Voxels& voxels, const Origin& origin) {
     return &voxels.words[static_cast<std::size_t>(found - voxels.origins.begin())];
 }
 
-struct Heights {
-    std::int32_t low;
-    std::int32_t high;
+// The blocks of an entity, with their bounds, for gaps to blocks of others.
+class Near {
+  public:
+    // Those further than `blocks` blocks along x are not looked at.
+    Near(const Voxels& voxels, std::int32_t blocks) : voxels_(voxels), reach_(blocks * kBlock) {
+        bounds_.reserve(voxels.blocks());
+        for (std::size_t i = 0; i < voxels.blocks(); ++i) {
+            bounds_.push_back(bounds_of(voxels.origins[i], voxels.words[i]));
+        }
+    }
+
+    // The squared gap to a block of another, if it is below `best`; else `best`.
+    std::int64_t gap(const Origin& there, const Words& words, std::int64_t best) const {
+        const Bounds bounds = bounds_of(there, words);
+        const auto first =
+            std::lower_bound(voxels_.origins.begin(), voxels_.origins.end(), there.x - reach_,
+                             [](const Origin& origin, std::int32_t x) { return origin.x < x; });
+        const auto begin = static_cast<std::size_t>(first - voxels_.origins.begin());
+        // The block that promises most goes first: after it few others can be nearer.
+        std::size_t promising = voxels_.blocks();
+        std::int64_t least = best;
+        std::size_t end = begin;
+        for (; end < voxels_.blocks() && voxels_.origins[end].x <= there.x + reach_; ++end) {
+            const std::int64_t here = least_squared_gap(bounds_[end], bounds);
+            if (here >= least) continue;
+            least = here;
+            promising = end;
+        }
+        if (promising == voxels_.blocks()) return best;
+        best = to_block(promising, there, words, best);
+        for (std::size_t i = begin; i < end && best > least; ++i) {
+            if (least_squared_gap(bounds_[i], bounds) < best)
+                best = to_block(i, there, words, best);
+        }
+        return best;
+    }
+
+  private:
+    std::int64_t to_block(std::size_t i, const Origin& there, const Words& words,
+                          std::int64_t best) const {
+        return block_gap(voxels_.origins[i], voxels_.words[i], there, words, best);
+    }
+
+    const Voxels& voxels_;
+    std::vector<Bounds> bounds_;
+    std::int32_t reach_;
 };
 
-// The lowest and the highest z; of no voxels none.
-Heights heights(const Voxels& voxels) {
-    Heights all{std::numeric_limits<std::int32_t>::max(), std::numeric_limits<std::int32_t>::min()};
-    for (std::size_t i = 0; i < voxels.blocks(); ++i) {
-        const std::int32_t floor = voxels.origins[i].z;
-        if (floor >= all.low && floor + kBlock - 1 <= all.high) continue;
-        std::uint64_t rows = 0;
-        for (const std::uint64_t word : voxels.words[i]) rows |= word;
-        for (int shift = 32; shift >= 8; shift /= 2) rows |= rows >> shift;
-        const auto row = static_cast<unsigned>(rows & 0xFF);
-        all.low = std::min(all.low, floor + __builtin_ctz(row));
-        all.high = std::max(all.high, floor + 31 - __builtin_clz(row));
+// The lowest z of voxels; there is at least one.
+std::int32_t bottom(const Voxels& voxels) {
+    std::int32_t floor = voxels.origins.front().z;
+    for (const Origin& origin : voxels.origins) floor = std::min(floor, origin.z);
+    std::uint64_t rows = 0;
+    for (std::size_t i = 0; i < voxels.blocks() && (rows & 1) == 0; ++i) {
+        if (voxels.origins[i].z == floor) rows |= levels(voxels.words[i]);
     }
-    return all;
+    return floor + lowest(rows);
 }
 
-// Of a column of blocks, the voxels at a height: a word a slice x, of which bit 8 y is (x, y).
-Words plane(const Voxels& voxels, const Origin& column, std::int32_t z) {
+// The highest.
+std::int32_t top(const Voxels& voxels) {
+    std::int32_t ceiling = voxels.origins.front().z;
+    for (const Origin& origin : voxels.origins) ceiling = std::max(ceiling, origin.z);
+    std::uint64_t rows = 0;
+    for (std::size_t i = 0; i < voxels.blocks() && (rows & 0x80) == 0; ++i) {
+        if (voxels.origins[i].z == ceiling) rows |= levels(voxels.words[i]);
+    }
+    return ceiling + highest(rows);
+}
+
+// The voxels of a block at a height: a word a slice x, of which bit 8 y is (x, y).
+Words plane(const Words& words, std::int32_t z) {
     Words flat{};
-    const Words* words = block_at(voxels, {column.x, column.y, block_floor(z)});
-    if (words == nullptr) return flat;
-    for (std::size_t x = 0; x < 8; ++x) flat[x] = (*words)[x] >> (z & 7) & kPlane;
+    for (std::size_t x = 0; x < 8; ++x) flat[x] = words[x] >> (z & 7) & kPlane;
     return flat;
 }
 
@@ -178,22 +254,14 @@ std::vector<Neighbour> RegionMap::neighbours(std::int32_t entity, std::int64_t f
         const auto reach = static_cast<std::int32_t>(std::sqrt(static_cast<double>(farthest))) + 1;
         const std::int32_t blocks = (reach + kBlock - 1) / kBlock;
         Present present(grid_->tree(), sets_);
+        const Near near(voxels, blocks);
         for (const Origin& there : dilated(voxels.origins, blocks)) {
             for (const std::int32_t other : present.in(there)) {
                 if (other == entity) continue;
                 Neighbour& best =
                     found.try_emplace(other, Neighbour{other, 0, farthest + 1}).first->second;
-                if (best.gap == 0) continue;
-                const Words& words = *block_at(region(other), there);
-                const std::int32_t near = there.x - blocks * kBlock;
-                const auto first = std::lower_bound(
-                    voxels.origins.begin(), voxels.origins.end(), near,
-                    [](const Origin& origin, std::int32_t x) { return origin.x < x; });
-                for (auto i = static_cast<std::size_t>(first - voxels.origins.begin());
-                     i < voxels.blocks() && voxels.origins[i].x <= there.x + blocks * kBlock; ++i) {
-                    const Origin& here = voxels.origins[i];
-                    if (least_squared_gap(here, there) >= best.gap) continue;
-                    best.gap = block_gap(here, voxels.words[i], there, words, best.gap);
+                if (best.gap > 0) {
+                    best.gap = near.gap(there, *block_at(region(other), there), best.gap);
                 }
             }
         }
@@ -212,30 +280,35 @@ Support RegionMap::support(std::int32_t a, std::int32_t b) const {
     const Voxels& above = region(a);
     const Voxels& below = region(b);
     Support support{};
-    if (above.blocks() == 0) return support;
-    const Heights of_a = heights(above);
-    const Heights of_b = heights(below);
-    const std::int32_t z = of_a.low;
-    for (const Origin& column : above.origins) {
+    if (above.blocks() == 0 || below.blocks() == 0) return support;
+    const std::int32_t z = bottom(above);
+    const std::int32_t lower = bottom(below);
+    const bool shorter = lower <= z + 1 && lower >= z && top(below) < top(above);
+    const bool firm = lower < z || (lower == z && shorter);
+    const bool loose = lower < z || shorter;
+    if (!loose) return support;
+    for (std::size_t i = 0; i < above.blocks(); ++i) {
+        const Origin& column = above.origins[i];
         if (column.z != block_floor(z)) continue;
-        const Words layer = plane(above, column, z);
+        const Words layer = plane(above.words[i], z);
+        for (const std::uint64_t slice : layer) support.layer += __builtin_popcountll(slice);
         std::array<Words, 5> at{};  // from two beneath it to two above it
+        const Words* block = nullptr;
         for (std::int32_t step = -2; step <= 2; ++step) {
-            at[static_cast<std::size_t>(step + 2)] = plane(below, column, z + step);
+            const std::int32_t floor = block_floor(z + step);
+            if (step == -2 || floor == z + step) {
+                block = block_at(below, {column.x, column.y, floor});
+            }
+            if (block != nullptr) at[static_cast<std::size_t>(step + 2)] = plane(*block, z + step);
         }
         for (std::size_t x = 0; x < 8; ++x) {
-            const std::uint64_t firm = (at[1][x] | at[2][x]) & ~at[3][x];
-            const std::uint64_t loose =
+            const std::uint64_t rests = (at[1][x] | at[2][x]) & ~at[3][x];
+            const std::uint64_t about =
                 (at[0][x] | at[1][x] | at[2][x] | at[3][x]) & ~(at[3][x] & at[4][x]);
-            support.layer += __builtin_popcountll(layer[x]);
-            support.firm += __builtin_popcountll(layer[x] & firm);
-            support.loose += __builtin_popcountll(layer[x] & loose);
+            if (firm) support.firm += __builtin_popcountll(layer[x] & rests);
+            support.loose += __builtin_popcountll(layer[x] & about);
         }
     }
-    const bool lower = of_b.low < of_a.low;
-    const bool shorter = of_b.high < of_a.high;
-    if (!(lower || (of_b.low == of_a.low && shorter))) support.firm = 0;
-    if (!(lower || (of_b.low <= of_a.low + 1 && shorter))) support.loose = 0;
     return support;
 }
 

@@ -43,7 +43,8 @@ struct Neighbour {
 };
 
 // How many voxels the lowest layer of one entity has, and how many of them rest on another: for
-// sure, and if either is taken for one voxel higher or lower than it is.
+// sure, and if either is taken for one voxel higher or lower than it is. All 0 where it begins too
+// low.
 struct Support {
     std::int64_t layer;
     std::int64_t firm;
