@@ -228,7 +228,8 @@ class Checker:
     def _plan_LeftJoin(self, node: Any) -> Plan:
         left, right = self.plan(node.p1), self.plan(node.p2)
         both = left.variables | right.variables
-        trees = () if node.expr.name == "TrueFilter" else tuple(_conjuncts(node.expr))
+        plain = getattr(node.expr, "name", "") == "TrueFilter"
+        trees = () if plain else tuple(_conjuncts(node.expr))
         return Left(left, right, self._with(both, condition, *trees), both)
 
     def _plan_Union(self, node: Any) -> Plan:

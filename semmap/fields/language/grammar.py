@@ -261,6 +261,8 @@ def _refusals(tree: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(tree, CompValue):
         if tree.name in _REFUSED:
             yield _REFUSED[tree.name], tree
+        if tree.name == "Modify" and tree.withClause is not None:
+            yield "WITH is not supported: there is one catalogue", tree
         if tree.name == "PathElt" and tree.mod:
             yield "property paths are not supported: write a pattern for each step", tree
         if tree.name in ("PathSequence", "PathAlternative") and len(tree.part) > 1:
@@ -380,5 +382,6 @@ def parse_update(text: str) -> Parsed:
         request = algebra.traverse(request, visitPost=_namer(source, prologue))
         request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
         request = algebra.traverse(request, visitPost=algebra.translatePath)
+        _mark_everything(request)
         requests.append(algebra.translateUpdate1(request, prologue))
     return Parsed(source, "Update", requests=tuple(requests))

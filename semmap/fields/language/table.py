@@ -35,6 +35,9 @@ ColumnKind = Literal["voxel", "thing", "number", "boolean", "text"]
 MOST_ROWS = 1 << 26
 """The largest table that is made, in rows."""
 
+MERGED = 8
+"""Two ascending columns are merged unless one is so many times as long: then it is searched."""
+
 Rows = NDArray[np.intp]
 
 
@@ -222,6 +225,8 @@ def _equal(a: NDArray[Any], b: NDArray[Any], most: int | None = None) -> Pairs:
     """Rows with the same key, in the order of the left ones."""
     if len(a) == 0 or len(b) == 0:
         return Pairs(np.zeros(0, np.intp), np.zeros(0, np.intp))
+    if len(b) < MERGED * len(a) and len(a) < MERGED * len(b) and ascending(a) and ascending(b):
+        return _intersection(a, b)
     if ascending(b):
         place = np.searchsorted(b, a)
         place[place == len(b)] = 0
@@ -236,6 +241,15 @@ def _equal(a: NDArray[Any], b: NDArray[Any], most: int | None = None) -> Pairs:
     left = np.repeat(np.arange(len(a)), counts)
     along = np.arange(total) - np.repeat(np.cumsum(counts) - counts, counts)
     return Pairs(left, order[np.repeat(first, counts) + along])
+
+
+def _intersection(a: NDArray[Any], b: NDArray[Any]) -> Pairs:
+    """Rows with the same key of two ascending columns: a stable sort only merges the two."""
+    both = np.concatenate([a, b])
+    order = np.argsort(both, kind="stable")
+    in_order = both[order]
+    same = np.flatnonzero(in_order[1:] == in_order[:-1])
+    return Pairs(order[same], order[same + 1] - len(a))
 
 
 def _limit(rows: int) -> None:
@@ -344,7 +358,10 @@ def _among(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
     if len(b) == 0:
         return np.zeros(len(a), np.bool_)
     b = b if ascending(b) else np.unique(b)
+    if len(b) < MERGED * len(a) and len(a) < MERGED * len(b) and ascending(a):
+        found = np.zeros(len(a), np.bool_)
+        found[_intersection(a, b).left] = True
+        return found
     place = np.searchsorted(b, a)
     place[place == len(b)] = 0
-    found: NDArray[np.bool_] = b[place] == a
-    return found
+    return np.asarray(b[place] == a)
