@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from difflib import get_close_matches
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -182,6 +181,7 @@ class _ThingRelation:
     ) -> Statements:
         found: list[tuple[str, NDArray[np.int64]]] = []
         box = _box_of(within)
+        about: dict[tuple[str, str], list[RepresentationMap]] = {}
         for each in self._maps:
             if each.legend:
                 wanted = {
@@ -194,7 +194,10 @@ class _ThingRelation:
                     keys = keys_of(voxels)
                     found += [(name, keys[values == value]) for value, name in wanted.items()]
             elif each.about is not None and (objects is None or each.about in objects):
-                found.append((each.about, keys_of(_read(each, box)[0])))
+                about.setdefault((each.about, each.value_type), []).append(each)
+        # Of a time there are many about one: joined as grids, they are sorted once.
+        for (name, _), several in about.items():
+            found.append((name, keys_of(_read(operators.union(*several), box)[0])))
         return _by_thing(found)
 
 
@@ -310,7 +313,7 @@ def _by_thing(found: Sequence[tuple[str, NDArray[np.int64]]]) -> Statements:
     of: dict[str, list[NDArray[np.int64]]] = {}
     for name, keys in found:
         of.setdefault(name, []).append(keys)
-    each = [reduce(np.union1d, [*keys[1:], np.unique(keys[0])]) for keys in of.values()]
+    each = [np.unique(np.concatenate(keys)) for keys in of.values()]
     subject: Column = Voxels(np.concatenate([np.zeros(0, np.int64), *each]))
     codes = np.repeat(np.arange(len(each), dtype=np.int32), [len(keys) for keys in each])
     return Statements(subject, Things(codes, tuple(of)))
