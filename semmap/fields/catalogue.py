@@ -119,7 +119,8 @@ class FieldCatalogue:
         for each in self._maps.remembered():
             for name in [*each.legend.values(), *([each.about] if each.about else [])]:
                 if name not in self._names.supers:
-                    found[name] = each.property.range
+                    # A detector's own word for a type is a thing of that type.
+                    found[name] = self._names.synonyms.get(name) or each.property.range
         if self._occupancy is not None:
             for name in self._occupancy.entities():
                 found.setdefault(name, None)

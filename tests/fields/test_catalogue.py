@@ -61,7 +61,7 @@ def maps() -> Maps:
     kept = Maps(timedelta(minutes=5))
     graded = made("inFieldOfView", (OTHER, 0.25), kind="float32", about="anna")
     kept.put("gaze", [made("inFieldOfView", BALL, about="human1"), graded], NOW)
-    legend = {1: "mug", 2: "teddy"}
+    legend = {1: "mug", 2: "teddy", 3: "teacup"}
     kept.put(
         "objects", [made("containsObject", (BALL, 1), (OTHER, 2), kind="int32", legend=legend)], NOW
     )
@@ -146,6 +146,7 @@ def test_types(catalogue: FieldCatalogue) -> None:
         ("coffee mug", "object", {"mug", "mug1"}),
         ("teddy", "object", {"teddy"}),
         ("person", "agent", {"person", "anna"}),
+        ("kitchenware", "object", {"mug", "mug1", "teacup"}),
     ],
 )
 def test_constants(
