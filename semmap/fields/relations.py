@@ -17,7 +17,7 @@ from collections import defaultdict
 from collections.abc import Container, Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from semmap.fields.region_map import Neighbour, RegionMap
 
@@ -167,16 +167,16 @@ class Relations:
         self,
         regions: RegionMap,
         *,
-        views: Mapping[Hashable, Hashable] | None = None,
-        spaces: Container[Hashable] = (),
-        names: Mapping[Hashable, Hashable] | None = None,
+        views: Mapping[Any, Hashable] | None = None,
+        spaces: Container[Any] = (),
+        names: Mapping[Any, Hashable] | None = None,
         rules: Iterable[Rule] = RULES,
     ) -> None:
         self.regions = regions
         self.rules = tuple(rules)
-        self._views = {} if views is None else views
+        self._views: Mapping[Any, Hashable] = {} if views is None else views
         self._spaces = spaces
-        self._names = {} if names is None else names
+        self._names: Mapping[Any, Hashable] = {} if names is None else names
         self._place = {rule.name: i for i, rule in enumerate(self.rules)}
         if len(self._place) < len(self.rules):
             raise ValueError("two rules have one name: give each relation one rule")
