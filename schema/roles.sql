@@ -32,6 +32,8 @@ GRANT UPDATE (label, type, properties, front) ON entity TO semmap_robot;
 GRANT INSERT, UPDATE ON placement TO semmap_robot;
 GRANT INSERT ON entity_model, model, chunk, region, link TO semmap_robot;
 GRANT UPDATE (state) ON connector TO semmap_robot;
+-- Fields are what it works out itself: it keeps them, and old versions make way.
+GRANT INSERT, UPDATE, DELETE ON field, field_version, field_block TO semmap_robot;
 ALTER TABLE entity ENABLE ROW LEVEL SECURITY;
 ALTER TABLE placement ENABLE ROW LEVEL SECURITY;
 CREATE POLICY read_all ON entity FOR SELECT USING (true);

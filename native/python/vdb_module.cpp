@@ -5,12 +5,15 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "family.hpp"
+#include "semmap/fields/blocks.hpp"
 #include "semmap/fields/grid.hpp"
 #include "semmap/fields/operators.hpp"
 #include "semmap/fields/region_map.hpp"
@@ -281,6 +284,31 @@ void define_operators(py::class_<fields::Grid<Value>>& grid) {
     }
 }
 
+using BlocksInPython = std::map<std::tuple<std::int32_t, std::int32_t, std::int32_t>, py::bytes>;
+
+template <typename Value>
+BlocksInPython grid_blocks(const fields::Grid<Value>& grid, int edge) {
+    fields::Blocks blocks;
+    {
+        const py::gil_scoped_release release;
+        blocks = fields::blocks_of(grid, edge);
+    }
+    BlocksInPython found;
+    for (const auto& [cube, bytes] : blocks) found[{cube.x, cube.y, cube.z}] = py::bytes(bytes);
+    return found;
+}
+
+template <typename Value>
+void grid_put_blocks(fields::Grid<Value>& grid, const BlocksInPython& given, int edge) {
+    fields::Blocks blocks;
+    for (const auto& [at, bytes] : given) {
+        const auto [x, y, z] = at;
+        blocks[{x, y, z}] = std::string(bytes);
+    }
+    const py::gil_scoped_release release;
+    fields::put_blocks(grid, blocks, edge);
+}
+
 template <typename Value>
 void define_grid(py::module_& module, const char* name) {
     using py::arg;
@@ -318,6 +346,8 @@ void define_grid(py::module_& module, const char* name) {
                 return Grid::from_serialised(static_cast<std::string>(data));
             },
             arg("data"));
+    grid.def("blocks", &grid_blocks<Value>, arg("edge"))
+        .def("put_blocks", &grid_put_blocks<Value>, arg("blocks"), arg("edge"));
 }
 
 }  // namespace
@@ -437,7 +467,9 @@ PYBIND11_MODULE(semmap_vdb, module) {
             arg("a"), arg("b"), Release())
         .def("memory", &fields::RegionMap::memory, Release())
         .def("check", &fields::RegionMap::check, Release())
-        .def("write", &fields::RegionMap::write, arg("path"), Release());
+        .def("write", &fields::RegionMap::write, arg("path"), Release())
+        .def("state", &fields::RegionMap::state, Release())
+        .def("restore", &fields::RegionMap::restore, arg("grid"), arg("sets"), Release());
 
     module.def("variants", &fields::family_names);
     module.def("choose_variant", &fields::choose_family, arg("name"));

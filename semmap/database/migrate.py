@@ -10,7 +10,7 @@ import psycopg
 from alembic import command
 from alembic.config import Config
 from alembic.util import CommandError
-from sqlalchemy import Connection, Engine
+from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database import revisions
@@ -24,10 +24,48 @@ if TYPE_CHECKING:
 
     from alembic.operations import Operations
 
-__all__ = ["current", "downgrade", "drop", "run_sql_files", "schema_folder", "upgrade"]
+__all__ = [
+    "current",
+    "downgrade",
+    "drop",
+    "drop_code",
+    "make_tables",
+    "run_code",
+    "run_sql_files",
+    "schema_folder",
+    "upgrade",
+]
 
 LOCK = 0x73656D6D6170  # "semmap"
 """Key of the advisory lock that whoever changes the schema holds."""
+
+DROP_CODE = """
+DO $$
+DECLARE
+    statement text;
+BEGIN
+    FOR statement IN
+        SELECT format('DROP POLICY %I ON %s', polname, polrelid::regclass)
+        FROM pg_policy p JOIN pg_class c ON c.oid = p.polrelid
+        WHERE c.relnamespace = 'semmap'::regnamespace
+        UNION ALL
+        SELECT format('ALTER TABLE %s DISABLE ROW LEVEL SECURITY', oid::regclass)
+        FROM pg_class WHERE relnamespace = 'semmap'::regnamespace AND relrowsecurity
+        UNION ALL
+        SELECT format('DROP VIEW IF EXISTS %s CASCADE', oid::regclass)
+        FROM pg_class WHERE relnamespace = 'semmap'::regnamespace AND relkind = 'v'
+        UNION ALL
+        SELECT format('DROP %s IF EXISTS %s CASCADE',
+                      CASE prokind WHEN 'a' THEN 'AGGREGATE' ELSE 'FUNCTION' END, oid::regprocedure)
+        FROM pg_proc WHERE pronamespace = 'semmap'::regnamespace
+    LOOP
+        EXECUTE statement;
+    END LOOP;
+    REVOKE ALL ON ALL TABLES IN SCHEMA semmap FROM semmap_reader, semmap_robot, semmap_admin;
+    REVOKE ALL ON ALL SEQUENCES IN SCHEMA semmap FROM semmap_reader, semmap_robot, semmap_admin;
+    REVOKE ALL ON SCHEMA semmap FROM semmap_reader, semmap_robot, semmap_admin;
+END $$
+"""
 
 
 def current(engine: Engine) -> str | None:
@@ -96,6 +134,26 @@ def run_sql_files(op: Operations | ModuleType, *patterns: str) -> None:
             raise DatabaseError(f"{schema_folder()} has no file that fits {pattern}")
         for path in files:
             _run_sql_file(connection, path)
+
+
+def make_tables(op: Operations | ModuleType, file: str, table: str) -> None:
+    """Execute a file of `schema/tables/` unless the database has the table that it makes."""
+    has = "SELECT to_regclass('semmap.' || quote_ident(:table)) IS NOT NULL"
+    if not op.get_bind().scalar(text(has), {"table": table}):
+        op.execute("SET LOCAL search_path = semmap, public")
+        run_sql_files(op, f"tables/{file}")
+
+
+def run_code(op: Operations | ModuleType) -> None:
+    """Make functions, triggers, views and rights as `schema/` has them."""
+    op.execute("SET LOCAL search_path = semmap, public")
+    run_sql_files(op, "functions/*.sql", "views/*.sql", "roles.sql")
+
+
+def drop_code(op: Operations | ModuleType) -> None:
+    """Drop functions, triggers, views and rights; the tables and their rows stay."""
+    op.execute("SET LOCAL search_path = semmap, public")
+    op.execute(DROP_CODE)
 
 
 def _run_sql_file(connection: psycopg.Connection, path: Path) -> None:

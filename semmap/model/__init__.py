@@ -14,6 +14,7 @@ from semmap.model.entity import (
     Room,
     Storey,
 )
+from semmap.model.field import Field, FieldBlock, FieldVersion
 from semmap.model.geometry import Chunk, EntityChunk, EntityModel, GeometricModel, SupportSurface
 from semmap.model.history import (
     Change,
@@ -36,6 +37,9 @@ __all__ = [
     "EntityChunk",
     "EntityHistory",
     "EntityModel",
+    "Field",
+    "FieldBlock",
+    "FieldVersion",
     "GeometricModel",
     "Import",
     "Link",

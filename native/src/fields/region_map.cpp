@@ -618,6 +618,105 @@ void RegionMap::check() const {
     }
 }
 
+std::pair<Grid<std::int32_t>, RegionMap::Sets> RegionMap::state() const {
+    const std::shared_lock lock(mutex_);
+    Grid<std::int32_t> grid(voxel_size_, 0);
+    grid.tree().root() = grid_->tree().root();
+    Sets sets;
+    for (std::int32_t set = 1; set < sets_.end(); ++set) {
+        if (!sets_.members(set).empty()) sets.emplace_back(set, sets_.members(set));
+    }
+    return {std::move(grid), std::move(sets)};
+}
+
+void RegionMap::restore(const Grid<std::int32_t>& grid, const Sets& sets) {
+    const auto refuse = [] {
+        throw std::invalid_argument("this grid and these sets are no state of a region map");
+    };
+    const std::unique_lock lock(mutex_);
+    if (!grid_->tree().empty() || sets_.size() > 0) {
+        throw std::invalid_argument("a region map that has entities cannot be restored");
+    }
+    if (grid.voxel_size() != voxel_size_ || grid.background() != 0) refuse();
+    for (const auto& [set, members] : sets) {
+        if (!sets_.restore(set, members)) refuse();
+    }
+    sets_.finish_restoring();
+    Tree& tree = grid_->tree();
+    tree.root() = grid.tree().root();
+    // Tiles are blocks here: the first one put into a larger tile splits it.
+    std::vector<openvdb::CoordBBox> large;
+    auto tile = tree.cbeginValueOn();
+    tile.setMaxDepth(Tree::ValueOnCIter::LEAF_DEPTH - 2);
+    for (; tile; ++tile) large.push_back(tile.getBoundingBox());
+    std::vector<Origin> origins;
+    for (const openvdb::CoordBBox& box : large) {
+        for (openvdb::Int32 x = box.min().x(); x <= box.max().x(); x += Lower::DIM) {
+            for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += Lower::DIM) {
+                for (openvdb::Int32 z = box.min().z(); z <= box.max().z(); z += Lower::DIM) {
+                    tree.addTile(1, {x, y, z}, tree.getValue({x, y, z}), true);
+                }
+            }
+        }
+    }
+    for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) {
+        const openvdb::Coord at = leaf->origin();
+        origins.push_back({at.x(), at.y(), at.z()});
+    }
+    for (tile = tree.cbeginValueOn(); tile; ++tile) {
+        if (!tile.isTileValue()) continue;
+        const openvdb::Coord at = tile.getBoundingBox().min();
+        origins.push_back({at.x(), at.y(), at.z()});
+    }
+    std::sort(origins.begin(), origins.end());
+    std::int32_t last = -1;
+    for (const auto& [set, members] : sets) last = std::max(last, members.back());
+    if (last >= 0) region_to_change(last);
+    const auto give = [&](const Origin& origin, std::int32_t set, const Words& words) {
+        if (set <= 0 || set >= sets_.end() || sets_.members(set).empty()) refuse();
+        sets_.count(set) += count(words);
+        for (const std::int32_t entity : sets_.members(set)) {
+            Voxels& has = regions_[static_cast<std::size_t>(entity)];
+            if (has.blocks() == 0 || !(has.origins.back() == origin)) has.append(origin, {});
+            for (std::size_t x = 0; x < 8; ++x) has.words.back()[x] |= words[x];
+        }
+    };
+    Accessor accessor(tree);
+    for (const Origin& origin : origins) {
+        Leaf* leaf = accessor.probeLeaf(coord(origin));
+        if (leaf == nullptr) {
+            Words whole;
+            whole.fill(kAll);
+            give(origin, accessor.getValue(coord(origin)), whole);
+            continue;
+        }
+        const std::int32_t* values = leaf->buffer().data();
+        if (is_uniform(values)) refuse();
+        Words rest{};
+        for (std::size_t x = 0; x < 8; ++x) rest[x] = active_word(*leaf, x);
+        for (openvdb::Index i = 0; i < 512; ++i) {
+            if (!leaf->isValueOn(i) && values[i] != 0) refuse();
+        }
+        while (!is_empty(rest)) {
+            Words words{};
+            std::int32_t set = 0;
+            for (std::size_t x = 0; x < 8; ++x) {
+                for (std::uint64_t w = rest[x]; w != 0; w &= w - 1) {
+                    const auto i = 64 * x + static_cast<std::size_t>(__builtin_ctzll(w));
+                    if (set == 0) set = values[i];
+                    if (values[i] == set) words[x] |= w & ~(w - 1);
+                }
+                rest[x] &= ~words[x];
+            }
+            if (is_empty(words)) refuse();  // an active 0
+            give(origin, set, words);
+        }
+    }
+    for (const auto& [set, members] : sets) {
+        if (sets_.count(set) == 0) refuse();
+    }
+}
+
 void RegionMap::write(const std::string& path) const {
     const std::shared_lock lock(mutex_);
     openvdb::io::File file(path);

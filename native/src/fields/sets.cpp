@@ -101,6 +101,37 @@ void Register::free_if_unused(std::int32_t set) {
     --used_;
 }
 
+bool Register::restore(std::int32_t set, const std::vector<std::int32_t>& members) {
+    if (set <= 0 || members.empty() || members.front() < 0) return false;
+    for (std::size_t i = 1; i < members.size(); ++i) {
+        if (members[i - 1] >= members[i]) return false;
+    }
+    const auto n = static_cast<std::size_t>(set);
+    if (n < sets_.size() && !sets_[n].members.empty()) return false;
+    std::uint64_t hash = 0;
+    for (const std::int32_t entity : members) hash ^= key(entity);
+    const std::size_t most = slots_.size() - 1;
+    for (std::size_t i = hash & most; slots_[i] != 0; i = (i + 1) & most) {
+        if (sets_[static_cast<std::size_t>(slots_[i])].members == members) return false;
+    }
+    if (n >= sets_.size()) {
+        sets_.resize(n + 1);
+        counts_.resize(n + 1);
+    }
+    sets_[n].hash = hash;
+    sets_[n].members = members;
+    if (2 * (++used_ + 1) >= slots_.size()) grow();
+    put(set);
+    return true;
+}
+
+void Register::finish_restoring() {
+    free_.clear();
+    for (std::int32_t set = end() - 1; set > 0; --set) {
+        if (members(set).empty()) free_.push_back(set);
+    }
+}
+
 std::size_t Register::bytes() const {
     std::size_t total = sets_.capacity() * sizeof(Set) + counts_.capacity() * sizeof(std::int64_t) +
                         (free_.capacity() + slots_.capacity()) * sizeof(std::int32_t);

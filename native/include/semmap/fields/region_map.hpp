@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "semmap/fields/grid.hpp"
 #include "semmap/fields/sets.hpp"
 #include "semmap/fields/shapes.hpp"
 #include "semmap/fields/voxels.hpp"
@@ -84,6 +85,13 @@ class RegionMap {
     // Throws std::logic_error that says what is amiss: numbers, counts and index against the grid.
     void check() const;
     void write(const std::string& path) const;
+
+    // The number of each voxel's set, and the members of each set.
+    using Sets = std::vector<std::pair<std::int32_t, std::vector<std::int32_t>>>;
+    std::pair<Grid<std::int32_t>, Sets> state() const;
+    // Brings an empty map to such a state. Throws std::invalid_argument where grid and sets do not
+    // belong together; the map is then useless.
+    void restore(const Grid<std::int32_t>& grid, const Sets& sets);
 
   private:
     using Tree = openvdb::Int32Tree;

@@ -28,6 +28,10 @@ class Register {
     std::int64_t& count(std::int32_t set) { return counts_[static_cast<std::size_t>(set)]; }
     std::int64_t count(std::int32_t set) const { return counts_[static_cast<std::size_t>(set)]; }
     void free_if_unused(std::int32_t set);
+    // Gives a set the number that it had. False, and nothing changed, where the set or the number
+    // is there already or can be none. `finish_restoring` ends the first use of it.
+    bool restore(std::int32_t set, const std::vector<std::int32_t>& members);
+    void finish_restoring();
     std::size_t bytes() const;
 
   private:

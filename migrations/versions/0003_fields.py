@@ -1,0 +1,27 @@
+"""Fields that are kept: their tables, and the code anew, which says who may write them.
+
+A new database has the tables from its first revision on. Going down keeps them, and every row: the
+revision before does without them.
+"""
+
+from __future__ import annotations
+
+from alembic import op
+
+from semmap.database.migrate import drop_code, make_tables, run_code
+
+revision = "0003"
+down_revision = "0002"
+branch_labels = None
+depends_on = None
+
+
+def upgrade() -> None:
+    """Make the tables where they are missing, and replace the code."""
+    make_tables(op, "060_fields.sql", "field")
+    drop_code(op)
+    run_code(op)
+
+
+def downgrade() -> None:
+    """Leave the tables where they are."""
