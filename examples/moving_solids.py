@@ -24,6 +24,7 @@ from semmap.fields import Box, Cone, Cylinder, Hull, RegionMap, Solid, Sphere
 from semmap.fields.events import Events
 from semmap.fields.regions import Region
 from semmap.fields.relations import Event, Relations
+from semmap.fields.statements import keys_of, voxels_of_keys
 
 VOXEL = 0.025
 LOW, HIGH = np.array((-1.6, -1.1, 0.0)), np.array((2.4, 1.1, 1.9))
@@ -139,7 +140,7 @@ class Scene:
     def sets(self) -> dict[int, VoxelSet]:
         """The sets that there are, with their voxels."""
         parts = [np.zeros((0, 3), np.int32), *(self.regions.voxels(name) for name in SOLIDS)]
-        voxels = np.unique(np.concatenate(parts), axis=0)
+        voxels = voxels_of_keys(np.unique(keys_of(np.concatenate(parts))))
         numbers, counts = np.unique(
             self.regions.set_numbers_at((voxels + 0.5) * VOXEL), return_counts=True
         )

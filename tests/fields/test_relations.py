@@ -16,11 +16,15 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from scipy.spatial import cKDTree
 
+from semmap.database.files import schema_folder
 from semmap.fields import Box, Cone, RegionMap, Sphere, voxels_of
+from semmap.fields.catalogue import FieldCatalogue
+from semmap.fields.maps import Maps
 from semmap.fields.property import Property
 from semmap.fields.regions import Region
 from semmap.fields.relations import RULES, Event, Fact, Relations, Rule, near_within
 from semmap.fields.thing_relation import ThingRelation
+from semmap.fields.vocabulary import read_vocabulary
 
 SIZE = 0.5
 NEAR = 1.0
@@ -409,3 +413,17 @@ def test_rules_are_data() -> None:
     assert told(relations.update(["chair"])) == {
         "chair beside table begins", "table beside chair begins"
     }  # fmt: skip
+
+
+def test_a_catalogue_states_them() -> None:
+    """Relations join what queries may ask, under the properties of the ontology."""
+    here, relations = scene()
+    here.insert("mug", Box((0, 0, 0.80), (0.1, 0.1, 0.1)))
+    relations.update(here.entities())
+    vocabulary = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
+    stated = [ThingRelation(vocabulary[each.name], relations) for each in RULES]
+    catalogue = FieldCatalogue(vocabulary, Maps(), relations=stated)
+    for name, subject, object in (("on", "mug", "table"), ("sees", "human1", "mug")):
+        found = catalogue.relation(vocabulary[name].iri).statements(subjects=[subject])
+        assert object in found.object.names  # type: ignore[union-attr]
+        assert set(found.subject.names) == {subject}  # type: ignore[union-attr]
