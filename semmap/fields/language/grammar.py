@@ -150,11 +150,12 @@ def _elements(root: Any) -> Iterator[Any]:
         stack += [*getattr(element, "exprs", ()), getattr(element, "expr", None)]
 
 
-def _place(_: str, at: int, tokens: Any) -> Any:
+def _place(text: str, at: int, tokens: Any) -> Any:
     """Give what was just read its place."""
     if len(tokens) != 1:
         return None
     (token,) = tokens
+    at = _skip(text, at)
     if isinstance(token, CompValue):
         token.at = at
         return None
