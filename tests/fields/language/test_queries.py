@@ -51,7 +51,7 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         [((x + 0.25, 0.25, 0.25),) for x in (2.5, 3.0, 3.5)],
     ),
     "the same where distances are told up to some metres only": (
-        "SELECT ?v { ?v :free ?by FILTER NOT EXISTS { ?v :distanceToPerson ?d FILTER(?d <= 1.2) } }",
+        "SELECT ?v { ?v :free ?r FILTER NOT EXISTS { ?v :distanceToPerson ?d FILTER(?d <= 1.2) } }",
         [((x + 0.25, 0.25, 0.25),) for x in (2.5, 3.0, 3.5)],
     ),
     "counts": (
@@ -141,6 +141,10 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         [(1.5,), (1.25,)],
     ),
     "comments": ("# all\nSELECT ?o { ?o :on :table1 . # 'x' }\n }", [("mug1",), ("cup1",)]),
+    "a semicolon more": (
+        "SELECT ?o { ?o :on :table1 ; . ?v :occupiedBy ?o ;; :inFieldOfView :human2 ; }",
+        [("mug1",), ("cup1",)],
+    ),
     "nothing asked": ("SELECT (1 + 1 AS ?two) {}", [(2.0,)]),
 }  # fmt: skip
 
