@@ -108,15 +108,16 @@ class Checker:
             raise self.error(_reason(error), term) from error
 
     def is_function(self, iri: str) -> bool:
-        """Whether an IRI is of a namespace of ours."""
+        """Whether an IRI is of the paper's namespace, or of one that properties have."""
+        if _namespace(iri) == KB:
+            return True
         if self._namespaces is None:
-            known = {KB}
-            for relation in self.catalogue.relations():
-                about = relation.property
-                for each in (about.iri, *about.same_as):
-                    known.add(each[: len(each) - len(str(thing_named(rdflib.URIRef(each))))])
-            self._namespaces = frozenset(known)
-        return iri[: len(iri) - len(str(thing_named(rdflib.URIRef(iri))))] in self._namespaces
+            self._namespaces = frozenset(
+                _namespace(each)
+                for relation in self.catalogue.relations()
+                for each in (relation.property.iri, *relation.property.same_as)
+            )
+        return _namespace(iri) in self._namespaces
 
     def exists(self, tree: Any) -> Expression:
         """EXISTS and NOT EXISTS."""
@@ -389,6 +390,11 @@ class Checker:
             raise self.error(f"{word(of.kind)} has no order{mend}", of.at)
         kind: ColumnKind = "number" if function in ("Count", "Sum", "Avg") else of.kind
         return Aggregate(name, function, of, distinct, kind)
+
+
+def _namespace(iri: str) -> str:
+    """An IRI without its local name."""
+    return iri[: len(iri) - len(str(thing_named(rdflib.URIRef(iri))))]
 
 
 def _conjuncts(tree: Any) -> Iterator[Any]:

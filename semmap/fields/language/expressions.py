@@ -103,7 +103,9 @@ def expression(tree: Any, scope: Scope) -> Expression:
         Kinds that do not go together, variables that are not bound, functions that are not there.
     """
     found = _operand(tree, scope)
-    return _thing(found, None, scope) if isinstance(found, _Constant) else found
+    if not isinstance(found, _Constant):
+        return found
+    return (_thing if isinstance(found.term, rdflib.URIRef) else _text)(found, scope)
 
 
 def condition(tree: Any, scope: Scope) -> Expression:
@@ -160,9 +162,9 @@ def _fixed(kind: ColumnKind, value: float, at: int) -> Expression:
     return Expression(kind, frozenset(), run, at)
 
 
-def _thing(constant: _Constant, range_: str | None, scope: Scope) -> Expression:
-    """A constant on its own stands for the one thing that it names."""
-    things = scope.things(constant.term, range_)
+def _thing(constant: _Constant, scope: Scope) -> Expression:
+    """An IRI on its own stands for the one thing that it names."""
+    things = scope.things(constant.term, None)
     own = thing_named(constant.term)
     if len(things) == 1:
         (own,) = things
@@ -173,7 +175,7 @@ def _thing(constant: _Constant, range_: str | None, scope: Scope) -> Expression:
     def run(context: Context, table: Table) -> Column:
         return Column("thing", np.full(table.rows, context.names.code(name), np.int64))
 
-    return Expression("thing", frozenset(), run, constant.at, range_)
+    return Expression("thing", frozenset(), run, constant.at)
 
 
 def _text(operand: Expression | _Constant, scope: Scope) -> Expression:

@@ -7,9 +7,10 @@ text, which errors name.
 from __future__ import annotations
 
 import copy
+import logging
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
@@ -150,11 +151,12 @@ def _elements(root: Any) -> Iterator[Any]:
         stack += [*getattr(element, "exprs", ()), getattr(element, "expr", None)]
 
 
-def _place(_: str, at: int, tokens: Any) -> Any:
+def _place(text: str, at: int, tokens: Any) -> Any:
     """Give what was just read its place."""
     if len(tokens) != 1:
         return None
     (token,) = tokens
+    at = _skip(text, at)
     if isinstance(token, CompValue):
         token.at = at
         return None
@@ -174,8 +176,15 @@ def _collection(_: str, at: int, __: Any) -> CompValue:
 
 def _copied() -> tuple[Any, Any]:
     """Copies of the grammars of queries and updates, so that rdflib's own stay as they are."""
-    memo: dict[int, Any] = {}
-    grammars = copy.deepcopy((_extended(), parser.UpdateUnit), memo)
+    originals = (_extended(), parser.UpdateUnit)
+    # What tells that there is no default is compared by identity.
+    memo = {
+        id(element.defaultValue): element.defaultValue
+        for original in originals
+        for element in _elements(original)
+        if isinstance(element, pyparsing.Opt)
+    }
+    grammars = copy.deepcopy(originals, memo)
     for original in (parser.Collection, parser.CollectionPath):
         memo[id(original)].set_parse_action(_collection)
     comment = "#" + pyparsing.rest_of_line
@@ -304,6 +313,21 @@ def _namer(source: Normalised, prologue: Any) -> Callable[[Any], Any]:
     return name
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without what rdflib logs of a literal that is none of its type: it is refused where it is."""
+    thread, logger = threading.get_ident(), logging.getLogger("rdflib.term")
+
+    def elsewhere(record: logging.LogRecord) -> bool:
+        return record.thread != thread
+
+    logger.addFilter(elsewhere)
+    try:
+        yield
+    finally:
+        logger.removeFilter(elsewhere)
+
+
 @lru_cache(maxsize=256)
 def parse_query(text: str) -> Parsed:
     """The algebra of a query.
@@ -319,8 +343,9 @@ def parse_query(text: str) -> Parsed:
     clauses = _split(source, tree)
     prologue = algebra.translatePrologue(declarations, None)
     name = _namer(source, prologue)
-    tree = algebra.traverse(tree, visitPost=name)
-    clauses = algebra.traverse(clauses, visitPost=name)
+    with _quiet():
+        tree = algebra.traverse(tree, visitPost=name)
+        clauses = algebra.traverse(clauses, visitPost=name)
     _mark_everything(tree)
     translated, names = algebra.translate(tree)
     found = {clause.name: clause for clause in clauses}
@@ -379,7 +404,8 @@ def parse_update(text: str) -> Parsed:
     requests, prologue = [], None
     for declarations, request in zip(tree.prologue or (), tree.request or (), strict=False):
         prologue = algebra.translatePrologue(declarations, None, None, prologue)
-        request = algebra.traverse(request, visitPost=_namer(source, prologue))
+        with _quiet():
+            request = algebra.traverse(request, visitPost=_namer(source, prologue))
         request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
         request = algebra.traverse(request, visitPost=algebra.translatePath)
         _mark_everything(request)

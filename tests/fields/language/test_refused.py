@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-import pytest
+import re
 
-from semmap.fields.language import QueryError, query
-from tests.fields.language.catalogue import kitchen
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semmap.fields.language import QueryError, Rows, Stored, query
+from tests.fields.language.catalogue import PREFIX, kitchen
+from tests.fields.language.test_queries import ANSWERS, STORES
 
 WRONG = {
     # names
@@ -130,6 +135,22 @@ def test_what_is_wrong_is_refused_with_its_place(text: str) -> None:
     assert message[0] == f"line {error.line}, column {error.column}: {error.reason}"
     assert message[1].strip() == lines[line - 1].strip()
     assert message[2] == " " * (4 + error.column - 1) + "^"
+
+
+TOKEN = re.compile(r"""'[^']*'|[?$]?:?\w+|\s+|.""", re.DOTALL)
+TEXTS = [TOKEN.findall(text) for text, _ in (*ANSWERS.values(), *STORES.values())]
+TOKENS = st.sampled_from(sorted({token for text in TEXTS for token in text}))
+
+
+@settings(max_examples=150)
+@given(st.sampled_from(TEXTS), st.integers(0, 99), st.lists(TOKENS, max_size=2))
+def test_any_text_is_answered_or_refused(text: list[str], at: int, new: list[str]) -> None:
+    at %= len(text)
+    try:
+        answer = query(kitchen(), "".join([PREFIX, *text[:at], *new, *text[at + 1 :]]))
+    except QueryError:
+        return
+    assert isinstance(answer, (Rows, Stored, bool))
 
 
 def test_places_are_those_of_the_text_of_the_user() -> None:
