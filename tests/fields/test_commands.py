@@ -108,6 +108,29 @@ def test_query(office: typer.Typer, tmp_path: Path) -> None:
     assert (tmp_path / "muffin.vdb").stat().st_size > 100
 
 
+def test_maps_that_are_kept(office: typer.Typer) -> None:
+    """A map that a query stored is asked again, and as often as it changes it has a version."""
+    size = ("--voxel-size", "0.1")
+    text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
+    first = run(office, "query", text, *size, "--keep", "sweet")
+    assert (first["kept"], first["version"]) == ("sweet", 1)
+    text = PREFIX + "SELECT ?v ?o WHERE { ?v :inRoom ?o FILTER(:z(?v) < 0.1) } STORE :inZone"
+    with pytest.raises(ValueError, match="no region"):
+        run(office, "query", text, *size, "--keep", "low")
+    text = PREFIX + "SELECT ?v WHERE { ?v :inZone :home FILTER(:z(?v) < 0.2) } STORE :inZone"
+    low = run(office, "query", text, *size, "--keep", "low")
+    assert run(office, "query", text, *size, "--keep", "low")["version"] == 2
+    rows = {row["name"]: row for row in run(office, "kept")}
+    assert rows["low"]["versions"] == 2
+    assert rows["low"]["voxels"] == low["voxels"]
+    assert rows["sweet"]["about"] == "muffin1"
+    forgot = CliRunner().invoke(office, ["fields", "forget", "low"], catch_exceptions=False)
+    assert forgot.exit_code == 0
+    assert [row["name"] for row in run(office, "kept")] == ["sweet"]
+    with pytest.raises(LookupError, match="there are: sweet"):
+        CliRunner().invoke(office, ["fields", "forget", "low"], catch_exceptions=False)
+
+
 def test_readable_rows(office: typer.Typer) -> None:
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy :muffin1 } ORDER BY :z(?v)"
     done = CliRunner().invoke(
