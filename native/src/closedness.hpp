@@ -1,6 +1,8 @@
 // Whether surfaces are closed, without a table of edges.
 #pragma once
 
+#include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -43,26 +45,63 @@ inline PointHash hash_point(const double* p) {
 // edges make one determinant.
 template <typename Index>
 bool keep_closed(const MeshView<Index>& mesh, const Team& team, std::vector<std::uint8_t>& closed) {
+    constexpr std::size_t kChunk = 16384;
+    // Calls found(solid, first, last) for neighbouring faces of one solid.
+    const auto each_run = [&](std::size_t first, std::size_t last, auto&& found) {
+        if (mesh.solids == nullptr) return found(std::size_t{0}, first, last);
+        while (first < last) {
+            const std::int32_t solid = mesh.solids[first];
+            const std::size_t from = first;
+            while (first < last && mesh.solids[first] == solid) ++first;
+            if (closed[solid] != 0) found(static_cast<std::size_t>(solid), from, first);
+        }
+    };
+
+    // Most solids have points of their own, side by side: only theirs are hashed, by the block.
+    constexpr std::size_t kBlock = 64;
+    std::vector<std::atomic<std::int64_t>> change(mesh.vertex_count / kBlock + 2);
+    if (!team.share(mesh.face_count, kChunk, [&](unsigned, std::size_t first, std::size_t last) {
+            each_run(first, last, [&](std::size_t, std::size_t from, std::size_t to) {
+                const auto [low, high] =
+                    std::minmax_element(mesh.faces + 3 * from, mesh.faces + 3 * to);
+                change[static_cast<std::size_t>(*low) / kBlock] += 1;
+                change[static_cast<std::size_t>(*high) / kBlock + 1] -= 1;
+            });
+        })) {
+        return false;
+    }
+    std::vector<std::size_t> blocks;
+    std::int64_t wanted = 0;
+    for (std::size_t block = 0; block * kBlock < mesh.vertex_count; ++block) {
+        wanted += change[block];
+        if (wanted > 0) blocks.push_back(block);
+    }
     const std::unique_ptr<PointHash[]> hash(new PointHash[mesh.vertex_count]);
-    if (!team.share(mesh.vertex_count, 16384, [&](unsigned, std::size_t first, std::size_t last) {
-            for (std::size_t i = first; i < last; ++i) hash[i] = hash_point(mesh.vertices + 3 * i);
+    if (!team.share(blocks.size(), 256, [&](unsigned, std::size_t first, std::size_t last) {
+            for (; first < last; ++first) {
+                const std::size_t end = std::min((blocks[first] + 1) * kBlock, mesh.vertex_count);
+                for (std::size_t i = blocks[first] * kBlock; i < end; ++i) {
+                    hash[i] = hash_point(mesh.vertices + 3 * i);
+                }
+            }
         })) {
         return false;
     }
     std::vector<std::vector<std::uint64_t>> sums(team.size());
     for (auto& sum : sums) sum.assign(closed.size(), 0);
     if (!team.share(
-            mesh.face_count, 16384, [&](unsigned thread, std::size_t first, std::size_t last) {
-                for (std::size_t f = first; f < last; ++f) {
-                    const auto solid =
-                        static_cast<std::size_t>(mesh.solids == nullptr ? 0 : mesh.solids[f]);
-                    if (closed[solid] == 0) continue;
-                    const Index* face = mesh.faces + 3 * f;
-                    const PointHash a = hash[face[0]];
-                    const PointHash b = hash[face[1]];
-                    const PointHash c = hash[face[2]];
-                    sums[thread][solid] += (b.s - a.s) * (c.t - a.t) - (c.s - a.s) * (b.t - a.t);
-                }
+            mesh.face_count, kChunk, [&](unsigned thread, std::size_t first, std::size_t last) {
+                each_run(first, last, [&](std::size_t solid, std::size_t from, std::size_t to) {
+                    std::uint64_t sum = 0;
+                    for (const Index* face = mesh.faces + 3 * from; face != mesh.faces + 3 * to;
+                         face += 3) {
+                        const PointHash a = hash[face[0]];
+                        const PointHash b = hash[face[1]];
+                        const PointHash c = hash[face[2]];
+                        sum += (b.s - a.s) * (c.t - a.t) - (c.s - a.s) * (b.t - a.t);
+                    }
+                    sums[thread][solid] += sum;
+                });
             })) {
         return false;
     }

@@ -137,6 +137,7 @@ class Drawing {
         SmallTriangle small;
         Canvas canvas;
         std::vector<Cut> cuts;
+        std::vector<std::size_t> beyond;  // groups of cuts that may have an inside of their own
         // The last rectangle: neighbours in an upright wall draw the same.
         Placed low{};
         Placed high{};
@@ -266,9 +267,12 @@ class Drawing {
         if (end_slab == first_slab) return;
         if (fill_.any && is_filled(solid)) {
             for (std::size_t i = 0; i < slabs_.fills.size(); ++i) {
-                const Place plane = slabs_.fills[i].place;
-                if (lowest <= plane && plane < highest) {
+                const FillPlane& plane = slabs_.fills[i];
+                if (lowest <= plane.place && plane.place < highest) {
                     member.cuts.push_back({static_cast<std::uint32_t>(i), solid, f});
+                }
+                if (lowest <= plane.reach && plane.reach < highest) {
+                    member.beyond.push_back(group_of(i, solid));
                 }
             }
         }
@@ -355,28 +359,37 @@ class Drawing {
         std::swap(place[i], place[j]);
     }
 
+    std::size_t group_of(std::size_t plane, std::int32_t solid) const {
+        return static_cast<std::size_t>(solid) * slabs_.fills.size() + plane;
+    }
+
     // Fills each closed solid by the winding number of its section just above each fill plane.
     bool fill_solids() {
+        // What is inside throughout an interval goes on beyond it.
+        const std::size_t planes = slabs_.fills.size();
+        std::vector<std::uint8_t> beyond(fill_.solid_count * planes, 0);
+        for (const Member& member : members_) {
+            for (const std::size_t group : member.beyond) beyond[group] = 1;
+        }
         std::vector<Cut> cuts;
-        for (Member& member : members_) {
-            cuts.insert(cuts.end(), member.cuts.begin(), member.cuts.end());
+        std::vector<std::uint8_t> closed(fill_.solid_count, 0);
+        for (const Member& member : members_) {
+            for (const Cut& cut : member.cuts) {
+                if (beyond[group_of(cut.plane, cut.solid)] == 0) continue;
+                cuts.push_back(cut);
+                closed[static_cast<std::size_t>(cut.solid)] = 1;
+            }
         }
         if (cuts.empty()) return true;
-        std::vector<std::uint8_t> closed(fill_.solid_count, 0);
-        for (const Cut& cut : cuts) closed[static_cast<std::size_t>(cut.solid)] = 1;
         if (!keep_closed(mesh_, team_, closed)) return false;
 
         // Cuts of a solid and plane side by side.
-        const std::size_t planes = slabs_.fills.size();
-        const auto group_of = [&](const Cut& cut) {
-            return static_cast<std::size_t>(cut.solid) * planes + cut.plane;
-        };
-        std::vector<std::size_t> start(fill_.solid_count * planes + 1, 0);
-        for (const Cut& cut : cuts) ++start[group_of(cut) + 1];
+        std::vector<std::size_t> start(beyond.size() + 1, 0);
+        for (const Cut& cut : cuts) ++start[group_of(cut.plane, cut.solid) + 1];
         for (std::size_t i = 1; i < start.size(); ++i) start[i] += start[i - 1];
         std::vector<Cut> grouped(cuts.size());
         std::vector<std::size_t> next = start;
-        for (const Cut& cut : cuts) grouped[next[group_of(cut)]++] = cut;
+        for (const Cut& cut : cuts) grouped[next[group_of(cut.plane, cut.solid)]++] = cut;
 
         return team_.share(start.size() - 1, 16,
                            [&](unsigned thread, std::size_t first, std::size_t last) {

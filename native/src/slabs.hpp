@@ -29,6 +29,7 @@ struct Slab {
 struct FillPlane {
     double height;
     Place place;
+    Place reach;  // the lowest upper end of these intervals
     Mask intervals;
 };
 
@@ -51,10 +52,13 @@ struct Slabs {
             add(intervals, i, i);
             if (i + 1 < planes.size()) add(intervals, i, i + 1);
             Mask starts = 0;
+            Place reach = top;
             for (std::size_t k = 0; k < intervals.size(); ++k) {
-                if (intervals[k].low == planes[i]) starts |= Mask{1} << k;
+                if (intervals[k].low != planes[i]) continue;
+                starts |= Mask{1} << k;
+                reach = std::min(reach, place(intervals[k].high));
             }
-            if (starts != 0) fills.push_back({planes[i], place_of(i), starts});
+            if (starts != 0) fills.push_back({planes[i], place_of(i), reach, starts});
         }
         for (int place = 0; place <= top; ++place) {
             std::size_t first = 0;
