@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from semmap.fields.language.check import TAKEN, Checker
 from semmap.fields.language.evaluate import evaluate
-from semmap.fields.language.expressions import word
+from semmap.fields.language.expressions import centres, word
 from semmap.fields.language.grammar import EVERYTHING, Parsed, parse_query
 from semmap.fields.language.plan import Context
 from semmap.fields.language.table import Column, ColumnKind, Table, TooManyRowsError, unbound
@@ -74,8 +74,8 @@ class Rows:
     def _plain(self, column: Column) -> list[Any]:
         values: list[Any]
         if column.kind == "voxel":
-            centres = (voxels_of_keys(column.values) + 0.5) * self.voxel_size
-            values = [tuple(centre) for centre in centres.tolist()]
+            points = centres(column.values, self.voxel_size)
+            values = [tuple(point) for point in points.tolist()]
         elif column.kind in ("thing", "text"):
             values = [self.things[code] if self.things else "" for code in column.values.tolist()]
         else:

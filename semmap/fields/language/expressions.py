@@ -21,7 +21,16 @@ from semmap.fields.language.plan import Context
 from semmap.fields.language.table import Column, ColumnKind, Table, unbound
 from semmap.fields.statements import voxels_of_keys
 
-__all__ = ["Expression", "Scope", "condition", "expression", "number_of", "thing_named", "word"]
+__all__ = [
+    "Expression",
+    "Scope",
+    "centres",
+    "condition",
+    "expression",
+    "number_of",
+    "thing_named",
+    "word",
+]
 
 Run = Callable[[Context, Table], Column]
 
@@ -477,9 +486,10 @@ def _regex(tree: Any, scope: Scope) -> Expression:
     return _of_names("boolean", lambda name: pattern.search(name) is not None, of)
 
 
-def _centres(keys: NDArray[np.int64], voxel_size: float) -> NDArray[Any]:
-    centres: NDArray[Any] = (voxels_of_keys(keys) + 0.5) * voxel_size
-    return centres
+def centres(keys: NDArray[np.int64], voxel_size: float) -> NDArray[Any]:
+    """(N, 3) the centres of (N,) voxels, metres."""
+    points: NDArray[Any] = (voxels_of_keys(keys) + 0.5) * voxel_size
+    return points
 
 
 def _function(tree: Any, scope: Scope) -> Expression:
@@ -501,7 +511,7 @@ def _function(tree: Any, scope: Scope) -> Expression:
             a, b = (voxels_of_keys(column.values).astype(float) for column in columns)
             value: NDArray[Any] = np.linalg.norm(a - b, axis=1) * context.voxel_size
         else:
-            value = _centres(columns[0].values, context.voxel_size)[:, "xyz".index(str(name))]
+            value = centres(columns[0].values, context.voxel_size)[:, "xyz".index(str(name))]
         return Column("number", value, _together(columns))
 
     variables = frozenset().union(*(each.variables for each in of))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from semmap.fields.language.table import Column, ColumnKind, Names, Table
+from semmap.fields.language.table import ColumnKind, Names, Table
 from semmap.fields.statements import Relation
 
 if TYPE_CHECKING:
@@ -180,5 +180,3 @@ Plan = (
     Basic | Join | Left | Minus | Union | Filter | Extend | Inline | Project | Distinct | Slice
     | Order | Group
 )  # fmt: skip
-
-Limits = Mapping[str, Column]

@@ -18,7 +18,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.fields.language.check import KB, Checker
 from semmap.fields.language.evaluate import evaluate
-from semmap.fields.language.expressions import thing_named, word
+from semmap.fields.language.expressions import centres, thing_named, word
 from semmap.fields.language.grammar import Parsed, parse_update, place
 from semmap.fields.language.plan import Context
 from semmap.fields.language.region_text import read_region
@@ -33,7 +33,6 @@ from semmap.fields.statements import (
     Things,
     Voxels,
     keys_of,
-    voxels_of_keys,
 )
 
 __all__ = ["OCCUPIES", "Updated", "update"]
@@ -236,7 +235,7 @@ class _Work:
     def _put(self, thing: str, voxels: NDArray[np.int32]) -> None:
         entity = self._entity(thing)
         if len(voxels):
-            self.regions.move(entity, centres(voxels, self.regions.voxel_size))
+            self.regions.move(entity, (voxels + 0.5) * self.regions.voxel_size)
         else:
             self.regions.remove(entity)
 
@@ -265,12 +264,6 @@ class _Work:
 def _in_order(triples: Sequence[Any]) -> list[Any]:
     """As they stand in the text."""
     return sorted(triples, key=lambda triple: place(triple[0]) or 0)
-
-
-def centres(voxels: NDArray[np.int32], voxel_size: float) -> NDArray[Any]:
-    """(N, 3) the centres of (N, 3) voxels, metres."""
-    points: NDArray[Any] = (voxels + 0.5) * voxel_size
-    return points
 
 
 @dataclass
@@ -311,7 +304,7 @@ class _Template:
         return [(names[c], self._points(keys[codes == c])) for c in np.unique(codes).tolist()]
 
     def _points(self, keys: Keys) -> Region:
-        return centres(voxels_of_keys(np.unique(keys)), self.context.voxel_size)
+        return centres(np.unique(keys), self.context.voxel_size)
 
     def _check(self, term: Any, kind: str) -> None:
         if not isinstance(term, rdflib.Variable):

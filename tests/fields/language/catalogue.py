@@ -66,6 +66,9 @@ class Listed:
             for i, (s, o) in enumerate(zip(self.subjects, self.objects, strict=True))
             if (subjects is None or s in subjects) and (objects is None or o in objects)
         ]
+        if within is not None:
+            keys = keys_of(np.array(self.subjects, np.int32).reshape(-1, 3))
+            rows = [i for i in rows if keys[i] in within]
         return Statements(
             _column(self.property.subject, [self.subjects[i] for i in rows]),
             _column(self.property.object, [self.objects[i] for i in rows]),

@@ -141,6 +141,24 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         [(1.5,), (1.25,)],
     ),
     "comments": ("# all\nSELECT ?o { ?o :on :table1 . # 'x' }\n }", [("mug1",), ("cup1",)]),
+    # What is found so far limits what is read next; here it must not.
+    "a group's OPTIONAL is worked out before it is joined": (
+        "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
+        "{ ?w :distanceToPerson 0.5 OPTIONAL { ?v :distanceToPerson 0.75 } } }", [(0,)],
+    ),
+    "what is not bound is compatible with all": (
+        "SELECT ?d { ?x :distanceToPerson ?d FILTER(?d < 0.5) "
+        "OPTIONAL { ?v :distanceToPerson ?d FILTER(?d = 0) } { ?v :distanceToPerson 0.5 } }",
+        [(0.25,)],
+    ),
+    "a subquery's own variables are its own": (
+        "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
+        "{ ?v :inFieldOfView ?w { SELECT ?o { ?v :occupiedBy ?o . ?o :on ?t } } } }", [(35,)],
+    ),
+    "a subquery's LIMIT is of its own solutions": (
+        "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
+        "{ SELECT ?v { ?v :occupiedBy :mug1 } ORDER BY :z(?v) LIMIT 1 } }", [(0,)],
+    ),
     "a semicolon more": (
         "SELECT ?o { ?o :on :table1 ; . ?v :occupiedBy ?o ;; :inFieldOfView :human2 ; }",
         [("mug1",), ("cup1",)],

@@ -142,7 +142,7 @@ TEXTS = [TOKEN.findall(text) for text, _ in (*ANSWERS.values(), *STORES.values()
 TOKENS = st.sampled_from(sorted({token for text in TEXTS for token in text}))
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(st.sampled_from(TEXTS), st.integers(0, 99), st.lists(TOKENS, max_size=2))
 def test_any_text_is_answered_or_refused(text: list[str], at: int, new: list[str]) -> None:
     at %= len(text)

@@ -191,7 +191,7 @@ boxes = st.tuples(places, st.integers(1, 4)).map(
 )
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     st.lists(
         st.one_of(
