@@ -62,10 +62,14 @@ bool keep_closed(const MeshView<Index>& mesh, const Team& team, std::vector<std:
     std::vector<std::atomic<std::int64_t>> change(mesh.vertex_count / kBlock + 2);
     if (!team.share(mesh.face_count, kChunk, [&](unsigned, std::size_t first, std::size_t last) {
             each_run(first, last, [&](std::size_t, std::size_t from, std::size_t to) {
-                const auto [low, high] =
-                    std::minmax_element(mesh.faces + 3 * from, mesh.faces + 3 * to);
-                change[static_cast<std::size_t>(*low) / kBlock] += 1;
-                change[static_cast<std::size_t>(*high) / kBlock + 1] -= 1;
+                Index low = mesh.faces[3 * from];
+                Index high = low;
+                for (std::size_t i = 3 * from; i < 3 * to; ++i) {
+                    low = std::min(low, mesh.faces[i]);
+                    high = std::max(high, mesh.faces[i]);
+                }
+                change[static_cast<std::size_t>(low) / kBlock] += 1;
+                change[static_cast<std::size_t>(high) / kBlock + 1] -= 1;
             });
         })) {
         return false;
@@ -93,8 +97,8 @@ bool keep_closed(const MeshView<Index>& mesh, const Team& team, std::vector<std:
             mesh.face_count, kChunk, [&](unsigned thread, std::size_t first, std::size_t last) {
                 each_run(first, last, [&](std::size_t solid, std::size_t from, std::size_t to) {
                     std::uint64_t sum = 0;
-                    for (const Index* face = mesh.faces + 3 * from; face != mesh.faces + 3 * to;
-                         face += 3) {
+                    for (std::size_t f = from; f < to; ++f) {
+                        const Index* face = mesh.faces + 3 * f;
                         const PointHash a = hash[face[0]];
                         const PointHash b = hash[face[1]];
                         const PointHash c = hash[face[2]];

@@ -128,6 +128,8 @@ class Drawing {
     }
 
   private:
+    typedef double Pair __attribute__((vector_size(16)));
+    typedef std::int64_t Longs __attribute__((vector_size(16)));
     using Whole = std::decay_t<decltype(Placed{}[0])>;
 
     struct Member {
@@ -159,25 +161,35 @@ class Drawing {
     template <bool kBetweenTwo>
     bool place_vertices(std::size_t first, std::size_t last) {
         const Locator locator(grid_);
-        const double low = slabs_.planes.front();
-        const double high = slabs_.planes.back();
-        const int above_high = slabs_.planes.size() == 1 ? 0 : 1;
-        bool near = true;
+        // What is in the lowest plane and the highest, and above.
+        const Pair planes{slabs_.planes.front(), slabs_.planes.back()};
+        const Longs counted{-1, slabs_.planes.size() == 1 ? 0 : -1};
+        Place* __restrict places = places_.get();
+        Placed* __restrict placed = placed_.get();
+        const Longs sign = Longs{} + std::numeric_limits<std::int64_t>::max();
+        const double* vertices = mesh_.vertices;
+        Longs near{};
         for (std::size_t i = first; i < last; ++i) {
-            const double* p = mesh_.vertices + 3 * i;
-            near &= (std::abs(p[0]) <= kFarthest) & (std::abs(p[1]) <= kFarthest) &
-                    (std::abs(p[2]) <= kFarthest);
+            const double* p = vertices + 3 * i;
+            Pair at;
+            std::memcpy(&at, p, sizeof at);
+            const Pair height{p[2], p[2]};
+            near -= (Pair)((Longs)at & sign) <= kFarthest;
+            near -= (Pair)((Longs)height & sign) <= kFarthest;
+            Place place;
             if (kBetweenTwo) {
-                const int above = (p[2] >= high) + (p[2] > high);
-                places_[i] = static_cast<Place>((p[2] >= low) + (p[2] > low) + above_high * above);
+                const Longs reached = ((height >= planes) + (height > planes)) & counted;
+                place = static_cast<Place>(-(reached[0] + reached[1]));
             } else {
-                places_[i] = slabs_.place(p[2]);
+                place = slabs_.place(p[2]);
             }
+            places[i] = place;
             const Spot spot = locator.spot(p);
-            placed_[i] = Placed{static_cast<Whole>(spot.column), static_cast<Whole>(spot.row),
-                                places_[i], 0};
+            placed[i] = Placed{static_cast<Whole>(spot.column), static_cast<Whole>(spot.row), place,
+                               0};
         }
-        return near;
+        const auto all = static_cast<std::int64_t>(2 * (last - first));
+        return near[0] == all && near[1] == all;
     }
 
     Corner corner_of(std::size_t vertex, const Locator& locator) const {
@@ -268,7 +280,8 @@ class Drawing {
         if (fill_.any && is_filled(solid)) {
             for (std::size_t i = 0; i < slabs_.fills.size(); ++i) {
                 const FillPlane& plane = slabs_.fills[i];
-                if (lowest <= plane.place && plane.place < highest) {
+                // Within a row a section does not turn.
+                if (lowest <= plane.place && plane.place < highest && low[1] != high[1]) {
                     member.cuts.push_back({static_cast<std::uint32_t>(i), solid, f});
                 }
                 if (lowest <= plane.reach && plane.reach < highest) {

@@ -69,9 +69,9 @@ class Locator {
         const Pair inside = above < most_ ? above : most_;
         const Indices index = __builtin_convertvector(inside + 1.0, Indices) - 1;
         const Pair off = inside - 0.5 - __builtin_convertvector(index, Pair);
-        const double sure = 0.5 - spot_error_;
+        const auto sure = (off < 0.5 - spot_error_) & (off > spot_error_ - 0.5);
         Spot found{index[0], index[1]};
-        if (!((std::abs(off[0]) < sure) & (std::abs(off[1]) < sure))) {
+        if ((sure[0] & sure[1]) == 0) {
             const double u = cells[0];
             const double v = cells[1];
             const double u_error = std::abs(u) * kVertexError + border_error_;
