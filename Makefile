@@ -1,12 +1,13 @@
 # make demo [WORLD=path]   the main job on examples/office, or on your own world
 # make test                the tests
+# make soak                readers and writers of fields for ten minutes
 # make explore             the property tests again, with examples that no run has had
 # make lint                ruff, mypy, import-linter, clang-format
 # make bench               the speed tables
 # make clean               what these left
 
 WORLD ?=
-.PHONY: demo test explore lint bench clean
+.PHONY: demo test soak explore lint bench clean
 
 demo:
 	@scripts/setup
@@ -15,6 +16,10 @@ demo:
 test:
 	@scripts/setup
 	@.venv/bin/python -m pytest -q
+
+soak:
+	@scripts/setup
+	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py
 
 explore:
 	@scripts/setup

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-TABLES = ("database", "meshes", "slabs", "inflation", "costmap", "fields")
+TABLES = ("database", "meshes", "slabs", "inflation", "costmap", "fields", "relations", "language")
 
 for name in sys.argv[1:] or TABLES:
     importlib.import_module(f"benchmarks.{name}").main()

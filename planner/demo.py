@@ -25,6 +25,7 @@ from semmap import cli
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.scene3d import scene3d
 from semmap.draw.view import StoreyView
+from semmap.fields.demo import field_demo
 from semmap.geometry.pose import Pose
 from semmap.ingest.importer import import_file
 from semmap.query import entries
@@ -123,7 +124,11 @@ def run_demo(
     say("\n5. A robot's costmaps (Figures 5, 6, 7 and 9)")
     pictures = robot_demo(map_name, folder, storeys, say)
 
-    say("\n6. Pictures")
+    say("\n6. What somebody sees (the query of reMap, section 4)")
+    with open_map(map_name) as connection:
+        pictures += field_demo(connection, folder, say)
+
+    say("\n7. Pictures")
     shown = []
     for storey in storeys:
         view = replace(with_grid(grids[storey.name]), path=paths.get(storey.name, []))

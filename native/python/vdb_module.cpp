@@ -3,6 +3,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -447,6 +448,23 @@ PYBIND11_MODULE(semmap_vdb, module) {
             },
             arg("shape"), Release())
         .def("overlap", &fields::RegionMap::overlap, arg("a"), arg("b"), Release())
+        .def(
+            "neighbours",
+            [](const fields::RegionMap& self, std::int32_t entity, std::int64_t farthest) {
+                std::vector<std::array<std::int64_t, 3>> rows;
+                for (const fields::Neighbour& each : self.neighbours(entity, farthest)) {
+                    rows.push_back({each.entity, each.shared, each.gap});
+                }
+                return rows;
+            },
+            arg("entity"), arg("farthest"), Release())
+        .def(
+            "support",
+            [](const fields::RegionMap& self, std::int32_t a, std::int32_t b) {
+                const fields::Support support = self.support(a, b);
+                return std::array<std::int64_t, 3>{support.layer, support.firm, support.loose};
+            },
+            arg("a"), arg("b"), Release())
         .def("memory", &fields::RegionMap::memory, Release())
         .def("check", &fields::RegionMap::check, Release())
         .def("write", &fields::RegionMap::write, arg("path"), Release())

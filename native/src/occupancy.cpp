@@ -12,6 +12,7 @@
 #include "closedness.hpp"
 #include "painter.hpp"
 #include "slabs.hpp"
+#include "small_triangle.hpp"
 #include "team.hpp"
 
 namespace semmap {
@@ -19,7 +20,16 @@ namespace {
 
 constexpr std::size_t kVertexChunk = 65536;
 constexpr std::size_t kFaceChunk = 8192;
-constexpr std::int32_t kNoSpot = std::numeric_limits<std::int32_t>::min();
+
+// Where a vertex is: column, row, the place of its height, nothing. Vectors, so that three vertices
+// are compared at once.
+typedef std::int16_t ShortPlacing __attribute__((vector_size(8)));  // for grids that short is
+typedef std::int32_t Placing __attribute__((vector_size(16)));
+
+template <typename Vector>
+bool same(const Vector& a, const Vector& b) {
+    return std::memcmp(&a, &b, sizeof a) == 0;
+}
 
 // Which intervals hold a cell, a bit each.
 template <typename Bits>
@@ -84,7 +94,7 @@ struct Turn {
     std::int32_t turn;
 };
 
-template <typename Index, typename Canvas>
+template <typename Index, typename Canvas, typename Placed>
 class Drawing {
   public:
     Drawing(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
@@ -118,16 +128,24 @@ class Drawing {
     }
 
   private:
+    using Whole = std::decay_t<decltype(Placed{}[0])>;
+
     struct Member {
-        Member(const GridFrame& grid, Canvas canvas) : painter(grid), canvas(canvas) {}
+        Member(const GridFrame& grid, Canvas canvas)
+            : painter(grid), small(grid), canvas(canvas) {}
         Painter painter;
+        SmallTriangle small;
         Canvas canvas;
         std::vector<Cut> cuts;
+        // The last rectangle: neighbours in an upright wall draw the same.
+        Placed low{};
+        Placed high{};
+        std::int32_t solid = -1;
     };
 
     bool place_vertices() {
         places_.reset(new Place[mesh_.vertex_count]);
-        spots_.reset(new Spot[mesh_.vertex_count]);
+        placed_.reset(new Placed[mesh_.vertex_count]);
         return team_.share(
             mesh_.vertex_count, kVertexChunk, [&](unsigned, std::size_t first, std::size_t last) {
                 const bool near = slabs_.planes.size() <= 2 ? place_vertices<true>(first, last)
@@ -154,19 +172,16 @@ class Drawing {
             } else {
                 places_[i] = slabs_.place(p[2]);
             }
-            // Beyond all planes a vertex counts only where a face reaches from there to between.
-            if ((places_[i] == 0) | (places_[i] == slabs_.top)) {
-                spots_[i].column = kNoSpot;
-            } else {
-                spots_[i] = locator.spot(p);
-            }
+            const Spot spot = locator.spot(p);
+            placed_[i] = Placed{static_cast<Whole>(spot.column), static_cast<Whole>(spot.row),
+                                places_[i], 0};
         }
         return near;
     }
 
-    Spot spot_of(std::size_t vertex, const Locator& locator) const {
-        const Spot spot = spots_[vertex];
-        return spot.column == kNoSpot ? locator.spot(mesh_.vertices + 3 * vertex) : spot;
+    Corner corner_of(std::size_t vertex, const Locator& locator) const {
+        const Placed at = placed_[vertex];
+        return locator.vertex(mesh_.vertices + 3 * vertex, {at[0], at[1]});
     }
 
     bool draw_faces() {
@@ -199,6 +214,7 @@ class Drawing {
     // The faces, counted from the first, that reach between the lowest and the highest plane.
     std::size_t select(std::size_t first, std::size_t last, std::uint32_t* inside) {
         using Unsigned = std::make_unsigned_t<Index>;
+        const unsigned all_above = 3u * slabs_.top - 1;  // a sum of places, less one; of 0 the most
         std::size_t count = 0;
         for (std::size_t f = first; f < last; ++f) {
             const Index* face = mesh_.faces + 3 * f;
@@ -212,9 +228,8 @@ class Drawing {
             const Place a = places_[i];
             const Place b = places_[j];
             const Place c = places_[k];
-            const bool above = (a == slabs_.top) & (b == slabs_.top) & (c == slabs_.top);
             inside[count] = static_cast<std::uint32_t>(f - first);
-            count += ((a | b | c) != 0) & !above;
+            count += static_cast<unsigned>(a + b + c - 1) < all_above;
         }
         return count;
     }
@@ -229,13 +244,16 @@ class Drawing {
 
     void draw_face(std::size_t f, Member& member) {
         const Index* face = mesh_.faces + 3 * f;
-        const std::array<std::size_t, 3> vertex{static_cast<std::size_t>(face[0]),
-                                                static_cast<std::size_t>(face[1]),
-                                                static_cast<std::size_t>(face[2])};
+        const Placed a = placed_[face[0]];
+        const Placed b = placed_[face[1]];
+        const Placed c = placed_[face[2]];
+        const Placed lower = a < b ? a : b;
+        const Placed upper = a < b ? b : a;
+        const Placed low = lower < c ? lower : c;
+        const Placed high = upper < c ? c : upper;
         const std::int32_t solid = solid_of(f);
-        std::array<Place, 3> place{places_[vertex[0]], places_[vertex[1]], places_[vertex[2]]};
-        const Place lowest = std::min({place[0], place[1], place[2]});
-        const Place highest = std::max({place[0], place[1], place[2]});
+        const auto lowest = static_cast<Place>(low[2]);
+        const auto highest = static_cast<Place>(high[2]);
 
         const bool only = slabs_.slabs.size() == 1;
         const std::size_t first_slab = only ? 0 : slabs_.first_from[lowest];
@@ -255,14 +273,10 @@ class Drawing {
             }
         }
 
-        const Locator& locator = member.painter.locator();
-        const Spot a = spot_of(vertex[0], locator);
-        const Spot b = spot_of(vertex[1], locator);
-        const Spot c = spot_of(vertex[2], locator);
-        const std::int32_t low_row = std::min({a.row, b.row, c.row});
-        const std::int32_t high_row = std::max({a.row, b.row, c.row});
-        const std::int32_t low_column = std::min({a.column, b.column, c.column});
-        const std::int32_t high_column = std::max({a.column, b.column, c.column});
+        const std::int32_t low_column = low[0];
+        const std::int32_t high_column = high[0];
+        const std::int32_t low_row = low[1];
+        const std::int32_t high_row = high[1];
         if ((high_row < 0) | (high_column < 0) | (low_row >= grid_.rows) |
             (low_column >= grid_.columns)) {
             return;
@@ -273,19 +287,36 @@ class Drawing {
         const bool whole =
             end_slab == first_slab + 1 && lowest >= slab.low_place && highest <= slab.high_place;
         if ((one_row & one_column) || (whole && (one_row | one_column))) {
+            if (same(low, member.low) && same(high, member.high) && solid == member.solid) return;
+            member.low = low;
+            member.high = high;
+            member.solid = solid;
             member.canvas.choose(intervals, solid);
             member.painter.rectangle(low_row, high_row, low_column, high_column, member.canvas);
             return;
         }
-        const double* at = mesh_.vertices;
-        std::array<Corner, 3> corner{locator.vertex(at + 3 * vertex[0], a),
-                                     locator.vertex(at + 3 * vertex[1], b),
-                                     locator.vertex(at + 3 * vertex[2], c)};
+        const bool small = (low_row >= 0) & (high_row < grid_.rows) & (low_column >= 0) &
+                           (high_column < grid_.columns) &
+                           (high_row - low_row <= SmallTriangle::kMost) &
+                           (high_column - low_column <= SmallTriangle::kMost);
+        if (whole && small) {
+            const double* at = mesh_.vertices;
+            member.canvas.choose(intervals, solid);
+            if (member.small.paint(at + 3 * face[0], at + 3 * face[1], at + 3 * face[2], low_row,
+                                   high_row, low_column, member.canvas)) {
+                return;
+            }
+        }
+        const Locator& locator = member.painter.locator();
+        std::array<Corner, 3> corner{corner_of(face[0], locator), corner_of(face[1], locator),
+                                     corner_of(face[2], locator)};
         if (whole) {
             member.canvas.choose(intervals, solid);
             member.painter.whole(corner[0], corner[1], corner[2], member.canvas);
             return;
         }
+        std::array<Place, 3> place{static_cast<Place>(a[2]), static_cast<Place>(b[2]),
+                                   static_cast<Place>(c[2])};
         if (place[0] > place[1]) swap(0, 1, corner, place);
         if (place[1] > place[2]) swap(1, 2, corner, place);
         if (place[0] > place[1]) swap(0, 1, corner, place);
@@ -392,7 +423,7 @@ class Drawing {
         std::array<Place, 3> place;
         for (int i = 0; i < 3; ++i) {
             const auto vertex = static_cast<std::size_t>(mesh_.faces[3 * cut.face + i]);
-            corner[i] = locator.vertex(mesh_.vertices + 3 * vertex, spot_of(vertex, locator));
+            corner[i] = corner_of(vertex, locator);
             place[i] = places_[vertex];
         }
         const double error = Painter::error_of(corner[0], corner[1], corner[2]);
@@ -435,14 +466,17 @@ class Drawing {
     const Team& team_;
     std::vector<Member> members_;
     std::unique_ptr<Place[]> places_;
-    std::unique_ptr<Spot[]> spots_;
+    std::unique_ptr<Placed[]> placed_;
     std::atomic<Flaw> flaw_{Flaw::none};
 };
 
 template <typename Canvas, typename Cell, typename Index>
 Flaw draw(const MeshView<Index>& mesh, const std::vector<Interval>& intervals,
           const GridFrame& grid, const Fill& fill, const Team& team, Cell* cells) {
-    return Drawing<Index, Canvas>(mesh, intervals, grid, fill, team).draw(cells);
+    if (std::max(grid.rows, grid.columns) < std::numeric_limits<std::int16_t>::max()) {
+        return Drawing<Index, Canvas, ShortPlacing>(mesh, intervals, grid, fill, team).draw(cells);
+    }
+    return Drawing<Index, Canvas, Placing>(mesh, intervals, grid, fill, team).draw(cells);
 }
 
 template <typename Bits, typename Index>

@@ -1,5 +1,10 @@
-"""Fields of meaning over space: which entities are where. Needs OpenVDB, knows no database."""
+"""Fields of meaning over space: maps, their sources and operators, and a language to ask them.
 
+Needs OpenVDB. The working modules know no database; `source`, `mirror` and `announce` do.
+"""
+
+from semmap.fields.maps import Maps
+from semmap.fields.property import Property
 from semmap.fields.region_map import Memory, Overlap, RegionMap
 from semmap.fields.regions import (
     Box,
@@ -13,6 +18,7 @@ from semmap.fields.regions import (
     Surface,
     voxels_of,
 )
+from semmap.fields.representation_map import Lattice, RepresentationMap
 
 __all__ = [
     "Box",
@@ -20,10 +26,14 @@ __all__ = [
     "Cylinder",
     "DepthImage",
     "Hull",
+    "Lattice",
+    "Maps",
     "Memory",
     "Overlap",
+    "Property",
     "Region",
     "RegionMap",
+    "RepresentationMap",
     "Solid",
     "Sphere",
     "Surface",

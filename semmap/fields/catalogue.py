@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 from difflib import get_close_matches
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -115,12 +114,13 @@ class FieldCatalogue:
         return self._when(lambda: self._maps.during(begin, end))
 
     def known(self) -> dict[str, str | None]:
-        """Things that maps name or are about, with the type that their property gives them."""
+        """Things that maps name or are about, now or of late, with the type of their property."""
         found: dict[str, str | None] = {}
-        for each in self._selected():
+        for each in self._maps.remembered():
             for name in [*each.legend.values(), *([each.about] if each.about else [])]:
                 if name not in self._names.supers:
-                    found[name] = each.property.range
+                    # A detector's own word for a type is a thing of that type.
+                    found[name] = self._names.synonyms.get(name) or each.property.range
         if self._occupancy is not None:
             for name in self._occupancy.entities():
                 found.setdefault(name, None)
@@ -160,7 +160,8 @@ class FieldCatalogue:
                 nearest = operators.distance(operators.union(*people), self._farthest, as_=property)
                 own = [nearest]
         if property.object == "number":
-            own += [m for m in maps if m.property.measure == property.name]
+            graded = [m for m in maps if m.value_type == "float32"]
+            own += [m for m in graded if m.property.measure == property.name]
             return _NumberRelation(property, own)
         return _ThingRelation(property, own)
 
@@ -181,6 +182,7 @@ class _ThingRelation:
     ) -> Statements:
         found: list[tuple[str, NDArray[np.int64]]] = []
         box = _box_of(within)
+        about: dict[tuple[str, str], list[RepresentationMap]] = {}
         for each in self._maps:
             if each.legend:
                 wanted = {
@@ -193,7 +195,10 @@ class _ThingRelation:
                     keys = keys_of(voxels)
                     found += [(name, keys[values == value]) for value, name in wanted.items()]
             elif each.about is not None and (objects is None or each.about in objects):
-                found.append((each.about, keys_of(_read(each, box)[0])))
+                about.setdefault((each.about, each.value_type), []).append(each)
+        # Of a time there are many about one: joined as grids, they are sorted once.
+        for (name, _), several in about.items():
+            found.append((name, keys_of(_read(operators.union(*several), box)[0])))
         return _by_thing(found)
 
 
@@ -301,13 +306,7 @@ class _TypeRelation:
             for super_ in self._catalogue.supers(type_)
             if objects is None or super_ in objects
         ]
-        return Statements(_things([a for a, _ in pairs]), _things([b for _, b in pairs]))
-
-
-def _things(names: Sequence[str]) -> Things:
-    known = tuple(dict.fromkeys(names))
-    code = {name: i for i, name in enumerate(known)}
-    return Things(np.array([code[name] for name in names], np.int32), known)
+        return Statements(Things.of(a for a, _ in pairs), Things.of(b for _, b in pairs))
 
 
 def _by_thing(found: Sequence[tuple[str, NDArray[np.int64]]]) -> Statements:
@@ -315,7 +314,7 @@ def _by_thing(found: Sequence[tuple[str, NDArray[np.int64]]]) -> Statements:
     of: dict[str, list[NDArray[np.int64]]] = {}
     for name, keys in found:
         of.setdefault(name, []).append(keys)
-    each = [reduce(np.union1d, [*keys[1:], np.unique(keys[0])]) for keys in of.values()]
+    each = [np.unique(np.concatenate(keys)) for keys in of.values()]
     subject: Column = Voxels(np.concatenate([np.zeros(0, np.int64), *each]))
     codes = np.repeat(np.arange(len(each), dtype=np.int32), [len(keys) for keys in each])
     return Statements(subject, Things(codes, tuple(of)))

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +14,15 @@ import numpy as np
 import typer
 
 from semmap import cli
+from semmap.fields import keep
+from semmap.fields.announce import Announcer, as_json
+from semmap.fields.kept_maps import keep_map, kept_maps
+from semmap.fields.language import Rows, query
 from semmap.fields.mirror import Mirror
+from semmap.fields.mirrored import catalogue_of
+from semmap.fields.relations import Relations
+from semmap.fields.source import read_names, read_vocabulary_of_map
+from semmap.fields.stored import stored_map
 
 __all__ = ["register"]
 
@@ -53,6 +65,148 @@ def ls(voxel_size: VoxelSize = 0.05, map_name: cli.MapName = None, json_: cli.Js
         count = len(mirror.regions.voxels(number))
         rows.append((name, count, round(count * voxel_size**3, 6)))
     cli.show_rows(["name", "voxels", "volume"], rows, json_)
+
+
+@fields.command("query")
+def query_command(
+    text: Annotated[str | None, typer.Argument(help="SPARQL; see docs/fields_language.md.")] = None,
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="Read it from a file.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Where STORE writes its map (.vdb).")
+    ] = None,
+    keep_as: Annotated[
+        str | None, typer.Option("--keep", help="Name under which the database keeps STORE's map.")
+    ] = None,
+    limit: Annotated[int, typer.Option(help="Rows shown; all in JSON.")] = 50,
+    voxel_size: VoxelSize = 0.05,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Ask the fields of the map: what fills space, rooms, regions, what is free, what is kept."""
+    if (text is None) == (file is None):
+        raise ValueError("query takes its text, or --file with a file that holds it")
+    asked = text if file is None else file.read_text(encoding="utf-8")
+    vocabulary = read_vocabulary_of_map()
+    mirror = mirrored(map_name, voxel_size)
+    with chosen(map_name) as connection:
+        names = read_names(connection)
+        mirror.maps.put("kept", kept_maps(connection, vocabulary).values())
+    answer = query(catalogue_of(mirror, names, vocabulary), str(asked))
+    if isinstance(answer, bool):
+        print(json.dumps(answer) if json_ else ("yes" if answer else "no"))
+    elif isinstance(answer, Rows):
+        show_answer(answer, limit, json_)
+    else:
+        said: dict[str, Any] = {
+            "property": answer.property.name,
+            "voxels": len(answer.voxels),
+        }
+        if output is not None:
+            stored_map(answer).write(output)
+            said["file"] = str(output)
+        if keep_as is not None:
+            with chosen(map_name) as connection:
+                said["kept"] = keep_as
+                said["version"] = keep_map(connection, keep_as, stored_map(answer))
+                connection.commit()
+        if json_:
+            print(json.dumps(said))
+        else:
+            where = "" if output is None else f", written to {output}"
+            where += "" if keep_as is None else f", kept as {keep_as}, version {said['version']}"
+            cli.out.print(f"{said['property']}: {said['voxels']} voxels{where}")
+
+
+@fields.command()
+def kept(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List the maps that the database keeps, with their versions."""
+    with chosen(map_name) as connection:
+        rows = [
+            (name, m.property.name, m.about, len(m), len(keep.versions(connection, name)))
+            for name, m in kept_maps(connection, read_vocabulary_of_map()).items()
+        ]
+    cli.show_rows(["name", "property", "about", "voxels", "versions"], rows, json_)
+
+
+@fields.command()
+def forget(name: str, map_name: cli.MapName = None) -> None:
+    """Delete a map that the database keeps, with all its versions."""
+    with chosen(map_name) as connection:
+        if name not in keep.names(connection):
+            known = ", ".join(keep.names(connection)) or "none"
+            raise LookupError(f"no field {name} is kept of this map; there are: {known}")
+        keep.forget(connection, name)
+        connection.commit()
+
+
+@contextmanager
+def chosen(map_name: str | None) -> Iterator[Any]:
+    """A connection that sees the map of that name, the newest one where None."""
+    engine = cli.engine()
+    try:
+        with engine.connect() as connection:
+            cli.choose_map(connection, map_name)
+            yield connection
+    finally:
+        engine.dispose()
+
+
+def show_answer(answer: Rows, limit: int, json_: bool) -> None:
+    """Rows as a table, no more than `limit`; all of them as JSON."""
+    if json_:
+        print(json.dumps(answer.json()))
+        return
+    rows = [tuple(_readable(value) for value in row) for row in islice(answer, limit)]
+    cli.show_rows(list(answer.names), rows, json_)
+    if len(answer) > limit:
+        cli.out.print(f"{len(answer) - limit} rows more: --limit shows them, --json gives all")
+
+
+def _readable(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return " ".join(f"{v:.3f}" for v in value)
+    return round(value, 6) if isinstance(value, float) else value
+
+
+@fields.command()
+def watch(
+    voxel_size: VoxelSize = 0.05,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop after that time; by default never.")
+    ] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Follow the map; tell which relations of things begin and end, and announce them.
+
+    Others hear of it on the database's channel `semmap_events`.
+    """
+    stop = threading.Event()
+    engine = cli.engine()
+    mirror = _mirror(engine, map_name, voxel_size)
+    names: Mapping[Any, Any] = mirror.names
+    relations = Relations(mirror.regions, names=names)
+    relations.update(mirror.regions.entities())
+    announcer = Announcer(engine)
+
+    def heard(changed: set[int]) -> None:
+        events = relations.update(changed)
+        announcer.announce(events)
+        for event in events:
+            print(json.dumps(as_json(event)) if json_ else str(event), flush=True)
+
+    if not json_:
+        cli.out.print(f"{len(relations.holding())} relations hold; Ctrl-C ends")
+    timer = threading.Timer(seconds or 0, stop.set)
+    if seconds is not None:
+        timer.start()
+    try:
+        mirror.follow(stop, heard)
+    except KeyboardInterrupt:
+        stop.set()
+    finally:
+        timer.cancel()
+        engine.dispose()
 
 
 @fields.command()
@@ -99,12 +253,16 @@ def mirrored(map_name: str | None, voxel_size: float) -> Mirror:
     """A mirror of a map, as it is now."""
     engine = cli.engine()
     try:
-        with engine.connect() as connection:
-            cli.choose_map(connection, map_name)  # an error names the maps that there are
-        mirror = Mirror(engine, map_name, voxel_size)
-        mirror.catch_up()
+        return _mirror(engine, map_name, voxel_size)
     finally:
         engine.dispose()
+
+
+def _mirror(engine: Any, map_name: str | None, voxel_size: float) -> Mirror:
+    with engine.connect() as connection:
+        cli.choose_map(connection, map_name)  # an error names the maps that there are
+    mirror = Mirror(engine, map_name, voxel_size)
+    mirror.catch_up()
     return mirror
 
 

@@ -7,7 +7,7 @@ waits for another, and nobody sees a half of an update.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
@@ -101,6 +101,12 @@ class Maps:
                 if each.time <= end and not over:
                     found += each.maps
         return tuple(found)
+
+    def remembered(self) -> Iterator[RepresentationMap]:
+        """All maps of the span that is kept."""
+        for past in self._state.values():
+            for each in past:
+                yield from each.maps
 
     def since(self) -> datetime | None:
         """The time of the oldest update that is still known."""

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from importlib.metadata import version
 
 import psycopg
@@ -18,15 +19,19 @@ from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.fields import keep
+from semmap.fields.maps import Maps
 from semmap.fields.region_map import RegionMap
 from semmap.fields.source import (
     changed_since,
     cursor,
     reaches_back,
     read_occupants,
+    read_vocabulary_of_map,
+    read_zones,
     server,
     settle,
 )
+from semmap.fields.sources import Zones, ZoneSource
 from semmap_vdb import Int32Grid
 
 __all__ = ["Mirror"]
@@ -52,6 +57,8 @@ class Mirror:
         Readers may ask it at any time. A thing that moves is not there for a moment, never half.
     names : dict
         The name of each id.
+    maps : Maps
+        The zones: a map of each room and region that holds.
     """
 
     def __init__(
@@ -59,9 +66,12 @@ class Mirror:
     ) -> None:
         self.regions = RegionMap(voxel_size)
         self.names: dict[int, str] = {}
+        self.maps = Maps()
+        self._zones = ZoneSource(read_vocabulary_of_map(), voxel_size=voxel_size)
         self._engine = engine
         self._map_name = map_name
         self._since: str | None = None
+        self._has_zones = False
         self._unsaved = False
         self._lock = threading.Lock()  # regions, names and cursor change together
 
@@ -130,6 +140,7 @@ class Mirror:
                 changed = None if self._since is None else changed_since(connection, self._since)
                 nothing = changed is not None and not changed
                 things = [] if nothing else read_occupants(connection, changed)
+                zones = None if nothing and self._has_zones else tuple(read_zones(connection))
                 settle(connection)
                 connection.commit()
             regions = {thing.id: thing.regions(self.regions.voxel_size) for thing in things}
@@ -141,6 +152,11 @@ class Mirror:
             self.regions.insert_many(
                 [(number, region) for number, each in regions.items() for region in each]
             )
+            if zones is not None:
+                drawn = self._zones(Zones(zones, datetime.now(UTC)))  # anew, what is not as it was
+                if drawn != list(self.maps.now()):
+                    self.maps.put("zones", drawn)
+                self._has_zones = True
             self._since = now
             self._unsaved = self._unsaved or not nothing
             return gone | set(regions)

@@ -5,11 +5,13 @@ Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", section
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 import semmap_vdb
 from semmap.fields.regions import Region, _above_0, _points, shape_of
 
-__all__ = ["Memory", "Overlap", "RegionMap"]
+__all__ = ["Memory", "Neighbour", "Overlap", "RegionMap", "Support"]
+
+_FARTHEST = 1000
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,41 @@ class Overlap:
 
     voxels: int
     volume: float
+
+
+class Neighbour(NamedTuple):
+    """How another entity lies to one.
+
+    Attributes
+    ----------
+    shared : int
+        Voxels of both.
+    gap : float
+        Voxels between the nearest two as cubes; 0 where these meet, if only by a corner.
+    """
+
+    shared: int
+    gap: float
+
+
+class Support(NamedTuple):
+    """How many voxels the lowest layer of an entity has, and how many of them rest on another.
+
+    A voxel rests on what has the voxel beneath it or the same one, but not the one above. Of two
+    that begin at one height, only what reaches higher can rest on the other. All are 0 where an
+    entity begins too low to rest on the other.
+
+    Attributes
+    ----------
+    layer, firm : int
+        All, and those that rest.
+    loose : int
+        Those that rest if the entity is taken for a voxel higher or lower than it is.
+    """
+
+    layer: int
+    firm: int
+    loose: int
 
 
 @dataclass(frozen=True)
@@ -187,6 +226,47 @@ class RegionMap:
             one, other = self._number.get(a), self._number.get(b)
             shared = 0 if one is None or other is None else self._native.overlap(one, other)
         return Overlap(shared, shared * self._voxel_size**3)
+
+    def size(self, entity: Hashable) -> int:
+        """How many voxels an entity has; 0 of an unknown one."""
+        with self._lock:
+            number = self._number.get(entity)
+            return 0 if number is None else self._native.size(number)
+
+    def neighbours(self, entity: Hashable, reach: float | None = None) -> dict[Hashable, Neighbour]:
+        """The others around an entity; none of an unknown one.
+
+        What is further away costs nothing.
+
+        Parameters
+        ----------
+        reach : float, optional
+            Metres of gap, up to 1,000 voxels. If not given: only those that share a voxel.
+        """
+        farthest = -1
+        if reach is not None:
+            if not 0 <= reach <= _FARTHEST * self._voxel_size:
+                raise ValueError(
+                    f"reach is {reach!r}: give metres from 0 to {_FARTHEST * self._voxel_size:g} "
+                    f"({_FARTHEST} voxels), or None"
+                )
+            farthest = math.floor((reach / self._voxel_size) ** 2 * (1 + 1e-9))
+        with self._lock:
+            number = self._number.get(entity)
+            if number is None:
+                return {}
+            return {
+                self._entity[other]: Neighbour(shared, math.sqrt(gap))
+                for other, shared, gap in self._native.neighbours(number, farthest)
+            }
+
+    def support(self, a: Hashable, b: Hashable) -> Support:
+        """How much of the underside of one entity rests on another; nothing if one is unknown."""
+        with self._lock:
+            one, other = self._number.get(a), self._number.get(b)
+            if one is None or other is None:
+                return Support(0, 0, 0)
+            return Support(*self._native.support(one, other))
 
     def memory(self) -> Memory:
         """Bytes, and what they hold."""

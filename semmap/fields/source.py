@@ -15,6 +15,7 @@ from semmap.fields.mesh_regions import parts_of
 from semmap.fields.names import Names
 from semmap.fields.regions import Region
 from semmap.fields.sources.percepts import Zone
+from semmap.fields.stage import Prop
 from semmap.fields.vocabulary import Vocabulary, read_vocabulary
 from semmap.geometry.tin import to_mesh
 from semmap.ingest.tbox import snake_case
@@ -27,6 +28,7 @@ __all__ = [
     "reaches_back",
     "read_names",
     "read_occupants",
+    "read_props",
     "read_vocabulary_of_map",
     "read_zones",
     "server",
@@ -83,6 +85,22 @@ def read_names(connection: Connection) -> Names:
         {sub: frozenset(each) for sub, each in supers.items()},
         {snake_case(row.label): row.name for row in labels},
     )
+
+
+def read_props(connection: Connection) -> list[Prop]:
+    """The objects and rooms of the current map that have a mesh, as a camera sees them."""
+    rows = connection.execute(
+        text(
+            "SELECT id, name, coalesce(type, kind) AS type FROM entity "
+            "WHERE map_id = current_map() AND kind IN ('object', 'room') ORDER BY id"
+        )
+    ).all()
+    triangles = world_triangles(connection, [row.id for row in rows])
+    return [
+        Prop(row.name, row.type, triangles[row.id])
+        for row in rows
+        if len(triangles.get(row.id, ()))
+    ]
 
 
 def read_zones(connection: Connection, ids: Iterable[int] | None = None) -> list[Zone]:

@@ -76,6 +76,14 @@ class Things:
     def __len__(self) -> int:
         return len(self.codes)
 
+    @classmethod
+    def of(cls, names: Iterable[str]) -> Things:
+        """A row a name."""
+        rows = list(names)
+        known = tuple(dict.fromkeys(rows))
+        code = {name: i for i, name in enumerate(known)}
+        return cls(np.array([code[name] for name in rows], np.int32), known)
+
 
 @dataclass(frozen=True, eq=False)
 class Numbers:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
+from semmap.ingest.mesh_file import MeshFileError, read_mesh
 from semmap.robot.error import RobotError
 
 __all__ = ["Joint", "Robot", "load_robot"]
@@ -230,22 +231,20 @@ def _shape(item: Any, file: Path, link: str) -> Mesh:
     return Mesh(vertices, np.asarray(shape.faces, np.int32))
 
 
-def _mesh(said: Any, file: Path, link: str) -> Any:
+def _mesh(said: Any, file: Path, link: str) -> Mesh:
     found = _find(str(said.filename), file)
     if found is None:
         raise RobotError(
             f"{file}: link {link}: its mesh {said.filename} is not found. Put its package beside "
             "the file or above it, or name the packages' folder in ROS_PACKAGE_PATH"
         )
-    import trimesh
-
     try:
-        # Units of COLLADA are scaled by the parser's scene graph, as Gazebo and RViz do.
-        shape: Any = trimesh.load(found, force="mesh", process=False)
-    except Exception as error:
-        raise RobotError(f"{file}: link {link}: {found.name} cannot be read: {error}") from error
+        # RViz and Gazebo scale by COLLADA's unit, and do not turn by its up axis.
+        shape = read_mesh(found, dae_up_axis=False)
+    except MeshFileError as error:
+        raise RobotError(f"{file}: link {link}: {found.name}: {error}") from error
     if said.scale is not None:
-        shape.vertices = np.asarray(shape.vertices) * np.asarray(said.scale, dtype=float)
+        return Mesh(shape.vertices * np.asarray(said.scale, dtype=float), shape.faces)
     return shape
 
 

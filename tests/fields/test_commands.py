@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 import typer
-from sqlalchemy import Engine
+from sqlalchemy import Engine, text
 from typer.testing import CliRunner
 
 from semmap import cli
+from semmap.fields.announce import Listener
 from semmap.fields.commands import register
 from semmap.ingest.importer import import_file
 
@@ -64,6 +67,109 @@ def test_export(office: typer.Typer, tmp_path: Path) -> None:
     low, high = np.asarray(cloud.bounds)
     assert low[2] < 0.1
     assert high[2] > 9
+
+
+PREFIX = "PREFIX : <urn:semmap:ontology#> "
+
+
+def test_query(office: typer.Typer, tmp_path: Path) -> None:
+    asked = "SELECT ?thing (COUNT(?v) AS ?n) WHERE { ?v :inRoom :office4 . ?v :occupiedBy ?thing }"
+    said = run(
+        office, "query", "--voxel-size", "0.1", f"{PREFIX}{asked} GROUP BY ?thing ORDER BY DESC(?n)"
+    )
+    rows = dict(said["rows"])
+    assert said["variables"] == ["thing", "n"]
+    assert next(iter(rows)) == "sofa3"
+    assert rows["desk4"] > 50
+    # What is free and what is occupied make the room.
+    count = "SELECT (COUNT(DISTINCT ?v) AS ?n) WHERE { ?v :inRoom :office4 "
+    [[whole]] = run(office, "query", "--voxel-size", "0.1", f"{PREFIX}{count} }}")["rows"]
+    [[free]] = run(
+        office, "query", "--voxel-size", "0.1", f"{PREFIX}{count} . ?v :freeIn :office4 }}"
+    )["rows"]
+    [[full]] = run(
+        office, "query", "--voxel-size", "0.1", f"{PREFIX}{count} . ?v :occupiedBy ?t }}"
+    )["rows"]
+    assert free + full == whole
+    on = "SELECT ?thing WHERE { ?thing :on :desk4 } ORDER BY ?thing"
+    found = [row for [row] in run(office, "query", f"{PREFIX}{on}")["rows"]]
+    assert {"muffin1", "monitor5"} <= set(found)
+    assert not {"desk4", "sofa3", "office_chair5"} & set(found)
+    file = tmp_path / "ask.rq"
+    file.write_text(PREFIX + "ASK { ?v :occupiedBy 'muffin' }")
+    assert run(office, "query", "--voxel-size", "0.1", "-f", file) is True
+    stored = run(
+        office, "query", "--voxel-size", "0.1",
+        PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy",
+        "-o", tmp_path / "muffin.vdb",
+    )  # fmt: skip
+    assert stored["property"] == "occupiedBy"
+    assert stored["voxels"] > 0
+    assert (tmp_path / "muffin.vdb").stat().st_size > 100
+
+
+def test_maps_that_are_kept(office: typer.Typer) -> None:
+    """A map that a query stored is asked again, and as often as it changes it has a version."""
+    size = ("--voxel-size", "0.1")
+    text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
+    first = run(office, "query", text, *size, "--keep", "sweet")
+    assert (first["kept"], first["version"]) == ("sweet", 1)
+    text = PREFIX + "SELECT ?v ?o WHERE { ?v :inRoom ?o FILTER(:z(?v) < 0.1) } STORE :inZone"
+    with pytest.raises(ValueError, match="no region"):
+        run(office, "query", text, *size, "--keep", "low")
+    text = PREFIX + "SELECT ?v WHERE { ?v :inZone :home FILTER(:z(?v) < 0.2) } STORE :inZone"
+    low = run(office, "query", text, *size, "--keep", "low")
+    assert run(office, "query", text, *size, "--keep", "low")["version"] == 2
+    rows = {row["name"]: row for row in run(office, "kept")}
+    assert rows["low"]["versions"] == 2
+    assert rows["low"]["voxels"] == low["voxels"]
+    assert rows["sweet"]["about"] == "muffin1"
+    forgot = CliRunner().invoke(office, ["fields", "forget", "low"], catch_exceptions=False)
+    assert forgot.exit_code == 0
+    assert [row["name"] for row in run(office, "kept")] == ["sweet"]
+    with pytest.raises(LookupError, match="there are: sweet"):
+        CliRunner().invoke(office, ["fields", "forget", "low"], catch_exceptions=False)
+
+
+def test_readable_rows(office: typer.Typer) -> None:
+    text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy :muffin1 } ORDER BY :z(?v)"
+    done = CliRunner().invoke(
+        office, ["fields", "query", text, "--limit", "3", "--voxel-size", "0.03"]
+    )
+    assert done.exit_code == 0
+    assert "rows more" in done.stdout
+
+
+def test_watch(office: typer.Typer, module_engine: Engine) -> None:
+    """The muffin is lifted and set down on the floor: said here, and on the channel."""
+    told: list[Any] = []
+
+    def watch() -> None:
+        words = ["fields", "watch", "--seconds", "12", "--voxel-size", "0.05", "--json"]
+        done = CliRunner().invoke(office, words, catch_exceptions=False)
+        told.extend(json.loads(line) for line in done.stdout.splitlines())
+
+    with Listener(module_engine) as listener:
+        watching = threading.Thread(target=watch)
+        watching.start()
+        heard: list[Any] = []
+        end = time.monotonic() + 11
+        moved = False
+        while time.monotonic() < end and not heard:
+            if not moved and time.monotonic() > end - 5:
+                moved = True
+                with module_engine.begin() as connection:
+                    connection.execute(
+                        text(
+                            "UPDATE placement SET pose[3] = pose[3] + 0.6 "
+                            "WHERE entity_id = entity_id('muffin1')"
+                        )
+                    )
+            heard = list(listener.events(timeout=0.5))
+        watching.join()
+    ended = {(e["subject"], e["relation"], e["object"]) for e in told if e["event"] == "end"}
+    assert ("muffin1", "on", "desk4") in ended
+    assert ("on", "muffin1", "desk4") in {(e.relation, e.subject, e.object) for e in heard}
 
 
 @pytest.mark.parametrize(

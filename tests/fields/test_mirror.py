@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from sqlalchemy import Engine, text
 
 from semmap.fields.mirror import Mirror
+from semmap.fields.source import read_zones
 from semmap.ingest.importer import import_file
 
 SIZE = 0.1
@@ -164,3 +166,37 @@ def test_it_follows_and_survives_broken_connections(scene: Engine) -> None:
 def test_no_map(engine: Engine) -> None:
     with pytest.raises(LookupError, match="there is no map"):
         Mirror(engine).catch_up()
+
+
+def test_zones_are_followed(engine: Engine) -> None:
+    """A room of the office and a region that is drawn, moved and taken away."""
+    office = Path(__file__).parents[2] / "examples" / "office" / "office_rooms.geojson"
+    import_file(engine, office, map_name="scene")
+    mirror = Mirror(engine, "scene", SIZE)
+    mirror.catch_up()
+    before = {m.about: m for m in mirror.maps.now()}
+    with engine.connect() as connection:
+        zones = {z.name: z for z in read_zones(connection)}
+    assert set(before) == set(zones)
+    assert zones["office4"].kind == "room"
+    for name in ("office4", "home"):
+        zone, made = zones[name], before[name]
+        points = made.points()
+        assert shapely.contains_xy(zone.outline, points[:, 0], points[:, 1]).all()
+        volume = zone.outline.area * (zone.high - zone.low)
+        assert len(made) * SIZE**3 == pytest.approx(volume, rel=0.1)
+    home = number(engine, "home")
+    change(engine, f"UPDATE placement SET pose = pose WHERE entity_id = {home}")
+    assert mirror.catch_up() <= {home}
+    assert {m.about: m for m in mirror.maps.now()} == before, "nothing is made anew"
+    change(engine, f"UPDATE placement SET pose[1] = pose[1] + 0.5 WHERE entity_id = {home}")
+    mirror.catch_up()
+    now = {m.about: m for m in mirror.maps.now()}
+    assert [name for name in now if now[name] is not before[name]] == ["home"]
+    np.testing.assert_allclose(
+        now["home"].points().mean(axis=0) - before["home"].points().mean(axis=0),
+        (0.5, 0, 0), atol=1e-9,
+    )  # fmt: skip
+    change(engine, f"DELETE FROM entity WHERE id = {home}")
+    mirror.catch_up()
+    assert "home" not in {m.about for m in mirror.maps.now()}

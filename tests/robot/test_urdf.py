@@ -1,12 +1,17 @@
-"""Robots read, against trimesh's own transforms and what is known on paper."""
+"""Robots read, against frames multiplied out from their files and what is known on paper."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import yourdfpy
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from semmap.robot import Robot, RobotError, load_robot
 from tests.robot.robots import BY_HAND, REAL, by_hand, real_robot
@@ -36,38 +41,96 @@ def test_where_the_links_are(robot: Robot) -> None:
     np.testing.assert_allclose(turned.min(0), [-0.18, 0.0, 1.02], atol=1e-9)
 
 
+def chain(path: Path, state: dict[str, float], link: str, base: str) -> NDArray[np.float64]:
+    """The frame of a link in that of another above it, multiplied out from the URDF's own text."""
+    joints = {
+        j.find("child").get("link"): j  # type: ignore[union-attr]
+        for j in ElementTree.parse(path).getroot().findall("joint")
+        if j.find("child") is not None
+    }
+    pose = np.eye(4)
+    while link != base:
+        joint = joints[link]
+        pose = moved(joint, state, joints) @ pose
+        parent = joint.find("parent")
+        assert parent is not None
+        link = parent.get("link") or ""
+    return pose
+
+
+def moved(
+    joint: ElementTree.Element, state: dict[str, float], joints: dict[Any, ElementTree.Element]
+) -> NDArray[np.float64]:
+    """A joint's child in its parent."""
+
+    def numbers(tag: str, name: str, default: str) -> NDArray[np.float64]:
+        found = joint.find(tag)
+        text = default if found is None else found.get(name, default)
+        return np.array(text.split(), float)
+
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("xyz", numbers("origin", "rpy", "0 0 0")).as_matrix()
+    pose[:3, 3] = numbers("origin", "xyz", "0 0 0")
+    value = state.get(joint.get("name") or "", 0.0)
+    mimic = joint.find("mimic")
+    if mimic is not None:
+        of = state.get(mimic.get("joint") or "", 0.0)
+        value = float(mimic.get("multiplier", "1")) * of + float(mimic.get("offset", "0"))
+    axis = numbers("axis", "xyz", "1 0 0")
+    motion = np.eye(4)
+    if joint.get("type") in ("revolute", "continuous"):
+        motion[:3, :3] = Rotation.from_rotvec(value * axis / np.linalg.norm(axis)).as_matrix()
+    elif joint.get("type") == "prismatic":
+        motion[:3, 3] = value * axis
+    return pose @ motion
+
+
 @pytest.mark.parametrize("name", REAL)
-def test_random_states_as_yourdfpy_places_whole_meshes(name: str) -> None:
-    """A second engine: yourdfpy's own collision scene, with meshes and scales that it loads."""
+def test_random_states_by_multiplied_frames(name: str) -> None:
+    """An independent chain of frames, and meshes as trimesh loads them."""
     path = real_robot(name)
     robot = load_robot(path)
-    other = yourdfpy.URDF.load(
-        str(path), load_meshes=False, load_collision_meshes=False, filename_handler=lambda f: f
-    )
     random = np.random.default_rng(5)
     state = {
         j.name: float(random.uniform(max(j.limits[0], -1), min(j.limits[1], 1)))
         for j in robot.joints
         if j.moves and j.mimics is None
     }
-    other.update_cfg(state)
-    meshes = robot.link_meshes(state)
-    hulls = robot.hulls(state)
+    meshes, hulls = robot.link_meshes(state), robot.hulls(state)
     ground = min(p[:, 2].min() for p in robot.hulls({}).values())
-    shift = 0.0 if robot.base == "base_footprint" else None
+    shifts = []
     for link, mesh in meshes.items():
-        pose = np.asarray(other.get_transform(link, robot.base))
-        own = robot.meshes[link].vertices
-        wanted = own @ pose[:3, :3].T + pose[:3, 3]
-        if shift is None:
-            shift = float(mesh.vertices[0, 2] - wanted[0, 2])
-        np.testing.assert_allclose(mesh.vertices, wanted + np.array([0, 0, shift]), atol=1e-9)
+        pose = chain(path, state, link, robot.base)
+        wanted = robot.meshes[link].vertices @ pose[:3, :3].T + pose[:3, 3]
+        off = mesh.vertices - wanted
+        shifts.append(off[0])
+        np.testing.assert_allclose(off, np.broadcast_to(off[0], off.shape), atol=1e-9)
         for side in (
             mesh.vertices.min(0) - hulls[link].min(0),
             mesh.vertices.max(0) - hulls[link].max(0),
         ):
             np.testing.assert_allclose(side, 0, atol=1e-9)
+    lift = 0.0 if robot.base == "base_footprint" else shifts[0][2]
+    np.testing.assert_allclose(shifts, np.tile([0, 0, lift], (len(shifts), 1)), atol=1e-9)
     assert abs(ground) < 0.01, "it stands on the ground"
+
+
+def test_units_of_collada(tmp_path: Path) -> None:
+    """A box of 200 x 300 x 400 in millimetres, whatever axis its file calls up."""
+    dae = trimesh.creation.box((200, 300, 400)).export(file_type="dae").decode()
+    assert "<asset>" in dae
+    for asset, name in (("", "plain"), ("<up_axis>Y_UP</up_axis>", "turned")):
+        unit = f'<unit meter="0.001" name="millimeter"/>{asset}'
+        file = re.sub(r"<unit[^>]*/>|<up_axis>[^<]*</up_axis>", "", dae)
+        (tmp_path / f"{name}.dae").write_text(file.replace("<asset>", f"<asset>{unit}"))
+        text = (
+            f'<robot name="r"><link name="base_link"><visual><geometry><mesh filename="{name}.dae"'
+            ' scale="1 2 1"/></geometry></visual></link></robot>'
+        )
+        (robot,) = [load_robot(by_hand(tmp_path, text))]
+        np.testing.assert_allclose(
+            np.ptp(robot.meshes["base_link"].vertices, axis=0), (0.2, 0.6, 0.4), atol=1e-9
+        )
 
 
 @pytest.mark.parametrize(
@@ -92,7 +155,7 @@ def test_states_that_it_cannot_take(robot: Robot, state: dict[str, float], says:
         (BY_HAND.replace('<sphere radius="0.1"/>', '<mesh filename="package://none/head.stl"/>'),
          "link head_link: its mesh package://none/head.stl is not found"),
         (BY_HAND.replace('<sphere radius="0.1"/>', '<mesh filename="by_hand.urdf"/>'),
-         "link head_link: by_hand.urdf cannot be read"),
+         "link head_link: by_hand.urdf: cannot be read"),
     ],
 )  # fmt: skip
 def test_files_that_are_no_robot(tmp_path: Path, text: str, says: str) -> None:

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 
 #include "semmap/exact.hpp"
 #include "semmap/grid.hpp"
@@ -40,6 +41,10 @@ struct Crossing {
 };
 
 class Locator {
+    // x and y at once.
+    typedef double Pair __attribute__((vector_size(16)));
+    typedef std::int32_t Indices __attribute__((vector_size(8)));
+
   public:
     explicit Locator(const GridFrame& grid)
         : grid_(grid),
@@ -47,7 +52,9 @@ class Locator {
           border_error_(0x1p-51 * per_metre_ *
                         (std::max(std::abs(grid.origin_x), std::abs(grid.origin_y)) +
                          std::max(grid.rows, grid.columns) * grid.resolution)),
-          spot_error_(border_error_ + (std::max(grid.rows, grid.columns) + 1) * kVertexError) {}
+          spot_error_(border_error_ + (std::max(grid.rows, grid.columns) + 1) * kVertexError),
+          origin_{grid.origin_x, grid.origin_y},
+          most_{grid.columns + 0.5, grid.rows + 0.5} {}
 
     // Relative error of u and v of a vertex: difference, reciprocal, product, and as much again.
     static constexpr double kVertexError = 0x1p-50;
@@ -55,10 +62,18 @@ class Locator {
     static constexpr double kCornerError = 0x1p-48;
 
     SEMMAP_INLINE Spot spot(const double* p) const {
-        const double u = (p[0] - grid_.origin_x) * per_metre_;
-        const double v = (p[1] - grid_.origin_y) * per_metre_;
-        Spot found{cell(u, spot_error_, grid_.columns), cell(v, spot_error_, grid_.rows)};
-        if ((found.column == kUnsure) | (found.row == kUnsure)) {
+        Pair at;
+        std::memcpy(&at, p, sizeof at);
+        const Pair cells = (at - origin_) * per_metre_;
+        const Pair above = cells > -0.5 ? cells : Pair{-0.5, -0.5};  // also of no number
+        const Pair inside = above < most_ ? above : most_;
+        const Indices index = __builtin_convertvector(inside + 1.0, Indices) - 1;
+        const Pair off = inside - 0.5 - __builtin_convertvector(index, Pair);
+        const double sure = 0.5 - spot_error_;
+        Spot found{index[0], index[1]};
+        if (!((std::abs(off[0]) < sure) & (std::abs(off[1]) < sure))) {
+            const double u = cells[0];
+            const double v = cells[1];
             const double u_error = std::abs(u) * kVertexError + border_error_;
             const double v_error = std::abs(v) * kVertexError + border_error_;
             found.column = vertex_cell<0>(p[0], u, u_error, grid_.columns);
@@ -145,6 +160,9 @@ class Locator {
             found(row, crossing);
         }
     }
+
+    // Of u and v of a vertex in the grid.
+    double spot_error() const { return spot_error_; }
 
   private:
     static constexpr std::int32_t kUnsure = -2;
@@ -243,6 +261,8 @@ class Locator {
     double per_metre_;
     double border_error_;  // of a border, which is a rounded number, in cells
     double spot_error_;    // of a vertex on the grid, which includes its border's
+    Pair origin_;
+    Pair most_;
 };
 
 }  // namespace semmap

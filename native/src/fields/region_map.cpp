@@ -529,6 +529,11 @@ std::vector<std::pair<std::int32_t, std::int64_t>> RegionMap::entities_in(
     const Shape& shape) const {
     const Voxels voxels = rasterise(shape, voxel_size_);
     const std::shared_lock lock(mutex_);
+    const std::map<std::int32_t, std::int64_t> counts = counts_over(voxels);
+    return {counts.begin(), counts.end()};
+}
+
+std::map<std::int32_t, std::int64_t> RegionMap::counts_over(const Voxels& voxels) const {
     std::vector<std::int64_t> by_set(static_cast<std::size_t>(sets_.end()));
     Reader reader(grid_->tree());
     for (std::size_t i = 0; i < voxels.blocks(); ++i) {
@@ -552,7 +557,7 @@ std::vector<std::pair<std::int32_t, std::int64_t>> RegionMap::entities_in(
         if (here == 0) continue;
         for (const std::int32_t entity : sets_.members(set)) by_entity[entity] += here;
     }
-    return {by_entity.begin(), by_entity.end()};
+    return by_entity;
 }
 
 Memory RegionMap::memory() const {

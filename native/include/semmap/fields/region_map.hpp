@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <shared_mutex>
 #include <string>
 #include <utility>
@@ -34,6 +35,23 @@ struct Memory {
     std::int64_t set_count;
 };
 
+// How another entity lies to one: voxels of both, and the squared gap in voxels between the nearest
+// two as cubes, 0 where these meet, if only by a corner.
+struct Neighbour {
+    std::int32_t entity;
+    std::int64_t shared;
+    std::int64_t gap;
+};
+
+// How many voxels the lowest layer of one entity has, and how many of them rest on another: for
+// sure, and if either is taken for one voxel higher or lower than it is. All 0 where it begins too
+// low.
+struct Support {
+    std::int64_t layer;
+    std::int64_t firm;
+    std::int64_t loose;
+};
+
 // Entities are numbers from 0, best close together. Readers and writers may be of any thread: many
 // read at once, or one writes.
 class RegionMap {
@@ -59,6 +77,10 @@ class RegionMap {
     // How many voxels of the shape each entity has, ascending by entity.
     std::vector<std::pair<std::int32_t, std::int64_t>> entities_in(const Shape& shape) const;
     std::int64_t overlap(std::int32_t a, std::int32_t b) const;
+    // The others no further than a squared gap, ascending; below 0: those that share a voxel. Looks
+    // at the blocks around the entity only.
+    std::vector<Neighbour> neighbours(std::int32_t entity, std::int64_t farthest) const;
+    Support support(std::int32_t a, std::int32_t b) const;
     Memory memory() const;
     // Throws std::logic_error that says what is amiss: numbers, counts and index against the grid.
     void check() const;
@@ -76,6 +98,7 @@ class RegionMap {
     using Accessor = openvdb::tree::ValueAccessor<Tree>;
 
     const Voxels& region(std::int32_t entity) const;
+    std::map<std::int32_t, std::int64_t> counts_over(const Voxels& voxels) const;
     Voxels& region_to_change(std::int32_t entity);
     void apply(const Edit& edit);
     void apply_many(const std::vector<Edit>& edits, int threads);

@@ -1,0 +1,315 @@
+// Which entities are around one, how near, and what rests on what.
+//
+// The gap between two voxels is that between them as cubes, in voxels: along each axis one less
+// than their indices differ. It is compared squared, as a whole number.
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <mutex>
+
+#include "semmap/fields/region_map.hpp"
+
+namespace semmap::fields {
+namespace {
+
+using Tree = openvdb::Int32Tree;
+using Reader = openvdb::tree::ValueAccessor<const Tree>;
+
+constexpr std::uint64_t kPlane = 0x0101010101010101;  // the voxels of a slice with z = 0
+
+std::int64_t squared_gap(std::int32_t difference) {
+    const std::int64_t gap = std::max(std::abs(difference) - 1, 0);
+    return gap * gap;
+}
+
+// The lowest and the highest voxel of a block along each axis.
+struct Bounds {
+    Origin low;
+    Origin high;
+};
+
+int lowest(std::uint64_t bits) { return __builtin_ctzll(bits); }
+int highest(std::uint64_t bits) { return 63 - __builtin_clzll(bits); }
+
+// Which z have voxels, a bit each.
+std::uint64_t levels(const Words& words) {
+    std::uint64_t rows = 0;
+    for (const std::uint64_t word : words) rows |= word;
+    for (int shift = 32; shift >= 8; shift /= 2) rows |= rows >> shift;
+    return rows & 0xFF;
+}
+
+Bounds bounds_of(const Origin& origin, const Words& words) {
+    std::uint64_t slices = 0;
+    std::uint64_t rows = 0;
+    for (std::size_t x = 0; x < 8; ++x) {
+        slices |= std::uint64_t{words[x] != 0} << x;
+        rows |= words[x];
+    }
+    const std::uint64_t along = levels(words);
+    return {
+        {origin.x + lowest(slices), origin.y + lowest(rows) / kBlock, origin.z + lowest(along)},
+        {origin.x + highest(slices), origin.y + highest(rows) / kBlock, origin.z + highest(along)}};
+}
+
+// No voxel within the one is nearer to one within the other.
+std::int64_t least_squared_gap(const Bounds& a, const Bounds& b) {
+    const auto along = [&](std::int32_t Origin::* axis) {
+        const std::int64_t up = std::int64_t{b.low.*axis} - a.high.*axis;
+        const std::int64_t down = std::int64_t{a.low.*axis} - b.high.*axis;
+        const std::int64_t gap = std::max({up, down, std::int64_t{1}}) - 1;
+        return gap * gap;
+    };
+    return along(&Origin::x) + along(&Origin::y) + along(&Origin::z);
+}
+
+// Between rows of eight voxels along z, of which the second begins `offset` voxels further up.
+std::int64_t row_gap(unsigned a, unsigned b, std::int32_t offset) {
+    if (offset > 0) return squared_gap(offset + lowest(b) - highest(a));
+    if (offset < 0) return squared_gap(offset + highest(b) - lowest(a));
+    std::int32_t steps = 0;
+    for (; (a & b) == 0; ++steps) a |= a << 1 | a >> 1;
+    return squared_gap(steps);
+}
+
+// The smallest squared gap between voxels of two blocks, if it is below `best`; else `best`.
+std::int64_t block_gap(const Origin& from, const Words& a, const Origin& to, const Words& b,
+                       std::int64_t best) {
+    for (std::int32_t i = 0; i < kBlock; ++i) {
+        const std::uint64_t slice = a[static_cast<std::size_t>(i)];
+        if (slice == 0) continue;
+        for (std::int32_t j = 0; j < kBlock; ++j) {
+            const std::uint64_t other = b[static_cast<std::size_t>(j)];
+            const std::int64_t x = squared_gap(to.x + j - from.x - i);
+            if (other == 0 || x >= best) continue;
+            for (std::int32_t k = 0; k < kBlock; ++k) {
+                const auto row = static_cast<unsigned>(slice >> (8 * k) & 0xFF);
+                if (row == 0) continue;
+                for (std::int32_t l = 0; l < kBlock; ++l) {
+                    const auto across = static_cast<unsigned>(other >> (8 * l) & 0xFF);
+                    const std::int64_t xy = x + squared_gap(to.y + l - from.y - k);
+                    if (across == 0 || xy >= best) continue;
+                    best = std::min(best, xy + row_gap(row, across, to.z - from.z));
+                }
+            }
+        }
+    }
+    return best;
+}
+
+// Blocks and those up to `reach` blocks away along each axis.
+std::vector<Origin> dilated(const std::vector<Origin>& blocks, std::int32_t reach) {
+    std::vector<Origin> all = blocks;
+    for (std::int32_t Origin::* axis : {&Origin::x, &Origin::y, &Origin::z}) {
+        OriginIndex index;
+        for (Origin origin : all) {
+            const std::int32_t middle = origin.*axis;
+            for (std::int32_t step = -reach; step <= reach; ++step) {
+                origin.*axis = middle + step * kBlock;
+                index.number(origin);
+            }
+        }
+        all = index.origins();
+    }
+    return all;
+}
+
+// The entities that have a voxel in a block, each once.
+class Present {
+  public:
+    Present(const Tree& tree, const Register& sets) : reader_(tree), sets_(sets) {}
+
+    const std::vector<std::int32_t>& in(const Origin& origin) {
+        entities_.clear();
+        const openvdb::Coord place(origin.x, origin.y, origin.z);
+        const auto* leaf = reader_.probeConstLeaf(place);
+        if (leaf == nullptr) {
+            add(reader_.getValue(place));
+        } else {
+            const std::int32_t* values = leaf->buffer().data();
+            std::int32_t last = 0;
+            for (std::size_t i = 0; i < 512; ++i) {
+                if (values[i] != last) add(last = values[i]);
+            }
+        }
+        for (const std::int32_t set : seen_) marked_[static_cast<std::size_t>(set)] = false;
+        seen_.clear();
+        std::sort(entities_.begin(), entities_.end());
+        entities_.erase(std::unique(entities_.begin(), entities_.end()), entities_.end());
+        return entities_;
+    }
+
+  private:
+    void add(std::int32_t set) {
+        if (set == 0) return;
+        if (marked_.empty()) marked_.resize(static_cast<std::size_t>(sets_.end()));
+        if (marked_[static_cast<std::size_t>(set)]) return;
+        marked_[static_cast<std::size_t>(set)] = true;
+        seen_.push_back(set);
+        const std::vector<std::int32_t>& members = sets_.members(set);
+        entities_.insert(entities_.end(), members.begin(), members.end());
+    }
+
+    Reader reader_;
+    const Register& sets_;
+    std::vector<bool> marked_;  // by set
+    std::vector<std::int32_t> seen_;
+    std::vector<std::int32_t> entities_;
+};
+
+const Words* block_at(const Voxels& voxels, const Origin& origin) {
+    const auto found = std::lower_bound(voxels.origins.begin(), voxels.origins.end(), origin);
+    if (found == voxels.origins.end() || !(*found == origin)) return nullptr;
+    return &voxels.words[static_cast<std::size_t>(found - voxels.origins.begin())];
+}
+
+// The blocks of an entity, with their bounds, for gaps to blocks of others.
+class Near {
+  public:
+    // Those further than `blocks` blocks along x are not looked at.
+    Near(const Voxels& voxels, std::int32_t blocks) : voxels_(voxels), reach_(blocks * kBlock) {
+        bounds_.reserve(voxels.blocks());
+        for (std::size_t i = 0; i < voxels.blocks(); ++i) {
+            bounds_.push_back(bounds_of(voxels.origins[i], voxels.words[i]));
+        }
+    }
+
+    // The squared gap to a block of another, if it is below `best`; else `best`.
+    std::int64_t gap(const Origin& there, const Words& words, std::int64_t best) const {
+        const Bounds bounds = bounds_of(there, words);
+        const auto first =
+            std::lower_bound(voxels_.origins.begin(), voxels_.origins.end(), there.x - reach_,
+                             [](const Origin& origin, std::int32_t x) { return origin.x < x; });
+        const auto begin = static_cast<std::size_t>(first - voxels_.origins.begin());
+        // The block that promises most goes first: after it few others can be nearer.
+        std::size_t promising = voxels_.blocks();
+        std::int64_t least = best;
+        std::size_t end = begin;
+        for (; end < voxels_.blocks() && voxels_.origins[end].x <= there.x + reach_; ++end) {
+            const std::int64_t here = least_squared_gap(bounds_[end], bounds);
+            if (here >= least) continue;
+            least = here;
+            promising = end;
+        }
+        if (promising == voxels_.blocks()) return best;
+        best = to_block(promising, there, words, best);
+        for (std::size_t i = begin; i < end && best > least; ++i) {
+            if (least_squared_gap(bounds_[i], bounds) < best)
+                best = to_block(i, there, words, best);
+        }
+        return best;
+    }
+
+  private:
+    std::int64_t to_block(std::size_t i, const Origin& there, const Words& words,
+                          std::int64_t best) const {
+        return block_gap(voxels_.origins[i], voxels_.words[i], there, words, best);
+    }
+
+    const Voxels& voxels_;
+    std::vector<Bounds> bounds_;
+    std::int32_t reach_;
+};
+
+// The lowest z of voxels; there is at least one.
+std::int32_t bottom(const Voxels& voxels) {
+    std::int32_t floor = voxels.origins.front().z;
+    for (const Origin& origin : voxels.origins) floor = std::min(floor, origin.z);
+    std::uint64_t rows = 0;
+    for (std::size_t i = 0; i < voxels.blocks() && (rows & 1) == 0; ++i) {
+        if (voxels.origins[i].z == floor) rows |= levels(voxels.words[i]);
+    }
+    return floor + lowest(rows);
+}
+
+// The highest.
+std::int32_t top(const Voxels& voxels) {
+    std::int32_t ceiling = voxels.origins.front().z;
+    for (const Origin& origin : voxels.origins) ceiling = std::max(ceiling, origin.z);
+    std::uint64_t rows = 0;
+    for (std::size_t i = 0; i < voxels.blocks() && (rows & 0x80) == 0; ++i) {
+        if (voxels.origins[i].z == ceiling) rows |= levels(voxels.words[i]);
+    }
+    return ceiling + highest(rows);
+}
+
+// The voxels of a block at a height: a word a slice x, of which bit 8 y is (x, y).
+Words plane(const Words& words, std::int32_t z) {
+    Words flat{};
+    for (std::size_t x = 0; x < 8; ++x) flat[x] = words[x] >> (z & 7) & kPlane;
+    return flat;
+}
+
+}  // namespace
+
+std::vector<Neighbour> RegionMap::neighbours(std::int32_t entity, std::int64_t farthest) const {
+    const std::shared_lock lock(mutex_);
+    const Voxels& voxels = region(entity);
+    std::map<std::int32_t, Neighbour> found;
+    for (const auto& [other, shared] : counts_over(voxels)) {
+        if (other != entity) found[other] = {other, shared, 0};
+    }
+    if (farthest >= 0 && voxels.blocks() > 0) {
+        const auto reach = static_cast<std::int32_t>(std::sqrt(static_cast<double>(farthest))) + 1;
+        const std::int32_t blocks = (reach + kBlock - 1) / kBlock;
+        Present present(grid_->tree(), sets_);
+        const Near near(voxels, blocks);
+        for (const Origin& there : dilated(voxels.origins, blocks)) {
+            for (const std::int32_t other : present.in(there)) {
+                if (other == entity) continue;
+                Neighbour& best =
+                    found.try_emplace(other, Neighbour{other, 0, farthest + 1}).first->second;
+                if (best.gap > 0) {
+                    best.gap = near.gap(there, *block_at(region(other), there), best.gap);
+                }
+            }
+        }
+    }
+    std::vector<Neighbour> all;
+    for (const auto& [other, each] : found) {
+        if (each.shared > 0 || each.gap <= farthest) all.push_back(each);
+    }
+    return all;
+}
+
+// A voxel of the lowest layer rests on b where b has the one beneath it or itself, and goes no
+// higher. Of two that begin at one height, only what reaches higher can rest on the other.
+Support RegionMap::support(std::int32_t a, std::int32_t b) const {
+    const std::shared_lock lock(mutex_);
+    const Voxels& above = region(a);
+    const Voxels& below = region(b);
+    Support support{};
+    if (above.blocks() == 0 || below.blocks() == 0) return support;
+    const std::int32_t z = bottom(above);
+    const std::int32_t lower = bottom(below);
+    const bool shorter = lower <= z + 1 && lower >= z && top(below) < top(above);
+    const bool firm = lower < z || (lower == z && shorter);
+    const bool loose = lower < z || shorter;
+    if (!loose) return support;
+    for (std::size_t i = 0; i < above.blocks(); ++i) {
+        const Origin& column = above.origins[i];
+        if (column.z != block_floor(z)) continue;
+        const Words layer = plane(above.words[i], z);
+        for (const std::uint64_t slice : layer) support.layer += __builtin_popcountll(slice);
+        std::array<Words, 5> at{};  // from two beneath it to two above it
+        const Words* block = nullptr;
+        for (std::int32_t step = -2; step <= 2; ++step) {
+            const std::int32_t floor = block_floor(z + step);
+            if (step == -2 || floor == z + step) {
+                block = block_at(below, {column.x, column.y, floor});
+            }
+            if (block != nullptr) at[static_cast<std::size_t>(step + 2)] = plane(*block, z + step);
+        }
+        for (std::size_t x = 0; x < 8; ++x) {
+            const std::uint64_t rests = (at[1][x] | at[2][x]) & ~at[3][x];
+            const std::uint64_t about =
+                (at[0][x] | at[1][x] | at[2][x] | at[3][x]) & ~(at[3][x] & at[4][x]);
+            if (firm) support.firm += __builtin_popcountll(layer[x] & rests);
+            support.loose += __builtin_popcountll(layer[x] & about);
+        }
+    }
+    return support;
+}
+
+}  // namespace semmap::fields

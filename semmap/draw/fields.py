@@ -1,0 +1,124 @@
+"""Fields in the scene that they are of: voxels as cubes, open space as tinted air."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from semmap.draw.palette import INK, PAPER
+from semmap.draw.rasteriser import Camera, nearest_triangles
+from semmap.draw.shading import Surfaces, shade
+
+__all__ = ["FieldView", "fields_picture", "voxel_faces"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FieldView:
+    """A field as it is drawn.
+
+    Attributes
+    ----------
+    voxels : (N, 3) indices
+    voxel_size : metres
+    colour : of the cubes
+    label : beside its colour
+    opacity : 1 for cubes, less for air that one sees through
+    """
+
+    voxels: NDArray[np.int32]
+    voxel_size: float
+    colour: str
+    label: str
+    opacity: float = 1.0
+
+
+def voxel_faces(voxels: NDArray[np.int32], size: float) -> Floats:
+    """(F, 3, 3) the faces of cubes that no other of the cubes covers."""
+    shifted = voxels.astype(np.int64) + (1 << 20)
+    keys = (shifted[:, 0] << 42) | (shifted[:, 1] << 21) | shifted[:, 2]
+    parts = [np.zeros((0, 3, 3))]
+    for axis in range(3):
+        for side in (0, 1):
+            step = (1 if side else -1) << (42 - 21 * axis)
+            free = voxels[~np.isin(keys + step, keys)].astype(float)
+            free[:, axis] += side
+            u, v = np.eye(3)[[(axis + 1) % 3, (axis + 2) % 3]]
+            for second, third in ((u, u + v), (u + v, v)):
+                parts.append(np.stack([free, free + second, free + third], axis=1))
+    return np.concatenate(parts) * size
+
+
+def fields_picture(
+    triangles: Floats,
+    colours: Floats,
+    fields: Sequence[FieldView],
+    path: Path | str,
+    *,
+    title: str = "",
+    azimuth: float = -60.0,
+    elevation: float = 30.0,
+    width: int = 1600,
+) -> Path:
+    """Draw a scene and fields in it, and save the picture as PNG.
+
+    Parameters
+    ----------
+    triangles : (F, 3, 3) of the scene, metres
+    colours : (F, 3) sRGB in 0..1
+    azimuth, elevation : of the eye, degrees
+    width : of the picture, pixels
+    """
+    cubes = [f for f in fields if f.opacity >= 1]
+    faces = [voxel_faces(f.voxels, f.voxel_size) for f in cubes]
+    everything = np.concatenate([triangles, *faces])
+    painted = [np.tile(to_rgb(f.colour), (len(t), 1)) for f, t in zip(cubes, faces, strict=True)]
+    counts = [len(triangles), *(len(t) for t in faces)]
+    surfaces = Surfaces(
+        everything,
+        np.concatenate([colours, *painted]),
+        np.repeat(np.arange(len(counts), dtype=np.int32), counts),
+        np.full(len(everything), np.inf),
+        np.zeros(len(everything), np.bool_),
+    )
+    air = [f for f in fields if f.opacity < 1]
+    shown = [everything.reshape(-1, 3), *((f.voxels + 0.5) * f.voxel_size for f in air)]
+    camera = Camera.look(
+        np.deg2rad(azimuth), np.deg2rad(elevation), np.concatenate(shown), 2 * width
+    )
+    picture, depth = shade(
+        camera, surfaces, np.array(to_rgb(PAPER)), np.array(to_rgb(PAPER)), occlusion=0.3
+    )
+    for field in air:
+        _, there = nearest_triangles(camera, voxel_faces(field.voxels, field.voxel_size))
+        seen = there > depth
+        picture[seen] += field.opacity * (np.array(to_rgb(field.colour)) - picture[seen])
+    w, h = (n // 2 for n in camera.size)
+    figure = Figure(figsize=(w / 150, h / 150), dpi=150, facecolor=PAPER)
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(np.clip(picture, 0, 1), interpolation="lanczos")
+    axes.axis("off")
+    patches = [
+        Patch(color=f.colour, alpha=min(1.0, f.opacity + 0.3), label=f.label) for f in fields
+    ]
+    legend = axes.legend(
+        handles=patches, loc="upper left", fontsize=9, facecolor=PAPER, title=title or None,
+        title_fontproperties={"weight": "bold", "size": 10},
+    )  # fmt: skip
+    legend._legend_box.align = "left"  # type: ignore[attr-defined]
+    for written in legend.get_texts():
+        written.set_color(INK)
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, facecolor=PAPER)
+    return path
