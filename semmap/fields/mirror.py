@@ -2,30 +2,41 @@
 
 Entities that were imported, moved or deleted are voxelised anew, and only they. A NOTIFY wakes the
 mirror; what changed it reads from the history by a cursor, so that a message missed is not lost.
+Its state can be kept in the database with that cursor, for another process to go on from there.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
+from importlib.metadata import version
 
 import psycopg
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
+from semmap.fields import keep
 from semmap.fields.maps import Maps
 from semmap.fields.region_map import RegionMap
 from semmap.fields.source import (
     changed_since,
     cursor,
+    reaches_back,
     read_occupants,
     read_vocabulary_of_map,
     read_zones,
+    server,
+    settle,
 )
 from semmap.fields.sources import Zones, ZoneSource
+from semmap_vdb import Int32Grid
 
 __all__ = ["Mirror"]
+
+PROPERTY = "urn:semmap:ontology#occupiedBy"
 
 Heard = Callable[[set[int]], None]
 
@@ -60,39 +71,103 @@ class Mirror:
         self._engine = engine
         self._map_name = map_name
         self._since: str | None = None
+        self._has_zones = False
+        self._unsaved = False
+        self._lock = threading.Lock()  # regions, names and cursor change together
+
+    @classmethod
+    def resume(
+        cls, engine: Engine, map_name: str | None = None, voxel_size: float = 0.05
+    ) -> Mirror:
+        """A mirror that goes on from the state last saved, and catches up what changed since.
+
+        Where there is none that it can go on from, it begins anew at its first look: none of this
+        voxel size, one by another release of semmap, on another server, or from before the history
+        begins.
+        """
+        mirror = cls(engine, map_name, voxel_size)
+        with mirror._snapshot() as connection:
+            try:
+                kept = keep.load(connection, mirror._field)
+                state = kept.state or {}
+                if state.get("by") != _by(connection):
+                    return mirror
+                if not reaches_back(connection, state["cursor"]):
+                    return mirror
+                assert isinstance(kept.grid, Int32Grid)
+                mirror.regions = RegionMap.from_state(kept.grid, kept.legend or {})
+            except (LookupError, ValueError):
+                return mirror
+        mirror.names = {int(number): name for number, name in state["names"].items()}
+        mirror._since = state["cursor"]
+        return mirror
+
+    def save(self) -> int:
+        """Keep the state in place of the one before; the number of its version.
+
+        Raises
+        ------
+        LookupError
+            It has not looked yet, or its map is gone.
+        """
+        with self._lock:
+            if self._since is None:
+                raise LookupError("a mirror that has not looked has no state: catch_up first")
+            grid, sets = self.regions.state()
+            names, since = dict(self.names), self._since
+            self._unsaved = False
+        try:
+            with self._engine.begin() as connection:
+                self._choose(connection)
+                state = {"by": _by(connection), "cursor": since, "names": names}
+                number = keep.save(
+                    connection, self._field, grid, property=PROPERTY, legend=sets, state=state
+                )
+                keep.prune(connection, self._field, 1)
+        except BaseException:
+            self._unsaved = True
+            raise
+        return number
 
     def catch_up(self) -> set[int]:
         """Take in what changed since the last time, all the first time; the ids that did.
 
         A look that fails changes nothing: the next one sees the same changes again.
         """
-        options = {"isolation_level": "REPEATABLE READ"}  # the cursor is that of what is read
-        with self._engine.connect().execution_options(**options) as connection:
-            self._choose(connection)
-            now = cursor(connection)
-            changed = None if self._since is None else changed_since(connection, self._since)
-            if changed is not None and not changed:
-                self._since = now
-                return set()
-            things = read_occupants(connection, changed)
-            zones = tuple(read_zones(connection))
-        regions = {thing.id: thing.regions(self.regions.voxel_size) for thing in things}
-        gone = set(self.names) - set(regions) if changed is None else changed - set(regions)
-        for number in (gone | set(regions)) & set(self.names):
-            self.regions.remove(number)
-            del self.names[number]
-        self.names |= {thing.id: thing.name for thing in things}
-        self.regions.insert_many(
-            [(number, region) for number, each in regions.items() for region in each]
-        )
-        drawn = self._zones(Zones(zones, datetime.now(UTC)))  # anew, what is not as it was
-        if drawn != list(self.maps.now()):
-            self.maps.put("zones", drawn)
-        self._since = now
-        return gone | set(regions)
+        with self._lock:
+            with self._snapshot() as connection:
+                now = cursor(connection)
+                changed = None if self._since is None else changed_since(connection, self._since)
+                nothing = changed is not None and not changed
+                things = [] if nothing else read_occupants(connection, changed)
+                zones = None if nothing and self._has_zones else tuple(read_zones(connection))
+                settle(connection)
+                connection.commit()
+            regions = {thing.id: thing.regions(self.regions.voxel_size) for thing in things}
+            gone = set(self.names) - set(regions) if changed is None else changed - set(regions)
+            for number in (gone | set(regions)) & set(self.names):
+                self.regions.remove(number)
+                del self.names[number]
+            self.names |= {thing.id: thing.name for thing in things}
+            self.regions.insert_many(
+                [(number, region) for number, each in regions.items() for region in each]
+            )
+            if zones is not None:
+                drawn = self._zones(Zones(zones, datetime.now(UTC)))  # anew, what is not as it was
+                if drawn != list(self.maps.now()):
+                    self.maps.put("zones", drawn)
+                self._has_zones = True
+            self._since = now
+            self._unsaved = self._unsaved or not nothing
+            return gone | set(regions)
 
     def follow(
-        self, stop: threading.Event, heard: Heard | None = None, *, patience: float = 0.2
+        self,
+        stop: threading.Event,
+        heard: Heard | None = None,
+        *,
+        patience: float = 0.2,
+        save_every: float | None = None,
     ) -> None:
         """Follow the database until told to stop, through its restarts, too.
 
@@ -100,7 +175,9 @@ class Mirror:
         ----------
         heard : called with the ids that changed, after they are taken in
         patience : seconds between looks whether to stop, and before another try to connect
+        save_every : seconds between saves at least, where something changed; never if not given
         """
+        saved = -float("inf")
         while not stop.is_set():
             try:
                 with self._engine.connect() as connection:
@@ -110,8 +187,14 @@ class Mirror:
                     driver.execute("LISTEN semmap")
                     self._tell(heard)
                     while not stop.is_set():
+                        due = save_every is not None and time.monotonic() >= saved + save_every
+                        if due and self._unsaved:
+                            self.save()
+                            saved = time.monotonic()
                         if any(True for _ in driver.notifies(timeout=patience, stop_after=1)):
                             self._tell(heard)
+                    if save_every is not None and self._unsaved:
+                        self.save()
                     driver.execute("UNLISTEN semmap")
                     driver.autocommit = False
             except (psycopg.OperationalError, DBAPIError):
@@ -121,6 +204,18 @@ class Mirror:
         changed = self.catch_up()
         if changed and heard is not None:
             heard(changed)
+
+    @property
+    def _field(self) -> str:
+        return f"occupied {self.regions.voxel_size} m"
+
+    @contextmanager
+    def _snapshot(self) -> Iterator[Connection]:
+        """A transaction on its map that sees one state of the database, and its cursor."""
+        options = {"isolation_level": "REPEATABLE READ"}
+        with self._engine.connect().execution_options(**options) as connection:
+            self._choose(connection)
+            yield connection
 
     def _choose(self, connection: Connection) -> None:
         if self._map_name is None:
@@ -132,3 +227,8 @@ class Mirror:
         connection.execute(
             text("SELECT set_config('semmap.map', :name, true)"), {"name": self._map_name}
         )
+
+
+def _by(connection: Connection) -> list[str]:
+    """Whose states one can go on from: another release may make other voxels of the same mesh."""
+    return [version("semmap"), server(connection)]

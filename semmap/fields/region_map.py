@@ -281,6 +281,35 @@ class RegionMap:
         """Write the set numbers as a `.vdb` file."""
         self._native.write(str(path))
 
+    def state(self) -> tuple[semmap_vdb.Int32Grid, dict[int, list[Hashable]]]:
+        """All of it, to be kept: the number of each voxel's set, and the members of each set."""
+        with self._lock:
+            grid, sets = self._native.state()
+            return grid, {number: [self._entity[i] for i in each] for number, each in sets}
+
+    @classmethod
+    def from_state(
+        cls,
+        grid: semmap_vdb.Int32Grid,
+        sets: Mapping[int, Iterable[Hashable]],
+        *,
+        threads: int | None = None,
+    ) -> RegionMap:
+        """The map that had such a `state`; sets have the numbers that they had.
+
+        Raises
+        ------
+        ValueError
+            Grid and sets do not belong together.
+        """
+        made = cls(grid.voxel_size, threads=threads)
+        rows = [
+            (number, sorted({made._hand_out(entity) for entity in members}))
+            for number, members in sets.items()
+        ]
+        made._native.restore(grid, rows)
+        return made
+
     def _hand_out(self, entity: Hashable) -> int:
         number = self._number.get(entity)
         if number is None:

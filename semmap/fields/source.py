@@ -1,4 +1,4 @@
-"""What occupies space, read from the database: the one module of the fields that does so."""
+"""What occupies space, read from the database."""
 
 from __future__ import annotations
 
@@ -25,11 +25,14 @@ __all__ = [
     "Occupant",
     "changed_since",
     "cursor",
+    "reaches_back",
     "read_names",
     "read_occupants",
     "read_props",
     "read_vocabulary_of_map",
     "read_zones",
+    "server",
+    "settle",
 ]
 
 
@@ -142,6 +145,20 @@ def cursor(connection: Connection) -> str:
     return str(connection.execute(text("SELECT change_cursor()")).scalar_one())
 
 
+def settle(connection: Connection) -> None:
+    """See to it that what a cursor of this transaction saw is on disk when it commits.
+
+    A server that crashes gives numbers of transactions again that it had not written yet, such as
+    that of one which was undone; a cursor that saw the first would take the second for seen.
+    """
+    connection.execute(
+        text(
+            "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
+            "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
+        )
+    )
+
+
 def changed_since(connection: Connection, since: str) -> set[int]:
     """The entities of the current map that changed after a cursor."""
     rows = connection.execute(
@@ -149,3 +166,23 @@ def changed_since(connection: Connection, since: str) -> set[int]:
         {"since": since},
     )
     return {number for (numbers,) in rows for number in numbers}
+
+
+def reaches_back(connection: Connection, since: str) -> bool:
+    """Whether the history still holds a change that a cursor has seen: then it lacks none since."""
+    return bool(
+        connection.execute(
+            text(
+                "SELECT pg_visible_in_snapshot(min(xid)::text::xid8, CAST(:since AS pg_snapshot)) "
+                "FROM change"
+            ),
+            {"since": since},
+        ).scalar()
+    )
+
+
+def server(connection: Connection) -> str:
+    """Which cluster this is: cursors of one mean nothing to another."""
+    return str(
+        connection.execute(text("SELECT system_identifier FROM pg_control_system()")).scalar_one()
+    )

@@ -18,7 +18,6 @@ from semmap.database import Cluster, connect
 from semmap.fields import Box, Sphere, keep
 from semmap.fields.representation_map import GRIDS, Grid, ValueType
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
-from tests.database.conftest import made, own  # noqa: F401  fixtures
 from tests.database.test_crash import kill_server
 
 IRI = "urn:semmap:ontology#personalSpace"
@@ -322,7 +321,7 @@ def test_savers_take_turns(kept: Engine) -> None:
         keep.forget(connection, "space")
 
 
-def test_fields_outlive_the_server(own: Cluster) -> None:  # noqa: F811
+def test_fields_outlive_the_server(own: Cluster) -> None:
     grids: list[Grid] = []
     for kind, each in GRIDS.items():
         grid = each(1.0, VALUES[kind][0])
