@@ -21,21 +21,28 @@ def polygons(shape: BaseGeometry) -> list[Polygon]:
 
 def without_gaps(shape: BaseGeometry, gap: float) -> Polygon | MultiPolygon:
     """The shape with gaps narrower than `gap` metres closed."""
-    grown = shape.buffer(gap / 2, join_style="mitre")
-    return shapely.union_all([*polygons(_shrunk(grown, gap / 2)), *polygons(shape)])
+    parts: list[Polygon] = []
+    for grown in polygons(shape.buffer(gap / 2, join_style="mitre")):
+        closed = _shrunk(grown, gap / 2)
+        parts += polygons(shape.intersection(grown)) if closed is None else closed
+    return shapely.union_all(parts) if parts else Polygon()
 
 
 def without_slivers(shape: BaseGeometry, width: float) -> Polygon | MultiPolygon:
     """The shape without what is narrower than `width` metres."""
-    return _shrunk(shape, width / 2).buffer(width / 2, join_style="mitre")
-
-
-def _shrunk(shape: BaseGeometry, by: float) -> Polygon | MultiPolygon:
-    parts = []
+    parts: list[Polygon] = []
     for part in polygons(shape):
-        inner = part.buffer(-by, join_style="mitre")
-        # The strip along a line of length l that is lost is no larger than 2 l by + pi by^2.
-        rings = 1 + len(part.interiors)
-        lost = 2 * by * part.length + math.pi * by**2 * rings
-        parts += polygons(inner) if part.area - inner.area <= lost else [part]
+        thinner = _shrunk(part, width / 2)
+        if thinner is None:
+            parts.append(part)
+            continue
+        parts += polygons(shapely.MultiPolygon(thinner).buffer(width / 2, join_style="mitre"))
     return shapely.union_all(parts) if parts else Polygon()
+
+
+def _shrunk(polygon: Polygon, by: float) -> list[Polygon] | None:
+    """What is further than `by` inside, None where GEOS lost more than can be."""
+    inner = polygons(polygon.buffer(-by, join_style="mitre"))
+    # The strip along a line of length l that is lost is no larger than 2 l by + pi by^2.
+    lost = 2 * by * polygon.length + math.pi * by**2 * (1 + len(polygon.interiors))
+    return inner if polygon.area - sum(p.area for p in inner) <= lost else None

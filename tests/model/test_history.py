@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -88,6 +89,7 @@ def test_poses_of_a_robot_at_20_hz_are_thinned(engine: Engine) -> None:
         session.commit()
         start = now(session)
         session.commit()
+        began = time.monotonic()
         # Time is passed by shifting what there is into the past, not by waiting.
         for i in range(1, 101):
             session.execute(
@@ -110,7 +112,8 @@ def test_poses_of_a_robot_at_20_hz_are_thinned(engine: Engine) -> None:
         )
         kept = {row[0]: row[1] for row in rows}
         assert kept[mug.id] == 100
-        assert 4 <= kept[robot.id] <= 7
+        # A second of what passed, be it shifted or waited for on a busy machine, keeps one.
+        assert 4 <= kept[robot.id] <= 7 + time.monotonic() - began
         for back in (0.5, 1.7, 3.2, 4.4):
             assert pose_at(session, robot.id, start - timedelta(seconds=back - 0.2)) is not None
 

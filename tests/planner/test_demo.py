@@ -23,6 +23,7 @@ def test_the_demo_does_the_main_job_from_end_to_end(commands, folder, said, caps
         "figure9_layered.png",
         "figure9_single.png",
         "figure9_robot.png",
+        "fields.png",
         "floor-1st/plan.png",
         "floor-3rd/plan.png",
         "rooms.png",
