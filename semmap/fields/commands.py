@@ -16,6 +16,7 @@ import typer
 from semmap import cli
 from semmap.fields import keep
 from semmap.fields.announce import Announcer, as_json
+from semmap.fields.export import write_grid, write_points
 from semmap.fields.kept_maps import keep_map, kept_maps
 from semmap.fields.language import Rows, query
 from semmap.fields.mirror import Mirror
@@ -174,6 +175,10 @@ def watch(
     seconds: Annotated[
         float | None, typer.Option(help="Stop after that time; by default never.")
     ] = None,
+    save_every: Annotated[
+        float | None,
+        typer.Option(help="Seconds; keep what fills space, for later commands to go on from."),
+    ] = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -201,7 +206,7 @@ def watch(
     if seconds is not None:
         timer.start()
     try:
-        mirror.follow(stop, heard)
+        mirror.follow(stop, heard, save_every=save_every)
     except KeyboardInterrupt:
         stop.set()
     finally:
@@ -212,11 +217,22 @@ def watch(
 @fields.command()
 def export(
     folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files.")],
+    kept_name: Annotated[
+        str | None, typer.Option("--kept", help="A map that the database keeps, instead.")
+    ] = None,
+    version: Annotated[
+        int | None, typer.Option(help="Of the map that is kept; the newest by default.")
+    ] = None,
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
     """Write the set numbers as OpenVDB, the register of sets, and the voxels as points."""
+    if kept_name is not None:
+        export_kept(folder, kept_name, version, map_name, json_)
+        return
+    if version is not None:
+        raise ValueError("--version is that of a map that is kept: name it, --kept NAME")
     mirror = mirrored(map_name, voxel_size)
     regions = mirror.regions
     parts = [np.zeros((0, 3), np.int32), *(regions.voxels(n) for n in sorted(mirror.names))]
@@ -230,7 +246,7 @@ def export(
     folder.mkdir(parents=True, exist_ok=True)
     regions.write(folder / "sets.vdb")
     (folder / "sets.json").write_text(json.dumps(sets, indent=1) + "\n")
-    write_points(folder / "points.ply", centres, numbers)
+    write_points(folder / "points.ply", centres, numbers, name="set")
     memory = regions.memory()
     said = {
         "folder": str(folder),
@@ -249,6 +265,33 @@ def export(
         )
 
 
+def export_kept(
+    folder: Path, name: str, version: int | None, map_name: str | None, json_: bool
+) -> None:
+    """Write a map that is kept as OpenVDB, its legend, and its voxels as points."""
+    with chosen(map_name) as connection:
+        field = keep.load(connection, name, version)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_grid(folder / "field.vdb", field.grid, name)
+    write_grid(folder / "points.ply", field.grid, name)
+    if field.legend is not None:
+        (folder / "legend.json").write_text(json.dumps(field.legend, indent=1) + "\n")
+    said = {
+        "folder": str(folder),
+        "name": name,
+        "version": field.version,
+        "voxel_size": field.grid.voxel_size,
+        "voxels": len(field.grid),
+    }
+    if json_:
+        print(json.dumps(said))
+    else:
+        cli.out.print(
+            f"{folder}: {said['voxels']} voxels of {field.grid.voxel_size:g} m, "
+            f"{name} version {field.version}"
+        )
+
+
 def mirrored(map_name: str | None, voxel_size: float) -> Mirror:
     """A mirror of a map, as it is now."""
     engine = cli.engine()
@@ -261,29 +304,6 @@ def mirrored(map_name: str | None, voxel_size: float) -> Mirror:
 def _mirror(engine: Any, map_name: str | None, voxel_size: float) -> Mirror:
     with engine.connect() as connection:
         cli.choose_map(connection, map_name)  # an error names the maps that there are
-    mirror = Mirror(engine, map_name, voxel_size)
+    mirror = Mirror.resume(engine, map_name, voxel_size)
     mirror.catch_up()
     return mirror
-
-
-def write_points(path: Path, points: Any, numbers: Any) -> None:
-    """Points (N, 3) with the number of each one's set and a colour of its own, as PLY."""
-    rows = np.empty(
-        len(points),
-        [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("r", "u1"), ("g", "u1"), ("b", "u1"),
-         ("set", "<i4")],
-    )  # fmt: skip
-    for k, axis in enumerate("xyz"):
-        rows[axis] = points[:, k]
-    mixed = np.asarray(numbers, np.uint32) * np.uint32(2654435761)
-    for k, channel in enumerate("rgb"):
-        rows[channel] = 60 + ((mixed >> np.uint32(8 * k)) & np.uint32(127))
-    rows["set"] = numbers
-    head = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(rows)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
-        "property int set\nend_header\n"
-    )
-    path.write_bytes(head.encode("ascii") + rows.tobytes())

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 
@@ -189,16 +189,20 @@ class Mirror:
                     while not stop.is_set():
                         due = save_every is not None and time.monotonic() >= saved + save_every
                         if due and self._unsaved:
-                            self.save()
+                            self._save_if_there_is_a_map()
                             saved = time.monotonic()
                         if any(True for _ in driver.notifies(timeout=patience, stop_after=1)):
                             self._tell(heard)
                     if save_every is not None and self._unsaved:
-                        self.save()
+                        self._save_if_there_is_a_map()
                     driver.execute("UNLISTEN semmap")
                     driver.autocommit = False
             except (psycopg.OperationalError, DBAPIError):
                 stop.wait(patience)  # the server is away; the cursor knows where we were
+
+    def _save_if_there_is_a_map(self) -> None:
+        with suppress(LookupError):  # it was dropped, and may be imported again
+            self.save()
 
     def _tell(self, heard: Heard | None) -> None:
         changed = self.catch_up()

@@ -107,6 +107,45 @@ def test_up_and_down(engine: Engine) -> None:
     assert migrate.current(engine) == revisions.newest()
 
 
+TABLES = "DROP TABLE {0}.field_block, {0}.field_version, {0}.field"
+RIGHTS = """
+SELECT table_name, grantee, privilege_type FROM information_schema.role_table_grants
+WHERE table_schema = 'semmap' ORDER BY 1, 2, 3
+"""
+
+
+@pytest.mark.parametrize("down_to", ["0002", "0001", "base"])
+def test_a_database_from_before_fields(engine: Engine, down_to: str) -> None:
+    """It gets the tables and the rights that a new one has, and keeps its rows."""
+    with engine.begin() as connection:
+        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
+        rights = connection.exec_driver_sql(RIGHTS).all()
+    migrate.downgrade(engine, down_to)
+    with engine.begin() as connection:
+        schema = "semmap_kept" if down_to == "base" else "semmap"
+        connection.exec_driver_sql(TABLES.format(schema))
+    migrate.upgrade(engine)
+    assert migrate.current(engine) == revisions.newest()
+    with engine.begin() as connection:
+        assert connection.exec_driver_sql("SELECT name FROM map").scalar() == "old"
+        assert connection.exec_driver_sql("SELECT count(*) FROM field").scalar() == 0
+        assert connection.exec_driver_sql(RIGHTS).all() == rights
+
+
+def test_fields_outlive_going_down(engine: Engine) -> None:
+    with engine.begin() as connection:
+        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
+        connection.exec_driver_sql(
+            "INSERT INTO field (map_id, name, property, value_type, voxel_size, edge) "
+            "SELECT id, 'space', 'urn:x', 'bool', 0.05, 32 FROM map"
+        )
+    for revision in ("0002", "base"):
+        migrate.downgrade(engine, revision)
+        migrate.upgrade(engine)
+        with engine.begin() as connection:
+            assert connection.exec_driver_sql("SELECT name FROM field").scalar() == "space"
+
+
 def test_drop_and_begin_anew(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.exec_driver_sql("INSERT INTO map (name) VALUES ('gone')")

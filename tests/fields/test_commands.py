@@ -131,6 +131,24 @@ def test_maps_that_are_kept(office: typer.Typer) -> None:
         CliRunner().invoke(office, ["fields", "forget", "low"], catch_exceptions=False)
 
 
+def test_a_kept_map_is_exported(office: typer.Typer, tmp_path: Path) -> None:
+    text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
+    stored = run(office, "query", text, "--voxel-size", "0.1", "--keep", "baked")
+    said = run(office, "export", "-o", tmp_path, "--kept", "baked")
+    assert (said["version"], said["voxels"]) == (1, stored["voxels"])
+    assert len(trimesh.load(tmp_path / "points.ply").vertices) == stored["voxels"]
+    assert (tmp_path / "field.vdb").read_bytes()[:4] == b" BDV"
+    for words, says in (
+        (("--kept", "bread"), "no field bread is kept"),
+        (("--kept", "baked", "--version", "2"), "version 2 of the field baked is not kept"),
+        (("--version", "2"), "--kept NAME"),
+    ):
+        with pytest.raises((ValueError, LookupError), match=says):
+            run(office, "export", "-o", tmp_path / "none", *words)
+    assert not (tmp_path / "none").exists()
+    CliRunner().invoke(office, ["fields", "forget", "baked"], catch_exceptions=False)
+
+
 def test_readable_rows(office: typer.Typer) -> None:
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy :muffin1 } ORDER BY :z(?v)"
     done = CliRunner().invoke(

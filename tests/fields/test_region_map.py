@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from semmap.fields import Box, RegionMap, Sphere, voxels_of
 from semmap.fields.regions import Region
+from semmap_vdb import Int32Grid
 
 SIZE = 0.5
 ENTITIES = ("book_326", "fov_632", 711, ("zone", 943), "human1")
@@ -87,6 +88,17 @@ class Interleavings(RuleBasedStateMachine):
         counts = {e: len(here & self.model.voxels(e)) for e in ENTITIES}
         for each in self.maps:
             assert each.counts_in(region) == {e: n for e, n in counts.items() if n}
+
+    @rule()
+    def restart(self) -> None:
+        """Both go on from the state that they left, kept as cubes; sets have their numbers."""
+        for i, each in enumerate(self.maps):
+            grid, sets = each.state()
+            back = Int32Grid(SIZE, 0)
+            back.put_blocks(grid.blocks(32), 32)
+            self.maps[i] = RegionMap.from_state(back, sets, threads=each._threads)
+            numbers = sorted(sets)
+            assert self.maps[i].sets(numbers) == each.sets(numbers)
 
     @invariant()
     def equal(self) -> None:
@@ -239,3 +251,29 @@ def test_unknown_entities() -> None:
     assert here.voxels("nobody").shape == (0, 3)
     assert here.overlap("nobody", "none").voxels == 0
     assert "nobody" not in here
+
+
+def test_states_that_are_none() -> None:
+    """Grid and sets that do not belong together are refused."""
+    regions = RegionMap(SIZE)
+    regions.insert("a", Sphere((0, 0, 0), 3))
+    regions.insert("b", Box((2, 0, 0), (8, 8, 8)))
+    grid, sets = regions.state()
+    assert RegionMap.from_state(grid, sets).state()[1] == sets
+    other = Int32Grid(SIZE, 0)
+    other.fill(Sphere((0, 0, 0), 1).shape, 0)
+    unlike = Int32Grid(SIZE, 1)
+    one, two, *_ = sets
+    for bad_grid, bad_sets in (
+        (grid, {}),
+        (grid, {n: m for n, m in sets.items() if n != one}),
+        (grid, sets | {one: sets[two]}),
+        (grid, sets | {77: ["c"]}),
+        (grid, sets | {one: []}),
+        (grid, {-n: m for n, m in sets.items()}),
+        (other, {1: ["a"]}),
+        (unlike, {1: ["a"]}),
+        (Int32Grid(SIZE, 0), sets),
+    ):
+        with pytest.raises(ValueError, match="no state of a region map"):
+            RegionMap.from_state(bad_grid, bad_sets)

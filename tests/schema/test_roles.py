@@ -30,20 +30,25 @@ FORGE_WORLD = "UPDATE world SET map_id = 7"
 FORGE_HISTORY = "DELETE FROM placement_history"
 FORGE_CHANGE = "INSERT INTO change (map_id, what, entities) VALUES ({map}, 'moved', '{{1}}')"
 RECOMPUTE = "SELECT refresh_world('{{1}}')"
+KEEP = (
+    "INSERT INTO field (map_id, name, property, value_type, voxel_size, edge) "
+    "VALUES ({map}, 'space', 'urn:x', 'bool', 0.05, 32)"
+)
+KEEP_AND_FORGET = KEEP + "; DELETE FROM field"
 TABLE = "CREATE TABLE semmap.mine (id int)"
 
 RIGHTS = {
     "semmap_reader": {READ, FIGURE_3},
-    "semmap_robot": {READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE},
+    "semmap_robot": {READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, KEEP, KEEP_AND_FORGET},
     "semmap_admin": {
         READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, MOVE_ROOM, RENAME, DESCRIBE_ROOM,
-        REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, RECOMPUTE,
+        REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, RECOMPUTE, KEEP, KEEP_AND_FORGET,
     },
 }  # fmt: skip
 STATEMENTS = [
     READ, FIGURE_3, SEE, SEE_PLACED, MOVE, MOVE_ROOM, DESCRIBE, RENAME, DESCRIBE_ROOM, CLOSE,
     REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, FORGE_WORLD, FORGE_HISTORY, FORGE_CHANGE,
-    RECOMPUTE, TABLE,
+    RECOMPUTE, TABLE, KEEP, KEEP_AND_FORGET,
 ]  # fmt: skip
 
 
