@@ -133,8 +133,7 @@ class Drawing {
     using Whole = std::decay_t<decltype(Placed{}[0])>;
 
     struct Member {
-        Member(const GridFrame& grid, Canvas canvas)
-            : painter(grid), small(grid), canvas(canvas) {}
+        Member(const GridFrame& grid, Canvas canvas) : painter(grid), small(grid), canvas(canvas) {}
         Painter painter;
         SmallTriangle small;
         Canvas canvas;
@@ -185,8 +184,8 @@ class Drawing {
             }
             places[i] = place;
             const Spot spot = locator.spot(p);
-            placed[i] = Placed{static_cast<Whole>(spot.column), static_cast<Whole>(spot.row), place,
-                               0};
+            placed[i] =
+                Placed{static_cast<Whole>(spot.column), static_cast<Whole>(spot.row), place, 0};
         }
         const auto all = static_cast<std::int64_t>(2 * (last - first));
         return near[0] == all && near[1] == all;

@@ -77,8 +77,7 @@ class SmallTriangle {
             Floats low = spread(1e9f);
             Floats high = spread(-1e9f);
             for (int edge = 0; edge < 3; ++edge) {
-                const Floats from =
-                    start[edge] + slope[edge] * most(floor, spread(low_v[edge]));
+                const Floats from = start[edge] + slope[edge] * most(floor, spread(low_v[edge]));
                 const Floats to = start[edge] + slope[edge] * least(roof, spread(high_v[edge]));
                 const Ints missed = (floor < spread(first[edge])) | (floor > spread(last[edge]));
                 // All bits are set in what is no number.

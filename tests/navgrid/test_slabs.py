@@ -76,6 +76,39 @@ def test_on_borders_that_are_rounded(
     np.testing.assert_array_equal(cells_of(triangle, ends, ODD), occupied(triangle, ends, ODD))
 
 
+@st.composite
+def close_to_borders(draw: st.DrawFn) -> tuple[float, float, float]:
+    """A corner on the grid, as near to borders as single precision tells, and nearer."""
+    x, y = (
+        draw(st.integers(0, 6)) / 4
+        + draw(st.sampled_from([-1, 1])) * 10 ** draw(st.floats(-9, -1))
+        for _ in range(2)
+    )
+    return x - 0.5, y + 0.25, draw(st.sampled_from([0.5, 1.0]))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(close_to_borders(), min_size=3, max_size=3))
+@example([(0.0, 0.5, 1), (0.25 - 1e-7, 1.0, 1), (0.25 - 1e-7, 0.6, 1)])  # just short of a column
+@example([(0.0, 0.75 - 1e-7, 1), (1.0, 0.75 + 1e-7, 1), (0.5, 1.5, 1)])  # barely over a border
+def test_a_triangle_that_is_not_clipped(triangle: list[tuple[float, float, float]]) -> None:
+    interval = (0.25, 2.0)
+    np.testing.assert_array_equal(
+        cells_of(triangle, interval, GRID), occupied(triangle, interval, GRID)
+    )
+
+
+def test_a_grid_wider_than_shorts_count() -> None:
+    random = np.random.default_rng(4)
+    long = Grid((-1000.0, 0.0), 0.25, (6, 40_000))
+    for _ in range(50):
+        near = random.uniform(0, 2, (3, 3)) + [8750, 0, 0]  # beyond column 32,767
+        cells = cells_of(near, (0.5, 1.0), long)
+        window = cells_of(near, (0.5, 1.0), Grid((8749.0, 0.0), 0.25, (6, 16)))
+        np.testing.assert_array_equal(cells[:, 38_996:39_012], window)
+        assert cells.sum() == window.sum()
+
+
 def test_a_border_is_where_it_is_written() -> None:
     """390 * 0.05 is 19.5, though 0.05 is a little more than a twentieth."""
     assert Fraction(0.05) * 390 > Fraction("19.5")
