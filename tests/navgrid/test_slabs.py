@@ -80,8 +80,7 @@ def test_on_borders_that_are_rounded(
 def close_to_borders(draw: st.DrawFn) -> tuple[float, float, float]:
     """A corner on the grid, as near to borders as single precision tells, and nearer."""
     x, y = (
-        draw(st.integers(0, 6)) / 4
-        + draw(st.sampled_from([-1, 1])) * 10 ** draw(st.floats(-9, -1))
+        draw(st.integers(0, 6)) / 4 + draw(st.sampled_from([-1, 1])) * 10 ** draw(st.floats(-9, -1))
         for _ in range(2)
     )
     return x - 0.5, y + 0.25, draw(st.sampled_from([0.5, 1.0]))
@@ -102,7 +101,7 @@ def test_a_grid_wider_than_shorts_count() -> None:
     random = np.random.default_rng(4)
     long = Grid((-1000.0, 0.0), 0.25, (6, 40_000))
     for _ in range(50):
-        near = random.uniform(0, 2, (3, 3)) + [8750, 0, 0]  # beyond column 32,767
+        near = random.uniform(0, 2, (3, 3)) + np.array([8750, 0, 0])  # beyond column 32,767
         cells = cells_of(near, (0.5, 1.0), long)
         window = cells_of(near, (0.5, 1.0), Grid((8749.0, 0.0), 0.25, (6, 16)))
         np.testing.assert_array_equal(cells[:, 38_996:39_012], window)
