@@ -38,4 +38,4 @@ CREATE TABLE field_block (
     bytes    bytea NOT NULL,
     PRIMARY KEY (field_id, x, y, z, since)
 );
-CREATE INDEX field_block_until ON field_block (field_id, until);
+CREATE UNIQUE INDEX field_block_now ON field_block (field_id, x, y, z) WHERE until IS NULL;

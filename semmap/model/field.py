@@ -58,7 +58,14 @@ class FieldBlock(Base):
     """A cube of voxels as bytes, and the versions that have it: from `since` to before `until`."""
 
     __tablename__ = "field_block"
-    __table_args__ = (Index("field_block_until", "field_id", "until"),)
+    __table_args__ = (
+        Index(
+            "field_block_now",
+            *("field_id", "x", "y", "z"),
+            unique=True,
+            postgresql_where=text("until IS NULL"),
+        ),
+    )
 
     field_id: Mapped[int] = mapped_column(
         ForeignKey(Field.id, ondelete="CASCADE"), primary_key=True
