@@ -80,19 +80,22 @@ def test_on_borders_that_are_rounded(
 def close_to_borders(draw: st.DrawFn) -> tuple[float, float, float]:
     """A corner on the grid, as near to borders as single precision tells, and nearer."""
     x, y = (
-        draw(st.integers(0, 6)) / 4
-        + draw(st.sampled_from([-1, 1])) * 10 ** draw(st.floats(-9, -1))
+        draw(st.integers(0, 6)) / 4 + draw(st.sampled_from([-1, 1])) * 10 ** draw(st.floats(-9, -1))
         for _ in range(2)
     )
-    return x - 0.5, y + 0.25, draw(st.sampled_from([0.5, 1.0]))
+    return x - 0.5, y + 0.25, draw(st.sampled_from([0.5, 1.0, 2.5]))
 
 
-@settings(max_examples=300, deadline=None)
-@given(st.lists(close_to_borders(), min_size=3, max_size=3))
-@example([(0.0, 0.5, 1), (0.25 - 1e-7, 1.0, 1), (0.25 - 1e-7, 0.6, 1)])  # just short of a column
-@example([(0.0, 0.75 - 1e-7, 1), (1.0, 0.75 + 1e-7, 1), (0.5, 1.5, 1)])  # barely over a border
-def test_a_triangle_that_is_not_clipped(triangle: list[tuple[float, float, float]]) -> None:
-    interval = (0.25, 2.0)
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(close_to_borders(), min_size=3, max_size=3),
+    st.sampled_from([(0.25, 3.0), (0.6, 0.9), (0.75, 2.0)]),
+)
+@example([(0.0, 0.5, 1), (0.25 - 1e-7, 1.0, 1), (0.25 - 1e-7, 0.6, 1)], (0.25, 3.0))
+@example([(0.0, 0.75 - 1e-7, 1), (1.0, 0.75 + 1e-7, 1), (0.5, 1.5, 1)], (0.25, 3.0))
+def test_beside_borders_closer_than_single_precision_tells(
+    triangle: list[tuple[float, float, float]], interval: tuple[float, float]
+) -> None:
     np.testing.assert_array_equal(
         cells_of(triangle, interval, GRID), occupied(triangle, interval, GRID)
     )
@@ -102,7 +105,7 @@ def test_a_grid_wider_than_shorts_count() -> None:
     random = np.random.default_rng(4)
     long = Grid((-1000.0, 0.0), 0.25, (6, 40_000))
     for _ in range(50):
-        near = random.uniform(0, 2, (3, 3)) + [8750, 0, 0]  # beyond column 32,767
+        near = random.uniform(0, 2, (3, 3)) + np.array([8750, 0, 0])  # beyond column 32,767
         cells = cells_of(near, (0.5, 1.0), long)
         window = cells_of(near, (0.5, 1.0), Grid((8749.0, 0.0), 0.25, (6, 16)))
         np.testing.assert_array_equal(cells[:, 38_996:39_012], window)
