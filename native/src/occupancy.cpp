@@ -12,7 +12,7 @@
 #include "closedness.hpp"
 #include "painter.hpp"
 #include "slabs.hpp"
-#include "small_triangle.hpp"
+#include "small_polygon.hpp"
 #include "team.hpp"
 
 namespace semmap {
@@ -55,6 +55,11 @@ struct MaskCanvas {
         for (std::int32_t column = first; column <= last; ++column) line[column] |= bits;
     }
 
+    void upright(std::int32_t column, std::int32_t first, std::int32_t last) {
+        Bits* cell = cells + static_cast<std::size_t>(first) * columns + column;
+        for (std::int32_t row = first; row <= last; ++row, cell += columns) *cell |= bits;
+    }
+
     static constexpr Bits kEmpty = 0;
     static Bits join(Bits a, Bits b) { return static_cast<Bits>(a | b); }
 };
@@ -74,6 +79,10 @@ struct SolidCanvas {
         for (std::int32_t column = first; column <= last; ++column) {
             line[column] = std::min(line[column], number);
         }
+    }
+
+    void upright(std::int32_t column, std::int32_t first, std::int32_t last) {
+        for (std::int32_t row = first; row <= last; ++row) run(row, column, column);
     }
 
     static constexpr std::uint32_t kEmpty = 0xFFFFFFFF;
@@ -133,9 +142,8 @@ class Drawing {
     using Whole = std::decay_t<decltype(Placed{}[0])>;
 
     struct Member {
-        Member(const GridFrame& grid, Canvas canvas) : painter(grid), small(grid), canvas(canvas) {}
+        Member(const GridFrame& grid, Canvas canvas) : painter(grid), canvas(canvas) {}
         Painter painter;
-        SmallTriangle small;
         Canvas canvas;
         std::vector<Cut> cuts;
         std::vector<std::size_t> beyond;  // groups of cuts that may have an inside of their own
@@ -311,15 +319,12 @@ class Drawing {
             member.painter.rectangle(low_row, high_row, low_column, high_column, member.canvas);
             return;
         }
-        const bool small = (low_row >= 0) & (high_row < grid_.rows) & (low_column >= 0) &
-                           (high_column < grid_.columns) &
-                           (high_row - low_row <= SmallTriangle::kMost) &
-                           (high_column - low_column <= SmallTriangle::kMost);
-        if (whole && small) {
+        const Extent extent{low_row, high_row, low_column, high_column};
+        if (whole && extent.is_small(grid_)) {
             const double* at = mesh_.vertices;
             member.canvas.choose(intervals, solid);
-            if (member.small.paint(at + 3 * face[0], at + 3 * face[1], at + 3 * face[2], low_row,
-                                   high_row, low_column, member.canvas)) {
+            if (member.painter.small().triangle(at + 3 * face[0], at + 3 * face[1],
+                                                at + 3 * face[2], extent, member.canvas)) {
                 return;
             }
         }

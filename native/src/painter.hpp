@@ -11,6 +11,7 @@
 #include "semmap/grid.hpp"
 #include "semmap/locate.hpp"
 #include "slabs.hpp"
+#include "small_polygon.hpp"
 
 namespace semmap {
 
@@ -19,13 +20,17 @@ namespace semmap {
 // the row's borders. The upper border is the next row's, so that a crossing there is approached,
 // not reached.
 //
-// A Canvas has run(row, first column, last column).
+// A Canvas has run(row, first column, last column) and upright(column, first row, last row).
 class Painter {
   public:
     explicit Painter(const GridFrame& grid)
-        : grid_(grid), locator_(grid), spans_(static_cast<std::size_t>(grid.rows) + 2) {}
+        : grid_(grid),
+          locator_(grid),
+          small_(grid),
+          spans_(static_cast<std::size_t>(grid.rows) + 2) {}
 
     const Locator& locator() const { return locator_; }
+    const SmallPolygon& small() const { return small_; }
 
     static double error_of(const Corner& a, const Corner& b, const Corner& c) {
         return Locator::kCornerError * std::max({std::abs(a.u), std::abs(b.u), std::abs(c.u),
@@ -39,8 +44,13 @@ class Painter {
         low_column = std::max(low_column, 0);
         high_column = std::min(high_column, grid_.columns - 1);
         if (low_column > high_column) return;
+        low_row = std::max(low_row, 0);
         high_row = std::min(high_row, grid_.rows - 1);
-        for (std::int32_t row = std::max(low_row, 0); row <= high_row; ++row) {
+        if (low_column == high_column) {
+            canvas.upright(low_column, low_row, high_row);
+            return;
+        }
+        for (std::int32_t row = low_row; row <= high_row; ++row) {
             canvas.run(row, low_column, high_column);
         }
     }
@@ -74,6 +84,37 @@ class Painter {
         const bool cut_high = place[0] < high && high < place[2];
         std::array<Corner, 2> roof;
         if (cut_high) roof = section(locator_, corner, place, slab.high, high);
+
+        // Around the part, up the edges a-b-c and down a-c.
+        std::array<const Corner*, 5> around;
+        std::size_t count = 0;
+        if (cut_low) around[count++] = &bottom[1];
+        for (int i = 0; i < 3; ++i) {
+            if (low <= place[i] && place[i] <= high) around[count++] = &corner[i];
+        }
+        if (cut_high) {
+            around[count++] = &roof[1];
+            around[count++] = &roof[0];
+        }
+        if (cut_low) around[count++] = &bottom[0];
+        Extent extent{around[0]->row, around[0]->row, around[0]->column, around[0]->column};
+        for (std::size_t i = 1; i < count; ++i) {
+            extent.low_row = std::min(extent.low_row, around[i]->row);
+            extent.high_row = std::max(extent.high_row, around[i]->row);
+            extent.low_column = std::min(extent.low_column, around[i]->column);
+            extent.high_column = std::max(extent.high_column, around[i]->column);
+        }
+        const bool straight =
+            extent.low_row == extent.high_row || extent.low_column == extent.high_column;
+        if (straight) {
+            rectangle(extent.low_row, extent.high_row, extent.low_column, extent.high_column,
+                      canvas);
+        }
+        if (straight || (error < 0x1p-25 && extent.is_small(grid_) &&
+                         small_.polygon(around, count, extent, canvas))) {
+            bottom = roof;
+            return;
+        }
 
         begin(std::min({a.row, b.row, c.row}), std::max({a.row, b.row, c.row}));
         for (int i = 0; i < 3; ++i) {
@@ -227,6 +268,7 @@ class Painter {
 
     GridFrame grid_;
     Locator locator_;
+    SmallPolygon small_;
     std::vector<Span> spans_;
     std::int32_t low_row_ = 0;
     std::int32_t high_row_ = -1;

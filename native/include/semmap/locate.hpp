@@ -93,7 +93,8 @@ class Locator {
     }
 
     // Where the edge from `low` up to `high` passes a height strictly between theirs.
-    Corner pass(const Corner& low, const Corner& high, double height, double error) const {
+    SEMMAP_INLINE Corner pass(const Corner& low, const Corner& high, double height,
+                              double error) const {
         if ((low.u == high.u) & (low.v == high.v) & (low.column == high.column) &
             (low.row == high.row)) {
             return {low.u, low.v, low.column, low.row, low.low, high.low, height};
@@ -127,8 +128,8 @@ class Locator {
 
     // The column (Axis 0) or row of that point alone.
     template <int Axis>
-    std::int32_t pass_cell(const Corner& low, const Corner& high, double height,
-                           double error) const {
+    SEMMAP_INLINE std::int32_t pass_cell(const Corner& low, const Corner& high, double height,
+                                         double error) const {
         const std::int32_t from = Axis == 0 ? low.column : low.row;
         if (from == (Axis == 0 ? high.column : high.row)) return from;
         const double a = Axis == 0 ? low.u : low.v;
