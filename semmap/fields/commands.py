@@ -1,4 +1,4 @@
-"""What fields add to the command line: `semmap fields at`, `ls` and `export`."""
+"""What fields add to the command line: `semmap fields` asks, watches, keeps and exports."""
 
 from __future__ import annotations
 

@@ -200,11 +200,17 @@ def load(connection: Connection, name: str, version: int | None = None) -> Kept:
     return Kept(name, number, row.at, field.property, field.about, legend, row.state, grid)
 
 
-def names(connection: Connection) -> list[str]:
-    """The fields of the current map that are kept."""
+def names(connection: Connection, *, stateless: bool = False) -> list[str]:
+    """The fields of the current map that are kept; or those alone whose writer left no state."""
     return list(
         connection.execute(
-            text("SELECT name FROM field WHERE map_id = current_map() ORDER BY name")
+            text(
+                "SELECT f.name FROM field f "
+                "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
+                "WHERE f.map_id = current_map() AND NOT (:stateless AND v.state IS NOT NULL) "
+                "ORDER BY f.name"
+            ),
+            {"stateless": stateless},
         ).scalars()
     )
 

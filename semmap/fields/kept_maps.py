@@ -49,9 +49,9 @@ def kept_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, Representati
     What a mirror keeps of itself is no map.
     """
     found = {}
-    for name in keep.names(connection):
+    for name in keep.names(connection, stateless=True):
         kept = keep.load(connection, name)
-        if kept.property in vocabulary and kept.state is None:
+        if kept.property in vocabulary:
             found[name] = RepresentationMap(
                 vocabulary[kept.property], kept.grid, about=kept.about, legend=kept.legend,
                 time=kept.at,
