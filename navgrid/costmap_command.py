@@ -14,10 +14,11 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from navgrid.commands import file_name, open_map
+from navgrid.commands import open_map
 from navgrid.costmap import Blame, Costmap, Inflation
 from navgrid.grid import Grid
 from navgrid.headings import collisions
+from navgrid.map_file import file_name
 from navgrid.nav2 import Files, write_nav2
 from navgrid.policy import Policy
 from navgrid.scene import Bounds, Scene
