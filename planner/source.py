@@ -173,7 +173,7 @@ def read_places_like(connection: Connection, topology: Topology, said: str) -> l
     if said in topology.places:
         return [said]
     found = [target.place for target in read_targets(connection, said)]
-    return [*dict.fromkeys(place for place in found if place in topology.places)]  # type: ignore[misc]
+    return [*dict.fromkeys(place for place in found if place in topology.places)]
 
 
 # -- classes of robots ----------------------------------------------------------------------------
@@ -372,8 +372,8 @@ def keep_walks(
 
 _DIGESTS = """
 SELECT r.entity_id AS id, md5(concat_ws('|',
-    (SELECT string_agg(concat_ws(',', c.entity_id, c.place_a, c.place_b, k.pose, c.pose_a, c.pose_b, c.width), ';'
-                       ORDER BY c.entity_id)
+    (SELECT string_agg(concat_ws(',', c.entity_id, c.place_a, c.place_b, k.pose, c.pose_a, c.pose_b,
+                                 c.width), ';' ORDER BY c.entity_id)
      FROM connector c JOIN world k ON k.entity_id = c.entity_id
      WHERE c.place_a = r.entity_id OR c.place_b = r.entity_id),
     (SELECT string_agg(concat_ws(',', e.id, e.type, e.properties, o.pose,
@@ -386,17 +386,21 @@ SELECT r.entity_id AS id, md5(concat_ws('|',
             OR e.kind = 'object')))) AS digest
 FROM room r JOIN world w ON w.entity_id = r.entity_id
 JOIN entity n ON n.id = r.entity_id AND n.map_id = current_map()
+WHERE CAST(:places AS bigint[]) IS NULL OR r.entity_id = ANY (:places)
 """
 
 
-def place_digests(connection: Connection, reach: float) -> dict[int, str]:
+def place_digests(
+    connection: Connection, reach: float, places: Collection[int] | None = None
+) -> dict[int, str]:
     """The state of each place of the current map, as far as walks depend on it, by id.
 
     Parameters
     ----------
     reach : metres beyond a place from which things have an effect in it
     """
-    rows = connection.execute(text(_DIGESTS), {"reach": reach})
+    values = {"reach": reach, "places": None if places is None else [*places]}
+    rows = connection.execute(text(_DIGESTS), values)
     return {row.id: row.digest for row in rows}
 
 
