@@ -21,7 +21,7 @@ from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.scene import Scene, Thing, grid_of
 from navgrid.travel import travel, way
 from planner.robot_class import RobotClass
-from planner.topology import Topology
+from planner.topology import OUTSIDE, Topology
 from planner.walks import Walked
 from semmap.geometry.pose import Pose
 
@@ -77,9 +77,24 @@ class Ground:
         self.topology, self.robot, self.slow = topology, robot, slow
         self.resolution = resolution
         self._read = read
+        self._progress: Callable[[str, int], None] | None = None
         self._costmaps: dict[str, Costmap] = {}
         self._rooms: dict[str, Room | None] = {}
         self._avoided: dict[str, list[shapely.Geometry]] = {}
+
+    def read_with(self, read: Callable[[str], Scene]) -> None:
+        """Read scenes so from now on."""
+        self._read = read
+
+    def tell(self, progress: Callable[[str, int], None]) -> None:
+        """Say from now on which place is looked at for the first time, and how many have been."""
+        self._progress = progress
+
+    def is_whole(self) -> bool:
+        """Whether the costmaps of all storeys are there."""
+        return {self.storey_of(p) for p in self.topology.places if p != OUTSIDE} <= {
+            *self._costmaps
+        }
 
     # -- costmaps -------------------------------------------------------------------------------
 
@@ -101,6 +116,8 @@ class Ground:
     def room(self, place: str) -> Room | None:
         """The cells of a place; None where the map knows no outline of it."""
         if place not in self._rooms:
+            if self._progress is not None:
+                self._progress(place, len(self._rooms) + 1)
             costmap = self.costmap(self.storey_of(place))
             wanted = {place} | {c.name for c, _ in self.topology.doors_of(place)}
             parts = {p.name: p.outline for p in costmap.scene.places if p.name in wanted}
@@ -122,6 +139,10 @@ class Ground:
     def avoid(self, storey: str, outlines: Iterable[shapely.Geometry]) -> None:
         """Keep ways out of areas of a storey, instead of those given before."""
         self._avoided[storey] = [*outlines]
+
+    def avoided(self, storey: str) -> list[shapely.Geometry]:
+        """The areas of a storey that ways are kept out of."""
+        return self._avoided.get(storey, [])
 
     # -- walks ----------------------------------------------------------------------------------
 

@@ -208,13 +208,23 @@ class Network:
         edges = self.walk_edges.get(place)
         if edges is None or edges.start == edges.stop:
             return
-        walks = self._walks_in(place)
-        order = np.lexsort((walks.heads, walks.tails))
-        into = edges.start + np.lexsort((self.heads[edges], self.tails[edges]))
-        self.base[into], self.metres[into] = walks.seconds[order], walks.metres[order]
+        walks = self._walks_again(place)
+        self.base[edges], self.metres[edges] = walks.seconds, walks.metres
         if place != OUTSIDE or self.robot.outside:
-            self.seconds[into] = self.base[into]
-        self.graph.set_weights(into, self.seconds[into])
+            self.seconds[edges] = self.base[edges]
+        self.graph.set_weights(np.arange(edges.start, edges.stop), self.seconds[edges])
+
+    def walks_again(self, place: str) -> Floats:
+        """What the walks of a place take now, seconds, in the order of its edges."""
+        return self._walks_again(place).seconds
+
+    def _walks_again(self, place: str) -> KeptWalks:
+        edges = self.walk_edges.get(place, slice(0, 0))
+        walks = self._walks_in(place)
+        order = np.empty(len(walks.tails), np.int64)
+        there = np.lexsort((self.heads[edges], self.tails[edges]))
+        order[there] = np.lexsort((walks.heads, walks.tails))
+        return walks.take(order)
 
     @contextmanager
     def penalised(self, seconds: Mapping[int, float], bars: Mapping[int, str]) -> Iterator[None]:

@@ -17,7 +17,7 @@ from navgrid.terrain import Gait
 from planner.robot_class import RobotClass
 from planner.target import Target
 from planner.times import Times
-from planner.topology import OUTSIDE, Connector, Place, Topology
+from planner.topology import OUTSIDE, Connector, Place, Region, Topology
 from semmap.geometry.pose import Pose
 from semmap.robot import Part
 
@@ -28,6 +28,8 @@ __all__ = [
     "keep_walks",
     "place_digests",
     "read_connectors",
+    "read_kinds",
+    "read_place_at",
     "read_places_like",
     "read_robot_class",
     "read_robot_names",
@@ -48,7 +50,8 @@ WHERE e.map_id = current_map() ORDER BY e.name
 
 _CONNECTORS = """
 SELECT e.id, e.name, a.name AS place_a, b.name AS place_b, w.pose || c.pose_a || c.pose_b AS poses,
-       c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step, c.permissions
+       c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step, c.permissions,
+       e.properties
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
      JOIN room ra ON ra.entity_id = c.place_a JOIN entity a ON a.id = c.place_a
      LEFT JOIN entity b ON b.id = c.place_b
@@ -56,6 +59,18 @@ WHERE e.map_id = current_map()
       AND (c.place_b IS NULL OR EXISTS (SELECT FROM room rb WHERE rb.entity_id = c.place_b))
       AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY (:ids))
 ORDER BY e.name
+"""
+
+_REGIONS = """
+SELECT e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
+       array_agg(n.name ORDER BY n.name) AS places
+FROM region g JOIN entity e ON e.id = g.entity_id JOIN world w ON w.entity_id = e.id
+JOIN world rw ON ST_Intersects(rw.footprint, w.footprint)
+     AND (w.storey_id IS NULL OR rw.storey_id IS NOT DISTINCT FROM w.storey_id)
+JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = e.map_id
+WHERE e.map_id = current_map() AND g.origin = 'drawn' AND w.footprint IS NOT NULL
+      AND (g.valid IS NULL OR g.valid @> now())
+GROUP BY e.id, w.entity_id ORDER BY e.name
 """
 
 _SUPERTYPES = """
@@ -67,12 +82,20 @@ WHERE sub = ANY (:types) GROUP BY sub
 def read_topology(connection: Connection) -> Topology:
     """The rooms of the current map as places, and the connectors with poses in the map's frame."""
     rows = connection.execute(text(_PLACES)).all()
+    drawn = connection.execute(text(_REGIONS)).all()
     types = {
         sub: tuple(supers)
         for sub, supers in connection.execute(
-            text(_SUPERTYPES), {"types": [*{row.type for row in rows if row.type}]}
+            text(_SUPERTYPES), {"types": [*{row.type for row in (*rows, *drawn) if row.type}]}
         )
     }
+    regions = [
+        Region(
+            row.name, shapely.from_wkb(bytes(row.footprint)), tuple(row.places), row.label,
+            types.get(row.type, ()), row.properties,
+        )
+        for row in drawn
+    ]  # fmt: skip
     places = [
         Place(
             row.name, row.type, row.label, row.storey, row.elevator,
@@ -80,7 +103,7 @@ def read_topology(connection: Connection) -> Topology:
         )
         for row in rows
     ]  # fmt: skip
-    return Topology.of(places, read_connectors(connection))
+    return Topology.of(places, read_connectors(connection), regions)
 
 
 def read_connectors(connection: Connection, ids: Collection[int] | None = None) -> list[Connector]:
@@ -94,7 +117,7 @@ def read_connectors(connection: Connection, ids: Collection[int] | None = None) 
         Connector(
             row.name, (row.place_a, row.place_b or OUTSIDE), (a, b), row.form, row.direction,
             row.state, row.behaviour, row.width, row.height, row.step, frozenset(row.permissions),
-            row.id,
+            row.properties, row.id,
         )
         for row, a, b in zip(rows, *ends, strict=True)
     ]  # fmt: skip
@@ -108,6 +131,14 @@ def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.floa
     x, s = b[:, 3:6], b[:, 6:]
     turned = w * x + s * v + np.cross(v, x)
     return np.concatenate([at, turned, w * s - (v * x).sum(axis=1, keepdims=True)], axis=1)
+
+
+def read_kinds(connection: Connection, ids: Collection[int]) -> dict[int, str]:
+    """The kinds of those of these entities that are there."""
+    rows = connection.execute(
+        text("SELECT id, kind FROM entity WHERE id = ANY (:ids)"), {"ids": [*ids]}
+    )
+    return {row.id: row.kind for row in rows}
 
 
 # -- what people mean -----------------------------------------------------------------------------
@@ -163,6 +194,20 @@ def read_targets(connection: Connection, said: str, most: int = 1000) -> list[Ta
         )
         for row in rows
     ]
+
+
+def read_place_at(connection: Connection, pose: Pose) -> str | None:
+    """The room of the current map in which a pose is; the highest whose floor is not above it."""
+    name = connection.execute(
+        text(
+            "SELECT e.name FROM world w JOIN entity e ON e.id = w.entity_id "
+            "JOIN room r ON r.entity_id = e.id WHERE e.map_id = current_map() "
+            "AND ST_Covers(w.footprint, ST_MakePoint(:x, :y)) "
+            "AND w.pose[3] + r.floor <= :z + 0.5 ORDER BY w.pose[3] + r.floor DESC LIMIT 1"
+        ),
+        {"x": pose.x, "y": pose.y, "z": pose.z},
+    ).scalar()
+    return None if name is None else str(name)
 
 
 def read_places_like(connection: Connection, topology: Topology, said: str) -> list[str]:
