@@ -31,6 +31,7 @@ from semmap.geometry.pose import Pose
 __all__ = ["KeptWalks", "Network", "Site"]
 
 Floats = NDArray[np.float64]
+Edges = Sequence[int] | NDArray[np.int64]
 
 _FORBIDDEN = 1e9
 """Seconds that a forbidden passage counts where the reason for having no route is sought."""
@@ -99,7 +100,9 @@ class Network:
             inside.setdefault(place, []).append(node)
         self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
         self._lay(kept)
-        self.graph = Graph(self.tails, self.heads, self.seconds, len(self.stands))
+        self.graph = Graph(
+            self.tails, self.heads, self.seconds, len(self.stands), least=self._least()
+        )
         self._extra: dict[int, str] = {}
         self._lock = threading.RLock()
 
@@ -143,6 +146,14 @@ class Network:
                 self.seconds[node] = math.inf
         if OUTSIDE in self.walk_edges and not self.robot.outside:
             self.seconds[self.walk_edges[OUTSIDE]] = math.inf
+
+    def _least(self) -> Floats:
+        """What no edge will ever take less than: straight and unhindered."""
+        xyz = np.array([(p.x, p.y, p.z) for p in self.stands]).reshape(-1, 3)
+        straight = np.linalg.norm(xyz[self.tails] - xyz[self.heads], axis=1) / self.robot.speed
+        straight[list(self.rides)] = self.base[list(self.rides)]
+        least: Floats = np.minimum(straight, self.base)
+        return least
 
     def _kept_by_place(self, kept: KeptWalks) -> dict[str, KeptWalks]:
         """What was kept of each place, where nothing is missing."""
@@ -272,12 +283,18 @@ class Network:
     def times_between(self, starts: Sequence[Site], goals: Sequence[Site]) -> Floats:
         """(n, m) seconds from each site to each other; inf where no way leads."""
         found = np.full((len(starts), len(goals)), math.inf)
-        sources = [_ends(s) for s in starts]
-        targets = [_ends(g) for g in goals]
-        if starts and goals:
-            found = np.asarray(self.graph.distances(sources, targets), dtype=np.float64)
+        if not starts or not goals:
+            return found
+        none = [np.empty(0, np.int64)]
+        sources = np.unique(np.concatenate([s.nodes for s in starts] + none))
+        targets = np.unique(np.concatenate([g.nodes for g in goals] + none))
+        ways = self.graph.distances(sources, targets)
+        ends = [np.searchsorted(targets, g.nodes) for g in goals]
         for i, start in enumerate(starts):
+            away = ways[np.searchsorted(sources, start.nodes)] + start.seconds[:, None]
+            first = away.min(axis=0, initial=math.inf)
             for j, goal in enumerate(goals):
+                found[i, j] = (first[ends[j]] + goal.seconds).min(initial=math.inf)
                 if start.place == goal.place:
                     found[i, j] = min(found[i, j], self._inside(start, goal)[0])
         return found
@@ -317,7 +334,7 @@ class Network:
         walked = self.walks.between(start.place, [start.pose], [goal.pose])
         return float(walked.seconds[0, 0]), float(walked.metres[0, 0])
 
-    def _along(self, start: Site, goal: Site, edges: Sequence[int]) -> Route:
+    def _along(self, start: Site, goal: Site, edges: Edges) -> Route:
         first, last = (self.tails[edges[0]], self.heads[edges[-1]]) if len(edges) else (None, None)
         if first is None:  # start and goal share a stand
             both = {int(n): i for i, n in enumerate(start.nodes)}
@@ -336,7 +353,7 @@ class Network:
         self,
         start: Site,
         goal: Site,
-        edges: Sequence[int],
+        edges: Edges,
         seconds: float,
         metres: float,
         ends: tuple[int, int] | None = None,
@@ -348,7 +365,7 @@ class Network:
         self,
         start: Site,
         goal: Site,
-        edges: Sequence[int],
+        edges: Edges,
         seconds: float,
         metres: float,
         ends: tuple[int, int] | None,
