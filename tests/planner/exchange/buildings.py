@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from hypothesis import strategies as st
 
 from planner.topology import OUTSIDE, Connector, Place, Topology
-from tests.planner.office import door
+from tests.planner.office import door, office
 
 BEHAVIOURS = ("pass_door", "drive_through", "call_elevator")
 
@@ -25,6 +26,13 @@ NAMES = (
     "ja: nein",
 )
 """What people call rooms."""
+
+
+def figure_4(**changed: dict[str, object]) -> Topology:
+    """The office with office4 on the upper storey, where Figure 4 has it."""
+    drawn = office(**changed)
+    upper = replace(drawn.places["office4"], storey="floor-3rd")
+    return Topology({**drawn.places, "office4": upper}, drawn.connectors)
 
 
 @st.composite

@@ -12,9 +12,9 @@ from planner.exchange.nav2_route import nav2_graph, nav2_graphs, write_nav2
 from planner.exchange.stands import ExchangeError, Times
 from planner.route import NoRouteError, route
 from planner.topology import OUTSIDE, Place, Topology
-from tests.planner.exchange.buildings import buildings
+from tests.planner.exchange.buildings import buildings, figure_4
 from tests.planner.exchange.nav2_reader import read
-from tests.planner.office import door, office
+from tests.planner.office import door
 
 AS_ROUTES = Times(speed=1.0, ride=15.0, ride_per_metre=1.0, closed=2.0, locked=10.0)
 """Metres for seconds: what `planner.route.Costs` says."""
@@ -34,7 +34,7 @@ def at(graph: nx.MultiDiGraph, place: str) -> list[int]:
 
 
 def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
-    topology = office(door5={"state": "closed"})
+    topology = figure_4(door5={"state": "closed"})
     graph = written(topology, tmp_path)
     assert len(graph) == 2 * len(topology.connectors)
     assert {n["frame"] for n in graph.nodes.values()} == {"map_floor_1st", "map_floor_3rd"}
@@ -56,18 +56,18 @@ def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
 
 
 def test_one_storey_has_one_frame_and_says_where_its_elevator_leads(tmp_path: Path) -> None:
-    graph = written(office(), tmp_path, storey="floor-3rd")
+    graph = written(figure_4(), tmp_path, storey="floor-3rd")
     assert {n["frame"] for n in graph.nodes.values()} == {"map"}
     (cabin,) = at(graph, "elevator-3rd")
     switch = graph.nodes[cabin]["operations"]["switch_map"]
     assert switch["trigger"] == "NODE"
     assert switch["metadata"]["storeys"] == ["floor-1st", "floor-3rd"]
     with pytest.raises(ExchangeError, match="no storey attic; there are: floor-1st, floor-3rd"):
-        nav2_graph(office(), storey="attic")
+        nav2_graph(figure_4(), storey="attic")
 
 
 def test_locked_connectors_and_wrong_directions_are_no_edges(tmp_path: Path) -> None:
-    topology = office(door5={"state": "locked"}, door2={"direction": "forward"})
+    topology = figure_4(door5={"state": "locked"}, door2={"direction": "forward"})
     passed = [
         e["metadata"]["connector"]
         for *_, e in written(topology, tmp_path).edges(data=True)
@@ -137,7 +137,7 @@ def test_a_walk_that_there_is_not_is_no_edge(tmp_path: Path) -> None:
     def walk(place: str, a: tuple[float, ...], b: tuple[float, ...]) -> float:
         return float("inf") if place == "corridor1" else 1.0
 
-    graph = written(office(), tmp_path, walk=walk)
+    graph = written(figure_4(), tmp_path, walk=walk)
     walked = {e["metadata"]["place"] for *_, e in graph.edges(data=True)
               if e["metadata"]["kind"] == "walk"}  # fmt: skip
     assert "corridor3" in walked
