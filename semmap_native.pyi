@@ -49,3 +49,14 @@ def inflate(
     variant: Literal["baseline", "avx2", "avx512"] | None = None,
 ) -> NDArray[np.uint8]: ...
 def inflation_variants() -> list[Literal["baseline", "avx2", "avx512"]]: ...
+def travel(
+    costs: NDArray[np.uint8],
+    resolution: float,
+    cells: NDArray[np.int64],
+    slow: float,
+    targets: NDArray[np.int64] | None,
+    threads: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def way(
+    costs: NDArray[np.uint8], resolution: float, ends: NDArray[np.int64], slow: float
+) -> NDArray[np.int64]: ...

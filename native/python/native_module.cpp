@@ -14,6 +14,7 @@
 
 #include "semmap/inflation.hpp"
 #include "semmap/occupancy.hpp"
+#include "semmap/travel.hpp"
 
 namespace py = pybind11;
 
@@ -145,6 +146,58 @@ Array<std::uint8_t> inflate(const Array<bool>& occupied, int radius,
     return inflated;
 }
 
+semmap::Terrain terrain(const Array<std::uint8_t>& costs, double resolution, double slow) {
+    return {costs.data(), static_cast<std::size_t>(costs.shape(0)),
+            static_cast<std::size_t>(costs.shape(1)), resolution, slow};
+}
+
+std::vector<semmap::Cell> cells_of(const Array<std::int64_t>& array) {
+    std::vector<semmap::Cell> cells;
+    for (py::ssize_t i = 0; i < array.shape(0); ++i)
+        cells.push_back({array.at(i, 0), array.at(i, 1)});
+    return cells;
+}
+
+std::pair<Array<double>, Array<double>> travel(const Array<std::uint8_t>& costs, double resolution,
+                                               const Array<std::int64_t>& cells, double slow,
+                                               const std::optional<Array<std::int64_t>>& targets,
+                                               unsigned threads) {
+    const semmap::Terrain ground = terrain(costs, resolution, slow);
+    const std::vector<semmap::Cell> starts = cells_of(cells);
+    const std::vector<semmap::Cell> goals = targets ? cells_of(*targets) : starts;
+    const py::ssize_t k = cells.shape(0);
+    const py::ssize_t m = targets ? targets->shape(0) : k;
+    Array<double> prices({k, m}), metres({k, m});
+    double* price = prices.mutable_data();
+    double* metre = metres.mutable_data();
+    bool done;
+    {
+        const py::gil_scoped_release release;
+        done = targets ? semmap::travel(ground, starts, goals, threads, price, metre)
+                       : semmap::travel(ground, starts, threads, price, metre);
+    }
+    if (!done) throw std::bad_alloc();
+    return {prices, metres};
+}
+
+Array<std::int64_t> way(const Array<std::uint8_t>& costs, double resolution,
+                        const Array<std::int64_t>& ends, double slow) {
+    const semmap::Terrain ground = terrain(costs, resolution, slow);
+    const std::vector<semmap::Cell> cells = cells_of(ends);
+    std::vector<semmap::Cell> found;
+    {
+        const py::gil_scoped_release release;
+        found = semmap::way(ground, cells[0], cells[1]);
+    }
+    Array<std::int64_t> array({static_cast<py::ssize_t>(found.size()), py::ssize_t{2}});
+    std::int64_t* data = array.mutable_data();
+    for (const auto& [row, column] : found) {
+        *data++ = row;
+        *data++ = column;
+    }
+    return array;
+}
+
 template <typename Index>
 void define_for(py::module_& module) {
     using py::arg;
@@ -164,10 +217,15 @@ void define_for(py::module_& module) {
 }  // namespace
 
 PYBIND11_MODULE(semmap_native, module) {
-    module.doc() = "Meshes on grids, and costs around what is occupied.";
+    module.doc() = "Meshes on grids, costs around what is occupied, ways over them.";
     define_for<std::int32_t>(module);
     define_for<std::int64_t>(module);
     module.def("inflate", &inflate, py::arg("occupied").noconvert(), py::arg("radius"),
                py::arg("costs").noconvert(), py::arg("variant").none(true) = py::none());
     module.def("inflation_variants", &semmap::inflation_variants);
+    module.def("travel", &travel, py::arg("costs").noconvert(), py::arg("resolution"),
+               py::arg("cells").noconvert(), py::arg("slow"), py::arg("targets").none(true),
+               py::arg("threads"));
+    module.def("way", &way, py::arg("costs").noconvert(), py::arg("resolution"),
+               py::arg("ends").noconvert(), py::arg("slow"));
 }
