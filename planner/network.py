@@ -134,9 +134,12 @@ class Network:
             for elevator, cabins in self.topology.cabins().items():
                 for here, there in permutations(cabins, 2):
                     for a, b in product(self.nodes.get(here, ()), self.nodes.get(there, ())):
-                        height = self.stands[a].z - self.stands[b].z
+                        p, q = self.stands[a], self.stands[b]
+                        across = math.hypot(p.x - q.x, p.y - q.y)
+                        seconds = self.times.of_riding(elevator, p.z - q.z)
+                        seconds += across / self.robot.speed
                         self.rides[at + len(rides)] = elevator
-                        rides.append((int(a), int(b), self.times.of_riding(elevator, height), 0.0))
+                        rides.append((int(a), int(b), seconds, across))
         if rides:
             columns = np.array(rides).T
             parts.append((columns[0], columns[1], columns[2], columns[3]))
@@ -411,8 +414,8 @@ class Network:
                     at, waiting = _turned(self.stands[a]), (0.0, 0.0)
                 there = self.place_of[b]
                 yield self._step(
-                    "use_elevator", here, there, at, self.stands[b], float(self.seconds[edge]), 0.0,
-                    elevator=self.rides[edge],
+                    "use_elevator", here, there, at, self.stands[b], float(self.seconds[edge]),
+                    float(self.metres[edge]), elevator=self.rides[edge],
                 )  # fmt: skip
                 here, at = there, self.stands[b]
                 yield self._step("switch_map", here, here, at, at)
@@ -446,7 +449,7 @@ class Network:
                 connector=connector, elevator=elevator,
             )  # fmt: skip
         opening = times.of_opening(connector)
-        if connector.state != "open":
+        if connector.shut:
             name = "open_door" if connector.state == "closed" else "unlock_door"
             yield self._step(name, here, here, approach, approach, opening, connector=connector)
         behaviour = connector.behaviour
