@@ -11,6 +11,10 @@
 
 namespace semmap {
 
+struct Adjacency;
+struct Landmarks;
+class Search;
+
 // Where routes begin or end, and what that costs.
 struct End {
     std::uint32_t node;
@@ -60,14 +64,9 @@ class Graph {
     void prepare() const;
 
   private:
-    struct Arc;
-    struct Adjacency;
-    struct Landmarks;
-    class Search;
     class Borrowed;
 
     std::shared_lock<std::shared_mutex> prepared() const;
-    std::unique_ptr<Landmarks> computed() const;
 
     std::uint32_t nodes_;
     Edges edges_;
