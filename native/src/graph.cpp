@@ -95,6 +95,7 @@ bool Graph::distances(const std::vector<std::uint32_t>& sources,
     const bool backwards = targets.size() < sources.size();  // the fewer searches
     const auto& from = backwards ? targets : sources;
     const auto& to = backwards ? sources : targets;
+    threads = static_cast<unsigned>(std::min<std::size_t>(threads, from.size()));
     return Team(threads).share(threads, 1, [&](unsigned, std::size_t part, std::size_t) {
         Sweep sweep(backwards ? *entering_ : *leaving_);
         for (std::size_t i = part; i < from.size(); i += threads) {

@@ -28,8 +28,12 @@ class Drawn:
         self.weights = self.weight(edges, closed)
 
     def weight(self, count, closed=True):
-        exact = self.random.choice(WEIGHTS if closed else WEIGHTS[:-1], count)
-        return exact if self.random.random() < 0.5 else exact * self.random.uniform(0.5, 1.5, count)
+        """Plain numbers with ties, uneven ones, or some of any magnitude."""
+        plain = self.random.choice(WEIGHTS if closed else WEIGHTS[:-1], count)
+        uneven = plain * self.random.uniform(0.5, 1.5, count)
+        wild = uneven * 10.0 ** self.random.integers(-6, 9, count)
+        kinds = [plain, uneven, uneven, wild, 1e300 * plain]
+        return kinds[self.random.integers(len(kinds))]
 
     def graph(self, **options):
         return Graph(self.tails, self.heads, self.weights, self.n, **options)

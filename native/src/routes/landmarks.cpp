@@ -39,8 +39,8 @@ Landmarks::Landmarks(const Edges& edges, const std::vector<double>& weights, std
     Sweep from(leaving), to(entering);
     const std::vector<std::uint32_t> part = largest_part(edges, weights, nodes);
     const auto keep = [&](double cost, float& kept) {
-        kept = static_cast<float>(cost);
-        if (cost < kClosed) farthest = std::max(farthest, cost);
+        kept = single(cost);
+        if (cost < kClosed) span = std::max(span, cost);
     };
     // Each landmark is as far as can be from those before it; the first from any node.
     std::vector<double> nearest(nodes, kClosed);

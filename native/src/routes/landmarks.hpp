@@ -20,13 +20,20 @@ constexpr double kRounding = 1.0 / (1 << 20);  // of bounds in single precision,
 struct Landmarks {
     Landmarks(const Edges& edges, const std::vector<double>& weights, std::uint32_t nodes);
 
+    // In single precision. What is beyond all measure is made less, which keeps bounds low.
+    static float single(double cost) {
+        constexpr double most = 1e37;
+        if (cost == kClosed) return std::numeric_limits<float>::infinity();
+        return static_cast<float>(std::clamp(cost, -most, most));
+    }
+
     struct Row {
         float from[kLandmarks];  // each landmark to the node
         float to[kLandmarks];    // the node to each landmark
     };
 
     std::vector<Row> rows;
-    double farthest = 0.0;  // of all distances
+    double span = 0.0;  // the farthest of the distances
 
     // What is left to the nearest target is at least this.
     struct Bound {
@@ -36,15 +43,16 @@ struct Landmarks {
             std::fill_n(from, kLandmarks, std::numeric_limits<float>::infinity());
             std::fill_n(to, kLandmarks, -std::numeric_limits<float>::infinity());
             for (const auto& [node, cost] : targets) {
+                if (cost == kClosed) continue;
                 dearest = std::max(dearest, cost);
                 for (std::size_t i = 0; i < kLandmarks; ++i) {
                     const double least = rows[node].from[i] + cost;
                     const double most = rows[node].to[i] - cost;
-                    from[i] = std::min(from[i], static_cast<float>(least));
-                    to[i] = std::max(to[i], static_cast<float>(most));
+                    from[i] = std::min(from[i], single(least));
+                    to[i] = std::max(to[i], single(most));
                 }
             }
-            slack = (landmarks.farthest + dearest) * kRounding;
+            slack = (landmarks.span + dearest) * kRounding;
         }
 
         double operator()(std::uint32_t node) const {
