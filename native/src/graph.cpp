@@ -14,6 +14,7 @@ namespace semmap {
 namespace {
 
 constexpr std::uint32_t kFewNodes = 200;  // a plain search is as fast
+constexpr std::size_t kPatience = 8;      // searches of all nodes that take as long as landmarks
 constexpr double kLeastShare = 0.7;       // below it bounds are so low that new ones pay
 
 }  // namespace
@@ -52,27 +53,39 @@ void Graph::set_weights(const std::vector<std::uint32_t>& edges,
             least_[i] = std::min(least_[i], edges_.weights[i]);
         }
         share_ = 1.0;
+        ++falls_;
         landmarks_.reset();
+        settled_ = 0;
     }
 }
 
-void Graph::prepare() const { prepared(); }
+void Graph::prepare() const {
+    const std::lock_guard computing(computing_);
+    compute_landmarks();
+}
 
-// The lock of one who reads, and there are landmarks.
-std::shared_lock<std::shared_mutex> Graph::prepared() const {
-    for (;;) {
-        std::shared_lock reading(mutex_);
-        if (landmarks_ || nodes_ < kFewNodes) return reading;
-        reading.unlock();
-        const std::unique_lock writing(mutex_);
-        if (landmarks_) continue;
-        landmarks_ = std::make_unique<Landmarks>(edges_, least_, nodes_);
+// Nobody waits meanwhile: neither who asks nor who sets weights.
+void Graph::compute_landmarks() const {
+    std::vector<double> least;
+    std::size_t falls;
+    {
+        const std::shared_lock reading(mutex_);
+        if (landmarks_ || nodes_ < kFewNodes) return;
+        least = least_;
+        falls = falls_;
     }
+    auto made = std::make_unique<Landmarks>(edges_, least, nodes_);
+    const std::unique_lock writing(mutex_);
+    if (falls == falls_) landmarks_ = std::move(made);
 }
 
 std::optional<Route> Graph::shortest(const std::vector<End>& sources,
                                      const std::vector<End>& targets) const {
-    const auto reading = prepared();
+    if (settled_ > kPatience * nodes_) {
+        const std::unique_lock computing(computing_, std::try_to_lock);
+        if (computing) compute_landmarks();
+    }
+    const std::shared_lock reading(mutex_);
     const Borrowed borrowed(*this);
     Search& search = *borrowed;
     const auto found = [&](const auto& bound) {
@@ -81,8 +94,13 @@ std::optional<Route> Graph::shortest(const std::vector<End>& sources,
         for (const auto& [node, cost] : sources) search.reach(node, cost, kNone, bound);
         return search.run(*leaving_, bound);
     };
-    std::uint32_t node = landmarks_ ? found(Landmarks::Bound(*landmarks_, targets, share_))
-                                    : found([](std::uint32_t) { return 0.0; });
+    std::uint32_t node;
+    if (landmarks_) {
+        node = found(Landmarks::Bound(*landmarks_, targets, share_));
+    } else {
+        node = found([](std::uint32_t) { return 0.0; });
+        settled_ += search.settled();
+    }
     if (node == kNone) return std::nullopt;
     return Route{search.cost(node) + search.end(node), search.edges_to(node, edges_.tails)};
 }

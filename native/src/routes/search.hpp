@@ -22,6 +22,7 @@ class Search {
             number_ = 1;
         }
         heap_.clear();
+        settled_ = 0;
     }
 
     void add_target(const End& target) {
@@ -57,6 +58,7 @@ class Search {
                 best = label.cost + label.end;
                 last = node;
             }
+            ++settled_;
             const double cost = label.cost;
             for (const Arc* arc = adjacency.begin(node); arc != adjacency.end(node); ++arc) {
                 reach(arc->node, cost + arc->weight, arc->edge, bound);
@@ -64,6 +66,8 @@ class Search {
         }
         return last;
     }
+
+    std::size_t settled() const { return settled_; }
 
     bool is_shut(std::uint32_t node) const { return cost(node) == -kClosed; }
 
@@ -103,6 +107,7 @@ class Search {
     std::vector<Label> labels_;
     Heap heap_;
     std::uint32_t number_ = 0;
+    std::size_t settled_ = 0;
 };
 
 }  // namespace semmap
