@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from navgrid.map_file import write_map
+from navgrid.map_file import file_name, write_map
 from navgrid.source import read_wanted_storeys
 from navgrid.storey_grid import StoreyGrid, storey_grid
 from semmap import cli
@@ -107,8 +106,3 @@ def with_grid(made: StoreyGrid) -> StoreyView:
     """The storey with its grid, as pictures take it."""
     grid = Occupancy(made.grid.origin, made.grid.resolution, made.cells)
     return replace(made.storey, occupancy=grid)
-
-
-def file_name(name: str) -> str:
-    """A storey's name as that of a folder."""
-    return re.sub(r"[^\w.-]+", "_", name).strip("._") or "storey"

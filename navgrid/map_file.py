@@ -305,3 +305,8 @@ def _replace(path: Path, content: bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def file_name(name: str) -> str:
+    """A storey's name as that of a folder."""
+    return re.sub(r"[^\w.-]+", "_", name).strip("._") or "storey"

@@ -12,7 +12,8 @@ import typer
 from rich.table import Table
 
 from navgrid.commands import open_map
-from planner.route import NoRouteError, Route, route
+from planner.robot_class import RobotClass
+from planner.route import NoRouteError, Route
 from planner.source import read_places_like, read_topology
 from planner.topology import UnknownPlaceError
 from semmap import cli
@@ -54,16 +55,14 @@ def route_command(
         raise ValueError(f"{start} may be {', '.join(sorted(starts))}; name one of them")
     best: Route | None = None
     why: NoRouteError | None = None
+    network = topology.network(RobotClass(opens=closed, unlocks=locked, outside=outside))
     for place in sorted(goals):  # of several kitchens the nearest
         try:
-            found_ = route(
-                topology, starts[0], place,
-                allow_closed=closed, allow_locked=locked, allow_outside=outside,
-            )  # fmt: skip
+            found_ = network.route(network.site(starts[0]), network.site(place))
         except NoRouteError as error:
             why = why or error
             continue
-        if best is None or found_.cost < best.cost:
+        if best is None or found_.seconds < best.seconds:
             best = found_
     if best is None:
         assert why is not None
@@ -81,15 +80,15 @@ def route_as_json(found: Route) -> dict[str, Any]:
     return {
         "from": found.start,
         "to": found.goal,
-        "cost": found.cost,
-        "walked": found.walked,
+        "cost": found.seconds,
+        "walked": found.metres,
         "doors": [
             {
                 "name": step.connector.name,
                 "from": step.from_place,
                 "to": step.to_place,
-                "approach": asdict(step.approach),
-                "leave": asdict(step.leave),
+                "approach": _plain(step.approach),
+                "leave": _plain(step.leave),
             }
             for step in found.doors
             if step.connector is not None
@@ -101,12 +100,16 @@ def route_as_json(found: Route) -> dict[str, Any]:
                 "elevator": step.elevator,
                 "from": step.from_place,
                 "to": step.to_place,
-                "approach": asdict(step.approach),
-                "leave": asdict(step.leave),
+                "approach": _plain(step.approach),
+                "leave": _plain(step.leave),
             }
             for step in found.steps
         ],
     }
+
+
+def _plain(pose: Pose | None) -> dict[str, float] | None:
+    return None if pose is None else asdict(pose)
 
 
 def show_route(found: Route) -> None:
@@ -121,10 +124,12 @@ def show_route(found: Route) -> None:
     if found.steps:
         cli.out.print(table)
     doors = ", ".join(s.connector.name for s in found.doors if s.connector is not None)
-    cli.out.print(f"{found.start} -> {found.goal}: {doors or 'no door'} ({found.walked:.1f} m)")
+    cli.out.print(f"{found.start} -> {found.goal}: {doors or 'no door'} ({found.metres:.1f} m)")
 
 
-def _readable(pose: Pose) -> str:
+def _readable(pose: Pose | None) -> str:
+    if pose is None:
+        return "anywhere"
     return f"{pose.x:.2f} {pose.y:.2f} {pose.z:.2f}; {math.degrees(pose.yaw):.0f}°"
 
 

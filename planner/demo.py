@@ -14,11 +14,12 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from navgrid.commands import file_name, open_map, with_grid, write_grid
+from navgrid.commands import open_map, with_grid, write_grid
 from navgrid.demo import robot_demo
+from navgrid.map_file import file_name
 from navgrid.path import grid_path
 from navgrid.storey_grid import StoreyGrid, covered, storey_grid
-from planner.route import NoRouteError, Route, route
+from planner.route import NoRouteError, Route
 from planner.source import read_topology
 from planner.topology import OUTSIDE, Topology
 from semmap import cli
@@ -117,7 +118,7 @@ def run_demo(
         say(f"   {found}")
     else:
         doors = ", ".join(s.connector.name for s in found.doors if s.connector is not None)
-        say(f"   {found.start} -> {found.goal}: {doors or 'no door'} ({found.walked:.1f} m)")
+        say(f"   {found.start} -> {found.goal}: {doors or 'no door'} ({found.metres:.1f} m)")
         target = next((table for room, table in muffins if room == found.goal), None)
         paths = _paths(found, topology, grids, target)
 
@@ -184,19 +185,20 @@ def _find_route(
         return "none: the map has no rooms that doors join; annotate some (GeoJSON, GeoPackage)"
     start = start or _home(storeys)
     goal = goal or next((room for room, _ in muffins if room != start), None)
+    network = topology.network()
     if start is not None and goal is not None:
         try:
-            return route(topology, start, goal)
+            return network.route(network.site(start), network.site(goal))
         except NoRouteError as error:
             return str(error)
     best: Route | None = None
     for a in [start] if start else rooms[:40]:
         for b in [goal] if goal else rooms:
             try:
-                found = route(topology, a, b)
+                found = network.route(network.site(a), network.site(b))
             except NoRouteError:
                 continue
-            if best is None or found.walked > best.walked:
+            if best is None or found.metres > best.metres:
                 best = found
     return best or "none: no two rooms are joined"
 
@@ -243,7 +245,8 @@ def _paths(
     return pieces
 
 
-def _xy(pose: Pose) -> tuple[float, float]:
+def _xy(pose: Pose | None) -> tuple[float, float]:
+    assert pose is not None  # of a transition, which begins before its connector
     return (pose.x, pose.y)
 
 

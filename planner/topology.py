@@ -6,15 +6,30 @@ Arrays and plain dataclasses: `planner.source` reads them from the map.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import networkx as nx
+import shapely
 
 from semmap.geometry.pose import Pose
 
-__all__ = ["OUTSIDE", "Connector", "Place", "Topology", "TopologyError", "UnknownPlaceError"]
+if TYPE_CHECKING:
+    from planner.network import Network
+    from planner.robot_class import RobotClass
+    from planner.times import Times
+    from planner.walks import Walks
+
+__all__ = [
+    "OUTSIDE",
+    "Connector",
+    "Place",
+    "Region",
+    "Topology",
+    "TopologyError",
+    "UnknownPlaceError",
+]
 
 OUTSIDE = "outside"
 """What lies beyond the building: the second place of an exterior door."""
@@ -50,6 +65,10 @@ class Place:
     type, label : semantic type and function (``kitchen``), where known
     storey : name of the storey, where known
     elevator : name of the elevator whose cabin this is
+    types : the type and what subsumes it, the nearest first
+    properties : as the map has them
+    floor : z of its ground, metres in the map's frame
+    id : of its entity, where it comes from a map
     """
 
     name: str
@@ -57,6 +76,10 @@ class Place:
     label: str | None = None
     storey: str | None = None
     elevator: str | None = None
+    types: tuple[str, ...] = ()
+    properties: Mapping[str, Any] = field(default_factory=dict)
+    floor: float = 0.0
+    id: int | None = None
 
 
 @dataclass(frozen=True)
@@ -71,7 +94,11 @@ class Connector:
     direction : forward passes only from the first place to the second
     state : open, closed or locked
     behaviour : the robot behaviour that passing needs
-    width : clear width in metres, where known
+    width, height : of the clear opening in metres, where known
+    step : height of its threshold, metres
+    permissions : of which a robot needs one to pass; none: everybody may
+    properties : as the map has them
+    id : of its entity, where it comes from a map
     """
 
     name: str
@@ -82,15 +109,32 @@ class Connector:
     state: Literal["open", "closed", "locked"] = "open"
     behaviour: str = "pass_door"
     width: float | None = None
+    height: float | None = None
+    step: float = 0.0
+    permissions: frozenset[str] = frozenset()
+    properties: Mapping[str, Any] = field(default_factory=dict)
+    id: int | None = None
 
     def passes(self, side: int) -> bool:
         """True where the direction allows leaving from ``places[side]``."""
         return self.direction == "both" or (self.direction == "forward") == (side == 0)
 
 
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A part of one place or several, drawn on the map, with a meaning of its own (section 3.4)."""
+
+    name: str
+    outline: shapely.Geometry
+    places: tuple[str, ...]
+    label: str | None = None
+    types: tuple[str, ...] = ()
+    properties: Mapping[str, Any] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class Topology:
-    """What joins what: places by name, connectors by name.
+    """What joins what: places by name, connectors by name; and regions of places.
 
     `OUTSIDE` is a place wherever a connector leads there.
 
@@ -102,9 +146,15 @@ class Topology:
 
     places: dict[str, Place] = field(default_factory=dict)
     connectors: dict[str, Connector] = field(default_factory=dict)
+    regions: tuple[Region, ...] = ()
 
     @classmethod
-    def of(cls, places: Iterable[Place], connectors: Iterable[Connector]) -> Topology:
+    def of(
+        cls,
+        places: Iterable[Place],
+        connectors: Iterable[Connector],
+        regions: Iterable[Region] = (),
+    ) -> Topology:
         """A topology of lists, checked."""
         by_name: dict[str, Place] = {}
         for place in places:
@@ -129,7 +179,7 @@ class Topology:
                         "add the room or correct the connector"
                     )
             joined[connector.name] = connector
-        return cls(by_name, joined)
+        return cls(by_name, joined, tuple(regions))
 
     def place(self, name: str) -> Place:
         """The place of that name.
@@ -159,6 +209,22 @@ class Topology:
             if place.elevator is not None:
                 found.setdefault(place.elevator, []).append(place.name)
         return found
+
+    def network(
+        self,
+        robot: RobotClass | None = None,
+        *,
+        times: Times | None = None,
+        walks: Walks | None = None,
+    ) -> Network:
+        """The topology as a network of travel times for a class of robots."""
+        from planner.network import Network  # which stands on this module
+
+        return Network(self, robot, times=times, walks=walks)
+
+    def storeys(self) -> list[str]:
+        """The names of the storeys that places are on."""
+        return sorted({p.storey for p in self.places.values() if p.storey is not None})
 
     def graph(self) -> nx.MultiGraph:
         """Places as nodes; connectors and elevator rides as edges, keyed by their names."""

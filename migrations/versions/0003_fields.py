@@ -19,6 +19,7 @@ depends_on = None
 def upgrade() -> None:
     """Make the tables where they are missing, and replace the code."""
     make_tables(op, "060_fields.sql", "field")
+    make_tables(op, "070_topology.sql", "robot_class")
     drop_code(op)
     run_code(op)
 

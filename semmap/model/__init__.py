@@ -25,6 +25,7 @@ from semmap.model.history import (
 )
 from semmap.model.placement import Placement, WorldPlacement
 from semmap.model.semantics import Ontology, SemanticType, TypeClosure, TypeParent
+from semmap.model.topology import Execution, RobotClass, Walk, WalkedMap, WalkedPlace
 
 __all__ = [
     "Agent",
@@ -37,6 +38,7 @@ __all__ = [
     "EntityChunk",
     "EntityHistory",
     "EntityModel",
+    "Execution",
     "Field",
     "FieldBlock",
     "FieldVersion",
@@ -52,11 +54,15 @@ __all__ = [
     "PoseColumn",
     "Region",
     "Retention",
+    "RobotClass",
     "Room",
     "SemanticType",
     "Storey",
     "SupportSurface",
     "TypeClosure",
     "TypeParent",
+    "Walk",
+    "WalkedMap",
+    "WalkedPlace",
     "WorldPlacement",
 ]

@@ -13,6 +13,7 @@ from sqlalchemy import (
     Index,
     Integer,
     PrimaryKeyConstraint,
+    Text,
     UniqueConstraint,
     text,
 )
@@ -194,7 +195,8 @@ class Connector(Entity):
     `place_b` is None where the connector leads outside. `pose_a` and `pose_b` are given in the
     connector's own frame: where a robot stands in either place, facing the connector; x of the
     frame points from `place_a` to `place_b`. `behaviour` names the robot behaviour that passing
-    needs.
+    needs, `permissions` of what a robot needs one. `width` and `height` are of the clear opening,
+    `step` is that of its threshold, metres.
     """
 
     __tablename__ = "connector"
@@ -217,6 +219,11 @@ class Connector(Entity):
     state: Mapped[str] = mapped_column(server_default="open", default="open")
     behaviour: Mapped[str] = mapped_column(server_default="pass_door", default="pass_door")
     width: Mapped[float | None]
+    height: Mapped[float | None]
+    step: Mapped[float] = mapped_column(server_default="0", default=0.0)
+    permissions: Mapped[list[str]] = mapped_column(
+        ARRAY(Text), server_default=text("'{}'"), default=list
+    )
     __mapper_args__ = {  # noqa: RUF012
         "polymorphic_identity": "connector",
         "inherit_condition": entity_id == Entity.id,

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+from planner.robot_class import RobotClass
+from planner.route import Route
 from planner.topology import OUTSIDE, Connector, Place, Topology
 from semmap.geometry.pose import Pose
 
@@ -47,3 +50,26 @@ def office(**changed: dict[str, object]) -> Topology:
         Place("elevator-3rd", storey="floor-3rd", elevator="elevator"),
     ]
     return Topology.of(places, connectors)
+
+
+def route(
+    topology: Topology,
+    start: str,
+    goal: str,
+    *,
+    start_pose: Pose | None = None,
+    goal_pose: Pose | None = None,
+    times: Any = None,
+    walks: Any = None,
+    allow_closed: bool = True,
+    allow_locked: bool = False,
+    allow_outside: bool = False,
+    behaviours: Any = None,
+) -> Route:
+    """The route of a robot without a shape."""
+    robot = RobotClass(
+        opens=allow_closed, unlocks=allow_locked, outside=allow_outside,
+        behaviours=None if behaviours is None else frozenset(behaviours),
+    )  # fmt: skip
+    network = topology.network(robot, times=times, walks=walks)
+    return network.route(network.site(start, start_pose), network.site(goal, goal_pose))

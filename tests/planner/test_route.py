@@ -6,10 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner.route import Costs, NoRouteError, Route, route
+from planner.route import NoRouteError, Route
+from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Place, Topology, UnknownPlaceError
+from planner.walks import Walked
 from semmap.geometry.pose import Pose
-from tests.planner.office import office
+from tests.planner.office import office, route
 
 
 def names(found: Route) -> list[str]:
@@ -35,9 +37,15 @@ def test_of_two_doors_to_one_corridor_the_nearer_is_taken():
     assert names(route(office(), "office4", "lab2")) == ["door7", "door8"]
     assert names(route(office(), "office4", "foyer-3rd")) == ["door6", "door5"]
     # standing at the far door outweighs the way along the corridor
-    assert names(route(office(), "office4", "corridor3", start_point=(9.0, 8.0, 6.4))) == ["door6"]
-    assert names(route(office(), "office4", "corridor3", start_point=(5.0, 8.0, 6.4))) == ["door7"]
-    assert names(route(office(), "corridor3", "office4", goal_point=(5.0, 8.0, 6.4))) == ["door7"]
+    assert names(route(office(), "office4", "corridor3", start_pose=Pose(9.0, 8.0, 6.4))) == [
+        "door6"
+    ]
+    assert names(route(office(), "office4", "corridor3", start_pose=Pose(5.0, 8.0, 6.4))) == [
+        "door7"
+    ]
+    assert names(route(office(), "corridor3", "office4", goal_pose=Pose(5.0, 8.0, 6.4))) == [
+        "door7"
+    ]
 
 
 def test_a_step_approaches_facing_the_door_and_leaves_facing_away_from_it():
@@ -57,14 +65,18 @@ def test_a_ride_ends_facing_the_door_of_its_cabin():
 
 
 def test_cost_counts_metres_walked_and_the_ride():
-    found = route(office(), "foyer-1st", "foyer-3rd", costs=Costs(ride=7.0, ride_per_metre=2.0))
-    assert found.walked == pytest.approx(1.4 + 1.4)
-    assert found.cost == pytest.approx(2.8 + 7.0 + 2.0 * 6.4)
+    found = route(
+        office(), "foyer-1st", "foyer-3rd", times=Times(call=0.0, ride=7.0, ride_per_metre=2.0)
+    )
+    assert found.metres == pytest.approx(1.4 + 1.4)
+    assert found.seconds == pytest.approx(2.8 + 7.0 + 2.0 * 6.4)
 
 
 def test_a_room_to_itself_takes_no_step():
     assert route(office(), "lab1", "lab1").steps == ()
-    assert route(office(), "lab1", "lab1", start_point=(0, 0, 0), goal_point=(3, 4, 0)).cost == 5.0
+    assert (
+        route(office(), "lab1", "lab1", start_pose=Pose(), goal_pose=Pose(3, 4, 0)).seconds == 5.0
+    )
 
 
 def test_outside_is_crossed_only_where_it_is_allowed():
@@ -81,18 +93,18 @@ def test_a_locked_door_is_gone_around_or_named():
     locked = office(door6={"state": "locked"})
     assert names(route(locked, "foyer-3rd", "office4")) == ["door5", "door7"]
     assert names(route(locked, "foyer-3rd", "office4", allow_locked=True)) == ["door5", "door7"]
-    cheap = Costs(locked=0.0)
+    cheap = Times(unlock=0.0)
     assert (
-        names(route(locked, "foyer-3rd", "office4", allow_locked=True, costs=cheap))[1] == "door6"
+        names(route(locked, "foyer-3rd", "office4", allow_locked=True, times=cheap))[1] == "door6"
     )
     with pytest.raises(NoRouteError, match=r"foyer-3rd to office4: door5 is locked$"):
         route(office(door5={"state": "locked"}), "foyer-3rd", "office4")
 
 
-def test_a_closed_door_costs_its_opening_and_may_be_forbidden():
+def test_a_closed_door_times_its_opening_and_may_be_forbidden():
     closed = office(door5={"state": "closed"})
-    free = route(office(), "foyer-3rd", "corridor3").cost
-    assert route(closed, "foyer-3rd", "corridor3", costs=Costs(closed=3)).cost == free + 3
+    free = route(office(), "foyer-3rd", "corridor3").seconds
+    assert route(closed, "foyer-3rd", "corridor3", times=Times(open=3)).seconds == free + 3
     with pytest.raises(NoRouteError, match="door5 is closed"):
         route(closed, "foyer-3rd", "corridor3", allow_closed=False)
 
@@ -127,40 +139,47 @@ def test_what_nothing_joins_is_said():
         route(office(), "lab", "office4")
 
 
-def test_costs_refuse_what_is_no_cost():
+def test_times_refuse_what_is_no_cost():
     for bad in (
         {"ride": 0.0},
-        {"closed": -1.0},
-        {"locked": math.nan},
+        {"open": -1.0},
+        {"unlock": math.nan},
         {"ride_per_metre": math.inf},
     ):
         with pytest.raises(ValueError, match="finite number"):
-            Costs(**bad)
+            Times(**bad)
 
 
 def test_another_measure_of_the_way_changes_the_door():
-    def along_the_wall(place, a, b):
+    class AlongTheWall:
         """In the corridor the way to door6 is barred and long."""
-        far = place == "corridor3" and 9.0 in (round(a[0]), round(b[0]))
-        return math.dist(a, b) + (100.0 if far else 0.0)
 
-    assert names(route(office(), "foyer-3rd", "office4", walk=along_the_wall)) == ["door5", "door7"]
+        def between(self, place, a, b):
+            metres = np.array([[math.hypot(p.x - q.x, p.y - q.y) for q in b] for p in a])
+            if place == "corridor3":
+                metres += 100.0 * np.array([[9 in (round(p.x), round(q.x)) for q in b] for p in a])
+            return Walked(metres, metres)
+
+    assert names(route(office(), "foyer-3rd", "office4", walks=AlongTheWall())) == [
+        "door5",
+        "door7",
+    ]
 
 
 # An oracle: enumerate every order of passing connectors that is possible, and add up.
 
 
-def enumerate_cheapest(topology: Topology, start: str, goal: str, costs: Costs) -> float:
+def enumerate_cheapest(topology: Topology, start: str, goal: str, times: Times) -> float:
     best = math.inf
     connectors = list(topology.connectors.values())
     for n in range(1, len(connectors) + 1):
         for order in permutations(connectors, n):
             for sides in np.ndindex(*(2,) * n):
-                best = min(best, walk_through(topology, start, goal, costs, order, sides))
+                best = min(best, walk_through(topology, start, goal, times, order, sides))
     return best
 
 
-def walk_through(topology, start, goal, costs, order, sides):
+def walk_through(topology, start, goal, times, order, sides):
     """Cost of passing connectors in this order from these sides; infinite where impossible."""
     at, place, total = None, start, 0.0
     for c, side in zip(order, sides, strict=True):
@@ -175,9 +194,9 @@ def walk_through(topology, start, goal, costs, order, sides):
             if len(elevators) != 1 or None in elevators:
                 return math.inf
             height = begin.z - at.z if at else math.nan
-            total += costs.ride + costs.ride_per_metre * abs(height)
+            total += times.ride + times.ride_per_metre * abs(height)
         total += math.dist(begin.translation, end.translation)
-        total += costs.closed if c.state == "closed" else 0.0
+        total += times.open if c.state == "closed" else 0.0
         at, place = end, c.places[1 - side]
     return total if place == goal else math.inf
 
@@ -223,14 +242,14 @@ def topologies(draw):
 @settings(max_examples=120, deadline=None)
 @given(topologies())
 def test_no_order_of_doors_is_cheaper(topology):
-    costs = Costs(ride=5.0, ride_per_metre=1.0, closed=2.0)
-    expected = enumerate_cheapest(topology, "a", "b", costs)
+    times = Times(call=0.0, ride=5.0, ride_per_metre=1.0, open=2.0)
+    expected = enumerate_cheapest(topology, "a", "b", times)
     if math.isinf(expected):
         with pytest.raises(NoRouteError):
-            route(topology, "a", "b", costs=costs)
+            route(topology, "a", "b", times=times)
         return
-    found = route(topology, "a", "b", costs=costs)
-    assert found.cost == pytest.approx(expected)
+    found = route(topology, "a", "b", times=times)
+    assert found.seconds == pytest.approx(expected)
     passed = [(s.connector, s.connector.places.index(s.from_place)) for s in found.doors]
     order, sides = zip(*passed, strict=True)
-    assert walk_through(topology, "a", "b", costs, order, sides) == pytest.approx(expected)
+    assert walk_through(topology, "a", "b", times, order, sides) == pytest.approx(expected)

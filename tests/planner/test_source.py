@@ -1,10 +1,11 @@
 import pytest
 from sqlalchemy import text
 
-from planner.route import NoRouteError, route
+from planner.route import NoRouteError
 from planner.source import read_places_like, read_topology
 from planner.topology import OUTSIDE
 from semmap.cli import choose_map
+from tests.planner.office import route
 
 
 @pytest.fixture

@@ -1,0 +1,543 @@
+"""The topology as a network of travel times for one class of robots.
+
+A stand is the pose before a connector, on one of its sides. Walks join the stands of a
+place, passages the two stands of a connector, rides those of an elevator's cabins; so that of two
+doors to one corridor the nearer is taken (Deeken et al., section 4.1 and Figure 4).
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import permutations, product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navgrid.map_file import file_name
+from navgrid.nav2 import frame_name
+from planner.graph import End, Graph
+from planner.robot_class import RobotClass
+from planner.route import NoRouteError, Route, Step
+from planner.times import Times
+from planner.topology import OUTSIDE, Connector, Topology
+from planner.walks import StraightWalks, Walks
+from semmap.geometry.pose import Pose
+
+__all__ = ["KeptWalks", "Network", "Site"]
+
+Floats = NDArray[np.float64]
+Edges = Sequence[int] | NDArray[np.int64]
+
+_FORBIDDEN = 1e9
+"""Seconds that a forbidden passage counts where the reason for having no route is sought."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Where a robot is, or shall be: a place, or a pose in it.
+
+    `seconds` and `metres` are those from it to each of the place's stands `nodes`, or back.
+    Without a pose every stand is equally near.
+    """
+
+    place: str
+    pose: Pose | None
+    nodes: NDArray[np.int64]
+    seconds: Floats
+    metres: Floats
+
+
+class KeptWalks(NamedTuple):
+    """Walks between stands: from which node to which, seconds and metres, one a direction."""
+
+    tails: NDArray[np.int64]
+    heads: NDArray[np.int64]
+    seconds: Floats
+    metres: Floats
+
+    def take(self, which: Any) -> KeptWalks:
+        """Some of them: an index, a mask or a slice."""
+        return KeptWalks(
+            self.tails[which], self.heads[which], self.seconds[which], self.metres[which]
+        )
+
+
+class Network:
+    """Stands, and the directed edges between them in seconds; inf where one may not go.
+
+    Attributes
+    ----------
+    stands : poses in the map's frame; stand 2 i + side is before connector i, in ``places[side]``
+    tails, heads : (E,) int32, stands
+    seconds, metres : (E,) float64; what a barred edge would take if it were not is in `base`
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        robot: RobotClass | None = None,
+        *,
+        times: Times | None = None,
+        walks: Walks | None = None,
+        kept: KeptWalks | None = None,
+    ) -> None:
+        self.topology = topology
+        self.robot = robot or RobotClass()
+        self.times = times or Times()
+        self.walks = walks or StraightWalks(self.robot.speed)
+        self.connectors = list(topology.connectors.values())
+        self.index = {c.name: i for i, c in enumerate(self.connectors)}
+        self.stands = [pose for c in self.connectors for pose in c.poses]
+        self.place_of = [place for c in self.connectors for place in c.places]
+        self.nodes: dict[str, NDArray[np.int64]] = {}
+        inside: dict[str, list[int]] = {}
+        for node, place in enumerate(self.place_of):
+            inside.setdefault(place, []).append(node)
+        self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
+        self._lay(kept)
+        # Twice the stands, on arrival and on departure: no walk follows upon another.
+        count = len(self.stands)
+        passes = np.arange(len(self.tails)) < count
+        self._from = np.where(passes, self.tails, self.tails + count)
+        self._to = np.where(passes, self.heads + count, self.heads)
+        self.graph = Graph(self._from, self._to, self.seconds, 2 * count, least=self._least())
+        self._extra: dict[int, str] = {}
+        self._lock = threading.RLock()
+
+    # -- edges: passages first, then walks place by place, then rides --------------------------
+
+    def _lay(self, kept: KeptWalks | None) -> None:
+        count = 2 * len(self.connectors)
+        nodes = np.arange(count)
+        passing = np.array([self._passing(n) for n in range(count)]).reshape(-1, 2)
+        parts = [(nodes, nodes ^ 1, passing[:, 0], passing[:, 1])]
+        self.walk_edges: dict[str, slice] = {}
+        self.measured: list[str] = []
+        known = {} if kept is None else self._kept_by_place(kept)
+        at = count
+        for place in self.nodes:
+            walks = known.get(place)
+            if walks is None:
+                walks = self._walks_in(place)
+                self.measured.append(place)
+            parts.append(walks)
+            self.walk_edges[place] = slice(at, at + len(walks[0]))
+            at += len(walks[0])
+        self.rides: dict[int, str] = {}
+        rides: list[tuple[int, int, float, float]] = []
+        if self.robot.rides:
+            for elevator, cabins in self.topology.cabins().items():
+                for here, there in permutations(cabins, 2):
+                    for a, b in product(self.nodes.get(here, ()), self.nodes.get(there, ())):
+                        height = self.stands[a].z - self.stands[b].z
+                        self.rides[at + len(rides)] = elevator
+                        rides.append((int(a), int(b), self.times.of_riding(elevator, height), 0.0))
+        if rides:
+            columns = np.array(rides).T
+            parts.append((columns[0], columns[1], columns[2], columns[3]))
+        tails, heads, base, metres = (np.concatenate(k) for k in zip(*parts, strict=True))
+        self.tails, self.heads = tails.astype(np.int32), heads.astype(np.int32)
+        self.base, self.metres = base.astype(np.float64), metres.astype(np.float64)
+        self.seconds = self.base.copy()
+        for node in range(count):
+            if self._bar(node) is not None:
+                self.seconds[node] = math.inf
+        if OUTSIDE in self.walk_edges and not self.robot.outside:
+            self.seconds[self.walk_edges[OUTSIDE]] = math.inf
+
+    def _least(self) -> Floats:
+        """What no edge will ever take less than: straight and unhindered."""
+        xyz = np.array([(p.x, p.y, p.z) for p in self.stands]).reshape(-1, 3)
+        straight = np.linalg.norm(xyz[self.tails] - xyz[self.heads], axis=1) / self.robot.speed
+        straight[list(self.rides)] = self.base[list(self.rides)]
+        least: Floats = np.minimum(straight, self.base)
+        return least
+
+    def _kept_by_place(self, kept: KeptWalks) -> dict[str, KeptWalks]:
+        """What was kept of each place, where nothing is missing."""
+        numbers = {place: i for i, place in enumerate(self.nodes)}
+        place_of = np.array([numbers[p] for p in self.place_of], np.int64)
+        of = place_of[kept.tails]
+        order = np.argsort(of, kind="stable")
+        ordered = kept.take(order)
+        ends = np.searchsorted(of[order], np.arange(len(numbers) + 1))
+        found = {}
+        for place, i in numbers.items():
+            n, a, b = len(self.nodes[place]), int(ends[i]), int(ends[i + 1])
+            if b - a == n * (n - 1) and place != OUTSIDE:
+                found[place] = ordered.take(slice(a, b))
+        return found
+
+    def _walks_in(self, place: str) -> KeptWalks:
+        nodes = self.nodes[place]
+        stands = [self.stands[n] for n in nodes]
+        others = ~np.eye(len(stands), dtype=bool)
+        walks = StraightWalks(self.robot.speed) if place == OUTSIDE else self.walks
+        walked = walks.between(place, stands, stands)
+        a, b = (k[others] for k in np.meshgrid(nodes, nodes, indexing="ij"))
+        return KeptWalks(a, b, walked.seconds[others], walked.metres[others])
+
+    def _passing(self, node: int) -> tuple[float, float]:
+        """Seconds and metres of the passage that begins at a stand."""
+        connector = self.connectors[node // 2]
+        a, b = connector.poses
+        seconds = self.times.of_opening(connector)
+        seconds += self.times.of_passing(connector, self.robot.speed)
+        elevator = self._called(node)
+        if elevator is not None:
+            seconds += self.times.of_calling(elevator)
+        return seconds, math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
+
+    def _called(self, node: int) -> str | None:
+        """The elevator that has to come before the passage that begins at a stand."""
+        here, there = (self.topology.places[self.place_of[n]].elevator for n in (node, node ^ 1))
+        return there if there is not None and here != there else None
+
+    def _bar(self, node: int) -> str | None:
+        return self.robot.obstacle(self.connectors[node // 2], node % 2)
+
+    # -- changes --------------------------------------------------------------------------------
+
+    def change_connector(self, connector: Connector) -> None:
+        """Take in another state, direction or width of a connector; its places and poses stay."""
+        number = self.index[connector.name]
+        before = self.connectors[number]
+        if (before.places, before.poses) != (connector.places, connector.poses):
+            raise ValueError(f"{connector.name} joins other places now: make the network anew")
+        self.connectors[number] = connector
+        self.topology.connectors[connector.name] = connector
+        for node in (2 * number, 2 * number + 1):
+            self.base[node] = self._passing(node)[0]
+            self.seconds[node] = math.inf if self._bar(node) is not None else self.base[node]
+        edges = np.array([2 * number, 2 * number + 1])
+        self.graph.set_weights(edges, self.seconds[edges])
+
+    def change_walks(self, place: str) -> None:
+        """Ask anew how long the ways inside of a place are."""
+        edges = self.walk_edges.get(place)
+        if edges is None or edges.start == edges.stop:
+            return
+        walks = self._walks_again(place)
+        self.base[edges], self.metres[edges] = walks.seconds, walks.metres
+        if place != OUTSIDE or self.robot.outside:
+            self.seconds[edges] = self.base[edges]
+        self.graph.set_weights(np.arange(edges.start, edges.stop), self.seconds[edges])
+
+    def walks_again(self, place: str) -> Floats:
+        """What the walks of a place take now, seconds, in the order of its edges."""
+        return self._walks_again(place).seconds
+
+    def _walks_again(self, place: str) -> KeptWalks:
+        edges = self.walk_edges.get(place, slice(0, 0))
+        walks = self._walks_in(place)
+        order = np.empty(len(walks.tails), np.int64)
+        there = np.lexsort((self.heads[edges], self.tails[edges]))
+        order[there] = np.lexsort((walks.heads, walks.tails))
+        return walks.take(order)
+
+    @contextmanager
+    def penalised(self, seconds: Mapping[int, float], bars: Mapping[int, str]) -> Iterator[None]:
+        """While it lasts, edges cost so many seconds more, or are barred for a reason.
+
+        Other threads wait. What routes take remains what they take; only which is chosen differs.
+        """
+        with self._lock:
+            edges = np.array(sorted({*seconds, *bars}), np.int64)
+            dearer = self.seconds[edges] + [seconds.get(int(e), 0.0) for e in edges]
+            dearer[[int(e) in bars for e in edges]] = math.inf
+            if len(edges):
+                self.graph.set_weights(edges, dearer)
+            self._extra = dict(bars)
+            try:
+                yield
+            finally:
+                self._extra = {}
+                if len(edges):
+                    self.graph.set_weights(edges, self.seconds[edges])
+
+    def entering(self, place: str) -> list[int]:
+        """The edges by which one comes into a place."""
+        nodes = self.nodes.get(place, np.empty(0, np.int64))
+        return [int(n) ^ 1 for n in nodes] + [
+            e for e in self.rides if self.place_of[int(self.heads[e])] == place
+        ]
+
+    # -- questions ------------------------------------------------------------------------------
+
+    def site(self, place: str, pose: Pose | None = None) -> Site:
+        """A place, or a pose in it, as a start or a goal.
+
+        Raises
+        ------
+        UnknownPlaceError
+        """
+        self.topology.place(place)
+        nodes = self.nodes.get(place, np.empty(0, np.int64))
+        if pose is None or not len(nodes):
+            return Site(place, pose, nodes, np.zeros(len(nodes)), np.zeros(len(nodes)))
+        walked = self.walks.between(place, [pose], [self.stands[n] for n in nodes])
+        return Site(place, pose, nodes, walked.seconds[0], walked.metres[0])
+
+    def times_between(self, starts: Sequence[Site], goals: Sequence[Site]) -> Floats:
+        """(n, m) seconds from each site to each other; inf where no way leads."""
+        found = np.full((len(starts), len(goals)), math.inf)
+        if not starts or not goals:
+            return found
+        begins, ends = [self._leaving(s) for s in starts], [self._arriving(g) for g in goals]
+        sources, targets = (np.unique(np.concatenate([k[0] for k in e])) for e in (begins, ends))
+        ways = self.graph.distances(sources, targets)
+        at = [np.searchsorted(targets, nodes) for nodes, _ in ends]
+        for i, start in enumerate(starts):
+            nodes, seconds = begins[i]
+            away = ways[np.searchsorted(sources, nodes)] + seconds[:, None]
+            first = away.min(axis=0, initial=math.inf)
+            for j, goal in enumerate(goals):
+                found[i, j] = (first[at[j]] + ends[j][1]).min(initial=math.inf)
+                if start.place == goal.place:
+                    found[i, j] = min(found[i, j], self._inside(start, goal)[0])
+        return found
+
+    def route(self, start: Site, goal: Site) -> Route:
+        """The route that takes the least time.
+
+        Raises
+        ------
+        NoRouteError
+            No way leads there; it says what bars it.
+        """
+        inside = self._inside(start, goal) if start.place == goal.place else (math.inf, math.inf)
+        found = self.graph.shortest(*self._ends(start, goal))
+        if found is None and math.isinf(inside[0]):
+            raise NoRouteError(self.why_not(start, goal))
+        if found is None or inside[0] <= found[0]:
+            return self._route(start, goal, (), inside[0], inside[1])
+        return self._along(start, goal, found[1])
+
+    def alternatives(self, start: Site, goal: Site, k: int) -> list[Route]:
+        """The k shortest routes, none with the same stand twice; fewer where there are no more."""
+        found = [
+            self._along(start, goal, edges)
+            for _, edges in self.graph.alternatives(*self._ends(start, goal), k)
+        ]
+        if start.place == goal.place:
+            inside = self._inside(start, goal)
+            if math.isfinite(inside[0]):
+                found.append(self._route(start, goal, (), inside[0], inside[1]))
+        return sorted(found, key=lambda r: r.seconds)[:k]
+
+    def _leaving(self, site: Site) -> tuple[NDArray[np.int64], Floats]:
+        """The nodes from which ways lead away from a site; in a cabin rides do, too."""
+        if self.topology.places[site.place].elevator is None:
+            return site.nodes, site.seconds
+        nodes = np.concatenate([site.nodes, site.nodes + len(self.stands)])
+        return nodes, np.concatenate([site.seconds, site.seconds])
+
+    def _arriving(self, site: Site) -> tuple[NDArray[np.int64], Floats]:
+        """The nodes by which ways lead to a site; in a cabin rides do, too."""
+        there = site.nodes + len(self.stands)
+        if self.topology.places[site.place].elevator is None:
+            return there, site.seconds
+        nodes = np.concatenate([there, site.nodes])
+        return nodes, np.concatenate([site.seconds, site.seconds])
+
+    def _ends(self, start: Site, goal: Site) -> tuple[list[End], list[End]]:
+        """Both with the nodes that can be reached from them, and the seconds."""
+        begin, end = (
+            [(int(n), float(s)) for n, s in zip(nodes, seconds, strict=True) if s < math.inf]
+            for nodes, seconds in (self._leaving(start), self._arriving(goal))
+        )
+        return begin, end
+
+    def _inside(self, start: Site, goal: Site) -> tuple[float, float]:
+        """Seconds and metres from pose to pose of one place."""
+        if start.pose is None or goal.pose is None:
+            return 0.0, 0.0
+        walked = self.walks.between(start.place, [start.pose], [goal.pose])
+        return float(walked.seconds[0, 0]), float(walked.metres[0, 0])
+
+    def _along(self, start: Site, goal: Site, edges: Edges) -> Route:
+        first, last = (self.tails[edges[0]], self.heads[edges[-1]]) if len(edges) else (None, None)
+        if first is None:  # start and goal share a stand
+            both = {int(n): i for i, n in enumerate(start.nodes)}
+            first = last = min(
+                (n for n in goal.nodes if int(n) in both),
+                key=lambda n: start.seconds[both[int(n)]] + goal.seconds[list(goal.nodes).index(n)],
+            )
+        i, j = (int(np.flatnonzero(s.nodes == n)[0]) for s, n in ((start, first), (goal, last)))
+        seconds = math.fsum([start.seconds[i], *self.seconds[list(edges)], goal.seconds[j]])
+        metres = math.fsum([start.metres[i], *self.metres[list(edges)], goal.metres[j]])
+        return self._route(start, goal, edges, seconds, metres, (i, j))
+
+    # -- steps ----------------------------------------------------------------------------------
+
+    def _route(
+        self,
+        start: Site,
+        goal: Site,
+        edges: Edges,
+        seconds: float,
+        metres: float,
+        ends: tuple[int, int] | None = None,
+    ) -> Route:
+        stages = tuple(self._stages(start, goal, edges, seconds, metres, ends))
+        return Route(start.place, goal.place, stages, seconds, metres)
+
+    def _stages(
+        self,
+        start: Site,
+        goal: Site,
+        edges: Edges,
+        seconds: float,
+        metres: float,
+        ends: tuple[int, int] | None,
+    ) -> Iterator[Step]:
+        here, at = start.place, start.pose
+        waiting = (0.0, 0.0)  # a walk that is not yet told: its end is known with the next edge
+        if ends is None:
+            if goal.pose is not None:
+                yield self._step("navigate", here, here, at, goal.pose, seconds, metres)
+            return
+        waiting = (float(start.seconds[ends[0]]), float(start.metres[ends[0]]))
+        for edge in edges:
+            a, b = int(self.tails[edge]), int(self.heads[edge])
+            if edge in self.rides:
+                if waiting[1] > 0 or at is None:
+                    yield self._step("navigate", here, here, at, _turned(self.stands[a]), *waiting)
+                    at, waiting = _turned(self.stands[a]), (0.0, 0.0)
+                there = self.place_of[b]
+                yield self._step(
+                    "use_elevator", here, there, at, self.stands[b], float(self.seconds[edge]), 0.0,
+                    elevator=self.rides[edge],
+                )  # fmt: skip
+                here, at = there, self.stands[b]
+                yield self._step("switch_map", here, here, at, at)
+            elif edge >= 2 * len(self.connectors):
+                waiting = (
+                    waiting[0] + float(self.seconds[edge]),
+                    waiting[1] + float(self.metres[edge]),
+                )
+            else:
+                if waiting[1] > 0 or at is None:
+                    yield self._step("navigate", here, here, at, self.stands[a], *waiting)
+                waiting = (0.0, 0.0)
+                yield from self._passage(edge)
+                here, at = self.place_of[b], _turned(self.stands[b])
+        waiting = (
+            waiting[0] + float(goal.seconds[ends[1]]),
+            waiting[1] + float(goal.metres[ends[1]]),
+        )
+        if goal.pose is not None:
+            yield self._step("navigate", here, here, at, goal.pose, *waiting)
+
+    def _passage(self, node: int) -> Iterator[Step]:
+        """What a robot does from the stand before a connector to the one behind it."""
+        connector, times = self.connectors[node // 2], self.times
+        here, there = self.place_of[node], self.place_of[node ^ 1]
+        approach, behind = self.stands[node], self.stands[node ^ 1]
+        elevator = self._called(node)
+        if elevator is not None:
+            yield self._step(
+                "call_elevator", here, here, approach, approach, times.of_calling(elevator),
+                connector=connector, elevator=elevator,
+            )  # fmt: skip
+        opening = times.of_opening(connector)
+        if connector.state != "open":
+            name = "open_door" if connector.state == "closed" else "unlock_door"
+            yield self._step(name, here, here, approach, approach, opening, connector=connector)
+        behaviour = connector.behaviour
+        if behaviour == "call_elevator":  # what is left to do once it came
+            behaviour = "pass_door"
+        passing = times.of_passing(connector, self.robot.speed)
+        yield self._step(
+            behaviour, here, there, approach, _turned(behind), passing, float(self.metres[node]),
+            connector=connector,
+        )  # fmt: skip
+        storeys = [self.topology.places[p].storey for p in (here, there)]
+        if None not in storeys and storeys[0] != storeys[1]:
+            yield self._step("switch_map", there, there, _turned(behind), _turned(behind))
+
+    def _step(
+        self,
+        behaviour: str,
+        here: str,
+        there: str,
+        approach: Pose | None,
+        leave: Pose,
+        seconds: float = 0.0,
+        metres: float = 0.0,
+        *,
+        connector: Connector | None = None,
+        elevator: str | None = None,
+    ) -> Step:
+        storey = self.topology.places[here].storey
+        frame = "map" if storey is None else frame_name(storey)
+        name = "master.yaml" if self.robot.parts else "map.yaml"
+        if storey is not None and len(self.topology.storeys()) > 1:
+            name = f"{file_name(storey)}/{name}"
+        return Step(
+            behaviour, here, there, connector, elevator, approach, leave, seconds, metres, frame,
+            name,
+        )  # fmt: skip
+
+    # -- reasons --------------------------------------------------------------------------------
+
+    def why_not(self, start: Site, goal: Site) -> str:
+        """Which forbidden passages the way with the fewest of them would need, in words."""
+        said = f"no route from {start.place} to {goal.place}"
+        for place in (start.place, goal.place):
+            if not len(self.nodes.get(place, ())):
+                return f"{said}: {place} has no door; add a connector that joins it"
+        count = 2 * len(self.connectors)
+        weights = self.base.copy()
+        bars: dict[int, str] = {}
+        for node in range(count):
+            why = self._bar(node)
+            if why is not None:
+                bars[node] = why
+                weights[node] += _FORBIDDEN
+        for place, edges in self.walk_edges.items():
+            for edge in range(edges.start, edges.stop):
+                if math.isfinite(self.seconds[edge]):
+                    continue
+                a, b = (self.connectors[n[edge] // 2].name for n in (self.tails, self.heads))
+                if place == OUTSIDE:
+                    bars[edge] = f"{a} leads outside, of which the map knows nothing"
+                    weights[edge] += 100.0 * _FORBIDDEN
+                else:
+                    bars[edge] = f"{self.robot.name} finds no way in {place} from {a} to {b}"
+                    weights[edge] = 10.0 * _FORBIDDEN
+        for edge, why in self._extra.items():
+            bars.setdefault(edge, why)
+            weights[edge] += _FORBIDDEN
+        for site in (start, goal):
+            if np.isinf(site.seconds).all():
+                return f"{said}: {self._enclosed(site)}"
+        graph = Graph(self._from, self._to, weights, 2 * len(self.stands))
+        found = graph.shortest(*self._ends(start, goal))
+        if found is None:
+            lift = (
+                "" if self.robot.rides else " without riding an elevator (behaviour use_elevator)"
+            )
+            return f"{said}: nothing joins them{lift}; add the connector that is missing"
+        reasons = dict.fromkeys(bars[int(e)] for e in found[1] if int(e) in bars)
+        return f"{said}: {'; '.join(reasons)}"
+
+    def _enclosed(self, site: Site) -> str:
+        assert site.pose is not None
+        x, y = site.pose.x, site.pose.y
+        return (
+            f"from ({x:.2f}, {y:.2f}) in {site.place} {self.robot.name} reaches none of its doors"
+        )
+
+
+def _turned(pose: Pose) -> Pose:
+    """The pose turned by half a turn about its own z axis; its quaternion with w >= 0."""
+    back = pose @ Pose(qz=1.0, qw=0.0)
+    if back.qw >= 0:
+        return back
+    return Pose(back.x, back.y, back.z, -back.qx, -back.qy, -back.qz, -back.qw)

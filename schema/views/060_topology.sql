@@ -1,0 +1,88 @@
+-- The topology as edges between stands, for pgr_dijkstra, SQL and QGIS. A stand is the pose before a
+-- connector on one of its sides: its number is twice the connector's, plus 1 on the side of place_b.
+-- Costs are seconds, -1 where this class of robots may not go. Filter on map and robot_class.
+
+CREATE VIEW stand AS
+    SELECT 2 * c.entity_id + s.side AS id, m.name AS map, e.map_id, c.entity_id AS connector_id, e.name AS connector,
+           s.side, s.place_id, coalesce(p.name, 'outside') AS place, pose_compose(w.pose, s.pose) AS pose
+    FROM connector c JOIN entity e ON e.id = c.entity_id JOIN map m ON m.id = e.map_id
+    JOIN world w ON w.entity_id = e.id
+    CROSS JOIN LATERAL (VALUES (0, c.place_a, c.pose_a), (1, c.place_b, c.pose_b)) s (side, place_id, pose)
+    LEFT JOIN entity p ON p.id = s.place_id;
+
+CREATE VIEW gis_stand AS
+    SELECT id AS fid, map, connector, side, place, pose_yaw(pose) AS heading,
+           ST_MakePoint(pose[1], pose[2])::geometry(Point, 0) AS geom
+    FROM stand;
+
+-- Mean seconds of what succeeded; of rides without what their height takes.
+CREATE VIEW learned AS
+    SELECT x.robot_class_id, x.behaviour, x.entity_id, count(*) AS executions,
+           avg(CASE x.behaviour WHEN 'use_elevator'
+               THEN greatest(x.seconds - r.ride_seconds_per_metre * abs(x.height), 0) ELSE x.seconds END) AS seconds
+    FROM execution x JOIN robot_class r ON r.id = x.robot_class_id
+    WHERE x.succeeded GROUP BY x.robot_class_id, x.behaviour, x.entity_id;
+
+CREATE FUNCTION bars(r robot_class, c connector, there integer)
+RETURNS boolean LANGUAGE sql IMMUTABLE AS $$
+-- Whether a class of robots may not pass a connector: towards place_b (there is 1) or place_a (0).
+SELECT c.state = 'locked' AND NOT r.unlocks
+    OR c.state = 'closed' AND NOT r.opens
+    OR c.direction = CASE there WHEN 1 THEN 'backward' ELSE 'forward' END
+    OR r.behaviours IS NOT NULL AND c.behaviour <> ALL (r.behaviours)
+    OR c.permissions <> '{}' AND NOT c.permissions && r.permissions
+    OR r.width IS NOT NULL AND (coalesce(r.width > c.width, false) OR coalesce(r.height > c.height, false)
+       OR c.step > r.max_step OR c.form = 'stairs'
+       OR c.form = 'ramp' AND atan2(abs(c.pose_a[3] - c.pose_b[3]),
+                                    sqrt((c.pose_a[1] - c.pose_b[1]) ^ 2 + (c.pose_a[2] - c.pose_b[2]) ^ 2)) > r.max_slope)
+$$;
+
+CREATE VIEW route_edge AS
+    WITH room_of AS (SELECT entity_id, elevator_id FROM room)
+    -- passages
+    SELECT 'passage' AS kind, 2 * c.entity_id AS source, 2 * c.entity_id + 1 AS target,
+           CASE WHEN bars(r, c, 1) THEN -1
+                ELSE t.seconds + CASE WHEN b.elevator_id IS DISTINCT FROM a.elevator_id AND b.elevator_id IS NOT NULL
+                                      THEN coalesce(lb.seconds, r.call_seconds) ELSE 0 END END AS cost,
+           CASE WHEN bars(r, c, 0) THEN -1
+                ELSE t.seconds + CASE WHEN b.elevator_id IS DISTINCT FROM a.elevator_id AND a.elevator_id IS NOT NULL
+                                      THEN coalesce(la.seconds, r.call_seconds) ELSE 0 END END AS reverse_cost,
+           through AS metres, e.name, e.map_id, r.id AS robot_class_id, r.name AS robot_class
+    FROM robot_class r CROSS JOIN connector c JOIN entity e ON e.id = c.entity_id
+    LEFT JOIN room_of a ON a.entity_id = c.place_a LEFT JOIN room_of b ON b.entity_id = c.place_b
+    CROSS JOIN LATERAL (SELECT sqrt((c.pose_a[1] - c.pose_b[1]) ^ 2 + (c.pose_a[2] - c.pose_b[2]) ^ 2
+                                    + (c.pose_a[3] - c.pose_b[3]) ^ 2) AS through) d
+    LEFT JOIN learned lo ON lo.robot_class_id = r.id AND lo.entity_id = c.entity_id
+         AND lo.behaviour = CASE c.state WHEN 'closed' THEN 'open_door' WHEN 'locked' THEN 'unlock_door' END
+    LEFT JOIN learned lp ON lp.robot_class_id = r.id AND lp.entity_id = c.entity_id AND lp.behaviour = c.behaviour
+    LEFT JOIN learned la ON la.robot_class_id = r.id AND la.entity_id = a.elevator_id AND la.behaviour = 'call_elevator'
+    LEFT JOIN learned lb ON lb.robot_class_id = r.id AND lb.entity_id = b.elevator_id AND lb.behaviour = 'call_elevator'
+    CROSS JOIN LATERAL (SELECT coalesce(lp.seconds, through / r.speed)
+        + CASE c.state WHEN 'closed' THEN coalesce(lo.seconds, r.open_seconds)
+                       WHEN 'locked' THEN coalesce(lo.seconds, r.unlock_seconds) ELSE 0 END AS seconds) t
+    UNION ALL
+    -- walks inside of places
+    SELECT 'walk', 2 * k.from_id + (a.place_a <> k.place_id)::int, 2 * k.to_id + (b.place_a <> k.place_id)::int,
+           CASE WHEN k.seconds = 'Infinity' THEN -1 ELSE k.seconds END,
+           CASE WHEN k.seconds = 'Infinity' THEN -1 ELSE k.seconds END,
+           k.metres, e.name, e.map_id, r.id, r.name
+    FROM walk k JOIN robot_class r ON r.id = k.robot_class_id JOIN entity e ON e.id = k.place_id
+    JOIN connector a ON a.entity_id = k.from_id JOIN connector b ON b.entity_id = k.to_id
+    UNION ALL
+    -- through the outside, as the crow flies
+    SELECT 'walk', a.id, b.id, s.seconds, s.seconds, s.metres, 'outside', a.map_id, r.id, r.name
+    FROM robot_class r JOIN stand a ON r.outside AND a.place_id IS NULL
+    JOIN stand b ON b.place_id IS NULL AND b.map_id = a.map_id AND b.id > a.id
+    CROSS JOIN LATERAL (SELECT m AS metres, m / r.speed AS seconds FROM (SELECT sqrt(
+        (a.pose[1] - b.pose[1]) ^ 2 + (a.pose[2] - b.pose[2]) ^ 2 + (a.pose[3] - b.pose[3]) ^ 2) AS m) f) s
+    UNION ALL
+    -- rides from cabin to cabin of an elevator
+    SELECT 'ride', a.id, b.id, s.seconds, s.seconds, 0, l.name, a.map_id, r.id, r.name
+    FROM robot_class r CROSS JOIN room_of ra JOIN stand a ON a.place_id = ra.entity_id
+    JOIN room_of rb ON rb.elevator_id = ra.elevator_id AND rb.entity_id <> ra.entity_id
+    JOIN stand b ON b.place_id = rb.entity_id AND b.id > a.id
+    JOIN entity l ON l.id = ra.elevator_id
+    LEFT JOIN learned lr ON lr.robot_class_id = r.id AND lr.entity_id = l.id AND lr.behaviour = 'use_elevator'
+    CROSS JOIN LATERAL (SELECT coalesce(lr.seconds, r.ride_seconds)
+        + r.ride_seconds_per_metre * abs(a.pose[3] - b.pose[3]) AS seconds) s
+    WHERE r.behaviours IS NULL OR 'use_elevator' = ANY (r.behaviours);

@@ -1,0 +1,122 @@
+"""Classes of robots, and how long their ways and behaviours take."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Integer, Text, text
+from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION, JSONB
+from sqlalchemy.orm import Mapped, mapped_column
+
+from semmap.model.base import Base
+from semmap.model.entity import Connector, Entity, Map
+
+__all__ = ["Execution", "RobotClass", "Walk", "WalkedMap", "WalkedPlace"]
+
+
+class RobotClass(Base):
+    """What decides where robots can go, and how long it takes them; metres, radians, seconds.
+
+    `width` and `height` are those of the widest and the highest part; none without a shape.
+    """
+
+    __tablename__ = "robot_class"
+
+    id: Mapped[int] = mapped_column(Integer, Identity(), primary_key=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    parts: Mapped[list[Any]] = mapped_column(JSONB, server_default=text("'[]'"))
+    width: Mapped[float | None]
+    height: Mapped[float | None]
+    max_step: Mapped[float]
+    max_slope: Mapped[float]
+    speed: Mapped[float]
+    behaviours: Mapped[list[str] | None] = mapped_column(ARRAY(Text))
+    permissions: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=text("'{}'"))
+    opens: Mapped[bool] = mapped_column(server_default=text("true"))
+    unlocks: Mapped[bool] = mapped_column(server_default=text("false"))
+    outside: Mapped[bool] = mapped_column(server_default=text("false"))
+    reach: Mapped[list[float]] = mapped_column(ARRAY(DOUBLE_PRECISION))
+    heights: Mapped[list[float]] = mapped_column(ARRAY(DOUBLE_PRECISION))
+    capacity: Mapped[int]
+    call_seconds: Mapped[float]
+    ride_seconds: Mapped[float]
+    ride_seconds_per_metre: Mapped[float]
+    open_seconds: Mapped[float]
+    unlock_seconds: Mapped[float]
+    pickup_seconds: Mapped[float]
+    place_seconds: Mapped[float]
+
+
+class Walk(Base):
+    """The way in a place between the stands of two connectors; infinite where there is none."""
+
+    __tablename__ = "walk"
+    __table_args__ = (
+        Index("walk_place", "place_id"),
+        Index("walk_from", "from_id"),
+        Index("walk_to", "to_id"),
+    )
+
+    robot_class_id: Mapped[int] = mapped_column(
+        ForeignKey(RobotClass.id, ondelete="CASCADE"), primary_key=True
+    )
+    place_id: Mapped[int] = mapped_column(
+        ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
+    )
+    from_id: Mapped[int] = mapped_column(
+        ForeignKey(Connector.entity_id, ondelete="CASCADE"), primary_key=True
+    )
+    to_id: Mapped[int] = mapped_column(
+        ForeignKey(Connector.entity_id, ondelete="CASCADE"), primary_key=True
+    )
+    seconds: Mapped[float]
+    metres: Mapped[float]
+
+
+class WalkedPlace(Base):
+    """For which state of a place its walks were measured."""
+
+    __tablename__ = "walked_place"
+    __table_args__ = (Index("walked_place_place", "place_id"),)
+
+    robot_class_id: Mapped[int] = mapped_column(
+        ForeignKey(RobotClass.id, ondelete="CASCADE"), primary_key=True
+    )
+    place_id: Mapped[int] = mapped_column(
+        ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
+    )
+    digest: Mapped[str]
+
+
+class WalkedMap(Base):
+    """Up to which change of a map its walks are measured."""
+
+    __tablename__ = "walked_map"
+
+    robot_class_id: Mapped[int] = mapped_column(
+        ForeignKey(RobotClass.id, ondelete="CASCADE"), primary_key=True
+    )
+    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    cursor: Mapped[str]
+
+
+class Execution(Base):
+    """What a behaviour took at a connector or an elevator, and whether it succeeded."""
+
+    __tablename__ = "execution"
+    __table_args__ = (
+        Index("execution_of", "robot_class_id", "behaviour", "entity_id"),
+        Index("execution_entity", "entity_id"),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    robot_class_id: Mapped[int | None] = mapped_column(
+        ForeignKey(RobotClass.id, ondelete="CASCADE")
+    )
+    behaviour: Mapped[str]
+    entity_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
+    at: Mapped[datetime] = mapped_column(server_default=text("clock_timestamp()"))
+    seconds: Mapped[float]
+    height: Mapped[float] = mapped_column(server_default=text("0"))
+    succeeded: Mapped[bool]
