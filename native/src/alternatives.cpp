@@ -23,8 +23,8 @@ std::vector<Route> Graph::alternatives(const std::vector<End>& sources,
         End source;
         std::size_t fixed;                 // edges with which all begin; kAny: not even the source
         std::vector<std::uint32_t> edges;  // those, or all
-        std::vector<std::uint32_t>
-            closed;  // edges by which none goes on, kNone: to end; or sources
+        // Edges by which none goes on, kNone: to end; or sources with which none begins.
+        std::vector<std::uint32_t> closed;
     };
     constexpr std::size_t kAny = std::numeric_limits<std::size_t>::max();
     const auto dearer = [](const Branch& a, const Branch& b) { return a.cost > b.cost; };

@@ -42,7 +42,6 @@ class Graph {
     ~Graph();
 
     std::uint32_t nodes() const { return nodes_; }
-    std::size_t edges() const { return edges_.tails.size(); }
 
     void set_weights(const std::vector<std::uint32_t>& edges, const std::vector<double>& weights);
     std::vector<double> weights() const;
