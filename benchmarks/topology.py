@@ -1,0 +1,173 @@
+"""The topology: loading it from the database, and taking in what changes."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sqlalchemy import Engine, text
+
+from benchmarks.rooms import rooms
+from benchmarks.timing import Row, print_rows
+from navgrid.costmap_command import parts_of
+from navgrid.source import cursor
+from planner.demo import office_files
+from planner.live import Changed, Live
+from planner.robot_class import RobotClass
+from planner.source import Walk, keep_robot_class, keep_walks, place_digests, walked_until
+from planner.topology import OUTSIDE, Topology
+from semmap.database import connect
+from semmap.ingest.importer import import_file
+from tests.planner.stored import store
+
+__all__ = ["main"]
+
+LOAD_MS, CHANGE_MS, FOLLOW_MS = 50.0, 1.0, 50.0
+ROBOT = "benchmark"
+
+
+def main() -> None:
+    """Print the table."""
+    engine = connect()
+    folder = office_files()[0].parent
+    parts = parts_of(folder / "delivery_robot.urdf", None, folder / "delivery_robot_parts.yaml")
+    robot = RobotClass(ROBOT, tuple(parts), speed=0.8)
+    try:
+        with _map(engine, "benchmark building") as name:
+            rows = _loading(engine, name, robot)
+        with _map(engine, "benchmark office") as name:
+            for file in office_files():
+                import_file(engine, file, map_name=name)
+            rows += _following(engine, name, robot)
+    finally:
+        with engine.begin() as connection:
+            connection.execute(text("DELETE FROM robot_class WHERE name = :name"), {"name": ROBOT})
+        engine.dispose()
+    print_rows("Topology", rows)
+
+
+@contextmanager
+def _map(engine: Engine, name: str) -> Iterator[str]:
+    """The name of a map that is gone afterwards."""
+    drop = text("DELETE FROM map WHERE name = :name")
+    with engine.begin() as connection:
+        connection.execute(drop, {"name": name})
+    try:
+        yield name
+    finally:
+        with engine.begin() as connection:
+            connection.execute(text("SELECT set_config('semmap.dropping', 'yes', true)"))
+            connection.execute(drop, {"name": name})
+
+
+def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
+    topology = rooms()
+    with engine.begin() as connection:
+        ids = store(connection, topology, name)
+        number = keep_robot_class(connection, robot)
+        walks = [*_straight(topology, ids, robot.speed)]
+        keep_walks(connection, number, walks, place_digests(connection, 1.0))
+        walked_until(connection, number, cursor(connection))
+    with engine.connect() as connection:
+        connection.execution_options(isolation_level="AUTOCOMMIT")
+        connection.execute(text("ANALYZE"))
+    seconds = []
+    for _ in range(11):
+        start = time.perf_counter()
+        live = Live(engine, name, ROBOT)
+        seconds.append(time.perf_counter() - start)
+    load = 1e3 * statistics.median(seconds[1:])
+    assert live.network.measured == [], live.network.measured
+    places = f"{len(topology.places):,} rooms, {len(topology.connectors):,} connectors"
+    connector = live.topology.connectors["door-3-2-7"]
+    taken = []
+    for k in range(101):
+        changed = type(connector)(**{**vars(connector), "state": ("closed", "open")[k % 2]})
+        start = time.perf_counter()
+        live.network.change_connector(changed)
+        taken.append(time.perf_counter() - start)
+    change = 1e3 * statistics.median(taken)
+    return [
+        Row(f"load {places}, {len(walks):,} walks", f"{load:.1f} ms", "",
+            f"under {LOAD_MS:g} ms", load < LOAD_MS),
+        Row("an edge's change", f"{change:.3f} ms", "", f"under {CHANGE_MS:g} ms",
+            change < CHANGE_MS),
+    ]  # fmt: skip
+
+
+def _straight(topology: Topology, ids: dict[str, int], speed: float) -> Iterator[Walk]:
+    """Walks as the crow flies."""
+    inside: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
+    for c in topology.connectors.values():
+        for place, pose in zip(c.places, c.poses, strict=True):
+            if place != OUTSIDE:
+                inside.setdefault(place, []).append((ids[c.name], (pose.x, pose.y)))
+    for place, stands in inside.items():
+        for a, p in stands:
+            for b, q in stands:
+                if a < b:
+                    yield Walk(ids[place], a, b, math.dist(p, q) / speed, math.dist(p, q))
+
+
+def _following(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
+    """From the commit of a change until the network has it."""
+    with engine.begin() as connection:
+        keep_robot_class(connection, robot)
+    live = Live(engine, name, ROBOT)
+    heard: list[tuple[float, Changed]] = []
+    stop = threading.Event()
+    follower = threading.Thread(
+        target=live.follow, args=(stop, lambda c: heard.append((time.perf_counter(), c)))
+    )
+    follower.start()
+    time.sleep(3.0)  # until it listens, with its costmaps made
+    state = (
+        "UPDATE connector SET state = CASE state WHEN 'open' THEN 'closed' ELSE 'open' END "
+        "WHERE entity_id = {thing}"
+    )
+    move = "SELECT move_to({thing}, w.pose[1] {x}, w.pose[2] {y}, w.pose[3]) FROM world w WHERE entity_id = {thing}"
+    rows = []
+    try:
+        for job, thing, statements in (
+            ("a door that is closed", "door5", [state] * 2),
+            (
+                "a cupboard that is moved",
+                "bookshelf1",
+                [
+                    move.format(thing="{thing}", x="+ 0.2", y=""),
+                    move.format(thing="{thing}", x="- 0.2", y=""),
+                ],
+            ),
+        ):
+            with engine.connect() as connection:
+                number = connection.execute(
+                    text("SELECT e.id FROM entity e JOIN map m ON m.id = e.map_id "
+                         "WHERE m.name = :map AND e.name = :name"), {"map": name, "name": thing}
+                ).scalar_one()  # fmt: skip
+            taken = []
+            for k in range(12):
+                heard.clear()
+                with engine.begin() as connection:
+                    connection.execute(text(statements[k % 2].format(thing=number)))
+                committed = time.perf_counter()
+                while not heard and time.perf_counter() < committed + 5.0:
+                    time.sleep(0.0005)
+                assert heard, f"{job}: nothing was heard"
+                taken.append(heard[0][0] - committed)
+            took = 1e3 * statistics.median(taken)
+            rows.append(
+                Row(f"{job}, from its commit", f"{took:.1f} ms", "", f"within {FOLLOW_MS:g} ms",
+                    took <= FOLLOW_MS)
+            )  # fmt: skip
+    finally:
+        stop.set()
+        follower.join()
+    return rows
+
+
+if __name__ == "__main__":
+    main()
