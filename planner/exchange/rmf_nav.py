@@ -17,7 +17,8 @@ import yaml
 
 from planner.exchange.stands import ExchangeError, Stand, stands_of
 from planner.exchange.surroundings import Cabin, Surroundings
-from planner.topology import OUTSIDE, Connector, Topology
+from planner.network import Network
+from planner.topology import OUTSIDE, Connector
 
 __all__ = ["rmf_nav_graph", "write_rmf_nav"]
 
@@ -32,24 +33,22 @@ STANDS_APART = 0.01
 
 
 def rmf_nav_graph(
-    topology: Topology,
+    network: Network,
     *,
     name: str = "building",
     surroundings: Surroundings | None = None,
     storey: str | None = None,
-    allow_locked: bool = False,
 ) -> dict[str, Any]:
     """The navigation graph of a building as plain values.
 
-    Lanes are those of `planner.exchange.stands`: walks in places, and passages, as their direction
-    and state allow. A door is one where the connector's behaviour is ``pass_door``.
+    Lanes are the walks in places and the passages that the network's robot may make; ways between
+    levels other than lifts (stairs) are none. A door is where the behaviour is ``pass_door``.
 
     Parameters
     ----------
     name : of the building
     surroundings : outlines, within which a place's vertex lies, and cabins
     storey : only this one
-    allow_locked : whether locked connectors are passed, too
 
     Raises
     ------
@@ -57,7 +56,7 @@ def rmf_nav_graph(
         There is no such storey, or there is no lane.
     """
     surroundings = surroundings or Surroundings()
-    made = stands_of(topology, storey=storey, allow_locked=allow_locked)
+    made = stands_of(network, storey=storey)
     levels: dict[str, _Level] = {s: _Level() for s in made.storeys}
     lifts = _lifts(made.stands, surroundings)
     at: list[tuple[str, int]] = []
@@ -77,7 +76,7 @@ def rmf_nav_graph(
             continue
         door = move.connector is not None and _is_door(move.connector)
         levels[here].lane(a, b, **({"door_name": move.connector.name} if door else {}))  # type: ignore[union-attr]
-    _places(topology, made.stands, at, levels, surroundings)
+    _places(made.stands, at, levels, surroundings)
     if not any(level.lanes for level in levels.values()):
         raise ExchangeError("no connector joins two places; add connectors that join the rooms")
     return {
@@ -100,9 +99,9 @@ def rmf_nav_graph(
     }
 
 
-def write_rmf_nav(topology: Topology, path: Path | str, **options: Any) -> Path:
+def write_rmf_nav(network: Network, path: Path | str, **options: Any) -> Path:
     """Write the graph of `rmf_nav_graph`, whose options these are."""
-    graph = rmf_nav_graph(topology, **options)
+    graph = rmf_nav_graph(network, **options)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(yaml.safe_dump(graph, allow_unicode=True, default_flow_style=None), "utf-8")
@@ -162,7 +161,6 @@ def _lifts(stands: tuple[Stand, ...], surroundings: Surroundings) -> dict[str, C
 
 
 def _places(
-    topology: Topology,
     stands: tuple[Stand, ...],
     at: list[tuple[str, int]],
     levels: dict[str, _Level],

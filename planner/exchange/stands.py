@@ -4,51 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import permutations, product
 from typing import Literal
 
+from planner.network import Network
 from planner.topology import OUTSIDE, Connector, Topology
 from semmap.geometry.pose import Pose
 
-__all__ = ["ExchangeError", "Move", "Stand", "Stands", "Times", "stands_of"]
-
-Point = tuple[float, ...]
-Walk = Callable[[str, Point, Point], float]
-"""Seconds of the way between two points (x, y, z; the map's frame) of a place; inf: no way."""
+__all__ = ["ExchangeError", "Move", "Stand", "Stands", "stands_of"]
 
 
 class ExchangeError(ValueError):
     """A topology that a format cannot hold; the message says the mend."""
-
-
-@dataclass(frozen=True)
-class Times:
-    """How long it takes, in seconds, beside walking inside of places.
-
-    Attributes
-    ----------
-    speed : metres a second, on straight ways and through connectors
-    ride : calling an elevator and riding it once
-    ride_per_metre : each metre of height that the ride overcomes
-    closed, locked : opening a closed connector, unlocking a locked one
-    """
-
-    speed: float = 0.5
-    ride: float = 30.0
-    ride_per_metre: float = 2.0
-    closed: float = 4.0
-    locked: float = 20.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0 <= value < math.inf or (name in ("speed", "ride") and value == 0):
-                raise ValueError(f"times: {name} is {value}; give a finite number above zero")
-
-    def straight(self, place: str, a: Point, b: Point) -> float:
-        """Seconds as the crow flies; a `Walk`."""
-        return math.dist(a, b) / self.speed
 
 
 @dataclass(frozen=True)
@@ -69,7 +36,7 @@ class Stand:
         return self.connector.poses[self.side]
 
     @property
-    def point(self) -> Point:
+    def point(self) -> tuple[float, float, float]:
         return (self.pose.x, self.pose.y, self.pose.z)
 
     @property
@@ -113,25 +80,15 @@ class Stands:
         return Counter(stand.place for stand in self.stands).most_common(1)[0]
 
 
-def stands_of(
-    topology: Topology,
-    *,
-    storey: str | None = None,
-    walk: Walk | None = None,
-    times: Times | None = None,
-    allow_locked: bool = False,
-    storeyless: str = "map",
-) -> Stands:
-    """The stands of a topology and the moves that are allowed between them.
+def stands_of(network: Network, *, storey: str | None = None, storeyless: str = "map") -> Stands:
+    """The stands of a network and the moves that its robot may make between them.
 
-    Shortest ways over the moves are those of `planner.route.route`. Of `OUTSIDE` the map knows
-    nothing, so that no walk leads through it.
+    Shortest ways over the moves are those of the network. Of `OUTSIDE` the map knows nothing, so
+    that no walk leads through it.
 
     Parameters
     ----------
     storey : only this one, with no ride, as those lead away
-    walk : seconds between two points of a place, by default those of the straight line
-    allow_locked : whether locked connectors are passed, too
     storeyless : name of the storey of places that have none
 
     Raises
@@ -139,24 +96,33 @@ def stands_of(
     ExchangeError
         There is no such storey.
     """
-    times = times or Times()
-    walk = walk or times.straight
+    topology = network.topology
     stands = [
         Stand(c, side, _storey(topology, c, side) or storeyless, _elevator(topology, c, side))
-        for c in topology.connectors.values()
+        for c in network.connectors
         for side in (0, 1)
     ]
+    kept = list(range(len(stands)))
     if storey is not None:
         known = dict.fromkeys(p.storey or storeyless for p in topology.places.values())
         if storey not in known:
             raise ExchangeError(f"there is no storey {storey}; there are: {', '.join(known)}")
-        stands = [stand for stand in stands if stand.storey == storey]
-    moves = [
-        *_walks(stands, walk),
-        *_passages(topology, stands, times, allow_locked),
-        *_rides(stands, times),
-    ]
-    return Stands(tuple(stands), tuple(moves))
+        kept = [n for n in kept if stands[n].storey == storey]
+    number = {node: i for i, node in enumerate(kept)}
+    moves = []
+    for edge, (tail, head) in enumerate(zip(network.tails, network.heads, strict=True)):
+        start, end, seconds = int(tail), int(head), float(network.seconds[edge])
+        if start not in number or end not in number or math.isinf(seconds):
+            continue
+        a, b = number[start], number[end]
+        if edge in network.rides:
+            moves.append(Move(a, b, "ride", seconds, elevator=network.rides[edge]))
+        elif edge < len(stands):  # passages come first
+            into = stands[end].elevator if stands[end].elevator != stands[start].elevator else None
+            moves.append(Move(a, b, "passage", seconds, stands[start].connector, into))
+        elif stands[start].place != OUTSIDE:
+            moves.append(Move(a, b, "walk", seconds))
+    return Stands(tuple(stands[n] for n in kept), tuple(moves))
 
 
 def _storey(topology: Topology, connector: Connector, side: int) -> str | None:
@@ -167,44 +133,3 @@ def _storey(topology: Topology, connector: Connector, side: int) -> str | None:
 
 def _elevator(topology: Topology, connector: Connector, side: int) -> str | None:
     return topology.places[connector.places[side]].elevator
-
-
-def _walks(stands: list[Stand], walk: Walk) -> Iterator[Move]:
-    inside: dict[str, list[int]] = {}
-    for number, stand in enumerate(stands):
-        if stand.place != OUTSIDE:
-            inside.setdefault(stand.place, []).append(number)
-    for place, numbers in inside.items():
-        for a, b in permutations(numbers, 2):
-            seconds = walk(place, stands[a].point, stands[b].point)
-            if not math.isinf(seconds):
-                yield Move(a, b, "walk", seconds)
-
-
-def _passages(
-    topology: Topology, stands: list[Stand], times: Times, allow_locked: bool
-) -> Iterator[Move]:
-    numbers = {(s.connector.name, s.side): number for number, s in enumerate(stands)}
-    extra = {"open": 0.0, "closed": times.closed, "locked": times.locked}
-    for (name, side), start in numbers.items():
-        connector, end = stands[start].connector, numbers.get((name, 1 - side))
-        if end is None or not connector.passes(side):
-            continue
-        if connector.state == "locked" and not allow_locked:
-            continue
-        through = math.dist(stands[start].point, stands[end].point) / times.speed
-        into = stands[end].elevator if stands[start].elevator != stands[end].elevator else None
-        yield Move(start, end, "passage", through + extra[connector.state], connector, into)
-
-
-def _rides(stands: list[Stand], times: Times) -> Iterator[Move]:
-    cabins: dict[str, dict[str, list[int]]] = {}
-    for number, stand in enumerate(stands):
-        if stand.elevator is not None:
-            cabins.setdefault(stand.elevator, {}).setdefault(stand.place, []).append(number)
-    for elevator, places in cabins.items():
-        for here, there in permutations(places.values(), 2):
-            for a, b in product(here, there):
-                height = abs(stands[a].pose.z - stands[b].pose.z)
-                seconds = times.ride + times.ride_per_metre * height
-                yield Move(a, b, "ride", seconds, elevator=elevator)

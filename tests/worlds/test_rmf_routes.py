@@ -19,12 +19,13 @@ import yaml
 from shapely import LineString
 from sqlalchemy import Engine, text
 
-from planner.route import NoRouteError, route
+from planner.route import NoRouteError
 from planner.source import read_places_like, read_topology
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
 from tests.conftest import MakeDatabase
+from tests.planner.office import route
 
 NAMED = {"hotel": 17, "clinic": 30}
 """Vertices with a name, as the collection's own page states them."""
