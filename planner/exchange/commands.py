@@ -92,7 +92,7 @@ def topology_command(
         return
     match chosen:
         case Format.nav2:
-            written = write_nav2(network, file, storey=storey, name=name)
+            written = write_nav2(network, file, storey=storey, surroundings=around, name=name)
         case Format.rmf:
             written = [
                 write_rmf_nav(network, file, name=name, surroundings=around, storey=storey)

@@ -15,7 +15,16 @@ from typing import Any
 
 from navgrid.map_file import file_name
 from navgrid.nav2 import frame_name
-from planner.exchange.stands import ExchangeError, Move, Stand, Stands, stands_of
+from planner.exchange.stands import (
+    ExchangeError,
+    Move,
+    Stand,
+    Stands,
+    Waypoint,
+    around_corners,
+    stands_of,
+)
+from planner.exchange.surroundings import Surroundings
 from planner.network import Network
 from planner.topology import Topology
 
@@ -37,6 +46,7 @@ def nav2_graph(
     network: Network,
     *,
     storey: str | None = None,
+    surroundings: Surroundings | None = None,
     frames: Mapping[str, str] | None = None,
     name: str = "graph",
 ) -> dict[str, Any]:
@@ -52,6 +62,8 @@ def nav2_graph(
     ----------
     network : travel times of the robot that drives; what bars it is no edge
     storey : only this one; its nodes in cabins then carry ``switch_map`` with the storeys served
+    surroundings : outlines, around whose corners walks are led over nodes more; without, walks are
+        straight, also where that is through a wall
     frames : the frame of each storey, by default ``map`` where there is one, else ``map_STOREY``
 
     Raises
@@ -60,6 +72,8 @@ def nav2_graph(
         There is no such storey, it has no way, or it needs more ids than there are.
     """
     made = stands_of(network, storey=storey)
+    if surroundings is not None:
+        made = around_corners(made, surroundings.outlines, network.robot.speed)
     topology = network.topology
     what = f"storey {storey}" if storey is not None else "the building"
     if not made.moves:
@@ -144,20 +158,22 @@ def _storeys_of(topology: Topology, cabins: list[str]) -> list[str]:
     return [s for cabin in cabins if (s := topology.places[cabin].storey) is not None]
 
 
-def _node(number: int, stand: Stand, frame: str, served: Mapping[str, list[str]]) -> dict[str, Any]:
+def _node(
+    number: int, stand: Stand | Waypoint, frame: str, served: Mapping[str, list[str]]
+) -> dict[str, Any]:
     properties: dict[str, Any] = {
         "id": number,
         "frame": frame,
         "metadata": _said(
-            name=stand.name,
-            place=stand.place,
-            connector=stand.connector.name,
-            side=stand.side,
-            storey=stand.storey,
-            elevator=stand.elevator,
-            yaw=_real(stand.pose.yaw),
+            name=stand.name, place=stand.place, storey=stand.storey, elevator=stand.elevator
         ),
     }
+    if isinstance(stand, Stand):
+        properties["metadata"] |= {
+            "connector": stand.connector.name,
+            "side": stand.side,
+            "yaw": _real(stand.pose.yaw),
+        }
     if stand.elevator is not None and stand.elevator in served:
         properties["operations"] = {
             "switch_map": _operation(
@@ -199,7 +215,7 @@ def _edge(number: int, move: Move, made: Stands, frame_of: Mapping[str, str]) ->
 
 
 def _operations(
-    move: Move, start: Stand, end: Stand, frame_of: Mapping[str, str]
+    move: Move, start: Stand | Waypoint, end: Stand | Waypoint, frame_of: Mapping[str, str]
 ) -> dict[str, Any]:
     """What the robot does beside driving; the trigger says when."""
     found: dict[str, Any] = {}
@@ -242,5 +258,5 @@ def _real(value: float) -> float:
     return round(float(value), 4)
 
 
-def _coordinates(stand: Stand) -> list[float]:
+def _coordinates(stand: Stand | Waypoint) -> list[float]:
     return [_real(v) for v in stand.point]

@@ -4,14 +4,32 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from itertools import pairwise
+from typing import Literal, TypeAlias
 
+import numpy as np
+from shapely import MultiPolygon, Polygon
+
+from planner.exchange.bends import ways_around
 from planner.network import Network
 from planner.topology import OUTSIDE, Connector, Topology
 from semmap.geometry.pose import Pose
 
-__all__ = ["ExchangeError", "Move", "Stand", "Stands", "stands_of"]
+__all__ = [
+    "ExchangeError",
+    "Move",
+    "Stand",
+    "Stands",
+    "Waypoint",
+    "around_corners",
+    "stands_of",
+    "with_middles",
+]
+
+
+Outline: TypeAlias = Polygon | MultiPolygon
 
 
 class ExchangeError(ValueError):
@@ -46,6 +64,17 @@ class Stand:
 
 
 @dataclass(frozen=True)
+class Waypoint:
+    """A point of a place that is before no connector: at a corner, or in the middle."""
+
+    name: str
+    place: str
+    storey: str
+    point: tuple[float, float, float]
+    elevator: str | None = None
+
+
+@dataclass(frozen=True)
 class Move:
     """One way from stand to stand (indices), in one direction.
 
@@ -66,9 +95,9 @@ class Move:
 
 @dataclass(frozen=True)
 class Stands:
-    """All stands and moves of a topology, or of one storey of it."""
+    """All stands and moves of a network, or of one storey of it, and the waypoints between."""
 
-    stands: tuple[Stand, ...]
+    stands: tuple[Stand | Waypoint, ...]
     moves: tuple[Move, ...]
 
     @property
@@ -123,6 +152,79 @@ def stands_of(network: Network, *, storey: str | None = None, storeyless: str = 
         elif stands[start].place != OUTSIDE:
             moves.append(Move(a, b, "walk", seconds))
     return Stands(tuple(stands[n] for n in kept), tuple(moves))
+
+
+def with_middles(made: Stands, outlines: Mapping[str, Outline], speed: float) -> Stands:
+    """A waypoint more in each place, under its name, that walks join with the place's stands."""
+    stands, moves = list(made.stands), list(made.moves)
+    for place, numbers in _inside(made).items():
+        if stands[numbers[0]].elevator is not None:
+            continue
+        points = np.array([stands[n].point for n in numbers])
+        outline = outlines.get(place)
+        x, y = points[:, :2].mean(axis=0)
+        if outline is not None:
+            middle = outline.centroid
+            if not outline.contains(middle):
+                middle = outline.representative_point()
+            x, y = middle.x, middle.y
+        z = float(points[0, 2])
+        number = len(stands)
+        stands.append(Waypoint(place, place, stands[numbers[0]].storey, (float(x), float(y), z)))
+        for n in numbers:
+            seconds = math.dist(stands[n].point, stands[number].point) / speed
+            moves += [Move(n, number, "walk", seconds), Move(number, n, "walk", seconds)]
+    return Stands(tuple(stands), tuple(moves))
+
+
+def around_corners(made: Stands, outlines: Mapping[str, Outline], speed: float) -> Stands:
+    """Walks that would lead through a wall of their place, led over waypoints at its corners.
+
+    A stretch between corners takes its length at `speed`, or more as the walks over it do: of
+    several the least. Walks that stay inside, and places without outline, are left as they are.
+    """
+    stands = list(made.stands)
+    bent: dict[tuple[int, int], list[int]] = {}
+    for place, numbers in _inside(made).items():
+        if place not in outlines:
+            continue
+        ways = ways_around(outlines[place], np.array([stands[n].point[:2] for n in numbers]))
+        used = sorted({c for way in ways.between.values() for c in way})
+        first, z = stands[numbers[0]], stands[numbers[0]].point[2]
+        at = {}
+        for count, corner in enumerate(used, 1):
+            x, y = ways.corners[corner]
+            at[corner] = len(stands)
+            stands.append(
+                Waypoint(f"{place}#{count}", place, first.storey, (float(x), float(y), z))
+            )
+        for (i, j), way in ways.between.items():
+            if way:
+                bent[numbers[i], numbers[j]] = [at[c] for c in way]
+                bent[numbers[j], numbers[i]] = [at[c] for c in reversed(way)]
+    moves = []
+    legs: dict[tuple[int, int], float] = {}
+    for move in made.moves:
+        over = bent.get((move.start, move.end)) if move.kind == "walk" else None
+        if over is None:
+            moves.append(move)
+            continue
+        steps = list(pairwise([move.start, *over, move.end]))
+        metres = [math.dist(stands[a].point, stands[b].point) for a, b in steps]
+        pace = max(move.seconds / sum(metres), 1 / speed)
+        for step, length in zip(steps, metres, strict=True):
+            legs[step] = min(legs.get(step, math.inf), pace * length)
+    moves += [Move(a, b, "walk", seconds) for (a, b), seconds in legs.items()]
+    return Stands(tuple(stands), tuple(moves))
+
+
+def _inside(made: Stands) -> dict[str, list[int]]:
+    """The stands of each place that is drawn, by number."""
+    inside: dict[str, list[int]] = {}
+    for number, stand in enumerate(made.stands):
+        if stand.place != OUTSIDE:
+            inside.setdefault(stand.place, []).append(number)
+    return inside
 
 
 def _storey(topology: Topology, connector: Connector, side: int) -> str | None:

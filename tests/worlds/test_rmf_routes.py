@@ -156,8 +156,10 @@ def test_where_lanes_and_lifts_lead_there_is_a_route(building: Building) -> None
     lifts = building.lanes.building["lifts"]
     pairs = building.pairs(connected)
     assert {a for a, b in pairs} >= {building.places[a] for a, b in named}
+    network = building.topology.network()
+    sites = {place: network.site(place) for pair in pairs for place in pair}
     for start, goal in pairs:
-        found = route(building.topology, start, goal)
+        found = network.route(sites[start], sites[goal])
         ridden = {step.elevator for step in found.steps if step.behaviour == "use_elevator"}
         levels = {places[start].storey, places[goal].storey}
         assert len(ridden) == len(levels) - 1, (start, goal)
