@@ -105,8 +105,9 @@ class Stands:
         return list(dict.fromkeys(stand.storey for stand in self.stands))
 
     def busiest(self) -> tuple[str, int]:
-        """The place with the most stands, and how many it has."""
-        return Counter(stand.place for stand in self.stands).most_common(1)[0]
+        """The place with the most connectors, and how many it has."""
+        counted = Counter(s.place for s in self.stands if isinstance(s, Stand))
+        return counted.most_common(1)[0]
 
 
 def stands_of(network: Network, *, storey: str | None = None, storeyless: str = "map") -> Stands:

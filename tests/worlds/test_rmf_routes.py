@@ -15,10 +15,13 @@ from typing import Any
 
 import networkx as nx
 import pytest
+import shapely
 import yaml
 from shapely import LineString
 from sqlalchemy import Engine, text
 
+from planner.exchange.nav2_route import nav2_graph
+from planner.exchange.source import read_surroundings
 from planner.route import NoRouteError
 from planner.source import read_places_like, read_topology
 from planner.topology import OUTSIDE, Topology
@@ -110,6 +113,18 @@ class Building:
                     "WHERE e.map_id = current_map() AND e.kind = 'region' ORDER BY e.id"
                 )
             ).all()
+            self.surroundings = read_surroundings(connection)
+            self.walls = {
+                row.storey: shapely.from_wkb(bytes(row.outline))
+                for row in connection.execute(
+                    text(
+                        "SELECT s.name AS storey, ST_AsBinary(w.footprint) AS outline "
+                        "FROM entity e JOIN world w ON w.entity_id = e.id "
+                        "JOIN entity s ON s.id = w.storey_id "
+                        "WHERE e.map_id = current_map() AND e.type = 'wall'"
+                    )
+                )
+            }
             self.places: dict[Vertex, str] = {}
             for row in rows:
                 (place,) = read_places_like(connection, self.topology, row.name)
@@ -178,6 +193,26 @@ def test_a_lane_through_a_door_leads_to_the_doors_other_place(building: Building
         assert set(connector.places) == {building.places[start], building.places[end]}, door
         crossed.add(door)
     assert len(crossed) == CROSSED[building.name]
+
+
+def test_the_route_graph_leads_through_no_wall(building: Building) -> None:
+    network = building.topology.network()
+    graph = nav2_graph(network, surroundings=building.surroundings)
+    nodes = {f["properties"]["id"]: f["properties"]["metadata"] for f in graph["features"]
+             if "startid" not in f["properties"]}  # fmt: skip
+    driven = nx.DiGraph()
+    hit = []
+    for feature in graph["features"]:
+        said = feature["properties"]
+        if "startid" not in said:
+            continue
+        start, end = nodes[said["startid"]], nodes[said["endid"]]
+        driven.add_edge(start["name"], end["name"])
+        line = LineString(p[:2] for p in feature["geometry"]["coordinates"])
+        if said["metadata"]["kind"] != "ride" and line.intersects(building.walls[start["storey"]]):
+            hit.append((start["name"], end["name"]))
+    print(building.name, len(hit), len(driven), driven.number_of_edges(), hit[:30])
+    assert not hit
 
 
 def joined(topology: Topology) -> nx.MultiGraph:
