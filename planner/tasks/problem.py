@@ -23,6 +23,8 @@ from semmap.geometry.pose import Pose
 __all__ = ["NoPlanError", "Operator", "Problem", "milliseconds", "pose_problem"]
 
 StandOf = Callable[[Thing], Pose | None]
+Extend = Callable[["Problem", World], tuple[list[str], int]]
+"""Adds operators and facts; gives the things to be held for them, and how many events more."""
 
 
 class NoPlanError(ValueError):
@@ -106,7 +108,7 @@ def pose_problem(
     goal: Goal,
     *,
     stand: StandOf | None = None,
-    extend: Callable[[Problem, World], Iterable[str]] | None = None,
+    extend: Extend | None = None,
 ) -> Problem:
     """The problem that a goal poses.
 
@@ -130,7 +132,7 @@ class _Poser:
         state: State,
         goal: Goal,
         stand: StandOf | None,
-        extend: Callable[[Problem, World], Iterable[str]] | None,
+        extend: Extend | None,
     ) -> None:
         self.network, self.world, self.state, self.goal = network, world, state, goal
         self.heights = network.robot.heights
@@ -156,7 +158,7 @@ class _Poser:
         made.held = list(self.state.carrying)
         self._words()
         moved = self._moved()
-        extra = list(self.extend(made, self.world)) if self.extend else []
+        extra, self.more = self.extend(made, self.world) if self.extend else ([], 0)
         for name in extra:
             why = self._obstacle(name)
             if why is None and name not in made.held:
@@ -421,6 +423,8 @@ class _Poser:
             if holder is not None and name not in made.held:
                 aside.setdefault(holder)
         targets = {n for names in made.candidates.values() for n in names}
+        targets |= {o.at for o in made.operators if o.at is not None}
+        targets |= {on for o in made.operators for _, on in o.on}
         for name in moved:
             options = list(dict.fromkeys(self.goals.get(name, ())))
             if name in self.off or name in made.held or name in extra:
@@ -442,12 +446,14 @@ class _Poser:
             if thing.carrier:
                 made.carriers.add(name)
             if name not in made.held:
-                made.spots[name] = self._spot(thing)
+                below = self.world.things.get(thing.holder or "")
+                rides = below is not None and below.carrier and below.name in moved
+                made.spots[name] = self._spot(below if rides and below is not None else thing)
             if name not in moved and (thing.carrier or thing.obstacle(self.heights) is not None):
                 made.fixed.add(name)
         relevant = {*moved, *made.takes, *targets}
         above = {n for on in relevant if on not in made.fixed for n in self.world.above.get(on, ())}
-        for name in {*relevant, *(above if made.carriers or True else ())}:
+        for name in relevant | above:
             thing = self.world.things.get(name)
             if thing is not None and thing.holder is not None and name not in made.held:
                 made.on[name] = thing.holder
@@ -470,9 +476,7 @@ class _Poser:
                 sure |= groups[0]
             else:
                 several.append(max(map(with_tucked, groups)))
-        sure |= {n for n in made.limits if not any(n in c for c in made.candidates.values())
-                 and n not in self.off}  # fmt: skip
-        made.slots = with_tucked(sure) + sum(several)
+        made.slots = with_tucked(sure) + sum(several) + self.more
 
     def _off_target(self, name: str) -> set[str]:
         thing = self.world.things[name]

@@ -23,7 +23,7 @@ LONGEST = 0.6
 """Metres that the second longest side of a thing may have which a robot lifts."""
 
 _FIXED_TYPES = frozenset(
-    {"furniture", "appliance", "structural_element", "fixture", "person", "vehicle", "opening"}
+    {"furniture", "appliance", "building_element", "fixture", "vehicle", "agent"}
 )
 
 
@@ -163,6 +163,10 @@ class World:
             for said in {*thing.types, *([thing.label] if thing.label else [])}:
                 self._by_word.setdefault(said, []).append(thing.name)
 
+    def of_kind(self, word: Word) -> list[str]:
+        """The things that have a type or a label."""
+        return self._by_word.get(word.text, [])
+
     def meant(self, word: Word, topology: Topology) -> tuple[str, list[str]]:
         """What a word means: ("thing" or "place", names); a name wins over a type or a label.
 
@@ -176,7 +180,7 @@ class World:
                 return "thing", [said]
             if said in topology.places:
                 return "place", [said]
-        things = self._by_word.get(said, [])
+        things = self.of_kind(word)
         if things:
             return "thing", things
         places = [
