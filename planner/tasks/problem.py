@@ -141,6 +141,7 @@ class _Poser:
         times = network.times
         self.made = Problem(goal, state, network.robot.capacity, times.pickup, times.place)
         self.numbers: dict[tuple[str, Pose | None], int] = {}
+        self.away: dict[int, float] = {}  # seconds from the robot to sites, as far as asked
         self.reach: dict[str, str | None] = {}
         self.tucked: dict[str, list[str]] = {}  # what has to be taken off a thing before it is taken
 
@@ -225,6 +226,9 @@ class _Poser:
         """Things that the goal moves; words of which nothing can be taken are refused."""
         made = self.made
         moved: dict[str, int] = {}
+        self._survey(
+            self._spot(self.world.things[n]) for names in made.candidates.values() for n in names
+        )
         wanted = dict.fromkeys(
             atom.words[1] if atom.relation == "carries" else atom.words[0]
             for atom in self.goal.atoms
@@ -288,23 +292,26 @@ class _Poser:
     def _unreachable(self, thing: Thing) -> str | None:
         if thing.place is None:
             return f"{thing.name} is in no room that the map knows; place it in one"
-        here = self.made.sites[0]
-        there = self.made.sites[self._spot(thing)]
-        if math.isfinite(self._direct(here, there)):
-            return None
-        return self._barred(here, there, thing.name)
+        number = self._spot(thing)
+        return None if self._leads(number) else self._barred(number, thing.name)
 
-    def _direct(self, a: Site, b: Site) -> float:
-        """Whether a way leads from one place to another: asked once for each pair."""
-        if not hasattr(self, "asked"):
-            self.asked: dict[tuple[int, int], float] = {}
-        key = (id(a), id(b))
-        if key not in self.asked:
-            self.asked[key] = float(self.network.times_between([a], [b])[0, 0])
-        return self.asked[key]
+    def _leads(self, number: int) -> bool:
+        """Whether a way leads from the robot to a site."""
+        if number not in self.away:
+            self._survey([number])
+        return math.isfinite(self.away[number])
 
-    def _barred(self, a: Site, b: Site, name: str) -> str:
-        reason = self.network.why_not(a, b).partition(": ")[2]
+    def _survey(self, numbers: Iterable[int]) -> None:
+        """Look at once how far many sites are from the robot."""
+        new = [n for n in dict.fromkeys(numbers) if n not in self.away]
+        sites = self.made.sites
+        if new:
+            took = self.network.times_between(sites[:1], [sites[n] for n in new])[0]
+            self.away.update(zip(new, took.tolist(), strict=True))
+
+    def _barred(self, number: int, name: str) -> str:
+        sites = self.made.sites
+        reason = self.network.why_not(sites[0], sites[number]).partition(": ")[2]
         return f"{name} cannot be reached: {reason}"
 
     # -- what may be put where ---------------------------------------------------------------------
@@ -373,10 +380,8 @@ class _Poser:
         if on not in self.world.things:
             if not len(self.network.nodes.get(on, ())) and on != self.state.place:
                 return f"{on} cannot be reached: it has no door; add a connector that joins it"
-            here, there = self.made.sites[0], self.made.sites[self._floor(on)]
-            if math.isinf(self._direct(here, there)):
-                return self._barred(here, there, on)
-            return None
+            number = self._floor(on)
+            return None if self._leads(number) else self._barred(number, on)
         target = self.world.things[on]
         why = target.unsuitable(thing, self.heights)
         if why is None and on not in self.made.held:
@@ -603,9 +608,8 @@ class _Poser:
                     if place == OUTSIDE:
                         continue
                     number = self._site(place, None)
-                    here, there = self.made.sites[0], self.made.sites[number]
-                    if place != self.state.place and math.isinf(self._direct(here, there)):
-                        reasons.append(self._barred(here, there, place))
+                    if place != self.state.place and not self._leads(number):
+                        reasons.append(self._barred(number, place))
                         continue
                     self.ends.append((number, place))
                 if not self.ends:
@@ -623,7 +627,15 @@ class _Poser:
         made.sites = [made.sites[i] for i in used]
         made.spots = {name: renumbered[i] for name, i in made.spots.items()}
         made.finals = [(renumbered[i], place) for i, place in made.finals]
-        made.seconds = self.network.times_between(made.sites, made.sites)
+        ends = {number for number, _ in made.finals} - {*made.spots.values()}
+        starts = [i for i in range(len(used)) if i not in ends]
+        # nobody drives back to where the robot starts, unless something is there
+        goals = [i for i in range(len(used)) if i > 0 or i in made.spots.values()]
+        made.seconds = np.full((len(used), len(used)), math.inf)
+        if goals:
+            made.seconds[np.ix_(starts, goals)] = self.network.times_between(
+                [made.sites[i] for i in starts], [made.sites[i] for i in goals]
+            )
         np.fill_diagonal(made.seconds, 0.0)
 
 

@@ -1,6 +1,11 @@
-from planner.tasks import State, Thing, World, plan_task
+from hypothesis import given, settings
+
+from planner.tasks import NoPlanError, State, Thing, World, parse_goal, plan_task
+from planner.tasks.validator import validate
 from semmap.geometry.pose import Pose
 from tests.planner.office import office
+from tests.planner.tasks.brute import shortest
+from tests.planner.tasks.houses import houses
 
 FIGURE_4 = """\
 pass_door(door1, lab1, corridor1)
@@ -34,3 +39,30 @@ def test_figure_4():
     plan = plan_task(office().network(), office_world(), State("lab1"), "on(muffin, desk1)")
     assert "\n".join(map(str, plan.actions)) == FIGURE_4
     assert plan.optimal
+
+
+@settings(max_examples=60)
+@given(houses())
+def test_plans_are_valid_and_as_short_as_exhaustive_search_finds(house):
+    network = house.topology.network(house.robot)
+    goal = parse_goal(house.goal)
+    wanted = dict(
+        (str(a.words[0]), str(a.words[1])) for a in goal.atoms if a.relation == "on"
+    )
+    end = next((str(a.words[1]) for a in goal.atoms if a.relation == "in"), None)
+    cups = [n for n in house.world.things if n.startswith("cup")]
+    best = shortest(
+        network, house.world, house.state,
+        lambda below, held: all(below.get(a) == b for a, b in wanted.items()),
+        movable=cups, surfaces=[n for n in house.world.things if n.startswith("table")],
+        limits=house.limits, end=end,
+    )  # fmt: skip
+    try:
+        plan = plan_task(network, house.world, house.state, goal)
+    except NoPlanError:
+        assert best is None
+        return
+    validate(plan, house.topology, house.robot, house.world, house.state, goal)
+    assert plan.optimal
+    assert best is not None
+    assert abs(1000 * plan.seconds - best) <= len(plan.actions)  # both round each drive
