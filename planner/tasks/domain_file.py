@@ -183,9 +183,7 @@ def _fitting(kind: str, world: World) -> list[str]:
     return world.of_kind(Word(kind))
 
 
-def _ground(
-    action: UserAction, of: Mapping[str, str]
-) -> tuple[Operator, list[tuple[str, ...]]]:
+def _ground(action: UserAction, of: Mapping[str, str]) -> tuple[Operator, list[tuple[str, ...]]]:
     def facts(literals: Iterable[Literal], holds: bool) -> tuple[tuple[str, ...], ...]:
         return tuple(
             (k.predicate, *(of[p] for p in k.parameters))
@@ -323,12 +321,9 @@ class _Reader:
     ) -> tuple[Literal, ...]:
         if said is None:
             return ()
-        node = said[1]
-        if not isinstance(node, yaml.SequenceNode):
-            raise self.fail(node, f"{name}: {said[0].value} is a list: [watered(plant)]")
         found = []
-        for item in node.value:
-            match = _LITERAL.match(str(item.value)) if isinstance(item, yaml.ScalarNode) else None
+        for item, text in self.facts(name, said):
+            match = _LITERAL.match(text)
             if match is None:
                 raise self.fail(item, f"{name}: a fact reads watered(plant) or not watered(plant)")
             of = tuple(p.strip() for p in match[3].split(",")) if match[3].strip() else ()
@@ -344,9 +339,22 @@ class _Reader:
             found.append(Literal(match[2], of, match[1] is None))
         return tuple(found)
 
-    def arities(
-        self, actions: Iterable[UserAction], nodes: Mapping[str, tuple[Any, Any]]
-    ) -> None:
+    def facts(self, name: str, said: tuple[Any, Any]) -> list[tuple[Any, str]]:
+        """The facts of a list, each with where it stands: YAML takes ``[on(p, q)]`` for two."""
+        node = said[1]
+        if not isinstance(node, yaml.SequenceNode):
+            raise self.fail(node, f"{name}: {said[0].value} is a list: [watered(plant)]")
+        found: list[tuple[Any, str]] = []
+        for item in node.value:
+            if not isinstance(item, yaml.ScalarNode):
+                raise self.fail(item, f"{name}: a fact reads watered(plant) or not watered(plant)")
+            if found and found[-1][1].count("(") > found[-1][1].count(")"):
+                found[-1] = (found[-1][0], f"{found[-1][1]}, {item.value}")
+            else:
+                found.append((item, str(item.value)))
+        return found
+
+    def arities(self, actions: Iterable[UserAction], nodes: Mapping[str, tuple[Any, Any]]) -> None:
         """Each predicate takes as many things everywhere, and some action brings it about."""
         counts: dict[str, int] = dict(_OWN)
         for action in actions:

@@ -49,7 +49,11 @@ def expand(
         elif event.kind == "place":
             thing, target = event.arguments
             there = at[target]
-            names, shown, seconds = event.arguments, (called.get(thing, thing), target), problem.place
+            names, shown, seconds = (
+                event.arguments,
+                (called.get(thing, thing), target),
+                problem.place,
+            )
             on[thing] = target
             _settle(thing, there, on, at)
         elif event.kind == "finish":

@@ -223,7 +223,9 @@ class _Writer:
         if atom.relation == "in" and atom.words[0].text == ROBOT:
             for number, place in problem.finals:
                 if place in problem.regions[atom.words[1]]:
-                    yield _action(f"reach{k}-s{number}", f"(not (working)) (robot-at s{number})", done)
+                    yield _action(
+                        f"reach{k}-s{number}", f"(not (working)) (robot-at s{number})", done
+                    )
             return
         options = [
             problem.candidates.get(w, []) if w.text != ROBOT else [ROBOT] for w in atom.words

@@ -71,9 +71,7 @@ def plan_task(
     return Plan(goal.text, plan.actions, plan.seconds, bound)
 
 
-def solve(
-    problem: Problem, patience: float = PATIENCE
-) -> tuple[list[Event], dict[str, str], bool]:
+def solve(problem: Problem, patience: float = PATIENCE) -> tuple[list[Event], dict[str, str], bool]:
     """Events in order, what each chosen thing is called, and whether nothing is shorter."""
     control = clingo.Control(["--warn=none"])
     control.add("base", [], _program())
@@ -153,7 +151,9 @@ def _facts(problem: Problem) -> Iterator[Symbol]:
         numbers = [-1 if w.text == ROBOT else words[w] for w in atom.words]
         if atom.relation == "carries":
             yield fact("need_carried", numbers[1])
-        elif atom.relation == "on" or (atom.relation == "in" and atom.words[1] not in problem.regions):
+        elif atom.relation == "on" or (
+            atom.relation == "in" and atom.words[1] not in problem.regions
+        ):
             yield fact("need_on", *numbers)
         elif atom.relation == "in" and numbers[0] < 0:
             yield fact("need_robot", numbers[1])
@@ -222,7 +222,9 @@ def _why_none(problem: Problem) -> str:
             here, there = problem.spots[name], problem.spots.get(on)
             if there is not None and problem.seconds[here, there] == float("inf"):
                 places = [problem.sites[i].place for i in (here, there)]
-                return f"{name} cannot be brought from {places[0]} to {places[1]}: no way leads there"
+                return (
+                    f"{name} cannot be brought from {places[0]} to {places[1]}: no way leads there"
+                )
     if problem.held:
         return (
             f"no order of actions reaches {problem.goal.text}: the robot already carries "

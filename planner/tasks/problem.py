@@ -143,7 +143,9 @@ class _Poser:
         self.numbers: dict[tuple[str, Pose | None], int] = {}
         self.away: dict[int, float] = {}  # seconds from the robot to sites, as far as asked
         self.reach: dict[str, str | None] = {}
-        self.tucked: dict[str, list[str]] = {}  # what has to be taken off a thing before it is taken
+        self.tucked: dict[
+            str, list[str]
+        ] = {}  # what has to be taken off a thing before it is taken
 
     def problem(self) -> Problem:
         made = self.made
@@ -435,7 +437,11 @@ class _Poser:
             if name in self.off or name in made.held or name in extra:
                 for on in aside:
                     thing = self.world.things.get(on)
-                    if on == name or on in options or (thing is None and on not in self.network.nodes):
+                    if (
+                        on == name
+                        or on in options
+                        or (thing is None and on not in self.network.nodes)
+                    ):
                         continue
                     movable = thing is not None and on in moved
                     if not movable and self._unsuitable(name, on) is None:
@@ -504,9 +510,7 @@ class _Poser:
             atoms = [a for a in self.goal.atoms if word in a.words]
             if len(names) < 3 or len(atoms) != 1:
                 continue
-            sharing = sum(
-                bool(set(names) & set(others)) for others in made.candidates.values()
-            )
+            sharing = sum(bool(set(names) & set(others)) for others in made.candidates.values())
             alike = [
                 n for n in names
                 if not self.tucked.get(n) and n not in self.off and n not in made.held

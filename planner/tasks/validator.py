@@ -75,7 +75,9 @@ class _Replay:
         for number, action in enumerate(plan.actions, 1):
             before = self.seconds
             why = self._play(action)
-            if why is None and not math.isclose(self.seconds - before, action.seconds, abs_tol=1e-6):
+            if why is None and not math.isclose(
+                self.seconds - before, action.seconds, abs_tol=1e-6
+            ):
                 why = f"takes {self.seconds - before:.3f} s, not {action.seconds:.3f} s"
             if why is not None:
                 raise InvalidPlanError(f"action {number}, {action}: {why}")
@@ -295,8 +297,12 @@ class _Replay:
 
     def _meant(self, goal: Goal, words: list[Word], so_far: Mapping[Word, str]) -> bool:
         if not words:
-            return all(self._holds(atom.relation, [
-                ROBOT if w.text == ROBOT else so_far[w] for w in atom.words]) for atom in goal.atoms)
+            return all(
+                self._holds(
+                    atom.relation, [ROBOT if w.text == ROBOT else so_far[w] for w in atom.words]
+                )
+                for atom in goal.atoms
+            )
         word, *rest = words
         named = word.text in self.world.things or word.text in self.topology.places
         if named and word.number == 0:

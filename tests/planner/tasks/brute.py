@@ -10,8 +10,15 @@ from planner.tasks.world import State, Thing, World
 
 
 def shortest(
-    network: Network, world: World, state: State, done, *, movable: list[str],
-    surfaces: list[str], limits: dict[str, int], end: str | None = None,
+    network: Network,
+    world: World,
+    state: State,
+    done,
+    *,
+    movable: list[str],
+    surfaces: list[str],
+    limits: dict[str, int],
+    end: str | None = None,
 ) -> float | None:
     """Milliseconds of the shortest plan after which `done(below, held)` is true; None: there is none.
 

@@ -54,7 +54,9 @@ def houses(draw, most_things: int = 3) -> House:
                  frame @ Pose.planar(0.5, 0.0, math.pi), state=state, direction=way)  # fmt: skip
     if up:
         for level, name, z in ((down, "cabin1", 0.0), (up, "cabin2", 3.0)):
-            places.append(Place(name, storey="first" if z == 0 else "second", elevator="lift", floor=z))
+            places.append(
+                Place(name, storey="first" if z == 0 else "second", elevator="lift", floor=z)
+            )
             frame = Pose.planar(-3.0, 0.0, math.pi, z)
             door(f"e{name}", f"room{level[0]}", name, frame @ Pose.planar(-0.5, 0.0),
                  frame @ Pose.planar(0.5, 0.0, math.pi), type="elevator_door", state="closed",
