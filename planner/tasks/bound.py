@@ -17,9 +17,9 @@ _NEVER = 1e9
 def lower_bound(problem: Problem) -> float:
     """Seconds that every plan takes at least.
 
-    Each delivery takes a pickup and a placing, and its loaded way; before each pickup comes an empty
-    way from the start or from a delivery, each of these once: the cheapest assignment of the one to
-    the other (Frederickson, Hecht and Kim, 1978, for the stacker crane problem). With a capacity
+    Each delivery takes a pickup and a placing, and its loaded way; before each pickup comes an
+    empty way from the start or from a delivery, each of these once: the cheapest assignment of the
+    one to the other (Frederickson, Hecht and Kim, 1978, for the stacker crane problem). With a capacity
     above one loads overlap, and only the visits of all sites, in the order in which they are first
     made, are assigned.
     """

@@ -108,7 +108,7 @@ def base_stands(connection: Any, live: Live) -> StandOf | None:
 
 
 def _nearest_door(network: Network, thing: Thing, poses: list[Pose]) -> Pose | None:
-    """Of several free poses, the first; where there is none, that of the thing: it is not reached."""
+    """Of several free poses the first; where there is none, that of the thing: out of reach."""
     return poses[0] if poses else thing.pose
 
 
@@ -159,7 +159,7 @@ def show_plan(found: Plan) -> None:
         cli.out.print(table)
     proof = (
         "no plan is shorter" if found.optimal
-        else f"at most {found.gap:.0%} longer than the shortest, which takes {found.bound:.1f} s or more"
+        else f"at most {found.gap:.0%} longer than the shortest, of {found.bound:.1f} s or more"
     )  # fmt: skip
     done = f"{found.seconds:.1f} s" if found.actions else "nothing to do: it is so by now"
     cli.out.print(f"{found.goal}: {done} ({proof})")

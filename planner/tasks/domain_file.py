@@ -152,7 +152,8 @@ class Domain:
         for action in self.actions:
             if any(e.holds and e.predicate == predicate for e in action.effects):
                 most = max(most, 1 + sum(
-                    2 if need.predicate in _OWN else self._steps(need.predicate, (*before, predicate))
+                    2 if need.predicate in _OWN
+                    else self._steps(need.predicate, (*before, predicate))
                     for need in action.needs if need.holds
                 ))  # fmt: skip
         return most
@@ -363,6 +364,6 @@ class _Reader:
                 if known != len(literal.parameters):
                     raise self.fail(
                         nodes[action.name][0],
-                        f"{action.name}: {literal.predicate} is of {len(literal.parameters)} things "
-                        f"here, of {known} before; make them the same",
+                        f"{action.name}: {literal.predicate} is of {len(literal.parameters)} "
+                        f"things here, of {known} before; make them the same",
                     )

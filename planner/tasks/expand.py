@@ -16,7 +16,7 @@ __all__ = ["Event", "actions_along", "expand"]
 
 @dataclass(frozen=True)
 class Event:
-    """A slot of the logic program: pickup(thing), place(thing, on), do(operator), finish at a site."""
+    """A slot of the program: pickup(thing), place(thing, on), do(operator), finish at a site."""
 
     kind: str
     arguments: tuple[str, ...]
@@ -39,6 +39,8 @@ def expand(
     actions: list[Action] = []
     on, at = dict(problem.on), dict(problem.spots)
     here = 0
+    names: tuple[str, ...]
+    shown: tuple[str, ...]
     for event in events:
         if event.kind == "pickup":
             (thing,) = event.arguments

@@ -181,8 +181,8 @@ def _refuse_contradictions(atoms: Sequence[Atom]) -> None:
             for other in atoms:
                 if other.relation in ("on", "in") and other.words[0] == atom.words[1]:
                     raise GoalError(
-                        f"{atom} and {other} contradict each other: what the robot carries is in no "
-                        "other place; drop one of them"
+                        f"{atom} and {other} contradict each other: what the robot carries is in "
+                        "no other place; drop one of them"
                     )
         if atom.relation not in ("on", "in"):
             continue

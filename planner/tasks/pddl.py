@@ -1,8 +1,8 @@
 """The same problem in PDDL, for planners of the shelf: costs are milliseconds.
 
 What holds in the logic program holds here: one drive between two events, no thing picked up more
-often than it has to be, and in the end nothing in hand but what was before. After `finish` the words
-of the goal are taken for things, which costs nothing.
+often than it has to be, and in the end nothing in hand but what was before. After `finish` the
+words of the goal are taken for things, which costs nothing.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ _DOMAIN = """\
   (:constants{constants})
   (:predicates
     (working) (may-drive) (robot-at ?l - site) (way ?a ?b - site)
-    (at ?x - thing ?l - site) (on ?x ?y - thing) (held ?x - thing) (clear ?x - thing) (differ ?v ?w - word)
+    (at ?x - thing ?l - site) (on ?x ?y - thing) (held ?x - thing) (clear ?x - thing)
+    (differ ?v ?w - word)
     (takes ?y ?x - thing) (fixed ?y - thing ?l - site) (carrier ?x - thing) (single ?x - thing)
     (load ?n - count) (more ?n ?m - count) (left-of ?x - thing ?n - left) (less ?n ?m - left)
     (open ?v - word) (is ?v - word ?x - thing) (candidate ?v - word ?x - thing)
@@ -120,7 +121,8 @@ class _Writer:
 
     def write(self) -> tuple[str, str]:
         problem, t = self.problem, self.ids
-        predicates, actions = [], []
+        predicates: list[str] = []
+        actions: list[str] = []
         goals: list[str] = ["(not (working))"]
         for k in range(len(problem.goal.atoms)):
             predicates.append(f"(reached{k})")
@@ -202,9 +204,9 @@ class _Writer:
             of = self.words[word]
             said.append(f"(open {of})")
             said += [f"(candidate {of} {t[name]})" for name in names]
-        for a, b in problem.differ:
-            said.append(f"(differ {self.words[a]} {self.words[b]})")
-            said.append(f"(differ {self.words[b]} {self.words[a]})")
+        for v, w in problem.differ:
+            said.append(f"(differ {self.words[v]} {self.words[w]})")
+            said.append(f"(differ {self.words[w]} {self.words[v]})")
         said += [f"(f-{' '.join([f[0], *(t[x] for x in f[1:])])})" for f in problem.facts]
         said += [f"(undone{i})" for i in range(len(problem.operators))]
         lines = "\n    ".join

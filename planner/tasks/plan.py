@@ -3,8 +3,8 @@
 Only picking up, putting down and the actions of domain files are events of the program; a drive
 between two is one atom with its exact time, minimised, and expanded afterwards (`expand`). That is
 exact, because between two events only moves happen, and what they take depends on the two sites
-alone: a call of an elevator takes a constant expected time, and a closed door is opened, and left as
-it was, at each passage.
+alone: a call of an elevator takes a constant expected time, and a closed door is opened, and left
+as it was, at each passage.
 """
 
 from __future__ import annotations

@@ -234,7 +234,7 @@ class _Poser:
         wanted = dict.fromkeys(
             atom.words[1] if atom.relation == "carries" else atom.words[0]
             for atom in self.goal.atoms
-            if atom.relation in ("on", "in", "carries") and atom.words[0].text != ROBOT
+            if (atom.relation in ("on", "in", "carries") and atom.words[0].text != ROBOT)
             or atom.relation == "carries"
         )  # fmt: skip
         for word in wanted:
@@ -529,7 +529,7 @@ class _Poser:
                 made.limits.pop(name, None)
                 self.goals.pop(name, None)
         for atom in self.goal.atoms:
-            if atom.relation != "in" and atom.relation != "on" or atom.words[0].text == ROBOT:
+            if (atom.relation != "in" and atom.relation != "on") or atom.words[0].text == ROBOT:
                 continue
             self._prune_targets(atom.words[0], atom.words[1])
 
@@ -591,8 +591,8 @@ class _Poser:
 
     def _floor(self, place: str) -> int:
         """Where something is put on a place's floor: just inside of its first door."""
-        nodes = self.network.nodes.get(place, ())
-        return self._site(place, self.network.stands[nodes[0]] if len(nodes) else None)
+        nodes = self.network.nodes.get(place)
+        return self._site(place, None if nodes is None else self.network.stands[nodes[0]])
 
     def _site(self, place: str, pose: Pose | None) -> int:
         key = (place, pose)

@@ -1,4 +1,4 @@
-"""The things of the current map that a goal can use: the one module here that reads the database."""
+"""The things of the current map that a goal can use: the module here that reads the database."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from semmap.geometry.pose import Pose
 
 __all__ = ["read_state", "read_world"]
 
-# By indexes alone: on (map, name), on (type, id) and on the holder. What a word means; in rooms that
-# are named, what stands there; up to the room, what those stand on; and all that stands on them.
+# By indexes alone: on (map, name), on (type, id) and on the holder. What a word means; in rooms
+# that are named, what stands there; up to the room, what those stand on; and what stands on them.
 _THINGS = """
 WITH RECURSIVE named AS MATERIALIZED (
     SELECT id, kind FROM entity WHERE map_id = current_map() AND name = ANY (:words)

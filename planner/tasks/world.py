@@ -1,4 +1,4 @@
-"""What a task knows of things: plain dataclasses; `planner.tasks.source` reads them from the map."""
+"""What a task knows of things: plain dataclasses; `tasks.source` reads them from the map."""
 
 from __future__ import annotations
 
@@ -100,9 +100,12 @@ class Thing:
             if kind is not None:
                 return f"{self.name} is {_article(kind)}; no robot carries it about"
             if sorted(self.size)[1] > LONGEST:
-                return f"{self.name} is {sorted(self.size)[1]:.2f} m wide; the robot lifts up to {LONGEST:g} m"
+                return (
+                    f"{self.name} is {sorted(self.size)[1]:.2f} m wide; the robot lifts what is up "
+                    f"to {LONGEST:g} m wide"
+                )
         if self.weight is not None and self.weight > HEAVIEST:
-            return f"{self.name} weighs {self.weight:g} kg; the robot lifts up to {HEAVIEST:g} kg"
+            return f"{self.name} weighs {self.weight:g} kg; the robot lifts {HEAVIEST:g} kg"
         return _out_of_reach(self.name, self.height, heights)
 
     def unsuitable(self, thing: Thing, heights: tuple[float, float]) -> str | None:

@@ -20,7 +20,7 @@ def shortest(
     limits: dict[str, int],
     end: str | None = None,
 ) -> float | None:
-    """Milliseconds of the shortest plan after which `done(below, held)` is true; None: there is none.
+    """Milliseconds of the shortest plan after which `done(below, held)`; None: there is none.
 
     `end` is a room in which the robot shall be at last.
     """  # fmt: skip
@@ -86,6 +86,6 @@ def shortest(
                 more = round(1000 * drive[at, place]) + round(1000 * network.times.pickup)
                 fewer = (*left[:i], left[i] - 1, *left[i + 1 :])
                 gone = frozenset(w for w in where if w[0] != name)
-                heapq.heappush(queue, (cost + more, next(order), (place, gone, held | {name}, fewer),
-                                       False))  # fmt: skip
+                new = (place, gone, held | {name}, fewer)
+                heapq.heappush(queue, (cost + more, next(order), new, False))
     return None

@@ -78,7 +78,8 @@ def houses(draw, most_things: int = 3) -> House:
             under = draw(st.sampled_from(tables))
         p = under.pose
         cups.append(Thing(f"cup{k}", ("cup",), None, under.name, under.place,
-                          Pose(p.x + draw(near) / 4, p.y, p.z + 0.4), height=p.z + 0.4 - (3.0 if p.z > 3 else 0),
+                          Pose(p.x + draw(near) / 4, p.y, p.z + 0.4),
+                          height=p.z + 0.4 - (3.0 if p.z > 3 else 0),
                           size=(0.1, 0.1, 0.1)))  # fmt: skip
     wanted = draw(st.lists(st.sampled_from(cups), min_size=1, max_size=len(cups), unique=True))
     atoms = [f"on({c.name}, {draw(st.sampled_from(tables)).name})" for c in wanted]

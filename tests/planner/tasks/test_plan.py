@@ -46,7 +46,7 @@ def test_figure_4():
 def test_plans_are_valid_and_as_short_as_exhaustive_search_finds(house):
     network = house.topology.network(house.robot)
     goal = parse_goal(house.goal)
-    wanted = dict((str(a.words[0]), str(a.words[1])) for a in goal.atoms if a.relation == "on")
+    wanted = {str(a.words[0]): str(a.words[1]) for a in goal.atoms if a.relation == "on"}
     end = next((str(a.words[1]) for a in goal.atoms if a.relation == "in"), None)
     cups = [n for n in house.world.things if n.startswith("cup")]
     best = shortest(
