@@ -72,7 +72,7 @@ class Asker:
             starts = self._sites(start, drawn=1)
             if len({s.place for s in starts}) > 1:
                 names = ", ".join(sorted({s.place for s in starts}))
-                raise ValueError(f"{start} may be in {names}; name one of them")
+                raise ValueError(f"{start} may be {names}; name one of them")
             goals = self._sites(goal, drawn=1)
             took = self.network.times_between(starts, goals)
             best = np.unravel_index(int(np.argmin(took)), took.shape)

@@ -36,8 +36,8 @@ class Graph:
     n_nodes : how many nodes there are
     least : (E,) float64
         What no weight will fall below; the weights where None. Say it of an edge that is closed now
-        and may open: where a weight does fall far below, the landmarks are computed anew, and the
-        next way waits for them (some 4 ms at 1,000 nodes).
+        and may open: where a weight falls far below, the landmarks are lost, and ways are searched
+        without until that has cost as much as computing new ones.
 
     Raises
     ------
@@ -149,7 +149,7 @@ class Graph:
         return self._graph.distances(from_, to, threads)
 
     def prepare(self) -> None:
-        """Compute the landmarks now, for which the first way would wait."""
+        """Compute the landmarks now, which ways do when they have cost as much without."""
         self._graph.prepare()
 
     def _nodes(self, name: str, value: ArrayLike) -> Ints:

@@ -68,7 +68,7 @@ class RobotClass:
         here, there = connector.places[side], connector.places[1 - side]
         if connector.state == "locked" and not self.unlocks:
             return f"{name} is locked"
-        if connector.state == "closed" and not self.opens:
+        if connector.state == "closed" and connector.shut and not self.opens:
             return f"{name} is closed"
         if not connector.passes(side):
             return f"{name} leads only from {there} to {here}"

@@ -43,12 +43,12 @@ class Times:
                 raise ValueError(f"times: {name} is {value}; give a finite number above zero")
 
     def of_opening(self, connector: Connector) -> float:
-        """Opening or unlocking a connector, as its state asks."""
+        """Opening or unlocking a connector, as its state asks; an elevator opens its own doors."""
+        if not connector.shut:
+            return 0.0
         if connector.state == "closed":
             return self.learned.get(("open_door", connector.name), self.open)
-        if connector.state == "locked":
-            return self.learned.get(("unlock_door", connector.name), self.unlock)
-        return 0.0
+        return self.learned.get(("unlock_door", connector.name), self.unlock)
 
     def of_passing(self, connector: Connector, speed: float) -> float:
         """From the pose before a connector to the pose behind it, once it is open."""

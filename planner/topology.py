@@ -115,6 +115,11 @@ class Connector:
     properties: Mapping[str, Any] = field(default_factory=dict)
     id: int | None = None
 
+    @property
+    def shut(self) -> bool:
+        """Whether who passes has to open it; elevators open their own doors."""
+        return self.state == "locked" or (self.state == "closed" and self.type != "elevator_door")
+
     def passes(self, side: int) -> bool:
         """True where the direction allows leaving from ``places[side]``."""
         return self.direction == "both" or (self.direction == "forward") == (side == 0)

@@ -27,7 +27,7 @@ CREATE FUNCTION bars(r robot_class, c connector, there integer)
 RETURNS boolean LANGUAGE sql IMMUTABLE AS $$
 -- Whether a class of robots may not pass a connector: towards place_b (there is 1) or place_a (0).
 SELECT c.state = 'locked' AND NOT r.unlocks
-    OR c.state = 'closed' AND NOT r.opens
+    OR c.state = 'closed' AND c.form <> 'elevator_door' AND NOT r.opens
     OR c.direction = CASE there WHEN 1 THEN 'backward' ELSE 'forward' END
     OR r.behaviours IS NOT NULL AND c.behaviour <> ALL (r.behaviours)
     OR c.permissions <> '{}' AND NOT c.permissions && r.permissions
@@ -58,8 +58,8 @@ CREATE VIEW route_edge AS
     LEFT JOIN learned la ON la.robot_class_id = r.id AND la.entity_id = a.elevator_id AND la.behaviour = 'call_elevator'
     LEFT JOIN learned lb ON lb.robot_class_id = r.id AND lb.entity_id = b.elevator_id AND lb.behaviour = 'call_elevator'
     CROSS JOIN LATERAL (SELECT coalesce(lp.seconds, through / r.speed)
-        + CASE c.state WHEN 'closed' THEN coalesce(lo.seconds, r.open_seconds)
-                       WHEN 'locked' THEN coalesce(lo.seconds, r.unlock_seconds) ELSE 0 END AS seconds) t
+        + CASE WHEN c.state = 'closed' AND c.form <> 'elevator_door' THEN coalesce(lo.seconds, r.open_seconds)
+               WHEN c.state = 'locked' THEN coalesce(lo.seconds, r.unlock_seconds) ELSE 0 END AS seconds) t
     UNION ALL
     -- walks inside of places
     SELECT 'walk', 2 * k.from_id + (a.place_a <> k.place_id)::int, 2 * k.to_id + (b.place_a <> k.place_id)::int,
@@ -77,12 +77,13 @@ CREATE VIEW route_edge AS
         (a.pose[1] - b.pose[1]) ^ 2 + (a.pose[2] - b.pose[2]) ^ 2 + (a.pose[3] - b.pose[3]) ^ 2) AS m) f) s
     UNION ALL
     -- rides from cabin to cabin of an elevator
-    SELECT 'ride', a.id, b.id, s.seconds, s.seconds, 0, l.name, a.map_id, r.id, r.name
+    SELECT 'ride', a.id, b.id, s.seconds, s.seconds, across, l.name, a.map_id, r.id, r.name
     FROM robot_class r CROSS JOIN room_of ra JOIN stand a ON a.place_id = ra.entity_id
     JOIN room_of rb ON rb.elevator_id = ra.elevator_id AND rb.entity_id <> ra.entity_id
     JOIN stand b ON b.place_id = rb.entity_id AND b.id > a.id
     JOIN entity l ON l.id = ra.elevator_id
     LEFT JOIN learned lr ON lr.robot_class_id = r.id AND lr.entity_id = l.id AND lr.behaviour = 'use_elevator'
-    CROSS JOIN LATERAL (SELECT coalesce(lr.seconds, r.ride_seconds)
+    CROSS JOIN LATERAL (SELECT sqrt((a.pose[1] - b.pose[1]) ^ 2 + (a.pose[2] - b.pose[2]) ^ 2) AS across) d
+    CROSS JOIN LATERAL (SELECT coalesce(lr.seconds, r.ride_seconds) + across / r.speed
         + r.ride_seconds_per_metre * abs(a.pose[3] - b.pose[3]) AS seconds) s
     WHERE r.behaviours IS NULL OR 'use_elevator' = ANY (r.behaviours);

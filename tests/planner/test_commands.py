@@ -42,8 +42,8 @@ def test_route_says_what_is_wrong(commands):
     with pytest.raises(NoRouteError, match="door13 is locked"):
         commands.run("route", "lab1", "office5")
     assert "door13" in commands.run("route", "lab1", "office5", "--locked").stdout
-    with pytest.raises(NoRouteError, match="edoor1 is closed"):
-        commands.run("route", "lab1", "office4", "--no-closed")
+    with pytest.raises(NoRouteError, match="door10 is closed"):
+        commands.run("route", "lab1", "restroom1", "--no-closed")
 
 
 def test_grid_writes_a_nav2_map_of_each_storey(commands, folder):

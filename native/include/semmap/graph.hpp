@@ -1,6 +1,7 @@
 // Routes over a directed graph whose weights change while it is asked.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -10,6 +11,10 @@
 #include <vector>
 
 namespace semmap {
+
+struct Adjacency;
+struct Landmarks;
+class Search;
 
 // Where routes begin or end, and what that costs.
 struct End {
@@ -37,7 +42,6 @@ class Graph {
     ~Graph();
 
     std::uint32_t nodes() const { return nodes_; }
-    std::size_t edges() const { return edges_.tails.size(); }
 
     void set_weights(const std::vector<std::uint32_t>& edges, const std::vector<double>& weights);
     std::vector<double> weights() const;
@@ -56,26 +60,24 @@ class Graph {
                    const std::vector<std::uint32_t>& targets, unsigned threads,
                    double* costs) const;
 
-    // Computes now what the first route would have to wait for.
+    // Computes bounds now, where there are none. Routes do it when they have cost as much without.
     void prepare() const;
 
   private:
-    struct Arc;
-    struct Adjacency;
-    struct Landmarks;
-    class Search;
     class Borrowed;
 
-    std::shared_lock<std::shared_mutex> prepared() const;
-    std::unique_ptr<Landmarks> computed() const;
+    void compute_landmarks() const;
 
     std::uint32_t nodes_;
     Edges edges_;
     std::vector<double> least_;
     std::unique_ptr<Adjacency> leaving_;
     std::unique_ptr<Adjacency> entering_;
-    double share_ = 1.0;  // of what it was when the landmarks were computed: no weight is below
+    double share_ = 1.0;  // no weight is below this share of its least
     mutable std::unique_ptr<Landmarks> landmarks_;
+    std::size_t falls_ = 0;                        // how often least weights fell
+    mutable std::atomic<std::size_t> settled_{0};  // nodes, by searches without landmarks
+    mutable std::mutex computing_;
     mutable std::shared_mutex mutex_;
     mutable std::mutex idle_mutex_;
     mutable std::vector<std::unique_ptr<Search>> idle_;
