@@ -19,9 +19,9 @@ def lower_bound(problem: Problem) -> float:
 
     Each delivery takes a pickup and a placing, and its loaded way; before each pickup comes an
     empty way from the start or from a delivery, each of these once: the cheapest assignment of the
-    one to the other (Frederickson, Hecht and Kim, 1978, for the stacker crane problem). With a capacity
-    above one loads overlap, and only the visits of all sites, in the order in which they are first
-    made, are assigned.
+    one to the other (Frederickson, Hecht and Kim, 1978, for the stacker crane problem). With a
+    capacity above one loads overlap, and only the visits of all sites, in the order in which they
+    are first made, are assigned.
     """
     legs = _legs(problem)
     if not legs:
@@ -73,8 +73,9 @@ def _legs(problem: Problem) -> list[tuple[list[int], list[int]]]:
         targets = {on for on, takes in problem.takes.items() if set(takes) & set(names)}
         if atom.words[1] in problem.candidates:
             targets &= set(problem.candidates[atom.words[1]])
-        if any(problem.on.get(n) in targets for n in names):
-            continue
+        there = {*targets, *problem.candidates.get(atom.words[1], ())}
+        if not targets or any(problem.on.get(n) in there for n in names):
+            continue  # it may be there by now
         if any(t not in problem.fixed for t in targets):
             continue  # what moves itself may come towards it
         if any(n in problem.carriers or problem.on.get(n) in problem.carriers for n in names):

@@ -105,8 +105,7 @@ def _drive(network: Network, a: Site, b: Site) -> tuple[list[Action], tuple[Step
 def actions_along(stages: Sequence[Step], topology: Topology) -> Iterator[Action]:
     """The stages of a route as Figure 4 prints them: a walk belongs to what it leads to.
 
-    Doors of elevators open by themselves once the elevator was called. A walk at the end is an
-    action of its own: ``navigate(place)``.
+    A walk at the end is an action of its own: ``navigate(place)``.
     """
     waiting: list[Step] = []
     last: Action | None = None
@@ -115,11 +114,7 @@ def actions_along(stages: Sequence[Step], topology: Topology) -> Iterator[Action
             last = _action(last.name, last.arguments, [*last.steps, step])
             continue
         waiting.append(step)
-        if step.behaviour == "navigate" or (
-            step.behaviour == "open_door"
-            and step.connector is not None
-            and step.connector.type == "elevator_door"
-        ):
+        if step.behaviour == "navigate":
             continue
         if last is not None:
             yield last

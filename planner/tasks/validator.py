@@ -185,12 +185,9 @@ class _Replay:
             if self.called != cabin:
                 return f"{cabin} was not called"
             self.called = None
-        if door.state != "open" and self.opened != name:
-            if door.type != "elevator_door":
-                return f"{name} is {door.state}"
-            if door.state == "locked" and not self.robot.unlocks:
-                return f"{name} is locked"
-            self.seconds += self._opening(name)
+        alone = door.type == "elevator_door" and door.state == "closed"  # the elevator opens it
+        if door.state != "open" and self.opened != name and not alone:
+            return f"{name} is {door.state}"
         a, b = ((p.x, p.y, p.z) for p in door.poses)
         through = math.dist(a, b) / self.robot.speed
         self.seconds += self.times.learned.get((door.behaviour, name), through)
@@ -221,9 +218,13 @@ class _Replay:
             if why is not None:
                 return why
         begin = before if self.pose is None else self.seconds
-        rise = 0.0 if self.pose is None else abs(ends[0].z - self.pose.z)
+        rise = across = 0.0
+        if self.pose is not None:
+            rise = abs(ends[0].z - self.pose.z)
+            across = math.hypot(ends[0].x - self.pose.x, ends[0].y - self.pose.y)
         usual = self.times.learned.get(("use_elevator", elevator), self.times.ride)
         self.seconds = begin + usual + self.times.ride_per_metre * rise
+        self.seconds += across / self.robot.speed
         self.place, self.pose = target.name, ends[0]
         return None
 

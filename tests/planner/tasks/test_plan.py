@@ -1,6 +1,11 @@
+import pytest
 from hypothesis import given, settings
 
+from benchmarks.plans import furnish, tower
+from planner.robot_class import RobotClass
 from planner.tasks import NoPlanError, State, Thing, World, parse_goal, plan_task
+from planner.tasks.bound import lower_bound
+from planner.tasks.problem import pose_problem
 from planner.tasks.validator import validate
 from semmap.geometry.pose import Pose
 from tests.planner.office import office
@@ -64,3 +69,32 @@ def test_plans_are_valid_and_as_short_as_exhaustive_search_finds(house):
     assert plan.optimal
     assert best is not None
     assert abs(1000 * plan.seconds - best) <= len(plan.actions)  # both round each drive
+    problem = pose_problem(network, house.world, house.state, goal)
+    assert lower_bound(problem) <= plan.seconds + 1e-6
+
+
+def test_beyond_what_can_be_proven_in_time_the_gap_is_told():
+    topology = tower(100)
+    world = furnish(topology, 60)
+    goal = " and ".join(f"on(thing{i}, table{i + 2})" for i in range(1, 10))
+    state = State("room0-5-2")
+    plan = plan_task(topology.network(), world, state, goal, patience=1.0)
+    assert 0.5 * plan.seconds < plan.bound <= plan.seconds
+    assert plan.gap < 1.0
+    validate(plan, topology, RobotClass(), world, state, parse_goal(goal))
+
+
+def test_of_several_muffins_the_best_is_taken():
+    topology = tower(100)
+    world = furnish(topology, 120)
+    state = State("room0-5-2")
+    network = topology.network()
+    every = [
+        plan_task(network, world, state, f"on({t.name}, table7)").seconds
+        for t in world.things.values()
+        if "kind3" in t.types
+    ]
+    assert len(every) > 3
+    best = plan_task(network, world, state, "on(a kind3, table7)")
+    assert best.seconds == pytest.approx(min(every))
+    validate(best, topology, RobotClass(), world, state, parse_goal("on(a kind3, table7)"))
