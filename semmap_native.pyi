@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -60,3 +61,27 @@ def travel(
 def way(
     costs: NDArray[np.uint8], resolution: float, ends: NDArray[np.int64], slow: float
 ) -> NDArray[np.int64]: ...
+
+_Ends = Sequence[tuple[int, float]]
+
+class Graph:
+    def __init__(
+        self,
+        tails: NDArray[np.int64],
+        heads: NDArray[np.int64],
+        weights: NDArray[np.float64],
+        least: NDArray[np.float64],
+        nodes: int,
+    ) -> None: ...
+    def prepare(self) -> None: ...
+    def weights(self) -> NDArray[np.float64]: ...
+    def set_weights(self, edges: NDArray[np.int64], weights: NDArray[np.float64]) -> None: ...
+    def shortest(
+        self, sources: _Ends, targets: _Ends
+    ) -> tuple[float, NDArray[np.int64]] | None: ...
+    def alternatives(
+        self, sources: _Ends, targets: _Ends, count: int
+    ) -> list[tuple[float, NDArray[np.int64]]]: ...
+    def distances(
+        self, sources: NDArray[np.int64], targets: NDArray[np.int64], threads: int
+    ) -> NDArray[np.float64]: ...

@@ -5,7 +5,17 @@ from __future__ import annotations
 import importlib
 import sys
 
-TABLES = ("database", "meshes", "slabs", "inflation", "costmap", "fields", "relations", "language")
+TABLES = (
+    "database",
+    "meshes",
+    "slabs",
+    "inflation",
+    "costmap",
+    "fields",
+    "relations",
+    "language",
+    "routes",
+)
 
 for name in sys.argv[1:] or TABLES:
     importlib.import_module(f"benchmarks.{name}").main()

@@ -16,12 +16,11 @@ from rich.table import Table
 
 from navgrid.commands import open_map
 from navgrid.costmap import Blame, Costmap, Inflation
-from navgrid.grid import Grid
 from navgrid.headings import collisions
 from navgrid.map_file import file_name
 from navgrid.nav2 import Files, write_nav2
 from navgrid.policy import Policy
-from navgrid.scene import Bounds, Scene
+from navgrid.scene import MARGIN, Bounds, grid_of
 from navgrid.source import read_scene, read_storey_names
 from navgrid.static_map import map_layer
 from navgrid.terrain import Gait
@@ -29,10 +28,7 @@ from semmap import cli
 from semmap.draw.palette import PART_COLOURS
 from semmap.robot import Part, load_robot, robot_parts
 
-__all__ = ["costmap_command", "draw_costmap", "grid_of", "parts_of", "register"]
-
-MARGIN = 0.25
-"""Metres of a grid beyond the rooms and things that it shows."""
+__all__ = ["costmap_command", "draw_costmap", "parts_of", "register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -154,20 +150,6 @@ def parts_of(robot: Path, state: str | None = None, parts: Path | None = None) -
     ):
         raise ValueError('--state: give joint positions as {"joint": number}')
     return robot_parts(load_robot(robot), joints, parts)
-
-
-def grid_of(
-    scene: Scene, resolution: float, bounds: Bounds | None = None, margin: float = MARGIN
-) -> Grid:
-    """The grid around bounds, else around a scene's places, else around its things."""
-    if bounds is not None and not (bounds[0] < bounds[2] and bounds[1] < bounds[3]):
-        raise ValueError(f"the box {bounds} is upside down: give its lower corner first")
-    boxes = [bounds] if bounds is not None else [p.outline.bounds for p in scene.places]
-    boxes = boxes or [t.bounds for t in scene.things if t.bounds is not None]
-    if not boxes:
-        raise ValueError(f"storey {scene.storey} has neither rooms nor things with geometry")
-    low, high = np.min(boxes, axis=0)[:2] - margin, np.max(boxes, axis=0)[2:] + margin
-    return Grid.around((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), resolution)
 
 
 def draw_costmap(costmap: Costmap, folder: Path) -> list[Path]:

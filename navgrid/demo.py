@@ -9,10 +9,11 @@ from typing import Any
 
 from navgrid.commands import open_map
 from navgrid.costmap import Costmap
-from navgrid.costmap_command import draw_costmap, grid_of
+from navgrid.costmap_command import draw_costmap
 from navgrid.figures import blocked_region, passage, robot_figures
 from navgrid.map_file import file_name
 from navgrid.nav2 import write_nav2
+from navgrid.scene import grid_of
 from navgrid.source import read_scene
 from semmap.draw.view import StoreyView
 from semmap.geometry.mesh import Mesh

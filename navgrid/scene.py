@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
@@ -11,10 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-__all__ = ["NO_TRIANGLES", "Bounds", "Place", "Scene", "Thing"]
+from navgrid.grid import Grid
+
+__all__ = ["MARGIN", "NO_TRIANGLES", "Bounds", "Place", "Scene", "Thing", "grid_of"]
 
 Bounds: TypeAlias = tuple[float, float, float, float]
 """Lowest x and y, highest x and y."""
+
+MARGIN = 0.25
+"""Metres of a grid beyond the rooms and things that it shows."""
 
 NO_TRIANGLES = np.empty((0, 3, 3))
 
@@ -72,9 +78,34 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A storey, or a part of it; without places all of it is known."""
+    """A storey, or a part of it; without places all of it is known.
+
+    `band` is from which z up to which z things belong to it, metres.
+    """
 
     storey: str
     elevation: float
     things: tuple[Thing, ...]
     places: tuple[Place, ...] = ()
+    band: tuple[float, float] = (-math.inf, math.inf)
+
+    def reaches(self, thing: Thing) -> bool:
+        """Whether a thing with triangles belongs to the storey."""
+        if not len(thing.triangles):
+            return False
+        z = thing.triangles[:, :, 2]
+        return bool(z.min() < self.band[1] and z.max() >= self.band[0])
+
+
+def grid_of(
+    scene: Scene, resolution: float, bounds: Bounds | None = None, margin: float = MARGIN
+) -> Grid:
+    """The grid around bounds, else around a scene's places, else around its things."""
+    if bounds is not None and not (bounds[0] < bounds[2] and bounds[1] < bounds[3]):
+        raise ValueError(f"the box {bounds} is upside down: give its lower corner first")
+    boxes = [bounds] if bounds is not None else [p.outline.bounds for p in scene.places]
+    boxes = boxes or [t.bounds for t in scene.things if t.bounds is not None]
+    if not boxes:
+        raise ValueError(f"storey {scene.storey} has neither rooms nor things with geometry")
+    low, high = np.min(boxes, axis=0)[:2] - margin, np.max(boxes, axis=0)[2:] + margin
+    return Grid.around((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), resolution)

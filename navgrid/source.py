@@ -103,7 +103,7 @@ def read_scene(
         where += _IN_BOUNDS
     rows = connection.execute(text(_THINGS + where + "ORDER BY e.id"), values).all()
     things = [t for t in _things(connection, rows) if t.holds_at(moment)]
-    return Scene(storey, elevation, tuple(things), tuple(_places(rows, rooms)))
+    return Scene(storey, elevation, tuple(things), tuple(_places(rows, rooms)), (low, high))
 
 
 def read_things(connection: Connection, ids: Iterable[int]) -> list[Thing]:

@@ -100,8 +100,11 @@ def way(
     """
     ground = _costs(costs)
     _check(resolution, slow)
-    ends = [_cells(name, [cell], ground) for name, cell in (("start", start), ("goal", goal))]
-    found = semmap_native.way(ground, resolution, np.concatenate(ends), slow)
+    ends = (
+        _cells(name, np.asarray(cell)[np.newaxis], ground)
+        for name, cell in (("start", start), ("goal", goal))
+    )
+    found = semmap_native.way(ground, resolution, np.concatenate([*ends]), slow)
     return found if len(found) else None
 
 

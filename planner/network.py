@@ -8,9 +8,12 @@ doors to one corridor the nearer is taken (Deeken et al., section 4.1 and Figure
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import permutations, product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +28,10 @@ from planner.topology import OUTSIDE, Connector, Topology
 from planner.walks import StraightWalks, Walks
 from semmap.geometry.pose import Pose
 
-__all__ = ["Network", "Site"]
+__all__ = ["KeptWalks", "Network", "Site"]
 
 Floats = NDArray[np.float64]
+Edges = Sequence[int] | NDArray[np.int64]
 
 _FORBIDDEN = 1e9
 """Seconds that a forbidden passage counts where the reason for having no route is sought."""
@@ -48,6 +52,21 @@ class Site:
     metres: Floats
 
 
+class KeptWalks(NamedTuple):
+    """Walks between stands: from which node to which, seconds and metres, one a direction."""
+
+    tails: NDArray[np.int64]
+    heads: NDArray[np.int64]
+    seconds: Floats
+    metres: Floats
+
+    def take(self, which: Any) -> KeptWalks:
+        """Some of them: an index, a mask or a slice."""
+        return KeptWalks(
+            self.tails[which], self.heads[which], self.seconds[which], self.metres[which]
+        )
+
+
 class Network:
     """Stands, and the directed edges between them in seconds; inf where one may not go.
 
@@ -65,6 +84,7 @@ class Network:
         *,
         times: Times | None = None,
         walks: Walks | None = None,
+        kept: KeptWalks | None = None,
     ) -> None:
         self.topology = topology
         self.robot = robot or RobotClass()
@@ -79,45 +99,47 @@ class Network:
         for node, place in enumerate(self.place_of):
             inside.setdefault(place, []).append(node)
         self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
-        self._lay()
-        self.graph = Graph(self.tails, self.heads, self.seconds, len(self.stands))
+        self._lay(kept)
+        self.graph = Graph(
+            self.tails, self.heads, self.seconds, len(self.stands), least=self._least()
+        )
+        self._extra: dict[int, str] = {}
+        self._lock = threading.RLock()
 
     # -- edges: passages first, then walks place by place, then rides --------------------------
 
-    def _lay(self) -> None:
+    def _lay(self, kept: KeptWalks | None) -> None:
         count = 2 * len(self.connectors)
         nodes = np.arange(count)
-        tails, heads = [nodes], [nodes ^ 1]
-        base = [np.array([self._passing(n)[0] for n in range(count)]).reshape(-1)]
-        metres = [np.array([self._passing(n)[1] for n in range(count)]).reshape(-1)]
+        passing = np.array([self._passing(n) for n in range(count)]).reshape(-1, 2)
+        parts = [(nodes, nodes ^ 1, passing[:, 0], passing[:, 1])]
         self.walk_edges: dict[str, slice] = {}
+        self.measured: list[str] = []
+        known = {} if kept is None else self._kept_by_place(kept)
         at = count
-        for place, stands in self.nodes.items():
-            a, b = (k[~np.eye(len(stands), dtype=bool)] for k in np.meshgrid(
-                stands, stands, indexing="ij"))  # fmt: skip
-            seconds_, metres_ = self._walks_in(place)
-            tails.append(a)
-            heads.append(b)
-            base.append(seconds_)
-            metres.append(metres_)
-            self.walk_edges[place] = slice(at, at + len(a))
-            at += len(a)
+        for place in self.nodes:
+            walks = known.get(place)
+            if walks is None:
+                walks = self._walks_in(place)
+                self.measured.append(place)
+            parts.append(walks)
+            self.walk_edges[place] = slice(at, at + len(walks[0]))
+            at += len(walks[0])
         self.rides: dict[int, str] = {}
+        rides: list[tuple[int, int, float, float]] = []
         if self.robot.rides:
             for elevator, cabins in self.topology.cabins().items():
                 for here, there in permutations(cabins, 2):
                     for a, b in product(self.nodes.get(here, ()), self.nodes.get(there, ())):
                         height = self.stands[a].z - self.stands[b].z
-                        self.rides[at] = elevator
-                        tails.append(np.array([a]))
-                        heads.append(np.array([b]))
-                        base.append(np.array([self.times.of_riding(elevator, height)]))
-                        metres.append(np.zeros(1))
-                        at += 1
-        self.tails = np.concatenate(tails).astype(np.int32)
-        self.heads = np.concatenate(heads).astype(np.int32)
-        self.base = np.concatenate(base).astype(np.float64)
-        self.metres = np.concatenate(metres).astype(np.float64)
+                        self.rides[at + len(rides)] = elevator
+                        rides.append((int(a), int(b), self.times.of_riding(elevator, height), 0.0))
+        if rides:
+            columns = np.array(rides).T
+            parts.append((columns[0], columns[1], columns[2], columns[3]))
+        tails, heads, base, metres = (np.concatenate(k) for k in zip(*parts, strict=True))
+        self.tails, self.heads = tails.astype(np.int32), heads.astype(np.int32)
+        self.base, self.metres = base.astype(np.float64), metres.astype(np.float64)
         self.seconds = self.base.copy()
         for node in range(count):
             if self._bar(node) is not None:
@@ -125,12 +147,37 @@ class Network:
         if OUTSIDE in self.walk_edges and not self.robot.outside:
             self.seconds[self.walk_edges[OUTSIDE]] = math.inf
 
-    def _walks_in(self, place: str) -> tuple[Floats, Floats]:
-        stands = [self.stands[n] for n in self.nodes[place]]
+    def _least(self) -> Floats:
+        """What no edge will ever take less than: straight and unhindered."""
+        xyz = np.array([(p.x, p.y, p.z) for p in self.stands]).reshape(-1, 3)
+        straight = np.linalg.norm(xyz[self.tails] - xyz[self.heads], axis=1) / self.robot.speed
+        straight[list(self.rides)] = self.base[list(self.rides)]
+        least: Floats = np.minimum(straight, self.base)
+        return least
+
+    def _kept_by_place(self, kept: KeptWalks) -> dict[str, KeptWalks]:
+        """What was kept of each place, where nothing is missing."""
+        numbers = {place: i for i, place in enumerate(self.nodes)}
+        place_of = np.array([numbers[p] for p in self.place_of], np.int64)
+        of = place_of[kept.tails]
+        order = np.argsort(of, kind="stable")
+        ordered = kept.take(order)
+        ends = np.searchsorted(of[order], np.arange(len(numbers) + 1))
+        found = {}
+        for place, i in numbers.items():
+            n, a, b = len(self.nodes[place]), int(ends[i]), int(ends[i + 1])
+            if b - a == n * (n - 1) and place != OUTSIDE:
+                found[place] = ordered.take(slice(a, b))
+        return found
+
+    def _walks_in(self, place: str) -> KeptWalks:
+        nodes = self.nodes[place]
+        stands = [self.stands[n] for n in nodes]
         others = ~np.eye(len(stands), dtype=bool)
         walks = StraightWalks(self.robot.speed) if place == OUTSIDE else self.walks
         walked = walks.between(place, stands, stands)
-        return walked.seconds[others], walked.metres[others]
+        a, b = (k[others] for k in np.meshgrid(nodes, nodes, indexing="ij"))
+        return KeptWalks(a, b, walked.seconds[others], walked.metres[others])
 
     def _passing(self, node: int) -> tuple[float, float]:
         """Seconds and metres of the passage that begins at a stand."""
@@ -172,9 +219,50 @@ class Network:
         edges = self.walk_edges.get(place)
         if edges is None or edges.start == edges.stop:
             return
-        self.base[edges], self.metres[edges] = self._walks_in(place)
-        self.seconds[edges] = self.base[edges]
+        walks = self._walks_again(place)
+        self.base[edges], self.metres[edges] = walks.seconds, walks.metres
+        if place != OUTSIDE or self.robot.outside:
+            self.seconds[edges] = self.base[edges]
         self.graph.set_weights(np.arange(edges.start, edges.stop), self.seconds[edges])
+
+    def walks_again(self, place: str) -> Floats:
+        """What the walks of a place take now, seconds, in the order of its edges."""
+        return self._walks_again(place).seconds
+
+    def _walks_again(self, place: str) -> KeptWalks:
+        edges = self.walk_edges.get(place, slice(0, 0))
+        walks = self._walks_in(place)
+        order = np.empty(len(walks.tails), np.int64)
+        there = np.lexsort((self.heads[edges], self.tails[edges]))
+        order[there] = np.lexsort((walks.heads, walks.tails))
+        return walks.take(order)
+
+    @contextmanager
+    def penalised(self, seconds: Mapping[int, float], bars: Mapping[int, str]) -> Iterator[None]:
+        """While it lasts, edges cost so many seconds more, or are barred for a reason.
+
+        Other threads wait. What routes take remains what they take; only which is chosen differs.
+        """
+        with self._lock:
+            edges = np.array(sorted({*seconds, *bars}), np.int64)
+            dearer = self.seconds[edges] + [seconds.get(int(e), 0.0) for e in edges]
+            dearer[[int(e) in bars for e in edges]] = math.inf
+            if len(edges):
+                self.graph.set_weights(edges, dearer)
+            self._extra = dict(bars)
+            try:
+                yield
+            finally:
+                self._extra = {}
+                if len(edges):
+                    self.graph.set_weights(edges, self.seconds[edges])
+
+    def entering(self, place: str) -> list[int]:
+        """The edges by which one comes into a place."""
+        nodes = self.nodes.get(place, np.empty(0, np.int64))
+        return [int(n) ^ 1 for n in nodes] + [
+            e for e in self.rides if self.place_of[int(self.heads[e])] == place
+        ]
 
     # -- questions ------------------------------------------------------------------------------
 
@@ -195,12 +283,18 @@ class Network:
     def times_between(self, starts: Sequence[Site], goals: Sequence[Site]) -> Floats:
         """(n, m) seconds from each site to each other; inf where no way leads."""
         found = np.full((len(starts), len(goals)), math.inf)
-        sources = [_ends(s) for s in starts]
-        targets = [_ends(g) for g in goals]
-        if starts and goals:
-            found = np.asarray(self.graph.distances(sources, targets), dtype=np.float64)
+        if not starts or not goals:
+            return found
+        none = [np.empty(0, np.int64)]
+        sources = np.unique(np.concatenate([s.nodes for s in starts] + none))
+        targets = np.unique(np.concatenate([g.nodes for g in goals] + none))
+        ways = self.graph.distances(sources, targets)
+        ends = [np.searchsorted(targets, g.nodes) for g in goals]
         for i, start in enumerate(starts):
+            away = ways[np.searchsorted(sources, start.nodes)] + start.seconds[:, None]
+            first = away.min(axis=0, initial=math.inf)
             for j, goal in enumerate(goals):
+                found[i, j] = (first[ends[j]] + goal.seconds).min(initial=math.inf)
                 if start.place == goal.place:
                     found[i, j] = min(found[i, j], self._inside(start, goal)[0])
         return found
@@ -240,7 +334,7 @@ class Network:
         walked = self.walks.between(start.place, [start.pose], [goal.pose])
         return float(walked.seconds[0, 0]), float(walked.metres[0, 0])
 
-    def _along(self, start: Site, goal: Site, edges: Sequence[int]) -> Route:
+    def _along(self, start: Site, goal: Site, edges: Edges) -> Route:
         first, last = (self.tails[edges[0]], self.heads[edges[-1]]) if len(edges) else (None, None)
         if first is None:  # start and goal share a stand
             both = {int(n): i for i, n in enumerate(start.nodes)}
@@ -259,7 +353,7 @@ class Network:
         self,
         start: Site,
         goal: Site,
-        edges: Sequence[int],
+        edges: Edges,
         seconds: float,
         metres: float,
         ends: tuple[int, int] | None = None,
@@ -271,7 +365,7 @@ class Network:
         self,
         start: Site,
         goal: Site,
-        edges: Sequence[int],
+        edges: Edges,
         seconds: float,
         metres: float,
         ends: tuple[int, int] | None,
@@ -391,6 +485,9 @@ class Network:
                 else:
                     bars[edge] = f"{self.robot.name} finds no way in {place} from {a} to {b}"
                     weights[edge] = 10.0 * _FORBIDDEN
+        for edge, why in self._extra.items():
+            bars.setdefault(edge, why)
+            weights[edge] += _FORBIDDEN
         ends = []
         for site in (start, goal):
             near = replace(site, seconds=np.where(np.isinf(site.seconds), 0.0, site.seconds))
@@ -403,7 +500,7 @@ class Network:
                 "" if self.robot.rides else " without riding an elevator (behaviour use_elevator)"
             )
             return f"{said}: nothing joins them{lift}; add the connector that is missing"
-        reasons = dict.fromkeys(bars[e] for e in found[1] if e in bars)
+        reasons = dict.fromkeys(bars[int(e)] for e in found[1] if int(e) in bars)
         return f"{said}: {'; '.join(reasons)}"
 
     def _enclosed(self, site: Site) -> str:

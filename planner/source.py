@@ -2,80 +2,484 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Collection, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
-from planner.topology import OUTSIDE, Connector, Place, Topology
+from navgrid.scene import Scene
+from navgrid.source import read_scene, read_storey_names
+from navgrid.terrain import Gait
+from planner.robot_class import RobotClass
+from planner.target import Target
+from planner.times import Times
+from planner.topology import OUTSIDE, Connector, Place, Region, Topology
 from semmap.geometry.pose import Pose
+from semmap.robot import Part
 
-__all__ = ["read_places_like", "read_topology"]
+__all__ = [
+    "Walk",
+    "delete_robot_class",
+    "keep_robot_class",
+    "keep_walks",
+    "place_digests",
+    "read_connectors",
+    "read_kinds",
+    "read_place_at",
+    "read_places_like",
+    "read_robot_class",
+    "read_robot_names",
+    "read_targets",
+    "read_topology",
+    "read_walks",
+    "scene_reader",
+    "walked_until",
+]
 
 _PLACES = """
-SELECT e.name, e.type, e.label, s.name AS storey, l.name AS elevator
+SELECT e.id, e.name, e.type, e.label, e.properties, s.name AS storey, l.name AS elevator,
+       w.pose[3] + r.floor AS floor
 FROM room r JOIN entity e ON e.id = r.entity_id LEFT JOIN world w ON w.entity_id = e.id
      LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN entity l ON l.id = r.elevator_id
 WHERE e.map_id = current_map() ORDER BY e.name
 """
 
 _CONNECTORS = """
-SELECT e.name, a.name AS place_a, b.name AS place_b, w.pose, c.pose_a, c.pose_b, c.form,
-       c.direction, c.state, c.behaviour, c.width
+SELECT e.id, e.name, a.name AS place_a, b.name AS place_b, w.pose || c.pose_a || c.pose_b AS poses,
+       c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step, c.permissions,
+       e.properties
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
      JOIN room ra ON ra.entity_id = c.place_a JOIN entity a ON a.id = c.place_a
      LEFT JOIN entity b ON b.id = c.place_b
 WHERE e.map_id = current_map()
       AND (c.place_b IS NULL OR EXISTS (SELECT FROM room rb WHERE rb.entity_id = c.place_b))
+      AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY (:ids))
 ORDER BY e.name
 """
 
-_ROOM_OF = """
-WITH RECURSIVE up (id, holder_id) AS (
-    SELECT e.id, p.holder_id FROM entity e LEFT JOIN placement p ON p.entity_id = e.id
-    WHERE e.map_id = current_map() AND e.name = :name
-    UNION ALL
-    SELECT p.entity_id, p.holder_id FROM up JOIN placement p ON p.entity_id = up.holder_id
-)
-SELECT e.name FROM up JOIN room r ON r.entity_id = up.id JOIN entity e ON e.id = up.id LIMIT 1
+_REGIONS = """
+SELECT e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
+       array_agg(n.name ORDER BY n.name) AS places
+FROM region g JOIN entity e ON e.id = g.entity_id JOIN world w ON w.entity_id = e.id
+JOIN world rw ON ST_Intersects(rw.footprint, w.footprint)
+     AND (w.storey_id IS NULL OR rw.storey_id IS NOT DISTINCT FROM w.storey_id)
+JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = e.map_id
+WHERE e.map_id = current_map() AND g.origin = 'drawn' AND w.footprint IS NOT NULL
+      AND (g.valid IS NULL OR g.valid @> now())
+GROUP BY e.id, w.entity_id ORDER BY e.name
+"""
+
+_SUPERTYPES = """
+SELECT sub, array_agg(super ORDER BY super <> sub, super) AS supers FROM type_closure
+WHERE sub = ANY (:types) GROUP BY sub
 """
 
 
 def read_topology(connection: Connection) -> Topology:
     """The rooms of the current map as places, and the connectors with poses in the map's frame."""
-    places = [
-        Place(row.name, row.type, row.label, row.storey, row.elevator)
-        for row in connection.execute(text(_PLACES))
-    ]
-    connectors = []
-    for row in connection.execute(text(_CONNECTORS)):
-        frame = Pose(*row.pose)
-        connectors.append(
-            Connector(
-                name=row.name,
-                places=(row.place_a, row.place_b or OUTSIDE),
-                poses=(frame @ Pose(*row.pose_a), frame @ Pose(*row.pose_b)),
-                type=row.form,
-                direction=row.direction,
-                state=row.state,
-                behaviour=row.behaviour,
-                width=row.width,
-            )
+    rows = connection.execute(text(_PLACES)).all()
+    drawn = connection.execute(text(_REGIONS)).all()
+    types = {
+        sub: tuple(supers)
+        for sub, supers in connection.execute(
+            text(_SUPERTYPES), {"types": [*{row.type for row in (*rows, *drawn) if row.type}]}
         )
-    return Topology.of(places, connectors)
+    }
+    regions = [
+        Region(
+            row.name, shapely.from_wkb(bytes(row.footprint)), tuple(row.places), row.label,
+            types.get(row.type, ()), row.properties,
+        )
+        for row in drawn
+    ]  # fmt: skip
+    places = [
+        Place(
+            row.name, row.type, row.label, row.storey, row.elevator,
+            types.get(row.type, ()) if row.type else (), row.properties, row.floor or 0.0, row.id,
+        )
+        for row in rows
+    ]  # fmt: skip
+    return Topology.of(places, read_connectors(connection), regions)
+
+
+def read_connectors(connection: Connection, ids: Collection[int] | None = None) -> list[Connector]:
+    """The connectors of the current map, or those of them with these ids."""
+    rows = connection.execute(text(_CONNECTORS), {"ids": None if ids is None else [*ids]}).all()
+    if not rows:
+        return []
+    poses = np.array([row.poses for row in rows]).reshape(-1, 3, 7)
+    ends = [[Pose(*p) for p in _composed(poses[:, 0], poses[:, k]).tolist()] for k in (1, 2)]
+    return [
+        Connector(
+            row.name, (row.place_a, row.place_b or OUTSIDE), (a, b), row.form, row.direction,
+            row.state, row.behaviour, row.width, row.height, row.step, frozenset(row.permissions),
+            row.properties, row.id,
+        )
+        for row, a, b in zip(rows, *ends, strict=True)
+    ]  # fmt: skip
+
+
+def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 7) poses of frames b in the frame of which frames a are: a @ b, row by row."""
+    v, w = a[:, 3:6], a[:, 6:]
+    t = 2 * np.cross(v, b[:, :3])
+    at = a[:, :3] + b[:, :3] + w * t + np.cross(v, t)
+    x, s = b[:, 3:6], b[:, 6:]
+    turned = w * x + s * v + np.cross(v, x)
+    return np.concatenate([at, turned, w * s - (v * x).sum(axis=1, keepdims=True)], axis=1)
+
+
+def read_kinds(connection: Connection, ids: Collection[int]) -> dict[int, str]:
+    """The kinds of those of these entities that are there."""
+    rows = connection.execute(
+        text("SELECT id, kind FROM entity WHERE id = ANY (:ids)"), {"ids": [*ids]}
+    )
+    return {row.id: row.kind for row in rows}
+
+
+# -- what people mean -----------------------------------------------------------------------------
+
+_TARGETS = """
+WITH RECURSIVE wanted AS (
+    SELECT e.id FROM entity e WHERE e.map_id = current_map() AND e.name = :said
+    UNION
+    SELECT e.id FROM entity e WHERE e.map_id = current_map() AND e.label = :said
+      AND NOT EXISTS (SELECT FROM entity n WHERE n.map_id = current_map() AND n.name = :said)
+    UNION
+    SELECT e.id FROM type_closure t JOIN entity e ON e.type = t.sub
+    WHERE t.super = :said AND e.map_id = current_map()
+      AND NOT EXISTS (SELECT FROM entity n WHERE n.map_id = current_map() AND n.name = :said)
+), up (id, at, depth) AS (
+    SELECT id, id, 0 FROM wanted
+    UNION ALL
+    SELECT u.id, p.holder_id, u.depth + 1 FROM up u JOIN placement p ON p.entity_id = u.at
+    WHERE p.holder_id IS NOT NULL AND NOT EXISTS (SELECT FROM room r WHERE r.entity_id = u.at)
+), held AS (
+    SELECT DISTINCT ON (u.id) u.id, e.name AS place
+    FROM up u JOIN room r ON r.entity_id = u.at JOIN entity e ON e.id = u.at ORDER BY u.id, u.depth
+)
+SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.place, g.entity_id IS NOT NULL AS is_region,
+       ST_AsBinary(w.footprint) AS footprint, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
+       (SELECT n.name FROM world rw JOIN entity n ON n.id = rw.entity_id
+        WHERE h.place IS NULL AND n.kind = 'room' AND n.map_id = e.map_id
+          AND rw.storey_id IS NOT DISTINCT FROM coalesce(w.storey_id, rw.storey_id)
+          AND ST_Intersects(rw.footprint, ST_PointOnSurface(w.footprint)) LIMIT 1) AS around
+FROM wanted q JOIN entity e ON e.id = q.id LEFT JOIN world w ON w.entity_id = e.id
+LEFT JOIN held h ON h.id = e.id LEFT JOIN region g ON g.entity_id = e.id
+WHERE e.kind IN ('room', 'object', 'region', 'agent')
+ORDER BY e.name LIMIT :most
+"""
+
+
+def read_targets(connection: Connection, said: str, most: int = 1000) -> list[Target]:
+    """What a person may mean: the entity of that name, else those of that label or type.
+
+    ``kitchen`` means the rooms whose label or type (with subtypes) is kitchen; ``muffin1`` a thing,
+    in the room that holds it; ``home`` a region. Empty where nothing fits.
+    """
+    rows = connection.execute(text(_TARGETS), {"said": said, "most": most}).all()
+    return [
+        Target(
+            row.name,
+            row.kind,
+            row.name if row.kind == "room" else row.place or row.around,
+            None if row.pose is None else Pose(*row.pose),
+            None if row.footprint is None else shapely.from_wkb(bytes(row.footprint)),
+            None if row.low is None else (row.low, row.high),
+            row.id,
+        )
+        for row in rows
+    ]
+
+
+def read_place_at(connection: Connection, pose: Pose) -> str | None:
+    """The room of the current map in which a pose is; the highest whose floor is not above it."""
+    name = connection.execute(
+        text(
+            "SELECT e.name FROM world w JOIN entity e ON e.id = w.entity_id "
+            "JOIN room r ON r.entity_id = e.id WHERE e.map_id = current_map() "
+            "AND ST_Covers(w.footprint, ST_MakePoint(:x, :y)) "
+            "AND w.pose[3] + r.floor <= :z + 0.5 ORDER BY w.pose[3] + r.floor DESC LIMIT 1"
+        ),
+        {"x": pose.x, "y": pose.y, "z": pose.z},
+    ).scalar()
+    return None if name is None else str(name)
 
 
 def read_places_like(connection: Connection, topology: Topology, said: str) -> list[str]:
-    """The places that a person may mean: of that name, else the room of a thing, else by label.
+    """The places that a person may mean: of that name, of a thing of that name, by label or type.
 
-    ``kitchen`` means the rooms whose label or type (with subtypes) is kitchen; ``muffin1`` the
-    room that holds it. Empty where nothing fits.
+    Empty where nothing fits.
     """
     if said in topology.places:
         return [said]
-    holder = connection.execute(text(_ROOM_OF), {"name": said}).scalar()
-    if holder is not None:
-        return [str(holder)]
-    subtypes = set(
-        connection.execute(
-            text("SELECT sub FROM type_closure WHERE super = :type"), {"type": said}
-        ).scalars()
+    found = [target.place for target in read_targets(connection, said)]
+    return [*dict.fromkeys(place for place in found if place in topology.places)]
+
+
+# -- classes of robots ----------------------------------------------------------------------------
+
+_PLAIN = ("speed", "opens", "unlocks", "outside", "capacity")
+_TIMES = {
+    "call": "call_seconds", "ride": "ride_seconds", "ride_per_metre": "ride_seconds_per_metre",
+    "open": "open_seconds", "unlock": "unlock_seconds", "pickup": "pickup_seconds",
+    "place": "place_seconds",
+}  # fmt: skip
+
+
+def keep_robot_class(connection: Connection, robot: RobotClass, times: Times | None = None) -> int:
+    """Keep a class of robots under its name, in place of a former one; its id.
+
+    Walks that were measured for a robot of another shape, gait or speed are forgotten.
+    """
+    times = times or Times()
+    shaped = bool(robot.parts)
+    row: dict[str, Any] = {
+        "name": robot.name,
+        "parts": json.dumps([_as_json(part) for part in robot.parts]),
+        "width": max(float(np.ptp(p.footprint[:, 1])) for p in robot.parts) if shaped else None,
+        "height": max(p.interval[1] for p in robot.parts) if shaped else None,
+        "max_step": robot.gait.max_step,
+        "max_slope": robot.gait.max_slope,
+        "behaviours": None if robot.behaviours is None else sorted(robot.behaviours),
+        "permissions": sorted(robot.permissions),
+        "reach": list(robot.reach),
+        "heights": list(robot.heights),
+        **{name: getattr(robot, name) for name in _PLAIN},
+        **{column: getattr(times, name) for name, column in _TIMES.items()},
+    }
+    known = connection.execute(
+        text("SELECT id, parts = CAST(:parts AS jsonb) AND max_step = :max_step "
+             "AND max_slope = :max_slope AND speed = :speed AS same FROM robot_class "
+             "WHERE name = :name"), row
+    ).one_or_none()  # fmt: skip
+    columns = list(row)
+    values = ", ".join("CAST(:parts AS jsonb)" if c == "parts" else f":{c}" for c in columns)
+    updates = ", ".join(f"{c} = EXCLUDED.{c}" for c in columns if c != "name")
+    number = connection.execute(
+        text(
+            f"INSERT INTO robot_class ({', '.join(columns)}) VALUES ({values}) "
+            f"ON CONFLICT (name) DO UPDATE SET {updates} RETURNING id"
+        ),
+        row,
+    ).scalar_one()
+    if known is not None and not known.same:
+        for table in ("walk", "walked_place", "walked_map"):
+            connection.execute(
+                text(f"DELETE FROM {table} WHERE robot_class_id = :id"), {"id": number}
+            )
+    return int(number)
+
+
+def delete_robot_class(connection: Connection, name: str) -> None:
+    """Forget a class of robots and its walks.
+
+    Raises
+    ------
+    LookupError
+    """
+    read_robot_class(connection, name)
+    connection.execute(text("DELETE FROM robot_class WHERE name = :name"), {"name": name})
+
+
+def read_robot_names(connection: Connection) -> list[str]:
+    """The names of the classes of robots."""
+    return [*connection.execute(text("SELECT name FROM robot_class ORDER BY name")).scalars()]
+
+
+def read_robot_class(connection: Connection, name: str) -> tuple[int, RobotClass, Times]:
+    """A class of robots by name: its id, what it can do, and its times, learned ones among them.
+
+    Raises
+    ------
+    LookupError
+        There is none of that name; the message names those that there are.
+    """
+    row = connection.execute(
+        text("SELECT * FROM robot_class WHERE name = :name"), {"name": name}
+    ).one_or_none()
+    if row is None:
+        known = ", ".join(read_robot_names(connection))
+        raise LookupError(
+            f"there is no class of robots named {name}; "
+            + (f"there are: {known}" if known else "semmap robot add makes one from a URDF")
+        )
+    robot = RobotClass(
+        row.name,
+        tuple(_part(said) for said in row.parts),
+        Gait(row.max_step, row.max_slope),
+        behaviours=None if row.behaviours is None else frozenset(row.behaviours),
+        permissions=frozenset(row.permissions),
+        reach=(row.reach[0], row.reach[1]),
+        heights=(row.heights[0], row.heights[1]),
+        **{name: getattr(row, name) for name in _PLAIN},
     )
-    return [p.name for p in topology.places.values() if p.label == said or p.type in subtypes]
+    learned = connection.execute(
+        text(
+            "SELECT l.behaviour, e.name, l.seconds FROM learned l "
+            "JOIN entity e ON e.id = l.entity_id "
+            "WHERE l.robot_class_id = :id AND e.map_id = current_map()"
+        ),
+        {"id": row.id},
+    )
+    times = Times(
+        **{name: getattr(row, column) for name, column in _TIMES.items()},
+        learned={(behaviour, of): seconds for behaviour, of, seconds in learned},
+    )
+    return row.id, robot, times
+
+
+def _as_json(part: Part) -> dict[str, Any]:
+    return {
+        "name": part.name,
+        "links": list(part.links),
+        "interval": list(part.interval),
+        "footprint": part.footprint.tolist(),
+        "inscribed_radius": part.inscribed_radius,
+        "circumscribed_radius": part.circumscribed_radius,
+        "inflate_by": part.inflate_by,
+    }
+
+
+def _part(said: dict[str, Any]) -> Part:
+    return Part(
+        said["name"], tuple(said["links"]), (said["interval"][0], said["interval"][1]),
+        np.array(said["footprint"]), said["inscribed_radius"], said["circumscribed_radius"],
+        said["inflate_by"],
+    )  # fmt: skip
+
+
+# -- walks ----------------------------------------------------------------------------------------
+
+
+class Walk(NamedTuple):
+    """The way in a place between two connectors, by ids."""
+
+    place: int
+    a: int
+    b: int
+    seconds: float
+    metres: float
+
+
+_WALKS = """
+SELECT string_agg(int8send(place_id) || int8send(from_id) || int8send(to_id) || float8send(seconds)
+                  || float8send(metres), '' ORDER BY place_id, from_id, to_id)
+FROM walk WHERE robot_class_id = :robot
+  AND place_id IN (SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room')
+"""
+
+_WALK_TYPE = np.dtype([("place", ">i8"), ("a", ">i8"), ("b", ">i8"), ("seconds", ">f8"),
+                       ("metres", ">f8")])  # fmt: skip
+
+
+def read_walks(connection: Connection, robot_class: int) -> NDArray[Any]:
+    """The walks of a class of robots in the current map, as an array with the fields of `Walk`."""
+    packed = connection.execute(text(_WALKS), {"robot": robot_class}).scalar()
+    found: NDArray[Any] = np.frombuffer(bytes(packed or b""), _WALK_TYPE)
+    return found
+
+
+def keep_walks(
+    connection: Connection, robot_class: int, walks: Iterable[Walk], digests: dict[int, str]
+) -> None:
+    """Keep the walks of places, in place of all former ones there.
+
+    Parameters
+    ----------
+    digests : the state of each of the places for which they were measured, by id
+    """
+    places = {"robot": robot_class, "places": [*digests]}
+    where = "WHERE robot_class_id = :robot AND place_id = ANY (:places)"
+    connection.execute(text(f"DELETE FROM walk {where}"), places)
+    connection.execute(text(f"DELETE FROM walked_place {where}"), places)
+    rows = [*walks]
+    connection.execute(
+        text(
+            "INSERT INTO walk SELECT :robot, * FROM unnest(CAST(:place AS bigint[]), "
+            "CAST(:a AS bigint[]), CAST(:b AS bigint[]), CAST(:seconds AS float8[]), "
+            "CAST(:metres AS float8[]))"
+        ),
+        {"robot": robot_class, **{k: [getattr(w, k) for w in rows] for k in Walk._fields}},
+    )
+    connection.execute(
+        text(
+            "INSERT INTO walked_place SELECT :robot, * FROM unnest(CAST(:places AS bigint[]), "
+            "CAST(:digests AS text[]))"
+        ),
+        {"robot": robot_class, "places": [*digests], "digests": [*digests.values()]},
+    )
+
+
+_DIGESTS = """
+SELECT r.entity_id AS id, md5(concat_ws('|',
+    (SELECT string_agg(concat_ws(',', c.entity_id, c.place_a, c.place_b, k.pose, c.pose_a, c.pose_b,
+                                 c.width), ';' ORDER BY c.entity_id)
+     FROM connector c JOIN world k ON k.entity_id = c.entity_id
+     WHERE c.place_a = r.entity_id OR c.place_b = r.entity_id),
+    (SELECT string_agg(concat_ws(',', e.id, e.type, e.properties, o.pose,
+                       (SELECT string_agg(em.model_id::text, ' ' ORDER BY em.model_id)
+                        FROM entity_model em WHERE em.entity_id = e.id)), ';' ORDER BY e.id)
+     FROM world o JOIN entity e ON e.id = o.entity_id
+     WHERE e.map_id = current_map() AND e.kind IN ('room', 'object', 'region')
+       AND o.box && ST_Expand(w.box::box2d, :reach)
+       AND (o.storey_id IS NULL OR o.storey_id IS NOT DISTINCT FROM w.storey_id
+            OR e.kind = 'object')))) AS digest
+FROM room r JOIN world w ON w.entity_id = r.entity_id
+JOIN entity n ON n.id = r.entity_id AND n.map_id = current_map()
+WHERE CAST(:places AS bigint[]) IS NULL OR r.entity_id = ANY (:places)
+"""
+
+
+def place_digests(
+    connection: Connection, reach: float, places: Collection[int] | None = None
+) -> dict[int, str]:
+    """The state of each place of the current map, as far as walks depend on it, by id.
+
+    Parameters
+    ----------
+    reach : metres beyond a place from which things have an effect in it
+    """
+    values = {"reach": reach, "places": None if places is None else [*places]}
+    rows = connection.execute(text(_DIGESTS), values)
+    return {row.id: row.digest for row in rows}
+
+
+def walked_until(
+    connection: Connection, robot_class: int, cursor: str | None = None
+) -> tuple[str | None, dict[int, str]]:
+    """Up to which change the walks in the current map are measured, and for which states of places.
+
+    A cursor given is written; where none was, the first is None.
+    """
+    if cursor is not None:
+        connection.execute(
+            text(
+                "INSERT INTO walked_map VALUES (:robot, current_map(), :cursor) "
+                "ON CONFLICT (robot_class_id, map_id) DO UPDATE SET cursor = EXCLUDED.cursor"
+            ),
+            {"robot": robot_class, "cursor": cursor},
+        )
+        return cursor, {}
+    before = connection.execute(
+        text("SELECT cursor FROM walked_map WHERE robot_class_id = :robot "
+             "AND map_id = current_map()"), {"robot": robot_class}
+    ).scalar()  # fmt: skip
+    digests = connection.execute(
+        text("SELECT place_id, digest FROM walked_place WHERE robot_class_id = :robot"),
+        {"robot": robot_class},
+    )
+    return before, {row.place_id: row.digest for row in digests}
+
+
+def scene_reader(connection: Connection) -> Callable[[str], Scene]:
+    """What reads the scenes of storeys of the current map; of "" in a map that has no storeys."""
+
+    def read(storey: str) -> Scene:
+        return read_scene(connection, storey or read_storey_names(connection)[0])
+
+    return read

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import networkx as nx
+import shapely
 
 from semmap.geometry.pose import Pose
 
@@ -20,7 +21,15 @@ if TYPE_CHECKING:
     from planner.times import Times
     from planner.walks import Walks
 
-__all__ = ["OUTSIDE", "Connector", "Place", "Topology", "TopologyError", "UnknownPlaceError"]
+__all__ = [
+    "OUTSIDE",
+    "Connector",
+    "Place",
+    "Region",
+    "Topology",
+    "TopologyError",
+    "UnknownPlaceError",
+]
 
 OUTSIDE = "outside"
 """What lies beyond the building: the second place of an exterior door."""
@@ -88,6 +97,7 @@ class Connector:
     width, height : of the clear opening in metres, where known
     step : height of its threshold, metres
     permissions : of which a robot needs one to pass; none: everybody may
+    properties : as the map has them
     id : of its entity, where it comes from a map
     """
 
@@ -102,6 +112,7 @@ class Connector:
     height: float | None = None
     step: float = 0.0
     permissions: frozenset[str] = frozenset()
+    properties: Mapping[str, Any] = field(default_factory=dict)
     id: int | None = None
 
     def passes(self, side: int) -> bool:
@@ -109,9 +120,21 @@ class Connector:
         return self.direction == "both" or (self.direction == "forward") == (side == 0)
 
 
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A part of one place or several, drawn on the map, with a meaning of its own (section 3.4)."""
+
+    name: str
+    outline: shapely.Geometry
+    places: tuple[str, ...]
+    label: str | None = None
+    types: tuple[str, ...] = ()
+    properties: Mapping[str, Any] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class Topology:
-    """What joins what: places by name, connectors by name.
+    """What joins what: places by name, connectors by name; and regions of places.
 
     `OUTSIDE` is a place wherever a connector leads there.
 
@@ -123,9 +146,15 @@ class Topology:
 
     places: dict[str, Place] = field(default_factory=dict)
     connectors: dict[str, Connector] = field(default_factory=dict)
+    regions: tuple[Region, ...] = ()
 
     @classmethod
-    def of(cls, places: Iterable[Place], connectors: Iterable[Connector]) -> Topology:
+    def of(
+        cls,
+        places: Iterable[Place],
+        connectors: Iterable[Connector],
+        regions: Iterable[Region] = (),
+    ) -> Topology:
         """A topology of lists, checked."""
         by_name: dict[str, Place] = {}
         for place in places:
@@ -150,7 +179,7 @@ class Topology:
                         "add the room or correct the connector"
                     )
             joined[connector.name] = connector
-        return cls(by_name, joined)
+        return cls(by_name, joined, tuple(regions))
 
     def place(self, name: str) -> Place:
         """The place of that name.

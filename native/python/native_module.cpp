@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "semmap/graph.hpp"
 #include "semmap/inflation.hpp"
 #include "semmap/occupancy.hpp"
 #include "semmap/travel.hpp"
@@ -198,6 +199,121 @@ Array<std::int64_t> way(const Array<std::uint8_t>& costs, double resolution,
     return array;
 }
 
+using Ids = std::vector<std::uint32_t>;
+using EndList = std::vector<std::pair<std::int64_t, double>>;
+
+Ids ids_of(const Array<std::int64_t>& array) { return {array.data(), array.data() + array.size()}; }
+
+std::vector<double> numbers_of(const Array<double>& array) {
+    return {array.data(), array.data() + array.size()};
+}
+
+// Checked here: the lists are short, and one route is to take microseconds.
+std::vector<semmap::End> ends_of(const semmap::Graph& graph, const EndList& list,
+                                 const char* name) {
+    std::vector<semmap::End> ends;
+    for (const auto& [node, cost] : list) {
+        if (node < 0 || node >= graph.nodes()) {
+            throw py::value_error(std::string(name) + ": there is no node " + std::to_string(node) +
+                                  "; nodes are 0 to " + std::to_string(graph.nodes() - 1));
+        }
+        if (!(cost >= 0)) {
+            throw py::value_error(std::string(name) + ": the cost at node " + std::to_string(node) +
+                                  " is not negative, and a number");
+        }
+        ends.push_back({static_cast<std::uint32_t>(node), cost});
+    }
+    return ends;
+}
+
+py::tuple answer(const semmap::Route& route) {
+    Array<std::int64_t> edges(static_cast<py::ssize_t>(route.edges.size()));
+    std::copy(route.edges.begin(), route.edges.end(), edges.mutable_data());
+    return py::make_tuple(route.cost, edges);
+}
+
+void define_graph(py::module_& module) {
+    using semmap::Graph;
+    using Unlocked = py::call_guard<py::gil_scoped_release>;
+    py::class_<Graph>(module, "Graph")
+        .def(py::init([](const Array<std::int64_t>& tails, const Array<std::int64_t>& heads,
+                         const Array<double>& weights, const Array<double>& least,
+                         std::uint32_t nodes) {
+                 return std::make_unique<Graph>(
+                     semmap::Edges{ids_of(tails), ids_of(heads), numbers_of(weights)},
+                     numbers_of(least), nodes);
+             }),
+             py::arg("tails").noconvert(), py::arg("heads").noconvert(),
+             py::arg("weights").noconvert(), py::arg("least").noconvert(), py::arg("nodes"))
+        .def("prepare", &Graph::prepare, Unlocked())
+        .def("weights",
+             [](const Graph& graph) {
+                 std::vector<double> weights;
+                 {
+                     const py::gil_scoped_release release;
+                     weights = graph.weights();
+                 }
+                 return Array<double>(static_cast<py::ssize_t>(weights.size()), weights.data());
+             })
+        .def(
+            "set_weights",
+            [](Graph& graph, const Array<std::int64_t>& edges, const Array<double>& weights) {
+                const Ids ids = ids_of(edges);
+                const std::vector<double> numbers = numbers_of(weights);
+                const py::gil_scoped_release release;
+                graph.set_weights(ids, numbers);
+            },
+            py::arg("edges").noconvert(), py::arg("weights").noconvert())
+        .def(
+            "shortest",
+            [](const Graph& graph, const EndList& sources,
+               const EndList& targets) -> std::optional<py::tuple> {
+                const auto from = ends_of(graph, sources, "sources");
+                const auto to = ends_of(graph, targets, "targets");
+                std::optional<semmap::Route> route;
+                {
+                    const py::gil_scoped_release release;
+                    route = graph.shortest(from, to);
+                }
+                if (!route) return std::nullopt;
+                return answer(*route);
+            },
+            py::arg("sources"), py::arg("targets"))
+        .def(
+            "alternatives",
+            [](const Graph& graph, const EndList& sources, const EndList& targets,
+               std::size_t count) {
+                const auto from = ends_of(graph, sources, "sources");
+                const auto to = ends_of(graph, targets, "targets");
+                std::vector<semmap::Route> routes;
+                {
+                    const py::gil_scoped_release release;
+                    routes = graph.alternatives(from, to, count);
+                }
+                py::list answers;
+                for (const semmap::Route& route : routes) answers.append(answer(route));
+                return answers;
+            },
+            py::arg("sources"), py::arg("targets"), py::arg("count"))
+        .def(
+            "distances",
+            [](const Graph& graph, const Array<std::int64_t>& sources,
+               const Array<std::int64_t>& targets, unsigned threads) {
+                const Ids from = ids_of(sources);
+                const Ids to = ids_of(targets);
+                Array<double> costs({sources.size(), targets.size()});
+                double* data = costs.mutable_data();
+                bool done;
+                {
+                    const py::gil_scoped_release release;
+                    done = graph.distances(from, to, threads, data);
+                }
+                if (!done) throw std::bad_alloc();
+                return costs;
+            },
+            py::arg("sources").noconvert(), py::arg("targets").noconvert(), py::arg("threads"));
+}
+
 template <typename Index>
 void define_for(py::module_& module) {
     using py::arg;
@@ -217,12 +333,13 @@ void define_for(py::module_& module) {
 }  // namespace
 
 PYBIND11_MODULE(semmap_native, module) {
-    module.doc() = "Meshes on grids, costs around what is occupied, ways over them.";
+    module.doc() = "Meshes on grids, costs around what is occupied, ways over them, routes.";
     define_for<std::int32_t>(module);
     define_for<std::int64_t>(module);
     module.def("inflate", &inflate, py::arg("occupied").noconvert(), py::arg("radius"),
                py::arg("costs").noconvert(), py::arg("variant").none(true) = py::none());
     module.def("inflation_variants", &semmap::inflation_variants);
+    define_graph(module);
     module.def("travel", &travel, py::arg("costs").noconvert(), py::arg("resolution"),
                py::arg("cells").noconvert(), py::arg("slow"), py::arg("targets").none(true),
                py::arg("threads"));

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -46,13 +46,20 @@ _DOUBLE, _OPENING = 1.3, 2.4  # widths beyond which a door has two leaves, or no
 
 
 def floor_plan(
-    storey: StoreyView, path: Path | str, *, title: str = "", width: float = 13.0, dpi: int = 200
+    storey: StoreyView,
+    path: Path | str,
+    *,
+    title: str = "",
+    width: float = 13.0,
+    dpi: int = 200,
+    over: Callable[[Axes], None] | None = None,
 ) -> Path:
     """Draw the plan of a storey and save it as PNG.
 
     Parameters
     ----------
     width : of the picture in inches; the height follows from the storey
+    over : draws more on the plan, whose axes are metres of the map's frame, before names are put
 
     Examples
     --------
@@ -95,6 +102,8 @@ def floor_plan(
         _door(axes, door, storey)
     for line in storey.path:
         _path(axes, line)
+    if over is not None:
+        over(axes)
     _frame(axes, x0, y0, x1, y1)
     figure.text(0.6 / width, 1 - 0.36 / whole, title or storey.name, fontsize=15, weight="bold",
                 color=INK, va="center")  # fmt: skip

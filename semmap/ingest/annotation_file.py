@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 
 from semmap.ingest.world import Skipped, WorldError
 
-__all__ = ["ENDINGS", "Feature", "FeatureFile", "Refused", "read_features"]
+__all__ = [
+    "ENDINGS",
+    "LARGEST",
+    "Feature",
+    "FeatureFile",
+    "Refused",
+    "checked_property",
+    "parse_json",
+    "read_features",
+]
 
 ENDINGS = (".geojson", ".json", ".gpkg")
 
@@ -107,7 +116,7 @@ def read_features(path: Path) -> FeatureFile:
 
 
 def _read_geojson(path: Path) -> FeatureFile:
-    root = _parse_json(path)
+    root = parse_json(path)
     if not isinstance(root, dict) or root.get("type") not in ("FeatureCollection", "Feature"):
         found = root.get("type") if isinstance(root, dict) else type(root).__name__
         raise WorldError(
@@ -133,7 +142,9 @@ def _read_geojson(path: Path) -> FeatureFile:
                 raise Refused("is not a Feature", "Make it one, or remove it.")
             if not isinstance(properties, dict | None):
                 raise Refused("its properties are not an object", "Make them one.")
-            said = {k: _checked(v, k) for k, v in (properties or {}).items() if v is not None}
+            said = {
+                k: checked_property(v, k) for k, v in (properties or {}).items() if v is not None
+            }
             geometry = _geojson_geometry(member.get("geometry"))
             out.features.append(Feature(where, layer, geometry, said))
         except Refused as refused:
@@ -141,7 +152,8 @@ def _read_geojson(path: Path) -> FeatureFile:
     return out
 
 
-def _parse_json(path: Path) -> Any:
+def parse_json(path: Path) -> Any:
+    """The content of a JSON file; a `WorldError` says where it is none."""
     try:
         return json.loads(path.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -279,7 +291,7 @@ def _read_layer(path: Path, layer: str, out: FeatureFile) -> None:
         name = said.get("name")
         where = f"{layer}/{fid}" + (f" ({name})" if name is not None else "")
         try:
-            checked = {k: _checked(v, k) for k, v in said.items()}
+            checked = {k: checked_property(v, k) for k, v in said.items()}
             geometry = _wkb_geometry(None if wkb is None else wkb[row])
             out.features.append(Feature(where, layer, geometry, checked))
         except Refused as refused:
@@ -317,7 +329,7 @@ def _plain(value: Any, ogr_type: str, subtype: str) -> Any:
 # -- Both -------------------------------------------------------------------------------------
 
 
-def _checked(value: Any, key: str) -> Any:
+def checked_property(value: Any, key: str) -> Any:
     """A property that the map can keep; text that holds a JSON object or array is read as that."""
     if isinstance(value, str) and value[:1] in ("{", "["):
         with contextlib.suppress(ValueError, RecursionError):

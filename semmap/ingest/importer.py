@@ -16,6 +16,13 @@ from semmap.ingest.annotation import read_annotation
 from semmap.ingest.holders import derive_inventories
 from semmap.ingest.mesh_file import read_mesh_world
 from semmap.ingest.rmf import read_rmf
+from semmap.ingest.route_graph import (
+    EDGE,
+    check_names,
+    is_route_graph,
+    read_route_graph,
+    settle_nodes,
+)
 from semmap.ingest.sdf import read_sdf
 from semmap.ingest.store import Progress, Stored, store_world
 from semmap.ingest.types import load_tbox
@@ -32,7 +39,7 @@ MESHES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 READERS: tuple[tuple[tuple[str, ...], Callable[[Path, Geometry, MeshAs], World]], ...] = (
     ((".sdf", ".world"), lambda path, geometry, mesh_as: read_sdf(path, geometry=geometry)),
     ((".yaml", ".yml"), lambda path, geometry, mesh_as: read_rmf(path)),
-    ((".geojson", ".json", ".gpkg"), lambda path, geometry, mesh_as: read_annotation(path)),
+    ((".geojson", ".json", ".gpkg"), lambda path, geometry, mesh_as: _read_features(path)),
     (MESHES, lambda path, geometry, mesh_as: read_mesh_world(path, as_=mesh_as)),
 )
 """Which parser reads which endings."""
@@ -53,6 +60,11 @@ def read_world(path: Path, geometry: Geometry = "visual", mesh_as: MeshAs = "obj
             return read(path, geometry, mesh_as)
     known = ", ".join(sorted(e for endings, _ in READERS for e in endings))
     raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", f"Known: {known}.")
+
+
+def _read_features(path: Path) -> World:
+    """A route graph of Nav2, or else what people annotated."""
+    return read_route_graph(path) if is_route_graph(path) else read_annotation(path)
 
 
 MANY = 50
@@ -124,7 +136,12 @@ def import_file(
         map_id = _map_id(connection, map_name or world.name)
         psycopg_connection = connection.connection.driver_connection
         assert psycopg_connection is not None
+        is_graph = any(link.relation == EDGE for link in world.links)
+        if is_graph:
+            check_names(psycopg_connection, map_id, world, source)
         stored = store_world(psycopg_connection, map_id, world, source, progress)
+        if is_graph:
+            settle_nodes(psycopg_connection, map_id, world, source)
         progress("inventories", 0, 0)
         holders = derive_inventories(psycopg_connection, map_id)
         summary = _summary(world, stored, map_name or world.name, source, holders)

@@ -101,7 +101,7 @@ def store_world(
         _details(cursor, fresh + changed, ids, world)
         _give_models(cursor, fresh, changed, ids, models)
         _place(cursor, fresh, changed, ids, world, progress)
-        _link(cursor, world, ids)
+        _link(cursor, map_id, world, ids, source)
         _georeference(cursor, map_id, world)
 
         stored.added = [e.name for e in fresh]
@@ -457,7 +457,10 @@ def _place(
     progress("placements", len(placed), len(placed))
 
 
-def _link(cursor: psycopg.Cursor[Any], world: World, ids: dict[str, int]) -> None:
+def _link(
+    cursor: psycopg.Cursor[Any], map_id: int, world: World, ids: dict[str, int], source: str
+) -> None:
+    """The links of the world; of its relations, those that its own entities have no more go."""
     rows = [
         (ids[link.subject], link.relation, ids[link.object], Jsonb(link.properties))
         for link in world.links
@@ -469,6 +472,21 @@ def _link(cursor: psycopg.Cursor[Any], world: World, ids: dict[str, int]) -> Non
             "ON CONFLICT (from_id, relation, to_id) DO UPDATE SET properties = excluded.properties "
             "WHERE link.properties IS DISTINCT FROM excluded.properties",
             rows,
+        )
+        cursor.execute(
+            "DELETE FROM link USING entity a, entity b WHERE a.id = from_id AND b.id = to_id "
+            "AND a.source = %(source)s AND b.source = %(source)s "
+            "AND a.map_id = %(map)s AND b.map_id = %(map)s AND relation = ANY(%(relations)s) "
+            "AND (from_id, relation, to_id) NOT IN "
+            "(SELECT * FROM unnest(%(from)s::bigint[], %(said)s::text[], %(to)s::bigint[]))",
+            {
+                "source": source,
+                "map": map_id,
+                "relations": sorted({row[1] for row in rows}),
+                "from": [row[0] for row in rows],
+                "said": [row[1] for row in rows],
+                "to": [row[2] for row in rows],
+            },
         )
 
 

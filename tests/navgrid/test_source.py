@@ -12,8 +12,7 @@ import shapely
 from sqlalchemy import Connection, Engine, text
 
 from navgrid.costmap import Costmap
-from navgrid.costmap_command import grid_of
-from navgrid.scene import Thing
+from navgrid.scene import Thing, grid_of
 from navgrid.source import changes_since, cursor, read_scene, read_storey_names, read_things
 from semmap.ingest.importer import import_file
 from semmap.ingest.regions import draw_region

@@ -1,0 +1,185 @@
+"""Routes as people ask for them: to the fridge, to a kitchen, home (Deeken et al., section 5.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime
+from itertools import groupby
+
+import numpy as np
+
+from planner.base_pose import NoBasePoseError, poses_in, poses_to_reach
+from planner.ground import Ground
+from planner.network import Network, Site
+from planner.route import NoRouteError, Route
+from planner.rules import Rules, barred_regions, forbid, penalties
+from planner.target import Target
+from planner.topology import Place, Region, UnknownPlaceError
+from semmap.geometry.pose import Pose
+
+__all__ = ["Asker", "Said"]
+
+Said = str | Pose | Target | tuple[str, Pose]
+"""A name, a label or a type; a pose, or a pose in a place; a target that was looked up."""
+
+
+@dataclass
+class Asker:
+    """Answers for one class of robots.
+
+    Attributes
+    ----------
+    look_up : gives the targets that a word may mean; by default places alone
+    place_at : gives the place in which a pose is, or None
+    ground : its costmaps; without, a way to a thing ends in its room
+    """
+
+    network: Network
+    look_up: Callable[[str], Sequence[Target]] = lambda said: ()
+    place_at: Callable[[Pose], str | None] = lambda pose: None
+    ground: Ground | None = None
+    rules: Rules = field(default_factory=Rules.default)
+    rng: np.random.Generator = field(default_factory=np.random.default_rng)
+
+    def route(
+        self,
+        start: Said,
+        goal: Said,
+        *,
+        avoid: Sequence[str] = (),
+        at: datetime | None = None,
+        k: int = 1,
+    ) -> list[Route]:
+        """The k best routes, the best first; where several goals are meant, to the nearest.
+
+        Parameters
+        ----------
+        avoid : names, labels or types of places, connectors and regions that it must not pass
+        at : when: rules have hours
+
+        Raises
+        ------
+        UnknownPlaceError
+            A name that the map does not know.
+        NoRouteError
+            No way leads there, or the robot cannot stand there; it says why.
+        """
+        if k < 1:
+            raise ValueError(f"ask for 1 route or more, not {k}")
+        with self._ruled(avoid, at):
+            starts = self._sites(start, drawn=1)
+            if len({s.place for s in starts}) > 1:
+                names = ", ".join(sorted({s.place for s in starts}))
+                raise ValueError(f"{start} may be in {names}; name one of them")
+            goals = self._sites(goal, drawn=1)
+            took = self.network.times_between(starts, goals)
+            best = np.unravel_index(int(np.argmin(took)), took.shape)
+            if not np.isfinite(took[best]):
+                raise NoRouteError(self._why_none(starts, goals))
+            a, b = starts[int(best[0])], goals[int(best[1])]
+            if k == 1:
+                return [self.network.route(a, b)]
+            return self.network.alternatives(a, b, k)
+
+    @contextmanager
+    def _ruled(self, avoid: Sequence[str], at: datetime | None) -> Iterator[None]:
+        """While it lasts, rules hold and what is to be avoided is barred."""
+        rules = (*self.rules.rules, *forbid(avoid))
+        known = set(avoid)
+        for name in known:
+            if not self._is_known(name):
+                raise UnknownPlaceError(name, self._names())
+        laid = penalties(self.network, rules, at, ground=self.ground)
+        regions = barred_regions(self.network, rules, at) if self.ground is not None else []
+        with self.network.penalised(laid.seconds, laid.bars):
+            if self.ground is None:
+                yield
+                return
+            by_storey = [(self.ground.storey_of(p), r.outline) for r in regions for p in r.places]
+            by_storey.sort(key=lambda pair: pair[0])
+            former = {}
+            for storey, group in groupby(by_storey, key=lambda pair: pair[0]):
+                former[storey] = self.ground.avoided(storey)
+                self.ground.avoid(storey, [*former[storey], *(outline for _, outline in group)])
+            try:
+                yield
+            finally:
+                for storey, outlines in former.items():
+                    self.ground.avoid(storey, outlines)
+
+    def _is_known(self, name: str) -> bool:
+        topology = self.network.topology
+        things: list[Place | Region] = [*topology.places.values(), *topology.regions]
+        return name in topology.connectors or any(
+            name in (t.name, t.label, *t.types) for t in things
+        )
+
+    def _names(self) -> list[str]:
+        topology = self.network.topology
+        return [*topology.places, *topology.connectors, *(r.name for r in topology.regions)]
+
+    # -- ends -----------------------------------------------------------------------------------
+
+    def _sites(self, said: Said, drawn: int) -> list[Site]:
+        """Where a robot may stand for what is said."""
+        if isinstance(said, Target):
+            return self._sites_of(said, drawn)
+        if isinstance(said, tuple):
+            return [self._at(said[0], said[1])]
+        if isinstance(said, Pose):
+            place = self.place_at(said)
+            if place is None:
+                raise NoRouteError(f"({said.x:.2f}, {said.y:.2f}, {said.z:.2f}) is in no room")
+            return [self._at(place, said)]
+        topology = self.network.topology
+        if said in topology.places:
+            return [self.network.site(said)]
+        targets = [t for t in self.look_up(said) if t.place in topology.places]
+        targets = targets or [
+            Target(p.name, "room", p.name)
+            for p in topology.places.values()
+            if said == p.label or said in p.types
+        ]
+        if not targets:
+            raise UnknownPlaceError(said, self._names())
+        sites: list[Site] = []
+        why: NoBasePoseError | None = None
+        for target in targets:
+            try:
+                sites += self._sites_of(target, drawn)
+            except NoBasePoseError as error:
+                why = why or error
+        if not sites:
+            raise NoRouteError(str(why))
+        return sites
+
+    def _sites_of(self, target: Target, drawn: int) -> list[Site]:
+        place = target.place
+        if place is None:
+            raise NoBasePoseError(f"no room holds {target.name}")
+        if target.kind == "room" or self.ground is None:
+            return [self.network.site(place)]
+        if target.kind == "agent" and target.pose is not None:
+            return [self._at(place, target.pose)]
+        if target.kind == "region":
+            poses = poses_in(self.ground, target, self.rng, drawn)
+        else:
+            poses = poses_to_reach(self.ground, target)
+        return [self.network.site(place, pose) for pose in poses]
+
+    def _at(self, place: str, pose: Pose) -> Site:
+        self.network.topology.place(place)
+        if self.ground is not None and not self.ground.stands(place, pose):
+            names = self.ground.occupants(place, pose)
+            why = f"{', '.join(names)} is in the way" if names else "that is outside of it"
+            raise NoRouteError(
+                f"{self.network.robot.name} cannot stand at ({pose.x:.2f}, {pose.y:.2f}) in "
+                f"{place}: {why}"
+            )
+        return self.network.site(place, pose)
+
+    def _why_none(self, starts: Sequence[Site], goals: Sequence[Site]) -> str:
+        reasons = dict.fromkeys(self.network.why_not(a, b) for a in starts[:1] for b in goals[:3])
+        return next(iter(reasons))

@@ -1,0 +1,151 @@
+"""`semmap topology`: what joins what, for Nav2, Open-RMF, Graphviz, as a picture, as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from navgrid.commands import file_name, open_map
+from navgrid.source import read_wanted_storeys
+from planner.exchange.dot import dot
+from planner.exchange.nav2_route import write_nav2
+from planner.exchange.rmf_nav import write_rmf_nav
+from planner.exchange.source import read_surroundings
+from planner.exchange.stands import ExchangeError, Times
+from planner.source import read_topology
+from planner.topology import Topology
+from semmap import cli
+from semmap.draw.view import StoreyView
+
+__all__ = ["register", "topology_as_json"]
+
+
+class Format(StrEnum):
+    """What the topology is written as."""
+
+    nav2 = "nav2"
+    rmf = "rmf"
+    dot = "dot"
+    png = "png"
+    json = "json"
+
+
+ENDINGS = {
+    ".geojson": Format.nav2, ".yaml": Format.rmf, ".yml": Format.rmf, ".dot": Format.dot,
+    ".gv": Format.dot, ".png": Format.png, ".json": Format.json,
+}  # fmt: skip
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("topology")(topology_command)
+
+
+def topology_command(
+    file: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File; DOT and JSON else go to standard output."),
+    ] = None,
+    format_: Annotated[
+        Format | None,
+        typer.Option("--format", help="By default what the file's ending says, else dot."),
+    ] = None,
+    map_name: cli.MapName = None,
+    storey: Annotated[str | None, typer.Option(help="Only this storey.")] = None,
+    locked: Annotated[
+        bool, typer.Option("--locked", help="Routes pass locked connectors, too.")
+    ] = False,
+    speed: Annotated[float, typer.Option(help="Metres a second, for the times of ways.")] = 0.5,
+    json_: cli.Json = False,
+) -> None:
+    """Write what joins what: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON."""
+    chosen = _format(file, format_, json_)
+    times = Times(speed=speed)
+    with open_map(map_name) as connection:
+        name = str(connection.exec_driver_sql(
+            "SELECT name FROM map WHERE id = current_map()").scalar_one())  # fmt: skip
+        topology = read_topology(connection)
+        around = read_surroundings(connection)
+        views = read_wanted_storeys(connection, storey)
+    if not topology.connectors:
+        raise ExchangeError(
+            f"the map {name} has no connectors: import an annotation that has (GeoJSON, "
+            "GeoPackage) or an Open-RMF building"
+        )
+    if file is None:
+        text = dot(topology, storey=storey, name=name) if chosen is Format.dot else json.dumps(
+            topology_as_json(topology, storey))  # fmt: skip
+        print(text.rstrip("\n"))
+        return
+    match chosen:
+        case Format.nav2:
+            written = write_nav2(
+                topology, file, storey=storey, times=times, allow_locked=locked, name=name
+            )
+        case Format.rmf:
+            written = [
+                write_rmf_nav(
+                    topology, file, name=name, surroundings=around, storey=storey,
+                    allow_locked=locked,
+                )
+            ]  # fmt: skip
+        case Format.png:
+            written = _pictures(topology, views, file, name)
+        case _:
+            text = dot(topology, storey=storey, name=name) if chosen is Format.dot else json.dumps(
+                topology_as_json(topology, storey), indent=1) + "\n"  # fmt: skip
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+            written = [file]
+    if json_ and chosen is not Format.json:
+        print(json.dumps([str(path) for path in written]))
+    else:
+        for path in written:
+            cli.out.print(str(path))
+
+
+def _format(file: Path | None, said: Format | None, as_json: bool) -> Format:
+    if said is None and file is not None:
+        said = ENDINGS.get(file.suffix.lower())
+        if said is None:
+            raise typer.BadParameter(
+                f"{file.name} does not say its format: give --format, one of {', '.join(Format)}"
+            )
+    if said is None:
+        return Format.json if as_json else Format.dot
+    if file is None and said not in (Format.dot, Format.json):
+        raise typer.BadParameter(f"--format {said} is written to a file: give -o FILE")
+    return said
+
+
+def topology_as_json(topology: Topology, storey: str | None = None) -> dict[str, Any]:
+    """Places and connectors as plain values; poses as x, y, z and quaternion."""
+    places = [p for p in topology.places.values() if storey is None or p.storey == storey]
+    names = {p.name for p in places}
+    return {
+        "places": [asdict(p) for p in places],
+        "connectors": [
+            asdict(c) for c in topology.connectors.values() if names & set(c.places)
+        ],
+        "elevators": topology.cabins(),
+    }  # fmt: skip
+
+
+def _pictures(topology: Topology, views: list[StoreyView], file: Path, name: str) -> list[Path]:
+    from planner.exchange.picture import topology_plan  # slow to load, as all that draws
+
+    return [
+        topology_plan(
+            topology,
+            view,
+            file if len(views) == 1
+            else file.with_name(f"{file.stem}.{file_name(view.name)}{file.suffix or '.png'}"),
+            title=f"{name}, {view.name}: topology" if view.name != name else f"{name}: topology",
+        )
+        for view in views
+    ]  # fmt: skip

@@ -1,0 +1,94 @@
+"""The topology as Graphviz DOT: places as nodes, connectors as edges, storeys as clusters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+from planner.exchange.stands import ExchangeError
+from planner.topology import OUTSIDE, Connector, Place, Topology
+
+__all__ = ["dot"]
+
+STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
+"""Colours of connectors, those of the floor plans."""
+
+
+def dot(topology: Topology, *, storey: str | None = None, name: str = "topology") -> str:
+    """The topology as text that `dot` draws; places are named as in the map.
+
+    One-way connectors have an arrow, those that are not open a colour and their state; an
+    elevator's cabins are joined from storey to storey by dashed lines.
+
+    Parameters
+    ----------
+    storey : only this one, with what its connectors lead to
+
+    Raises
+    ------
+    ExchangeError
+        There is no such storey.
+    """
+    places = [p for p in topology.places.values() if storey is None or p.storey == storey]
+    if storey is not None and not places:
+        known = dict.fromkeys(p.storey for p in topology.places.values() if p.storey)
+        raise ExchangeError(f"there is no storey {storey}; there are: {', '.join(known)}")
+    inside = {p.name for p in places}
+    connectors = [c for c in topology.connectors.values() if inside & set(c.places)]
+    beyond = {n for c in connectors for n in c.places} - inside
+    places += [topology.places[n] for n in sorted(beyond)]
+    lines = [
+        f"graph {_quoted(name)} {{",
+        '  graph [fontname="sans-serif", compound=true];',
+        '  node [shape=box, style="rounded,filled", fillcolor="#f4f1e8", fontname="sans-serif"];',
+        '  edge [fontname="sans-serif", fontsize=10];',
+    ]
+    storeys = dict.fromkeys(p.storey for p in places if p.storey is not None)
+    for number, one in enumerate(storeys):
+        lines += [f"  subgraph cluster_{number} {{", f"    label={_quoted(one)};"]
+        lines += [f"    {_node(p)}" for p in places if p.storey == one]
+        lines.append("  }")
+    lines += [f"  {_node(p)}" for p in places if p.storey is None]
+    lines += [f"  {_edge(c)}" for c in connectors]
+    lines += [f"  {edge}" for edge in _rides(topology, {p.name for p in places})]
+    return "\n".join([*lines, "}", ""])
+
+
+def _quoted(text: str) -> str:
+    """A quoted ID of DOT; a backslash stands for itself, a line end for a line end."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + escaped.replace("\r", "").replace("\n", "\\n") + '"'
+
+
+def _attributes(**said: str | None) -> str:
+    return "[" + ", ".join(f"{k}={_quoted(v)}" for k, v in said.items() if v is not None) + "]"
+
+
+def _node(place: Place) -> str:
+    kind = place.label or (place.type if place.type != "room" else None)
+    label = place.name if kind is None or kind == place.name else f"{place.name}\n{kind}"
+    shape = "box3d" if place.elevator else "plaintext" if place.name == OUTSIDE else None
+    return f"{_quoted(place.name)} {_attributes(label=label, shape=shape)};"
+
+
+def _edge(connector: Connector) -> str:
+    a, b = connector.places
+    label = connector.name
+    if connector.state != "open":
+        label += f"\n{connector.state}"
+    way = {"both": None, "forward": "forward", "backward": "back"}[connector.direction]
+    said = _attributes(label=label, color=STATES[connector.state], dir=way)
+    return f"{_quoted(a)} -- {_quoted(b)} {said};"
+
+
+def _rides(topology: Topology, drawn: set[str]) -> Iterator[str]:
+    for elevator, cabins in topology.cabins().items():
+        ordered = sorted((c for c in cabins if c in drawn), key=lambda c: _height(topology, c))
+        for a, b in pairwise(ordered):
+            said = _attributes(label=elevator, style="dashed")
+            yield f"{_quoted(a)} -- {_quoted(b)} {said};"
+
+
+def _height(topology: Topology, place: str) -> float:
+    """Of the poses in a place; 0 where it has none."""
+    return min((c.poses[side].z for c, side in topology.doors_of(place)), default=0.0)

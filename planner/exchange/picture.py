@@ -1,0 +1,94 @@
+"""The topology over the floor plan of a storey, as PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import shapely
+from matplotlib.axes import Axes
+
+from planner.topology import OUTSIDE, Connector, Topology
+from semmap.draw.floor_plan import floor_plan
+from semmap.draw.view import StoreyView
+
+__all__ = ["topology_plan"]
+
+STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
+PLACE, ELEVATOR = "#2b2f36", "#7d5fb2"
+
+
+def topology_plan(
+    topology: Topology, storey: StoreyView, path: Path | str, *, title: str = "", dpi: int = 200
+) -> Path:
+    """Draw what joins the rooms of a storey over its plan.
+
+    A dot in each place, a line from it to each of its connectors, in the colour of their state; an
+    arrow where a connector leads one way only; at cabins, the storeys that the elevator serves.
+
+    Parameters
+    ----------
+    storey : its rooms say where the dots are; its objects are left out
+    """
+    at = {room.name: _middle(room.outline) for room in storey.rooms}
+    bare = replace(storey, objects=[], regions=[], path=[])
+    joined = [c for c in topology.connectors.values() if at.keys() & set(c.places)]
+
+    def over(axes: Axes) -> None:
+        for connector in joined:
+            _lines(axes, connector, at)
+        for name, (x, y) in at.items():
+            elevator = topology.places[name].elevator if name in topology.places else None
+            axes.plot(
+                x, y, "s" if elevator else "o", ms=7, zorder=7, mec="white", mew=1.2,
+                mfc=ELEVATOR if elevator else PLACE,
+            )  # fmt: skip
+            if elevator:
+                _served(axes, topology, elevator, storey.name, x, y)
+
+    return floor_plan(bare, path, title=title or f"{storey.name}: topology", dpi=dpi, over=over)
+
+
+def _middle(outline: shapely.Geometry) -> tuple[float, float]:
+    middle = outline.centroid
+    if not outline.contains(middle):
+        middle = outline.representative_point()
+    return (middle.x, middle.y)
+
+
+def _lines(axes: Axes, connector: Connector, at: Mapping[str, tuple[float, float]]) -> None:
+    """From the middles of its places over its poses, as far as they are on this storey."""
+    sides = [
+        [at[place], (pose.x, pose.y)]
+        for place, pose in zip(connector.places, connector.poses, strict=True)
+        if place in at
+    ]
+    if len(sides) == 2:
+        line = [*sides[0], *reversed(sides[1])]
+    elif OUTSIDE in connector.places:
+        line = [*sides[0], (connector.poses[1].x, connector.poses[1].y)]
+    else:
+        line = sides[0]
+    colour = STATES[connector.state]
+    x, y = zip(*line, strict=True)
+    style = "--" if connector.state == "locked" else "-"
+    axes.plot(x, y, style, color="white", lw=3.4, alpha=0.8, zorder=6)
+    axes.plot(x, y, style, color=colour, lw=1.7, zorder=6.1, solid_capstyle="round")
+    if connector.direction != "both" and len(line) > 2:
+        a, b = ((p.x, p.y) for p in connector.poses)
+        if connector.direction == "backward":
+            a, b = b, a
+        arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.7, "mutation_scale": 16}
+        axes.annotate("", b, a, zorder=6.2, arrowprops=arrow)
+
+
+def _served(axes: Axes, topology: Topology, elevator: str, here: str, x: float, y: float) -> None:
+    cabins = topology.cabins()[elevator]
+    others = [s for c in cabins if (s := topology.places[c].storey) is not None and s != here]
+    if others:
+        axes.annotate(
+            f"{elevator}: to {', '.join(others)}", (x, y), (0, -13), zorder=8, fontsize=6.5,
+            textcoords="offset points", ha="center", va="top", color=ELEVATOR, weight="bold",
+            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8},
+        )  # fmt: skip

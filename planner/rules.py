@@ -1,0 +1,250 @@
+"""Penalties by semantics: what a way costs beside its time, and where it must not lead."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, time
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import yaml
+
+from planner.ground import Ground
+from planner.network import Network
+from planner.topology import Region
+
+__all__ = ["Penalties", "Rule", "Rules", "RulesError", "barred_regions", "forbid", "penalties"]
+
+Kind = Literal["place", "connector", "region"]
+
+
+class RulesError(ValueError):
+    """A file of rules that says what no rules say; the message names the element and the mend."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Seconds for what it fits; inf bars it.
+
+    Attributes
+    ----------
+    names : what is named so, or has such a label
+    types : one of these types; subtypes count
+    properties : all of these
+    hours : from when until when it holds; from evening until morning where the second is earlier
+    """
+
+    seconds: float
+    kind: Kind | None = None
+    names: tuple[str, ...] = ()
+    types: tuple[str, ...] = ()
+    properties: tuple[tuple[str, Any], ...] = ()
+    hours: tuple[time, time] | None = None
+
+    def holds_at(self, at: datetime | None) -> bool:
+        """Whether it holds at a moment; where none is said, only if it always does."""
+        if self.hours is None:
+            return True
+        if at is None:
+            return False
+        begin, end = self.hours
+        now = at.time()
+        return begin <= now < end if begin <= end else now >= begin or now < end
+
+    def fits(
+        self,
+        kind: Kind,
+        names: Iterable[str | None],
+        types: Iterable[str],
+        properties: Mapping[str, Any],
+    ) -> bool:
+        """Whether it asks for what is such."""
+        return (
+            self.kind in (None, kind)
+            and (not self.names or bool({*self.names} & {*names}))
+            and (not self.types or bool({*self.types} & {*types}))
+            and all(properties.get(k) == v for k, v in self.properties)
+        )
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Rules, which add up."""
+
+    rules: tuple[Rule, ...]
+
+    @staticmethod
+    @cache
+    def default() -> Rules:
+        """Those that come with the planner, ``rules.yaml`` beside this file."""
+        return Rules.parse(
+            (resources.files("planner") / "rules.yaml").read_text("utf-8"), "planner's rules.yaml"
+        )
+
+    @classmethod
+    def read(cls, path: Path | str) -> Rules:
+        """The rules of a file.
+
+        Raises
+        ------
+        RulesError
+        """
+        try:
+            said = Path(path).read_text("utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise RulesError(f"{path}: cannot be read: {error}. Name a file of rules") from None
+        return cls.parse(said, str(path))
+
+    @classmethod
+    def parse(cls, said: str, file: str) -> Rules:
+        """The rules of YAML text; `file` is what errors call it."""
+        try:
+            document = yaml.safe_load(said)
+        except yaml.YAMLError as error:
+            raise RulesError(f"{file}: is no YAML: {error}") from None
+        if not isinstance(document, dict) or not isinstance(document.get("rules"), list):
+            raise RulesError(f"{file}: needs rules as a list")
+        return cls(tuple(_rule(r, f"{file}: rule {i}") for i, r in enumerate(document["rules"], 1)))
+
+
+_KEYS = {"kind", "name", "type", "properties", "from", "until", "seconds", "forbid"}
+
+
+def _rule(said: object, where: str) -> Rule:
+    if not isinstance(said, dict) or set(said) - _KEYS:
+        unknown = sorted(set(said) - _KEYS) if isinstance(said, dict) else said
+        raise RulesError(f"{where}: knows no {unknown}; it takes {', '.join(sorted(_KEYS))}")
+    if said.get("kind") not in (None, *get_args(Kind)):
+        raise RulesError(f"{where}: its kind is one of {', '.join(get_args(Kind))}")
+    forbid, seconds = said.get("forbid", False), said.get("seconds", 0.0)
+    if not isinstance(forbid, bool) or not _is_time(seconds) or forbid == bool(seconds):
+        raise RulesError(f"{where}: give seconds above 0, or forbid: true")
+    if not {"kind", "name", "type", "properties"} & set(said):
+        raise RulesError(f"{where}: fits everything; name a kind, a name, a type or properties")
+    lists = []
+    for key in ("name", "type"):
+        value = said.get(key, [])
+        value = [value] if isinstance(value, str) else value
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
+            raise RulesError(f"{where}: {key} is a word or a list of words")
+        lists.append(tuple(value))
+    properties = said.get("properties", {})
+    if not isinstance(properties, dict):
+        raise RulesError(f"{where}: properties: give key: value")
+    hours = None
+    if "from" in said or "until" in said:
+        try:
+            hours = (time.fromisoformat(said["from"]), time.fromisoformat(said["until"]))
+        except (KeyError, TypeError, ValueError):
+            raise RulesError(
+                f'{where}: hours are from: "22:00" and until: "06:00", in quotes'
+            ) from None
+    return Rule(
+        math.inf if forbid else float(seconds), said.get("kind"), lists[0], lists[1],
+        tuple(properties.items()), hours,
+    )  # fmt: skip
+
+
+def _is_time(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf
+
+
+@dataclass
+class Penalties:
+    """What `Network.penalised` takes: seconds more by edge, and why an edge is barred."""
+
+    seconds: dict[int, float] = field(default_factory=dict)
+    bars: dict[int, str] = field(default_factory=dict)
+
+    def add(self, edges: Iterable[int], seconds: float, why: str) -> None:
+        """Lay a penalty on edges."""
+        for edge in edges:
+            if math.isinf(seconds):
+                self.bars.setdefault(edge, why)
+            else:
+                self.seconds[edge] = self.seconds.get(edge, 0.0) + seconds
+
+
+def penalties(
+    network: Network,
+    rules: Sequence[Rule],
+    at: datetime | None = None,
+    *,
+    ground: Ground | None = None,
+) -> Penalties:
+    """What rules lay on the edges of a network at a moment.
+
+    A region is gone around where the costmaps have a way around it that is shorter than the
+    penalty; without costmaps it is its room that is meant.
+    """
+    found = Penalties()
+    topology = network.topology
+    for rule in (r for r in rules if r.holds_at(at)):
+        for place in topology.places.values():
+            if rule.fits("place", (place.name, place.label), place.types, place.properties):
+                why = f"{place.name} is to be avoided"
+                found.add(network.entering(place.name), rule.seconds, why)
+        for i, connector in enumerate(network.connectors):
+            named = (connector.name,)
+            if rule.fits("connector", named, (connector.type,), connector.properties):
+                why = f"{connector.name} is to be avoided"
+                found.add((2 * i, 2 * i + 1), rule.seconds, why)
+        for region in topology.regions:
+            if rule.fits("region", (region.name, region.label), region.types, region.properties):
+                _around(network, ground, region, rule.seconds, found)
+    return found
+
+
+def _around(
+    network: Network, ground: Ground | None, region: Region, seconds: float, found: Penalties
+) -> None:
+    """Lay on the walks of a region's rooms what going around it, or through it, costs more."""
+    why = f"{region.name} is to be avoided"
+    for place in region.places:
+        if ground is None:
+            found.add(network.entering(place), seconds, why)
+            continue
+        edges = network.walk_edges.get(place, slice(0, 0))
+        storey = ground.storey_of(place)
+        before = ground.avoided(storey)
+        ground.avoid(storey, [*before, region.outline])
+        try:
+            around = network.walks_again(place)
+        finally:
+            ground.avoid(storey, before)
+        more = around - network.base[edges]
+        for edge, extra in zip(range(edges.start, edges.stop), more, strict=True):
+            if math.isinf(network.base[edge]):
+                continue
+            cheaper = min(float(extra), seconds)
+            if cheaper > 0:
+                found.add([edge], cheaper, f"{why}, and the way in {place} leads through it")
+
+
+def forbid(names: Iterable[str]) -> tuple[Rule, ...]:
+    """Rules that bar what is named, labelled or typed so."""
+    return tuple(
+        rule
+        for name in names
+        for rule in (Rule(math.inf, names=(name,)), Rule(math.inf, types=(name,)))
+    )
+
+
+def barred_regions(
+    network: Network, rules: Sequence[Rule], at: datetime | None = None
+) -> list[Region]:
+    """The regions that rules bar at a moment."""
+    return [
+        region
+        for region in network.topology.regions
+        if any(
+            math.isinf(r.seconds)
+            and r.holds_at(at)
+            and r.fits("region", (region.name, region.label), region.types, region.properties)
+            for r in rules
+        )
+    ]

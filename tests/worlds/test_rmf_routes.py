@@ -1,0 +1,223 @@
+"""Where the lanes and lifts of Open-RMF's hotel and clinic lead, `planner.route` leads, too.
+
+The oracle knows nothing of rooms: it is the lanes of ``building.yaml``, each in its directions,
+the vertices in a lift's cabin joined over the levels that the lift serves, and the doors' lines as
+drawn, in pixels.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import networkx as nx
+import pytest
+import yaml
+from shapely import LineString
+from sqlalchemy import Engine, text
+
+from planner.route import NoRouteError, route
+from planner.source import read_places_like, read_topology
+from planner.topology import OUTSIDE, Topology
+from semmap.database import connect
+from semmap.ingest.importer import import_file
+from tests.conftest import MakeDatabase
+
+NAMED = {"hotel": 17, "clinic": 30}
+"""Vertices with a name, as the collection's own page states them."""
+
+CONNECTED = {"hotel": 140, "clinic": 758}
+"""Ordered pairs of them that the lanes of one fleet and the lifts connect."""
+
+CROSSED = {"hotel": 6, "clinic": 9}
+"""Doors that lanes lead through."""
+
+Vertex = tuple[str, int]
+"""A level and the number of a vertex on it."""
+
+
+class Lanes:
+    """The lanes of a building, a graph a fleet."""
+
+    def __init__(self, building: dict[str, Any]) -> None:
+        self.building = building
+        self.names: dict[Vertex, str] = {
+            (level, number): vertex[3]
+            for level, plan in building["levels"].items()
+            for number, vertex in enumerate(plan["vertices"])
+            if vertex[3]
+        }
+        lanes = [lane for plan in building["levels"].values() for lane in plan["lanes"]]
+        self.fleets = sorted({lane[2]["graph_idx"][1] for lane in lanes})
+
+    def graph(self, fleet: int) -> nx.DiGraph:
+        graph = nx.DiGraph()
+        for level, plan in self.building["levels"].items():
+            for start, end, said in plan["lanes"]:
+                if said["graph_idx"][1] == fleet:
+                    graph.add_edge((level, start), (level, end))
+                    if said["bidirectional"][1]:
+                        graph.add_edge((level, end), (level, start))
+        for lift, said in self.building["lifts"].items():
+            cabin = [
+                (level, number)
+                for level in said["level_doors"]
+                for number, vertex in enumerate(self.building["levels"][level]["vertices"])
+                if len(vertex) > 4 and vertex[4].get("lift_cabin", [1, ""])[1] == lift
+            ]
+            for a, b in itertools.permutations(cabin, 2):
+                if a in graph and b in graph:
+                    graph.add_edge(a, b, lift=lift)
+        return graph
+
+    def connected(self) -> set[tuple[Vertex, Vertex]]:
+        """Ordered pairs of vertices that one fleet drives from and to."""
+        return {
+            (start, goal)
+            for fleet in self.fleets
+            for start, away in nx.all_pairs_shortest_path_length(self.graph(fleet))
+            for goal in away
+            if goal != start
+        }
+
+    def through_doors(self) -> Iterator[tuple[Vertex, Vertex, str]]:
+        """Lanes that cross one door, with its name."""
+        for level, plan in self.building["levels"].items():
+            at = [(v[0], v[1]) for v in plan["vertices"]]
+            doors = {d[2]["name"][1]: LineString([at[d[0]], at[d[1]]]) for d in plan["doors"]}
+            for start, end, _ in plan["lanes"]:
+                lane = LineString([at[start], at[end]])
+                crossed = [name for name, door in doors.items() if door.intersects(lane)]
+                if len(crossed) == 1:
+                    yield (level, start), (level, end), crossed[0]
+
+
+class Building:
+    """The lanes of a building, and the map that was made of it."""
+
+    def __init__(self, name: str, lanes: Lanes, engine: Engine) -> None:
+        self.name, self.lanes = name, lanes
+        with engine.connect() as connection:
+            self.topology: Topology = read_topology(connection)
+            rows = connection.execute(
+                text(
+                    "SELECT e.name, e.label, s.name AS storey FROM entity e "
+                    "JOIN world w ON w.entity_id = e.id JOIN entity s ON s.id = w.storey_id "
+                    "WHERE e.map_id = current_map() AND e.kind = 'region' ORDER BY e.id"
+                )
+            ).all()
+            self.places: dict[Vertex, str] = {}
+            for row in rows:
+                (place,) = read_places_like(connection, self.topology, row.name)
+                self.places[self.vertex(row.storey, row.name, row.label)] = place
+
+    def vertex(self, level: str, name: str, label: str | None) -> Vertex:
+        """The vertex that a region was made of; of two with one name the first comes first."""
+        if label is None:
+            return level, int(name.removeprefix(f"{level}-waypoint"))
+        return next(
+            vertex
+            for vertex, said in self.lanes.names.items()
+            if vertex[0] == level and said == label and vertex not in self.places
+        )
+
+    def pairs(self, vertices: set[tuple[Vertex, Vertex]]) -> set[tuple[str, str]]:
+        """The pairs of different places in which pairs of vertices lie."""
+        found = {(self.places[a], self.places[b]) for a, b in vertices}
+        return {(a, b) for a, b in found if a != b}
+
+
+@pytest.fixture(scope="module", params=NAMED)
+def building(
+    request: pytest.FixtureRequest, worlds: Path, make_database: MakeDatabase
+) -> Iterator[Building]:
+    path = worlds / "rmf" / request.param / f"{request.param}.building.yaml"
+    engine = connect(make_database())
+    import_file(engine, path)
+    yield Building(request.param, Lanes(yaml.safe_load(path.read_text())), engine)
+    engine.dispose()
+
+
+def test_each_named_vertex_is_in_a_place_of_its_level(building: Building) -> None:
+    assert len(building.lanes.names) == NAMED[building.name]
+    for vertex, name in building.lanes.names.items():
+        assert building.topology.places[building.places[vertex]].storey == vertex[0], name
+
+
+def test_where_lanes_and_lifts_lead_there_is_a_route(building: Building) -> None:
+    connected = building.lanes.connected()
+    named = {pair for pair in connected if set(pair) <= set(building.lanes.names)}
+    assert len(named) == CONNECTED[building.name]
+    places = building.topology.places
+    lifts = building.lanes.building["lifts"]
+    pairs = building.pairs(connected)
+    assert {a for a, b in pairs} >= {building.places[a] for a, b in named}
+    for start, goal in pairs:
+        found = route(building.topology, start, goal)
+        ridden = {step.elevator for step in found.steps if step.behaviour == "use_elevator"}
+        levels = {places[start].storey, places[goal].storey}
+        assert len(ridden) == len(levels) - 1, (start, goal)
+        assert all(levels <= set(lifts[lift]["level_doors"]) for lift in ridden)
+
+
+def test_a_lane_through_a_door_leads_to_the_doors_other_place(building: Building) -> None:
+    crossed = set()
+    for start, end, door in building.lanes.through_doors():
+        connector = building.topology.connectors.get(door) or building.topology.connectors.get(
+            f"{door}-door"
+        )
+        if connector is None:  # its sides are one room
+            assert building.places[start] == building.places[end]
+            continue
+        assert set(connector.places) == {building.places[start], building.places[end]}, door
+        crossed.add(door)
+    assert len(crossed) == CROSSED[building.name]
+
+
+def joined(topology: Topology) -> nx.MultiGraph:
+    """What is joined inside of the building."""
+    graph = topology.graph()
+    graph.remove_nodes_from([OUTSIDE])
+    return graph
+
+
+def test_elsewhere_the_reason_is_said(building: Building) -> None:
+    """Each pair of places that nothing joins, and each that one connector alone joins."""
+    graph = joined(building.topology)
+    alone = [part for part in nx.connected_components(graph) if len(part) < len(graph) / 2]
+    main = max(nx.connected_components(graph), key=len)
+    for part in alone:
+        with pytest.raises(NoRouteError, match=r"add (a|the) connector|leads outside"):
+            route(building.topology, min(main), min(part))
+    used = set().union(*building.pairs(building.lanes.connected()))
+    bridges = [(a, b, graph[a][b]) for a, b in nx.bridges(nx.Graph(graph))]
+    cut = 0
+    for a, b, edges in bridges:
+        if len(edges) > 1 or not ({a, b} & used) or "connector" not in next(iter(edges.values())):
+            continue
+        (name,) = edges
+        topology = locked(building.topology, name)
+        with pytest.raises(NoRouteError, match=f"{name} is locked"):
+            route(topology, a, b)
+        cut += 1
+    assert cut > 0
+
+
+def test_without_a_lift_the_reason_is_said(building: Building) -> None:
+    places = building.topology.places
+    for a, b in building.pairs(building.lanes.connected()):
+        if places[a].storey != places[b].storey:
+            with pytest.raises(NoRouteError, match=r"without riding an elevator|use_elevator"):
+                route(building.topology, a, b, behaviours={"pass_door", "drive_through",
+                                                           "call_elevator"})  # fmt: skip
+            break
+    else:
+        raise AssertionError("no lane leads to another level")
+
+
+def locked(topology: Topology, name: str) -> Topology:
+    changed = replace(topology.connectors[name], state="locked")
+    return Topology(topology.places, {**topology.connectors, name: changed})
