@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -33,6 +34,10 @@ LOCK = 0x6D697373
 
 class MissionError(ValueError):
     """A mission that cannot be made or run; the message says why."""
+
+
+class _BusyError(MissionError):
+    """Another process holds the robot."""
 
 
 class LostMissionError(RuntimeError):
@@ -174,40 +179,54 @@ class Journal:
                 )
         return int(number)
 
-    def take(self, mission: int) -> Open:
+    def take(self, mission: int, wait: float = 5.0) -> Open:
         """Take up a mission: begin it, or go on with it where another runner died.
+
+        Of a runner that has just died the database learns within seconds: `wait` for so many.
 
         Raises
         ------
         MissionError
             There is none, it has ended, another runner is at it, or its robot pursues another one.
         """
-        with self._begin() as connection:
-            row = connection.execute(text(_MISSION), {"mission": mission}).one_or_none()
-            if row is None:
-                raise MissionError(f"there is no mission {mission}: `semmap missions` lists them")
-            if row.state not in ("waiting", "running"):
-                why = f": {row.reason}" if row.reason else ""
-                raise MissionError(f"mission {mission} is {row.state}{why}; begin a new one")
-            if not connection.execute(text(_LOCK), {"key": LOCK, "robot": row.robot_id}).scalar():
-                raise MissionError(
-                    f"{row.robot} is at work for another process ({row.runner or 'unknown'}); "
-                    "wait, or cancel its mission"
-                )
-            other = connection.execute(
-                text(_OTHER), {"mission": mission, "robot": row.robot_id}
-            ).scalar()
-            if other is not None:
-                connection.execute(text(_UNLOCK), {"key": LOCK, "robot": row.robot_id})
-                raise MissionError(
-                    f"{row.robot} has begun mission {other}: resume or cancel that first"
-                )
-            connection.execute(text(_TAKE), {"mission": mission, "runner": self.runner})
-            steps = connection.execute(text(_STEPS), {"mission": mission}).all()
+        until = time.monotonic() + wait
+        while True:
+            try:
+                with self._begin() as connection:
+                    row, steps = self._taken(connection, mission)
+                break
+            except _BusyError:
+                if time.monotonic() > until:
+                    raise
+                time.sleep(0.05)
         read = [(s.number, s.state, Stage.of_json(s.stage)) for s in steps]
         begun = next(((n, stage) for n, state, stage in read if state == "started"), None)
         planned = tuple((n, stage) for n, state, stage in read if state == "planned")
         return Open(mission, row.goal, row.robot, begun, planned)
+
+    def _taken(self, connection: Connection, mission: int) -> tuple[Any, Any]:
+        row = connection.execute(text(_MISSION), {"mission": mission}).one_or_none()
+        if row is None:
+            raise MissionError(f"there is no mission {mission}: `semmap missions` lists them")
+        if row.state not in ("waiting", "running"):
+            why = f": {row.reason}" if row.reason else ""
+            raise MissionError(f"mission {mission} is {row.state}{why}; begin a new one")
+        if not connection.execute(text(_LOCK), {"key": LOCK, "robot": row.robot_id}).scalar():
+            raise _BusyError(
+                f"{row.robot} is at work for another process ({row.runner or 'unknown'}); "
+                "wait, or cancel its mission"
+            )
+        other = connection.execute(
+            text(_OTHER), {"mission": mission, "robot": row.robot_id}
+        ).scalar()
+        if other is not None:
+            connection.execute(text(_UNLOCK), {"key": LOCK, "robot": row.robot_id})
+            raise MissionError(
+                f"{row.robot} has begun mission {other}: resume or cancel that first"
+            )
+        connection.execute(text(_TAKE), {"mission": mission, "runner": self.runner})
+        steps = connection.execute(text(_STEPS), {"mission": mission}).all()
+        return row, steps
 
     def unfinished(self) -> list[int]:
         """The missions that were begun and have not ended, and those that wait; oldest first."""

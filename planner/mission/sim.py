@@ -19,7 +19,7 @@ from semmap.geometry.pose import Pose
 __all__ = ["SimulatedRobot", "Way"]
 
 _Work = Generator[float, float, "tuple[Cause | None, str]"]
-"""A behaviour at work: told its seconds so far, it says how many it takes; at last, how it ended."""
+"""A behaviour at work: told its seconds so far, it says how many it takes; then how it ended."""
 
 Way = Callable[[str, Pose, Pose], NDArray[np.float64] | None]
 """The way in a place between two poses: (N, 2) points in the map's frame; None where none leads."""

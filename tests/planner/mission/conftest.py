@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import Engine, text
 
 from planner.demo import office_files
-from planner.mission import Journal, Runner
+from planner.mission import Journal, Runner, Seen
 from planner.mission.failures import FailureRule
 from planner.mission.sim import SimulatedRobot
 from planner.mission.truth import Truth
@@ -32,19 +32,17 @@ def mission_url(make_database: MakeDatabase) -> str:
     for path in office_files():
         import_file(engine, path, map_name="office")
     with engine.begin() as connection:
-        connection.execute(text("CREATE TABLE public.was_placed AS SELECT * FROM semmap.placement"))
-        connection.execute(
-            text("CREATE TABLE public.was_connector AS SELECT * FROM semmap.connector")
-        )
+        for name in ("placement", "connector"):
+            connection.execute(text(f"CREATE TABLE public.was_{name} AS SELECT * FROM {name}"))
     engine.dispose()
     return url.render_as_string(hide_password=False)
 
 
 AS_IT_WAS = (
     "DELETE FROM reservation", "DELETE FROM execution", "DELETE FROM mission",
-    "DELETE FROM entity WHERE kind = 'agent'",
+    "DELETE FROM entity WHERE kind = 'agent' OR name = 'muffin2'",
     "UPDATE placement p SET holder_id = k.holder_id, relation = k.relation, pose = k.pose "
-    "FROM public.was_placed k WHERE k.entity_id = p.entity_id "
+    "FROM public.was_placement k WHERE k.entity_id = p.entity_id "
     "AND (p.holder_id, p.relation, p.pose) IS DISTINCT FROM (k.holder_id, k.relation, k.pose)",
     "UPDATE connector c SET state = k.state, seen_at = NULL "
     "FROM public.was_connector k WHERE k.entity_id = c.entity_id",
@@ -58,6 +56,10 @@ class World:
         self.url = url
         self.file = folder / "truth"
         self.engine: Engine = connect(url)
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """The map and the truth as they were."""
         with self.engine.begin() as connection:
             for statement in AS_IT_WAS:
                 connection.execute(text(statement))
@@ -95,6 +97,24 @@ class World:
             connection.execute(text("SET LOCAL semmap.map = 'office'"))
             return list(connection.execute(text(sql), values).all())
 
+    def add_muffin(self, place: str, holder: str, pose: Pose) -> None:
+        """Another muffin, as large as the first."""
+        self.ask(
+            "INSERT INTO entity (map_id, kind, name, type) "
+            "VALUES (current_map(), 'object', 'muffin2', 'muffin') RETURNING id"
+        )
+        self.ask(
+            "INSERT INTO placement (entity_id, holder_id, pose, relation) "
+            "SELECT entity_id('muffin2'), w.entity_id, pose_compose(pose_inverse(w.pose), "
+            "CAST(:pose AS float8[])), 'on' FROM world w WHERE w.entity_id = entity_id(:holder) "
+            "RETURNING 1", pose=pose.row, holder=holder,
+        )  # fmt: skip
+        self.ask(
+            "INSERT INTO entity_model (entity_id, model_id, role) SELECT entity_id('muffin2'), "
+            "model_id, role FROM entity_model WHERE entity_id = entity_id('muffin1') RETURNING 1"
+        )
+        self.truth.put_thing("muffin2", place, Seen(holder, "on", pose))
+
     def holder(self, name: str) -> tuple[str, str]:
         return tuple(
             self.ask(
@@ -128,9 +148,7 @@ def near(a: Pose, b: Pose) -> bool:
     return bool(abs(a.translation - b.translation).max() < 0.011)
 
 
-def seen_of(thing: Any) -> Any:
-    from planner.mission import Seen
-
+def seen_of(thing: Any) -> Seen:
     return Seen(thing.holder, thing.relation, thing.pose)
 
 

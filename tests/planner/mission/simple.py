@@ -1,4 +1,4 @@
-"""A planner for one thing at a time: the shortest route to it, and with it to where it shall lie."""
+"""A planner for one thing at a time: the shortest way to it, and with it to where it shall lie."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import Any
 
 from sqlalchemy import text
 
-from planner.network import Network
+from planner.mission.without import topology_without
 from planner.plan import Action, Plan
 from planner.route import NoRouteError, Route
 from planner.source import read_topology
-from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
 WHERE = """
@@ -33,8 +32,7 @@ def simple_planner(
     connection: Any, robot: str, goal: str, *, without: frozenset[str] = frozenset()
 ) -> Plan:
     topology = read_topology(connection)
-    kept = {n: c for n, c in topology.connectors.items() if n not in without}
-    network = Topology.of(topology.places.values(), kept.values()).network()
+    network = topology_without(topology, without).network()
     where = {r: connection.execute(text(WHERE), {"name": r}).one_or_none() for r in (robot,)}
     here, pose = where[robot].place, Pose(*where[robot].pose)
     said = re.fullmatch(r"(on|in)\((\w+), ([\w-]+)\)", goal)
@@ -103,7 +101,3 @@ def plan(goal: str, actions: list[Action]) -> Plan:
         else:
             actions.pop()
     return Plan(goal, tuple(actions), 0.0, 0.0)
-
-
-def network_of(topology: Topology) -> Network:
-    return topology.network()
