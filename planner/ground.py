@@ -82,10 +82,6 @@ class Ground:
         self._rooms: dict[str, Room | None] = {}
         self._avoided: dict[str, list[shapely.Geometry]] = {}
 
-    def read_with(self, read: Callable[[str], Scene]) -> None:
-        """Read scenes so from now on."""
-        self._read = read
-
     def tell(self, progress: Callable[[str, int], None]) -> None:
         """Say from now on which place is looked at for the first time, and how many have been."""
         self._progress = progress

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
+from navgrid.scene import Scene
 from navgrid.source import changes_since, cursor, read_things
 from planner import source
 from planner.ask import Asker
@@ -105,8 +106,7 @@ class Live:
         """Make the costmaps of all storeys, so that changes are taken in at once."""
         if self.ground is None:
             return
-        with self._lock, self._snapshot() as connection:
-            self.ground.read_with(source.scene_reader(connection))
+        with self._lock:
             for place in self.topology.places:
                 if place != OUTSIDE:
                     self.ground.room(place)
@@ -160,7 +160,7 @@ class Live:
         self.ground, kept = None, None
         digests: dict[int, str] = {}
         if robot.parts:
-            self.ground = Ground(self.topology, robot, source.scene_reader(connection))
+            self.ground = Ground(self.topology, robot, self._read_scene)
             if self._id is not None:
                 kept, digests = self._kept(connection, robot)
         total = len(self.topology.places)
@@ -240,7 +240,6 @@ class Live:
         things = [number for number, kind in kinds.items() if kind == "object"]
         places: set[str] = set()
         if (things or gone) and self.ground is not None:
-            self.ground.read_with(source.scene_reader(connection))
             if not self.ground.is_whole():
                 return self._load(connection, now)
             places = self.ground.update(read_things(connection, things), gone)
@@ -282,6 +281,10 @@ class Live:
 
     # -- the database ---------------------------------------------------------------------------
 
+    def _read_scene(self, storey: str) -> Scene:
+        with self._snapshot() as connection:
+            return source.scene_of(connection, storey)
+
     def _look_up(self, said: str) -> list[Target]:
         with self._snapshot() as connection:
             return source.read_targets(connection, said)
@@ -304,9 +307,6 @@ class Live:
             connection.execute(
                 text("SELECT set_config('semmap.map', :name, true)"), {"name": self._map_name}
             )
-            if self.__dict__.get("ground") is not None:
-                assert self.ground is not None
-                self.ground.read_with(source.scene_reader(connection))
             yield connection
 
 

@@ -1,6 +1,6 @@
 """The topology as a network of travel times for one class of robots.
 
-A node is a stand: the pose before a connector, on one of its sides. Walks join the stands of a
+A stand is the pose before a connector, on one of its sides. Walks join the stands of a
 place, passages the two stands of a connector, rides those of an elevator's cabins; so that of two
 doors to one corridor the nearer is taken (Deeken et al., section 4.1 and Figure 4).
 """
@@ -11,7 +11,7 @@ import math
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from navgrid.map_file import file_name
 from navgrid.nav2 import frame_name
-from planner.graph import Graph
+from planner.graph import End, Graph
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError, Route, Step
 from planner.times import Times
@@ -72,8 +72,8 @@ class Network:
 
     Attributes
     ----------
-    stands : poses in the map's frame; node 2 i + side is before connector i, in ``places[side]``
-    tails, heads : (E,) int32
+    stands : poses in the map's frame; stand 2 i + side is before connector i, in ``places[side]``
+    tails, heads : (E,) int32, stands
     seconds, metres : (E,) float64; what a barred edge would take if it were not is in `base`
     """
 
@@ -100,9 +100,12 @@ class Network:
             inside.setdefault(place, []).append(node)
         self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
         self._lay(kept)
-        self.graph = Graph(
-            self.tails, self.heads, self.seconds, len(self.stands), least=self._least()
-        )
+        # Twice the stands, on arrival and on departure: no walk follows upon another.
+        count = len(self.stands)
+        passes = np.arange(len(self.tails)) < count
+        self._from = np.where(passes, self.tails, self.tails + count)
+        self._to = np.where(passes, self.heads + count, self.heads)
+        self.graph = Graph(self._from, self._to, self.seconds, 2 * count, least=self._least())
         self._extra: dict[int, str] = {}
         self._lock = threading.RLock()
 
@@ -285,16 +288,16 @@ class Network:
         found = np.full((len(starts), len(goals)), math.inf)
         if not starts or not goals:
             return found
-        none = [np.empty(0, np.int64)]
-        sources = np.unique(np.concatenate([s.nodes for s in starts] + none))
-        targets = np.unique(np.concatenate([g.nodes for g in goals] + none))
+        begins, ends = [self._leaving(s) for s in starts], [self._arriving(g) for g in goals]
+        sources, targets = (np.unique(np.concatenate([k[0] for k in e])) for e in (begins, ends))
         ways = self.graph.distances(sources, targets)
-        ends = [np.searchsorted(targets, g.nodes) for g in goals]
+        at = [np.searchsorted(targets, nodes) for nodes, _ in ends]
         for i, start in enumerate(starts):
-            away = ways[np.searchsorted(sources, start.nodes)] + start.seconds[:, None]
+            nodes, seconds = begins[i]
+            away = ways[np.searchsorted(sources, nodes)] + seconds[:, None]
             first = away.min(axis=0, initial=math.inf)
             for j, goal in enumerate(goals):
-                found[i, j] = (first[ends[j]] + goal.seconds).min(initial=math.inf)
+                found[i, j] = (first[at[j]] + ends[j][1]).min(initial=math.inf)
                 if start.place == goal.place:
                     found[i, j] = min(found[i, j], self._inside(start, goal)[0])
         return found
@@ -308,7 +311,7 @@ class Network:
             No way leads there; it says what bars it.
         """
         inside = self._inside(start, goal) if start.place == goal.place else (math.inf, math.inf)
-        found = self.graph.shortest(_ends(start), _ends(goal))
+        found = self.graph.shortest(*self._ends(start, goal))
         if found is None and math.isinf(inside[0]):
             raise NoRouteError(self.why_not(start, goal))
         if found is None or inside[0] <= found[0]:
@@ -319,13 +322,36 @@ class Network:
         """The k shortest routes, none with the same stand twice; fewer where there are no more."""
         found = [
             self._along(start, goal, edges)
-            for _, edges in self.graph.alternatives(_ends(start), _ends(goal), k)
+            for _, edges in self.graph.alternatives(*self._ends(start, goal), k)
         ]
         if start.place == goal.place:
             inside = self._inside(start, goal)
             if math.isfinite(inside[0]):
                 found.append(self._route(start, goal, (), inside[0], inside[1]))
         return sorted(found, key=lambda r: r.seconds)[:k]
+
+    def _leaving(self, site: Site) -> tuple[NDArray[np.int64], Floats]:
+        """The nodes from which ways lead away from a site; in a cabin rides do, too."""
+        if self.topology.places[site.place].elevator is None:
+            return site.nodes, site.seconds
+        nodes = np.concatenate([site.nodes, site.nodes + len(self.stands)])
+        return nodes, np.concatenate([site.seconds, site.seconds])
+
+    def _arriving(self, site: Site) -> tuple[NDArray[np.int64], Floats]:
+        """The nodes by which ways lead to a site; in a cabin rides do, too."""
+        there = site.nodes + len(self.stands)
+        if self.topology.places[site.place].elevator is None:
+            return there, site.seconds
+        nodes = np.concatenate([there, site.nodes])
+        return nodes, np.concatenate([site.seconds, site.seconds])
+
+    def _ends(self, start: Site, goal: Site) -> tuple[list[End], list[End]]:
+        """Both with the nodes that can be reached from them, and the seconds."""
+        begin, end = (
+            [(int(n), float(s)) for n, s in zip(nodes, seconds, strict=True) if s < math.inf]
+            for nodes, seconds in (self._leaving(start), self._arriving(goal))
+        )
+        return begin, end
 
     def _inside(self, start: Site, goal: Site) -> tuple[float, float]:
         """Seconds and metres from pose to pose of one place."""
@@ -488,13 +514,11 @@ class Network:
         for edge, why in self._extra.items():
             bars.setdefault(edge, why)
             weights[edge] += _FORBIDDEN
-        ends = []
         for site in (start, goal):
-            near = replace(site, seconds=np.where(np.isinf(site.seconds), 0.0, site.seconds))
-            ends.append(_ends(near))
             if np.isinf(site.seconds).all():
                 return f"{said}: {self._enclosed(site)}"
-        found = Graph(self.tails, self.heads, weights, len(self.stands)).shortest(*ends)
+        graph = Graph(self._from, self._to, weights, 2 * len(self.stands))
+        found = graph.shortest(*self._ends(start, goal))
         if found is None:
             lift = (
                 "" if self.robot.rides else " without riding an elevator (behaviour use_elevator)"
@@ -509,13 +533,6 @@ class Network:
         return (
             f"from ({x:.2f}, {y:.2f}) in {site.place} {self.robot.name} reaches none of its doors"
         )
-
-
-def _ends(site: Site) -> list[tuple[int, float]]:
-    """The stands that can be reached from a site, with the seconds."""
-    return [
-        (int(n), float(s)) for n, s in zip(site.nodes, site.seconds, strict=True) if s < math.inf
-    ]
 
 
 def _turned(pose: Pose) -> Pose:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +36,7 @@ __all__ = [
     "read_targets",
     "read_topology",
     "read_walks",
-    "scene_reader",
+    "scene_of",
     "walked_until",
 ]
 
@@ -476,10 +476,6 @@ def walked_until(
     return before, {row.place_id: row.digest for row in digests}
 
 
-def scene_reader(connection: Connection) -> Callable[[str], Scene]:
-    """What reads the scenes of storeys of the current map; of "" in a map that has no storeys."""
-
-    def read(storey: str) -> Scene:
-        return read_scene(connection, storey or read_storey_names(connection)[0])
-
-    return read
+def scene_of(connection: Connection, storey: str) -> Scene:
+    """The scene of a storey of the current map; of "" in a map that has no storeys."""
+    return read_scene(connection, storey or read_storey_names(connection)[0])

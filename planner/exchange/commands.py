@@ -10,7 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
-from navgrid.commands import file_name, open_map
+from navgrid.commands import open_map
+from navgrid.map_file import file_name
 from navgrid.source import read_wanted_storeys
 from planner.exchange.dot import dot
 from planner.exchange.nav2_route import write_nav2
