@@ -18,7 +18,7 @@ import shapely
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
-from planner.mission.behaviours import Observation, Outcome
+from planner.mission.behaviours import Observation, Outcome, Seen
 from planner.mission.patience import Failure
 from planner.mission.spot import free_spot
 from planner.mission.stage import Stage
@@ -65,13 +65,11 @@ class Held:
 
 @dataclass(frozen=True)
 class ThingRow:
-    """A thing that a robot may carry: its holder, and its pose in the map's frame."""
+    """A thing that holds no other, its place, and where it is there."""
 
     name: str
     place: str
-    holder: str
-    relation: str
-    pose: Pose
+    seen: Seen
 
 
 class Journal:
@@ -136,8 +134,10 @@ class Journal:
 
     # -- missions -------------------------------------------------------------------------------
 
-    def add_robot(self, name: str, place: str, pose: Pose) -> None:
+    def add_robot(self, name: str, place: str, pose: Pose, robot_class: str | None = None) -> None:
         """Let an agent of that name stand in a place at a pose of the map's frame; made if missing.
+
+        What its behaviours take is learned for its class, where that is said.
 
         Raises
         ------
@@ -147,11 +147,13 @@ class Journal:
         with self._begin() as connection:
             kind = connection.execute(text(_KIND), {"name": name}).scalar()
             if kind not in (None, "agent"):
-                raise MissionError(f"{name} is a {kind}, no robot: give the robot another name")
+                raise MissionError(f"{name} is of kind {kind}, no robot: give the robot another name")
             if connection.execute(text(_KIND), {"name": place}).scalar() != "room":
                 raise MissionError(f"there is no place named {place} for {name} to stand in")
             if kind is None:
                 connection.execute(text(_ADD_AGENT), {"name": name})
+            if robot_class is not None:
+                connection.execute(text(_CLASS), {"name": name, "class": robot_class})
             connection.execute(
                 text(_ADD_PLACEMENT), {"name": name, "place": place, "pose": pose.row}
             )
@@ -161,6 +163,19 @@ class Journal:
         with self._begin() as connection:
             row = connection.execute(text(_ROBOT), {"name": name}).one_or_none()
         return None if row is None else (row.place, Pose(*row.pose))
+
+    def robot_of(self, mission: int) -> str:
+        """The robot of a mission.
+
+        Raises
+        ------
+        MissionError
+        """
+        with self._begin() as connection:
+            row = connection.execute(text(_MISSION), {"mission": mission}).one_or_none()
+        if row is None:
+            raise MissionError(f"there is no mission {mission}: `semmap missions` lists them")
+        return str(row.robot)
 
     def add(self, robot: str, goal: str) -> int:
         """A waiting mission; its number.
@@ -412,7 +427,7 @@ class Journal:
         """The things of the map that lie in or on something: what a simulated world begins with."""
         with self._begin() as connection:
             rows = connection.execute(text(_THINGS)).all()
-        return [ThingRow(r.name, r.place, r.holder, r.relation, Pose(*r.pose)) for r in rows]
+        return [ThingRow(r.name, r.place, Seen(r.holder, r.relation, Pose(*r.pose))) for r in rows]
 
     # -- claims ---------------------------------------------------------------------------------
 
@@ -472,6 +487,11 @@ class _Transaction:
 _KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
 
 _ADD_AGENT = "INSERT INTO entity (map_id, kind, name) VALUES (current_map(), 'agent', :name)"
+
+_CLASS = """
+UPDATE entity SET properties = properties || jsonb_build_object('robot_class', CAST(:class AS text))
+WHERE id = entity_id(:name) AND properties->>'robot_class' IS DISTINCT FROM :class
+"""
 
 _ADD_PLACEMENT = """
 INSERT INTO placement AS p (entity_id, holder_id, pose)

@@ -170,6 +170,9 @@ class Runner:
             outcome = Outcome() if fits else Outcome("interrupted", "its runner died")
             self._journal.end(mission, number, stage, outcome, seen)
             self._hear(Event("ended", number, stage, outcome.said))
+            if not fits and stage.begins(seen.place, seen.pose):  # nothing of it happened: again
+                stages = [stage, *(s for _, s in planned)]
+                return self._journal.replan(mission, stages), stages
         if fits and planned and planned[0][1].begins(seen.place, seen.pose):
             return [n for n, _ in planned], [stage for _, stage in planned]
         return [], []

@@ -122,7 +122,7 @@ def _stages(action: Action) -> Iterator[Stage]:
     if not done and not moved:
         spent = sum(s.seconds for s in action.steps)
         yield Stage(
-            action.name, action.arguments, at=action.at, seconds=max(action.seconds - spent, 0.0)
+            action.name, action.names, at=action.at, seconds=max(action.seconds - spent, 0.0)
         )
 
 

@@ -65,7 +65,7 @@ class World:
                 connection.execute(text(statement))
         with self.journal() as journal:
             self.topology = journal.topology()
-            things = [(t.name, t.place, seen_of(t)) for t in journal.things() if "muffin" in t.name]
+            things = [(t.name, t.place, t.seen) for t in journal.things() if "muffin" in t.name]
         self.things = things
         self.truth = Truth.make(self.file, self.topology, things)
         self.add_robot("robot", "lab1", START)
@@ -146,10 +146,6 @@ class World:
 
 def near(a: Pose, b: Pose) -> bool:
     return bool(abs(a.translation - b.translation).max() < 0.011)
-
-
-def seen_of(thing: Any) -> Seen:
-    return Seen(thing.holder, thing.relation, thing.pose)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Runners in processes of their own, which are killed where a test says: nothing is closed or said."""
+"""Runners in processes of their own, which are killed where a test says so."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def run_and_die(
     """  # fmt: skip
     here, there = _context.Pipe(duplex=False)
     process = _context.Process(
-        target=_child, args=(there, url, file, mission, robot, chance, seed, died_at, speed, expiry, at)
+        target=_child,
+        args=(there, url, file, mission, robot, chance, seed, died_at, speed, expiry, at),
     )  # fmt: skip
     process.start()
     there.close()
