@@ -49,7 +49,7 @@ def run_command(
     speed: Annotated[float, typer.Option(help="How much faster than real its clock runs.")] = 20.0,
     fail: Annotated[
         list[str] | None,
-        typer.Option(help="'door5 locked', 'pickup fails twice', 'drop fails 0.1'"),
+        typer.Option(help="'door5 locked', 'pickup fails twice', 'drop fails .1'"),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of failures by chance.")] = 0,
     world: Annotated[
@@ -205,9 +205,7 @@ def _world(
         truth = Truth(file)
         truth.add_rules(rules)
     elif resume:
-        raise MissionError(
-            f"{file}, which knows where the simulated robot is, is not there: --world"
-        )
+        raise MissionError(f"{file}, where the simulated robot is, is gone: name its --world")
     else:
         file.parent.mkdir(parents=True, exist_ok=True)
         things = [(t.name, t.place, t.seen) for t in journal.things()]

@@ -147,7 +147,9 @@ class Journal:
         with self._begin() as connection:
             kind = connection.execute(text(_KIND), {"name": name}).scalar()
             if kind not in (None, "agent"):
-                raise MissionError(f"{name} is of kind {kind}, no robot: give the robot another name")
+                raise MissionError(
+                    f"{name} is of kind {kind}, no robot: give the robot another name"
+                )
             if connection.execute(text(_KIND), {"name": place}).scalar() != "room":
                 raise MissionError(f"there is no place named {place} for {name} to stand in")
             if kind is None:

@@ -100,8 +100,8 @@ def test_what_was_not_said(said: Commands, arguments: tuple[str, ...], message: 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("on(muffin, desk1)", "--from", "lab9"), "did you mean lab1"),
-        (("on(muffin desk1)",), "goal|expected|,"),
+        (("on(muffin, desk1)", "--from", "lab9"), "did you mean lab"),
+        (("on(muffin desk1)",), "on takes 2"),
         (("on(muffin, desk1)", "--fail", "grasp"), "is no failure"),
         (("on(muffin, desk1)", "--robot", "nobody"), "no robot named nobody"),
         (("on(muffin, desk1)", "--robot", "desk1", "--from", "lab1"), "desk1 is of kind object"),
