@@ -282,21 +282,24 @@ class Journal:
         """Put these stages in place of those that are planned yet; their numbers."""
         with self._begin() as connection:
             self._own(connection, mission)
-            connection.execute(text(_FORGET), {"mission": mission})
-            last = connection.execute(text(_LAST), {"mission": mission}).scalar() or 0
-            numbers = list(range(last + 1, last + 1 + len(stages)))
-            if stages:
-                connection.execute(
-                    text(_PLAN),
-                    [
-                        {
-                            "mission": mission, "number": number, "action": stage.behaviour,
-                            "arguments": list(stage.arguments),
-                            "stage": json.dumps(stage.as_json()),
-                        }
-                        for number, stage in zip(numbers, stages, strict=True)
-                    ],
-                )  # fmt: skip
+            return self._lay(connection, mission, stages)
+
+    def _lay(self, connection: Connection, mission: int, stages: Sequence[Stage]) -> list[int]:
+        connection.execute(text(_FORGET), {"mission": mission})
+        last = connection.execute(text(_LAST), {"mission": mission}).scalar() or 0
+        numbers = list(range(last + 1, last + 1 + len(stages)))
+        if stages:
+            connection.execute(
+                text(_PLAN),
+                [
+                    {
+                        "mission": mission, "number": number, "action": stage.behaviour,
+                        "arguments": list(stage.arguments),
+                        "stage": json.dumps(stage.as_json()),
+                    }
+                    for number, stage in zip(numbers, stages, strict=True)
+                ],
+            )  # fmt: skip
         return numbers
 
     def start(self, mission: int, number: int, stage: Stage) -> None:
@@ -316,8 +319,16 @@ class Journal:
         outcome: Outcome,
         seen: Observation,
         release: Iterable[str] = (),
-    ) -> None:
-        """A step has ended, and this is what the robot observes now; all of it or nothing."""
+        then: Sequence[Stage] = (),
+    ) -> list[int]:
+        """A step has ended, and this is what the robot observes now; all of it or nothing.
+
+        Where it failed, what was planned after it is so no more; `then` is planned instead.
+
+        Returns
+        -------
+        The numbers of `then`.
+        """
         with self._begin() as connection:
             robot = self._own(connection, mission)
             connection.execute(
@@ -342,6 +353,7 @@ class Journal:
                     },
                 )  # fmt: skip
             self._release(connection, robot, release)
+            return [] if outcome.succeeded else self._lay(connection, mission, then)
 
     def observe(self, mission: int, seen: Observation) -> None:
         """Write what the robot observes."""

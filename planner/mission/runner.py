@@ -168,11 +168,13 @@ class Runner:
             number, stage = begun
             fits = happened(stage, seen)
             outcome = Outcome() if fits else Outcome("interrupted", "its runner died")
-            self._journal.end(mission, number, stage, outcome, seen)
-            self._hear(Event("ended", number, stage, outcome.said))
-            if not fits and stage.begins(seen.place, seen.pose):  # nothing of it happened: again
-                stages = [stage, *(s for _, s in planned)]
-                return self._journal.replan(mission, stages), stages
+            again = []
+            if not fits and stage.begins(seen.place, seen.pose):  # nothing of it happened
+                again = [stage, *(s for _, s in planned)]
+            numbers = self._journal.end(mission, number, stage, outcome, seen, then=again)
+            self._hear(Event("ended" if fits else "failed", number, stage, outcome.said))
+            if again:
+                return numbers, again
         if fits and planned and planned[0][1].begins(seen.place, seen.pose):
             return [n for n, _ in planned], [stage for _, stage in planned]
         return [], []

@@ -61,7 +61,7 @@ def test_killed_once_at_every_moment(world: World) -> None:
     assert world.holder("muffin1") == ("desk1", "on")
     world.check()
     done = [(what, about) for _, what, about in world.truth.events()]
-    assert len(done) == len(set(done)), done  # no action twice
+    assert len(done) == len(set(done))  # no action twice
     assert [about for what, about in done if what == "passed"] == [
         "door1", "door2", "edoor1", "edoor3", "door5", "door6", "door7", "door8"
     ]  # fmt: skip
