@@ -55,7 +55,7 @@ def test_killed_once_at_every_moment(world: World) -> None:
         assert isinstance(at, tuple)
         assert at not in moments
         moments.add(at)
-    assert {what for what, _ in moments} == {"planned", "started", "acted", "ended"}
+    assert {what for what, _ in moments} == {"planned", "started", "acted", "ended", "failed"}
     assert len(moments) > 40
     assert world.ask("SELECT state FROM mission") == [("done",)]
     assert world.holder("muffin1") == ("desk1", "on")
