@@ -168,12 +168,11 @@ class Live:
             self.ground.tell(lambda place, n: self._progress and self._progress(place, n, total))
         self.network = Network(self.topology, robot, times=times, walks=self.ground, kept=kept)
         if self._id is not None and self.ground is not None:
-            if self.network.measured:
-                places = [p for p in self.network.measured if p != OUTSIDE]
-                wanted = digests or source.place_digests(connection, _reach(robot))
-                self._keep(connection, places, now, wanted)
-            else:
-                self._keep(connection, (), now, {})
+            places = [p for p in self.network.measured if p != OUTSIDE]
+            if places and not digests:
+                digests = source.place_digests(connection, _reach(robot))
+            if digests:
+                self._keep(connection, places, now, digests)
         return Changed(all=True)
 
     def _kept(
@@ -181,13 +180,14 @@ class Live:
     ) -> tuple[KeptWalks | None, dict[int, str]]:
         """The walks that still hold, and the state of places, where it had to be looked at."""
         assert self._id is not None
-        until, measured = source.walked_until(connection, self._id)
+        until = source.walked_until(connection, self._id)
         if until is None:
             return None, {}
         rows = source.read_walks(connection, self._id)
         digests: dict[int, str] = {}
         if self._changed_things(connection, changes_since(connection, until)[0]):
             digests = source.place_digests(connection, _reach(robot))
+            measured = source.walked_digests(connection, self._id)
             valid = [number for number, digest in digests.items() if measured.get(number) == digest]
             rows = rows[np.isin(rows["place"], valid)]
         return self._as_nodes(rows), digests
@@ -227,7 +227,9 @@ class Live:
         if structure.intersection(gone) or {*kinds.values()} & {"room", "storey", "region"}:
             return self._load(connection, now)
         told = set()
-        for connector in source.read_connectors(connection, connectors):
+        for connector in source.read_connectors(
+            connection, self.topology.places.values(), connectors
+        ):
             before = self.topology.connectors.get(connector.name)
             if before is None or (before.places, before.poses) != (
                 connector.places,
@@ -277,7 +279,7 @@ class Live:
         source.keep_walks(
             connection, self._id, walks, {n: d for n, d in kept.items() if n is not None}
         )
-        source.walked_until(connection, self._id, now)
+        source.keep_walked_until(connection, self._id, now)
 
     # -- the database ---------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ Arrays and plain dataclasses: `planner.source` reads them from the map.
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -114,6 +115,12 @@ class Connector:
     permissions: frozenset[str] = frozenset()
     properties: Mapping[str, Any] = field(default_factory=dict)
     id: int | None = None
+
+    @property
+    def metres(self) -> float:
+        """From the pose before it to the pose behind it."""
+        a, b = self.poses
+        return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
 
     @property
     def shut(self) -> bool:
