@@ -1,6 +1,6 @@
 # make demo [WORLD=path]   the main job on examples/office, or on your own world
 # make test                the tests
-# make soak                readers and writers of fields for ten minutes
+# make soak                readers and writers of fields for ten minutes; missions that are killed
 # make explore             the property tests again, with examples that no run has had
 # make lint                ruff, mypy, import-linter, clang-format
 # make bench               the speed tables
@@ -19,7 +19,8 @@ test:
 
 soak:
 	@scripts/setup
-	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py
+	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py \
+		tests/planner/mission/test_kills.py tests/planner/mission/test_claims.py
 
 explore:
 	@scripts/setup

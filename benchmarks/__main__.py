@@ -15,6 +15,7 @@ TABLES = (
     "relations",
     "language",
     "routes",
+    "plans",
 )
 
 for name in sys.argv[1:] or TABLES:

@@ -18,7 +18,7 @@ from navgrid.source import cursor
 from planner.demo import office_files
 from planner.live import Changed, Live
 from planner.robot_class import RobotClass
-from planner.source import Walk, keep_robot_class, keep_walks, place_digests, walked_until
+from planner.source import Walk, keep_robot_class, keep_walks, walked_until
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
@@ -53,15 +53,16 @@ def main() -> None:
 @contextmanager
 def _map(engine: Engine, name: str) -> Iterator[str]:
     """The name of a map that is gone afterwards."""
-    drop = text("DELETE FROM map WHERE name = :name")
     with engine.begin() as connection:
-        connection.execute(drop, {"name": name})
+        if connection.execute(
+            text("SELECT 1 FROM map WHERE name = :name"), {"name": name}
+        ).scalar():
+            connection.execute(text("SELECT drop_map(:name)"), {"name": name})
     try:
         yield name
     finally:
         with engine.begin() as connection:
-            connection.execute(text("SELECT set_config('semmap.dropping', 'yes', true)"))
-            connection.execute(drop, {"name": name})
+            connection.execute(text("SELECT drop_map(:name)"), {"name": name})
 
 
 def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
@@ -70,7 +71,8 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         ids = store(connection, topology, name)
         number = keep_robot_class(connection, robot)
         walks = [*_straight(topology, ids, robot.speed)]
-        keep_walks(connection, number, walks, place_digests(connection, 1.0))
+        states = {ids[p.name]: "" for p in topology.places.values()}
+        keep_walks(connection, number, walks, states)
         walked_until(connection, number, cursor(connection))
     with engine.connect() as connection:
         connection.execution_options(isolation_level="AUTOCOMMIT")
@@ -129,19 +131,15 @@ def _following(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         "UPDATE connector SET state = CASE state WHEN 'open' THEN 'closed' ELSE 'open' END "
         "WHERE entity_id = {thing}"
     )
-    move = "SELECT move_to({thing}, w.pose[1] {x}, w.pose[2] {y}, w.pose[3]) FROM world w WHERE entity_id = {thing}"
+    move = (
+        "SELECT move_to({thing}, w.pose[1] %s 0.2, w.pose[2], w.pose[3]) FROM world w "
+        "WHERE entity_id = {thing}"
+    )
     rows = []
     try:
         for job, thing, statements in (
-            ("a door that is closed", "door5", [state] * 2),
-            (
-                "a cupboard that is moved",
-                "bookshelf1",
-                [
-                    move.format(thing="{thing}", x="+ 0.2", y=""),
-                    move.format(thing="{thing}", x="- 0.2", y=""),
-                ],
-            ),
+            ("a door that is closed", "door5", [state, state]),
+            ("a cupboard that is moved", "bookshelf1", [move % "+", move % "-"]),
         ):
             with engine.connect() as connection:
                 number = connection.execute(

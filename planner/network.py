@@ -93,6 +93,7 @@ class Network:
         self.walks = walks or StraightWalks(self.robot.speed)
         self.connectors = list(topology.connectors.values())
         self.index = {c.name: i for i, c in enumerate(self.connectors)}
+        self._several_storeys = len(topology.storeys()) > 1
         self.stands = [pose for c in self.connectors for pose in c.poses]
         self.place_of = [place for c in self.connectors for place in c.places]
         self.nodes: dict[str, NDArray[np.int64]] = {}
@@ -499,7 +500,7 @@ class Network:
         storey = self.topology.places[here].storey
         frame = "map" if storey is None else frame_name(storey)
         name = "master.yaml" if self.robot.parts else "map.yaml"
-        if storey is not None and len(self.topology.storeys()) > 1:
+        if storey is not None and self._several_storeys:
             name = f"{file_name(storey)}/{name}"
         return Step(
             behaviour, here, there, connector, elevator, approach, leave, seconds, metres, frame,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from planner.route import Step
@@ -21,6 +22,8 @@ class Action:
     seconds : how long it takes, the way to where it begins among it
     steps : what the robot does for it, in order: a walk, and then the transition
     at : of pickup and place: where the base stands, in the map's frame
+    entities : the entities' own names where `arguments` has what the goal called them: muffin1 for
+        ``muffin``; empty where both are the same
     """
 
     name: str
@@ -28,6 +31,12 @@ class Action:
     seconds: float = 0.0
     steps: tuple[Step, ...] = ()
     at: Pose | None = None
+    entities: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The entities' own names, one for each argument."""
+        return self.entities or self.arguments
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.arguments)})" if self.arguments else self.name
@@ -48,6 +57,13 @@ class Plan:
     actions: tuple[Action, ...]
     seconds: float
     bound: float
+
+    @property
+    def gap(self) -> float:
+        """By which part of the bound the plan may be longer than the shortest, at most."""
+        if self.optimal:
+            return 0.0
+        return (self.seconds - self.bound) / self.bound if self.bound > 0 else math.inf
 
     @property
     def optimal(self) -> bool:

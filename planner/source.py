@@ -426,7 +426,7 @@ SELECT r.entity_id AS id, md5(concat_ws('|',
                         FROM entity_model em WHERE em.entity_id = e.id)), ';' ORDER BY e.id)
      FROM world o JOIN entity e ON e.id = o.entity_id
      WHERE e.map_id = current_map() AND e.kind IN ('room', 'object', 'region')
-       AND o.box && ST_Expand(w.box::box2d, :reach)
+       AND o.box && ST_Expand(w.box, :reach)
        AND (o.storey_id IS NULL OR o.storey_id IS NOT DISTINCT FROM w.storey_id
             OR e.kind = 'object')))) AS digest
 FROM room r JOIN world w ON w.entity_id = r.entity_id

@@ -31,12 +31,15 @@ GRANT INSERT (map_id, kind, name, label, type, properties, front) ON entity TO s
 GRANT UPDATE (label, type, properties, front) ON entity TO semmap_robot;
 GRANT INSERT, UPDATE ON placement TO semmap_robot;
 GRANT INSERT ON entity_model, model, chunk, region, link TO semmap_robot;
-GRANT UPDATE (state) ON connector TO semmap_robot;
+GRANT UPDATE (state, seen_at) ON connector TO semmap_robot;
 -- Fields are what it works out itself: it keeps them, and old versions make way.
 GRANT INSERT, UPDATE, DELETE ON field, field_version, field_block TO semmap_robot;
 -- So are its class, how long its ways are and what its behaviours took.
 GRANT INSERT, UPDATE, DELETE ON robot_class, walk, walked_place, walked_map TO semmap_robot;
 GRANT INSERT ON execution TO semmap_robot;
+-- And its missions: what came of them is not taken back, but what is planned only may change.
+GRANT INSERT, UPDATE ON mission TO semmap_robot;
+GRANT INSERT, UPDATE, DELETE ON mission_step, reservation TO semmap_robot;
 ALTER TABLE entity ENABLE ROW LEVEL SECURITY;
 ALTER TABLE placement ENABLE ROW LEVEL SECURITY;
 CREATE POLICY read_all ON entity FOR SELECT USING (true);

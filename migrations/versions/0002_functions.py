@@ -16,6 +16,7 @@ def upgrade() -> None:
     """Run the files in the order of their names."""
     make_tables(op, "060_fields.sql", "field")  # of a later revision, but the code speaks of them
     make_tables(op, "070_topology.sql", "robot_class")
+    make_tables(op, "080_missions.sql", "mission")
     run_code(op)
 
 

@@ -18,6 +18,7 @@ depends_on = None
 def upgrade() -> None:
     """Make the tables where they are missing, and replace the code."""
     make_tables(op, "070_topology.sql", "robot_class")
+    make_tables(op, "080_missions.sql", "mission")
     drop_code(op)
     run_code(op)
 

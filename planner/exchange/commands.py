@@ -17,9 +17,10 @@ from planner.exchange.dot import dot
 from planner.exchange.nav2_route import write_nav2
 from planner.exchange.rmf_nav import write_rmf_nav
 from planner.exchange.source import read_surroundings
-from planner.exchange.stands import ExchangeError, Times
-from planner.source import read_topology
-from planner.topology import Topology
+from planner.exchange.stands import ExchangeError
+from planner.live import Live
+from planner.robot_class import RobotClass
+from planner.topology import Connector, Place, Topology
 from semmap import cli
 from semmap.draw.view import StoreyView
 
@@ -58,21 +59,27 @@ def topology_command(
     ] = None,
     map_name: cli.MapName = None,
     storey: Annotated[str | None, typer.Option(help="Only this storey.")] = None,
-    locked: Annotated[
-        bool, typer.Option("--locked", help="Routes pass locked connectors, too.")
-    ] = False,
-    speed: Annotated[float, typer.Option(help="Metres a second, for the times of ways.")] = 0.5,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Ways and times of this class of robots; else as the crow flies."),
+    ] = None,
+    locked: Annotated[bool, typer.Option("--locked", help="It unlocks doors.")] = False,
+    speed: Annotated[float, typer.Option(help="Metres a second, without --robot.")] = 0.5,
     json_: cli.Json = False,
 ) -> None:
     """Write what joins what: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON."""
     chosen = _format(file, format_, json_)
-    times = Times(speed=speed)
     with open_map(map_name) as connection:
         name = str(connection.exec_driver_sql(
             "SELECT name FROM map WHERE id = current_map()").scalar_one())  # fmt: skip
-        topology = read_topology(connection)
         around = read_surroundings(connection)
         views = read_wanted_storeys(connection, storey)
+    engine = cli.engine()
+    try:
+        network = Live(engine, name, robot or RobotClass(speed=speed, unlocks=locked)).network
+    finally:
+        engine.dispose()
+    topology = network.topology
     if not topology.connectors:
         raise ExchangeError(
             f"the map {name} has no connectors: import an annotation that has (GeoJSON, "
@@ -85,15 +92,10 @@ def topology_command(
         return
     match chosen:
         case Format.nav2:
-            written = write_nav2(
-                topology, file, storey=storey, times=times, allow_locked=locked, name=name
-            )
+            written = write_nav2(network, file, storey=storey, surroundings=around, name=name)
         case Format.rmf:
             written = [
-                write_rmf_nav(
-                    topology, file, name=name, surroundings=around, storey=storey,
-                    allow_locked=locked,
-                )
+                write_rmf_nav(network, file, name=name, surroundings=around, storey=storey)
             ]  # fmt: skip
         case Format.png:
             written = _pictures(topology, views, file, name)
@@ -128,13 +130,17 @@ def topology_as_json(topology: Topology, storey: str | None = None) -> dict[str,
     """Places and connectors as plain values; poses as x, y, z and quaternion."""
     places = [p for p in topology.places.values() if storey is None or p.storey == storey]
     names = {p.name for p in places}
+    connectors = [c for c in topology.connectors.values() if names & set(c.places)]
     return {
-        "places": [asdict(p) for p in places],
-        "connectors": [
-            asdict(c) for c in topology.connectors.values() if names & set(c.places)
-        ],
+        "places": [_plain(p) for p in places],
+        "connectors": [_plain(c) | {"permissions": sorted(c.permissions)} for c in connectors],
         "elevators": topology.cabins(),
-    }  # fmt: skip
+    }
+
+
+def _plain(thing: Place | Connector) -> dict[str, Any]:
+    """Without the number that only the database knows."""
+    return {key: value for key, value in asdict(thing).items() if key != "id"}
 
 
 def _pictures(topology: Topology, views: list[StoreyView], file: Path, name: str) -> list[Path]:

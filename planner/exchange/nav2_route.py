@@ -9,12 +9,23 @@ as such (an integer is another type to the loader, and `getValue<float>` fails o
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from planner.exchange.stands import ExchangeError, Move, Stand, Stands, Times, Walk, stands_of
+from navgrid.map_file import file_name
+from navgrid.nav2 import frame_name
+from planner.exchange.stands import (
+    ExchangeError,
+    Move,
+    Stand,
+    Stands,
+    Waypoint,
+    around_corners,
+    stands_of,
+)
+from planner.exchange.surroundings import Surroundings
+from planner.network import Network
 from planner.topology import Topology
 
 __all__ = ["MOST_IDS", "nav2_graph", "nav2_graphs", "write_nav2"]
@@ -32,12 +43,10 @@ NO_OPERATION = ("pass_door", "drive_through")
 
 
 def nav2_graph(
-    topology: Topology,
+    network: Network,
     *,
     storey: str | None = None,
-    walk: Walk | None = None,
-    times: Times | None = None,
-    allow_locked: bool = False,
+    surroundings: Surroundings | None = None,
     frames: Mapping[str, str] | None = None,
     name: str = "graph",
 ) -> dict[str, Any]:
@@ -51,8 +60,10 @@ def nav2_graph(
 
     Parameters
     ----------
+    network : travel times of the robot that drives; what bars it is no edge
     storey : only this one; its nodes in cabins then carry ``switch_map`` with the storeys served
-    walk, times, allow_locked : see `stands_of`
+    surroundings : outlines, around whose corners walks are led over nodes more; without, walks are
+        straight, also where that is through a wall
     frames : the frame of each storey, by default ``map`` where there is one, else ``map_STOREY``
 
     Raises
@@ -60,9 +71,10 @@ def nav2_graph(
     ExchangeError
         There is no such storey, it has no way, or it needs more ids than there are.
     """
-    made = stands_of(
-        topology, storey=storey, walk=walk, times=times, allow_locked=allow_locked
-    )  # fmt: skip
+    made = stands_of(network, storey=storey)
+    if surroundings is not None:
+        made = around_corners(made, surroundings.outlines, network.robot.speed)
+    topology = network.topology
     what = f"storey {storey}" if storey is not None else "the building"
     if not made.moves:
         raise ExchangeError(
@@ -89,7 +101,7 @@ def nav2_graph(
     return {"type": "FeatureCollection", "name": name, "features": features}
 
 
-def nav2_graphs(topology: Topology, **options: Any) -> dict[str | None, dict[str, Any]]:
+def nav2_graphs(network: Network, **options: Any) -> dict[str | None, dict[str, Any]]:
     """One graph of the whole building under None; one a storey where ids do not suffice.
 
     Raises
@@ -98,23 +110,23 @@ def nav2_graphs(topology: Topology, **options: Any) -> dict[str | None, dict[str
         One storey alone needs more ids than there are.
     """
     try:
-        return {None: nav2_graph(topology, **options)}
+        return {None: nav2_graph(network, **options)}
     except _TooManyError:
-        storeys = list(dict.fromkeys(p.storey for p in topology.places.values() if p.storey))
+        storeys = network.topology.storeys()
         if options.get("storey") is not None or len(storeys) < 2:
             raise
-    return {storey: nav2_graph(topology, storey=storey, **options) for storey in storeys}
+    return {storey: nav2_graph(network, storey=storey, **options) for storey in storeys}
 
 
-def write_nav2(topology: Topology, path: Path | str, **options: Any) -> list[Path]:
+def write_nav2(network: Network, path: Path | str, **options: Any) -> list[Path]:
     """Write the graph, or one file a storey where ids do not suffice; the files written.
 
     Nothing is written where a graph cannot be made (`nav2_graphs`, whose options these are).
     """
     path = Path(path)
     written = []
-    for storey, graph in nav2_graphs(topology, **options).items():
-        own = path if storey is None else path.with_name(f"{path.stem}.{_plain(storey)}.geojson")
+    for storey, graph in nav2_graphs(network, **options).items():
+        own = path if storey is None else path.with_name(f"{path.stem}.{file_name(storey)}.geojson")
         own.parent.mkdir(parents=True, exist_ok=True)
         own.write_text(dumps(graph), encoding="utf-8")
         written.append(own)
@@ -132,18 +144,10 @@ class _TooManyError(ExchangeError):
     pass
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"\W+", "_", name)
-
-
 def _frames(storeys: list[str], said: Mapping[str, str] | None) -> dict[str, str]:
     if said is None:
-        name: Callable[[str], str] = (
-            (lambda _: ROUTE_FRAME)
-            if len(storeys) == 1
-            else (lambda storey: f"{ROUTE_FRAME}_{_plain(storey)}")
-        )
-        return {storey: name(storey) for storey in storeys}
+        alone = len(storeys) == 1
+        return {storey: ROUTE_FRAME if alone else frame_name(storey) for storey in storeys}
     missing = [storey for storey in storeys if storey not in said]
     if missing:
         raise ExchangeError(f"there is no frame for {', '.join(missing)}; add it to frames")
@@ -154,20 +158,22 @@ def _storeys_of(topology: Topology, cabins: list[str]) -> list[str]:
     return [s for cabin in cabins if (s := topology.places[cabin].storey) is not None]
 
 
-def _node(number: int, stand: Stand, frame: str, served: Mapping[str, list[str]]) -> dict[str, Any]:
+def _node(
+    number: int, stand: Stand | Waypoint, frame: str, served: Mapping[str, list[str]]
+) -> dict[str, Any]:
     properties: dict[str, Any] = {
         "id": number,
         "frame": frame,
         "metadata": _said(
-            name=stand.name,
-            place=stand.place,
-            connector=stand.connector.name,
-            side=stand.side,
-            storey=stand.storey,
-            elevator=stand.elevator,
-            yaw=_real(stand.pose.yaw),
+            name=stand.name, place=stand.place, storey=stand.storey, elevator=stand.elevator
         ),
     }
+    if isinstance(stand, Stand):
+        properties["metadata"] |= {
+            "connector": stand.connector.name,
+            "side": stand.side,
+            "yaw": _real(stand.pose.yaw),
+        }
     if stand.elevator is not None and stand.elevator in served:
         properties["operations"] = {
             "switch_map": _operation(
@@ -209,7 +215,7 @@ def _edge(number: int, move: Move, made: Stands, frame_of: Mapping[str, str]) ->
 
 
 def _operations(
-    move: Move, start: Stand, end: Stand, frame_of: Mapping[str, str]
+    move: Move, start: Stand | Waypoint, end: Stand | Waypoint, frame_of: Mapping[str, str]
 ) -> dict[str, Any]:
     """What the robot does beside driving; the trigger says when."""
     found: dict[str, Any] = {}
@@ -252,5 +258,5 @@ def _real(value: float) -> float:
     return round(float(value), 4)
 
 
-def _coordinates(stand: Stand) -> list[float]:
+def _coordinates(stand: Stand | Waypoint) -> list[float]:
     return [_real(v) for v in stand.point]

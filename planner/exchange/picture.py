@@ -6,14 +6,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import shapely
 from matplotlib.axes import Axes
 
+from planner.exchange.bends import ways_around
 from planner.topology import OUTSIDE, Connector, Topology
 from semmap.draw.floor_plan import floor_plan
-from semmap.draw.view import StoreyView
+from semmap.draw.view import RoomView, StoreyView
 
 __all__ = ["topology_plan"]
+
+Point = tuple[float, float]
 
 STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
 PLACE, ELEVATOR = "#2b2f36", "#7d5fb2"
@@ -32,12 +36,13 @@ def topology_plan(
     storey : its rooms say where the dots are; its objects are left out
     """
     at = {room.name: _middle(room.outline) for room in storey.rooms}
+    ways = {room.name: _ways(topology, room, at[room.name]) for room in storey.rooms}
     bare = replace(storey, objects=[], regions=[], path=[])
     joined = [c for c in topology.connectors.values() if at.keys() & set(c.places)]
 
     def over(axes: Axes) -> None:
         for connector in joined:
-            _lines(axes, connector, at)
+            _lines(axes, connector, at, ways)
         for name, (x, y) in at.items():
             elevator = topology.places[name].elevator if name in topology.places else None
             axes.plot(
@@ -57,11 +62,31 @@ def _middle(outline: shapely.Geometry) -> tuple[float, float]:
     return (middle.x, middle.y)
 
 
-def _lines(axes: Axes, connector: Connector, at: Mapping[str, tuple[float, float]]) -> None:
+def _ways(topology: Topology, room: RoomView, middle: Point) -> dict[tuple[str, int], list[Point]]:
+    """From the middle of a room to the pose before each connector (name and side of it)."""
+    doors = topology.doors_of(room.name)
+    poses = [(c.poses[side].x, c.poses[side].y) for c, side in doors]
+    ways = ways_around(room.outline, np.array([middle, *poses]))
+    return {
+        (c.name, side): [
+            middle,
+            *((float(x), float(y)) for x, y in ways.corners[ways.between.get((0, number), [])]),
+            pose,
+        ]
+        for number, ((c, side), pose) in enumerate(zip(doors, poses, strict=True), 1)
+    }
+
+
+def _lines(
+    axes: Axes,
+    connector: Connector,
+    at: Mapping[str, Point],
+    ways: Mapping[str, Mapping[tuple[str, int], list[Point]]],
+) -> None:
     """From the middles of its places over its poses, as far as they are on this storey."""
     sides = [
-        [at[place], (pose.x, pose.y)]
-        for place, pose in zip(connector.places, connector.poses, strict=True)
+        ways[place][connector.name, side]
+        for side, place in enumerate(connector.places)
         if place in at
     ]
     if len(sides) == 2:

@@ -12,12 +12,19 @@ import math
 from pathlib import Path
 from typing import Any
 
-import shapely
 import yaml
 
-from planner.exchange.stands import ExchangeError, Stand, stands_of
+from planner.exchange.stands import (
+    ExchangeError,
+    Stand,
+    Waypoint,
+    around_corners,
+    stands_of,
+    with_middles,
+)
 from planner.exchange.surroundings import Cabin, Surroundings
-from planner.topology import OUTSIDE, Connector, Topology
+from planner.network import Network
+from planner.topology import Connector
 
 __all__ = ["rmf_nav_graph", "write_rmf_nav"]
 
@@ -27,29 +34,25 @@ LEAF = 0.9
 CABIN = 1.5
 """Width and depth of a cabin of which nothing is known, metres."""
 
-STANDS_APART = 0.01
-"""Metres; vertices nearer than this are one, so that no lane has no length."""
-
 
 def rmf_nav_graph(
-    topology: Topology,
+    network: Network,
     *,
     name: str = "building",
     surroundings: Surroundings | None = None,
     storey: str | None = None,
-    allow_locked: bool = False,
 ) -> dict[str, Any]:
     """The navigation graph of a building as plain values.
 
-    Lanes are those of `planner.exchange.stands`: walks in places, and passages, as their direction
-    and state allow. A door is one where the connector's behaviour is ``pass_door``.
+    Lanes are the walks in places and the passages that the network's robot may make; ways between
+    levels other than lifts (stairs) are none. A door is where the behaviour is ``pass_door``.
 
     Parameters
     ----------
     name : of the building
-    surroundings : outlines, within which a place's vertex lies, and cabins
+    surroundings : outlines, within which a place's vertex lies and around whose corners lanes lead,
+        and cabins
     storey : only this one
-    allow_locked : whether locked connectors are passed, too
 
     Raises
     ------
@@ -57,7 +60,9 @@ def rmf_nav_graph(
         There is no such storey, or there is no lane.
     """
     surroundings = surroundings or Surroundings()
-    made = stands_of(topology, storey=storey, allow_locked=allow_locked)
+    speed = network.robot.speed
+    made = with_middles(stands_of(network, storey=storey), surroundings.outlines, speed)
+    made = around_corners(made, surroundings.outlines, speed)
     levels: dict[str, _Level] = {s: _Level() for s in made.storeys}
     lifts = _lifts(made.stands, surroundings)
     at: list[tuple[str, int]] = []
@@ -77,7 +82,6 @@ def rmf_nav_graph(
             continue
         door = move.connector is not None and _is_door(move.connector)
         levels[here].lane(a, b, **({"door_name": move.connector.name} if door else {}))  # type: ignore[union-attr]
-    _places(topology, made.stands, at, levels, surroundings)
     if not any(level.lanes for level in levels.values()):
         raise ExchangeError("no connector joins two places; add connectors that join the rooms")
     return {
@@ -85,7 +89,7 @@ def rmf_nav_graph(
         "doors": {
             s.connector.name: _door(s.connector, s.storey)
             for s in made.stands
-            if _is_door(s.connector)
+            if isinstance(s, Stand) and _is_door(s.connector)
         },
         "levels": {
             s: {"lanes": level.lanes, "vertices": level.vertices} for s, level in levels.items()
@@ -100,9 +104,9 @@ def rmf_nav_graph(
     }
 
 
-def write_rmf_nav(topology: Topology, path: Path | str, **options: Any) -> Path:
+def write_rmf_nav(network: Network, path: Path | str, **options: Any) -> Path:
     """Write the graph of `rmf_nav_graph`, whose options these are."""
-    graph = rmf_nav_graph(topology, **options)
+    graph = rmf_nav_graph(network, **options)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(yaml.safe_dump(graph, allow_unicode=True, default_flow_style=None), "utf-8")
@@ -142,11 +146,11 @@ def _door(connector: Connector, storey: str) -> dict[str, Any]:
     return {"endpoints": ends, "map": storey}
 
 
-def _lifts(stands: tuple[Stand, ...], surroundings: Surroundings) -> dict[str, Cabin]:
+def _lifts(stands: tuple[Stand | Waypoint, ...], surroundings: Surroundings) -> dict[str, Cabin]:
     """The cabins; of one that the map does not draw, the middle of its stands."""
     inside: dict[str, list[Stand]] = {}
     for stand in stands:
-        if stand.elevator is not None:
+        if isinstance(stand, Stand) and stand.elevator is not None:
             inside.setdefault(stand.elevator, []).append(stand)
     return {
         lift: surroundings.cabins.get(lift)
@@ -159,41 +163,6 @@ def _lifts(stands: tuple[Stand, ...], surroundings: Surroundings) -> dict[str, C
         )
         for lift, own in inside.items()
     }
-
-
-def _places(
-    topology: Topology,
-    stands: tuple[Stand, ...],
-    at: list[tuple[str, int]],
-    levels: dict[str, _Level],
-    surroundings: Surroundings,
-) -> None:
-    """A vertex in each place, under its name, with lanes from and to its stands."""
-    inside: dict[str, list[int]] = {}
-    for number, stand in enumerate(stands):
-        if stand.place != OUTSIDE and stand.elevator is None:
-            inside.setdefault(stand.place, []).append(number)
-    for place, numbers in inside.items():
-        outline = surroundings.outlines.get(place)
-        points = [stands[n].point for n in numbers]
-        middle = (
-            shapely.MultiPoint([p[:2] for p in points]).centroid
-            if outline is None
-            else outline.centroid
-            if outline.contains(outline.centroid)
-            else outline.representative_point()
-        )
-        storey, _ = at[numbers[0]]
-        level = levels[storey]
-        near = [n for n in numbers if math.dist(stands[n].point[:2], (middle.x, middle.y))
-                < STANDS_APART]  # fmt: skip
-        if near:  # a place of one stand and no outline
-            level.vertices[at[near[0]][1]][2]["name"] = place
-            continue
-        own = level.vertex((middle.x, middle.y), place)
-        for n in numbers:
-            level.lane(own, at[n][1])
-            level.lane(at[n][1], own)
 
 
 def _real(value: float) -> float:

@@ -12,25 +12,48 @@ from semmap.geometry.pose import Pose
 __all__ = ["read_surroundings"]
 
 _ROOMS = """
-SELECT e.name, l.name AS elevator, w.pose, ST_AsBinary(w.footprint) AS outline
+SELECT e.name, w.storey_id, l.name AS elevator, w.pose, ST_AsBinary(w.footprint) AS outline
 FROM room r JOIN entity e ON e.id = r.entity_id JOIN world w ON w.entity_id = e.id
      LEFT JOIN entity l ON l.id = r.elevator_id
 WHERE e.map_id = current_map() AND w.footprint IS NOT NULL ORDER BY e.name
 """
 
+_WALLS = """
+SELECT w.storey_id, ST_AsBinary(w.footprint) AS outline
+FROM object_type o JOIN world w ON w.entity_id = o.id
+WHERE o.map_id = current_map() AND o.type = 'wall' AND w.footprint IS NOT NULL
+"""
+
+MOST_WALL = 0.3
+"""Share of a room beyond which what covers it is no wall, but the hull of one that goes round."""
+
 
 def read_surroundings(connection: Connection) -> Surroundings:
-    """The outlines of all rooms, and of each elevator the cabin on the first of its storeys."""
+    """The outlines of all rooms without walls, and each elevator's cabin on one of its storeys."""
+    standing: dict[int | None, list[shapely.Geometry]] = {}
+    for row in connection.execute(text(_WALLS)):
+        standing.setdefault(row.storey_id, []).append(shapely.from_wkb(bytes(row.outline)))
+    walls = {storey: shapely.union_all(parts) for storey, parts in standing.items()}
     outlines: dict[str, Polygon | MultiPolygon] = {}
     cabins: dict[str, Cabin] = {}
     for row in connection.execute(text(_ROOMS)):
         outline = shapely.from_wkb(bytes(row.outline))
         if not isinstance(outline, Polygon | MultiPolygon):
             continue
-        outlines[row.name] = outline
+        outlines[row.name] = _without(outline, walls.get(row.storey_id))
         if row.elevator is not None:
             cabins.setdefault(row.elevator, _cabin(Pose(*row.pose), outline))
     return Surroundings(outlines, cabins)
+
+
+def _without(
+    outline: Polygon | MultiPolygon, walls: shapely.Geometry | None
+) -> Polygon | MultiPolygon:
+    if walls is None:
+        return outline
+    rest = outline.difference(walls)
+    whole = isinstance(rest, Polygon | MultiPolygon)
+    return rest if whole and rest.area >= (1 - MOST_WALL) * outline.area else outline
 
 
 def _cabin(pose: Pose, outline: Polygon | MultiPolygon) -> Cabin:

@@ -4,51 +4,36 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import permutations, product
-from typing import Literal
+from itertools import pairwise
+from typing import Literal, TypeAlias
 
+import numpy as np
+from shapely import MultiPolygon, Polygon
+
+from planner.exchange.bends import ways_around
+from planner.network import Network
 from planner.topology import OUTSIDE, Connector, Topology
 from semmap.geometry.pose import Pose
 
-__all__ = ["ExchangeError", "Move", "Stand", "Stands", "Times", "stands_of"]
+__all__ = [
+    "ExchangeError",
+    "Move",
+    "Stand",
+    "Stands",
+    "Waypoint",
+    "around_corners",
+    "stands_of",
+    "with_middles",
+]
 
-Point = tuple[float, ...]
-Walk = Callable[[str, Point, Point], float]
-"""Seconds of the way between two points (x, y, z; the map's frame) of a place; inf: no way."""
+
+Outline: TypeAlias = Polygon | MultiPolygon
 
 
 class ExchangeError(ValueError):
     """A topology that a format cannot hold; the message says the mend."""
-
-
-@dataclass(frozen=True)
-class Times:
-    """How long it takes, in seconds, beside walking inside of places.
-
-    Attributes
-    ----------
-    speed : metres a second, on straight ways and through connectors
-    ride : calling an elevator and riding it once
-    ride_per_metre : each metre of height that the ride overcomes
-    closed, locked : opening a closed connector, unlocking a locked one
-    """
-
-    speed: float = 0.5
-    ride: float = 30.0
-    ride_per_metre: float = 2.0
-    closed: float = 4.0
-    locked: float = 20.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0 <= value < math.inf or (name in ("speed", "ride") and value == 0):
-                raise ValueError(f"times: {name} is {value}; give a finite number above zero")
-
-    def straight(self, place: str, a: Point, b: Point) -> float:
-        """Seconds as the crow flies; a `Walk`."""
-        return math.dist(a, b) / self.speed
 
 
 @dataclass(frozen=True)
@@ -69,13 +54,24 @@ class Stand:
         return self.connector.poses[self.side]
 
     @property
-    def point(self) -> Point:
+    def point(self) -> tuple[float, float, float]:
         return (self.pose.x, self.pose.y, self.pose.z)
 
     @property
     def name(self) -> str:
         """Unique, as names of places and connectors are."""
         return f"{self.connector.name}@{self.place}"
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A point of a place that is before no connector: at a corner, or in the middle."""
+
+    name: str
+    place: str
+    storey: str
+    point: tuple[float, float, float]
+    elevator: str | None = None
 
 
 @dataclass(frozen=True)
@@ -99,9 +95,9 @@ class Move:
 
 @dataclass(frozen=True)
 class Stands:
-    """All stands and moves of a topology, or of one storey of it."""
+    """All stands and moves of a network, or of one storey of it, and the waypoints between."""
 
-    stands: tuple[Stand, ...]
+    stands: tuple[Stand | Waypoint, ...]
     moves: tuple[Move, ...]
 
     @property
@@ -109,29 +105,20 @@ class Stands:
         return list(dict.fromkeys(stand.storey for stand in self.stands))
 
     def busiest(self) -> tuple[str, int]:
-        """The place with the most stands, and how many it has."""
-        return Counter(stand.place for stand in self.stands).most_common(1)[0]
+        """The place with the most connectors, and how many it has."""
+        counted = Counter(s.place for s in self.stands if isinstance(s, Stand))
+        return counted.most_common(1)[0]
 
 
-def stands_of(
-    topology: Topology,
-    *,
-    storey: str | None = None,
-    walk: Walk | None = None,
-    times: Times | None = None,
-    allow_locked: bool = False,
-    storeyless: str = "map",
-) -> Stands:
-    """The stands of a topology and the moves that are allowed between them.
+def stands_of(network: Network, *, storey: str | None = None, storeyless: str = "map") -> Stands:
+    """The stands of a network and the moves that its robot may make between them.
 
-    Shortest ways over the moves are those of `planner.route.route`. Of `OUTSIDE` the map knows
-    nothing, so that no walk leads through it.
+    Shortest ways over the moves are those of the network. Of `OUTSIDE` the map knows nothing, so
+    that no walk leads through it.
 
     Parameters
     ----------
     storey : only this one, with no ride, as those lead away
-    walk : seconds between two points of a place, by default those of the straight line
-    allow_locked : whether locked connectors are passed, too
     storeyless : name of the storey of places that have none
 
     Raises
@@ -139,24 +126,106 @@ def stands_of(
     ExchangeError
         There is no such storey.
     """
-    times = times or Times()
-    walk = walk or times.straight
+    topology = network.topology
     stands = [
         Stand(c, side, _storey(topology, c, side) or storeyless, _elevator(topology, c, side))
-        for c in topology.connectors.values()
+        for c in network.connectors
         for side in (0, 1)
     ]
+    kept = list(range(len(stands)))
     if storey is not None:
         known = dict.fromkeys(p.storey or storeyless for p in topology.places.values())
         if storey not in known:
             raise ExchangeError(f"there is no storey {storey}; there are: {', '.join(known)}")
-        stands = [stand for stand in stands if stand.storey == storey]
-    moves = [
-        *_walks(stands, walk),
-        *_passages(topology, stands, times, allow_locked),
-        *_rides(stands, times),
-    ]
+        kept = [n for n in kept if stands[n].storey == storey]
+    number = {node: i for i, node in enumerate(kept)}
+    moves = []
+    for edge, (tail, head) in enumerate(zip(network.tails, network.heads, strict=True)):
+        start, end, seconds = int(tail), int(head), float(network.seconds[edge])
+        if start not in number or end not in number or math.isinf(seconds):
+            continue
+        a, b = number[start], number[end]
+        if edge in network.rides:
+            moves.append(Move(a, b, "ride", seconds, elevator=network.rides[edge]))
+        elif edge < len(stands):  # passages come first
+            into = stands[end].elevator if stands[end].elevator != stands[start].elevator else None
+            moves.append(Move(a, b, "passage", seconds, stands[start].connector, into))
+        elif stands[start].place != OUTSIDE:
+            moves.append(Move(a, b, "walk", seconds))
+    return Stands(tuple(stands[n] for n in kept), tuple(moves))
+
+
+def with_middles(made: Stands, outlines: Mapping[str, Outline], speed: float) -> Stands:
+    """A waypoint more in each place, under its name, that walks join with the place's stands."""
+    stands, moves = list(made.stands), list(made.moves)
+    for place, numbers in _inside(made).items():
+        if stands[numbers[0]].elevator is not None:
+            continue
+        points = np.array([stands[n].point for n in numbers])
+        outline = outlines.get(place)
+        x, y = points[:, :2].mean(axis=0)
+        if outline is not None:
+            middle = outline.centroid
+            if not outline.contains(middle):
+                middle = outline.representative_point()
+            x, y = middle.x, middle.y
+        z = float(points[0, 2])
+        number = len(stands)
+        stands.append(Waypoint(place, place, stands[numbers[0]].storey, (float(x), float(y), z)))
+        for n in numbers:
+            seconds = math.dist(stands[n].point, stands[number].point) / speed
+            moves += [Move(n, number, "walk", seconds), Move(number, n, "walk", seconds)]
     return Stands(tuple(stands), tuple(moves))
+
+
+def around_corners(made: Stands, outlines: Mapping[str, Outline], speed: float) -> Stands:
+    """Walks that would lead through a wall of their place, led over waypoints at its corners.
+
+    A stretch between corners takes its length at `speed`, or more as the walks over it do: of
+    several the least. Walks that stay inside, and places without outline, are left as they are.
+    """
+    stands = list(made.stands)
+    bent: dict[tuple[int, int], list[int]] = {}
+    for place, numbers in _inside(made).items():
+        if place not in outlines:
+            continue
+        ways = ways_around(outlines[place], np.array([stands[n].point[:2] for n in numbers]))
+        used = sorted({c for way in ways.between.values() for c in way})
+        first, z = stands[numbers[0]], stands[numbers[0]].point[2]
+        at = {}
+        for count, corner in enumerate(used, 1):
+            x, y = ways.corners[corner]
+            at[corner] = len(stands)
+            stands.append(
+                Waypoint(f"{place}#{count}", place, first.storey, (float(x), float(y), z))
+            )
+        for (i, j), way in ways.between.items():
+            if way:
+                bent[numbers[i], numbers[j]] = [at[c] for c in way]
+                bent[numbers[j], numbers[i]] = [at[c] for c in reversed(way)]
+    moves = []
+    legs: dict[tuple[int, int], float] = {}
+    for move in made.moves:
+        over = bent.get((move.start, move.end)) if move.kind == "walk" else None
+        if over is None:
+            moves.append(move)
+            continue
+        steps = list(pairwise([move.start, *over, move.end]))
+        metres = [math.dist(stands[a].point, stands[b].point) for a, b in steps]
+        pace = max(move.seconds / sum(metres), 1 / speed)
+        for step, length in zip(steps, metres, strict=True):
+            legs[step] = min(legs.get(step, math.inf), pace * length)
+    moves += [Move(a, b, "walk", seconds) for (a, b), seconds in legs.items()]
+    return Stands(tuple(stands), tuple(moves))
+
+
+def _inside(made: Stands) -> dict[str, list[int]]:
+    """The stands of each place that is drawn, by number."""
+    inside: dict[str, list[int]] = {}
+    for number, stand in enumerate(made.stands):
+        if stand.place != OUTSIDE:
+            inside.setdefault(stand.place, []).append(number)
+    return inside
 
 
 def _storey(topology: Topology, connector: Connector, side: int) -> str | None:
@@ -167,44 +236,3 @@ def _storey(topology: Topology, connector: Connector, side: int) -> str | None:
 
 def _elevator(topology: Topology, connector: Connector, side: int) -> str | None:
     return topology.places[connector.places[side]].elevator
-
-
-def _walks(stands: list[Stand], walk: Walk) -> Iterator[Move]:
-    inside: dict[str, list[int]] = {}
-    for number, stand in enumerate(stands):
-        if stand.place != OUTSIDE:
-            inside.setdefault(stand.place, []).append(number)
-    for place, numbers in inside.items():
-        for a, b in permutations(numbers, 2):
-            seconds = walk(place, stands[a].point, stands[b].point)
-            if not math.isinf(seconds):
-                yield Move(a, b, "walk", seconds)
-
-
-def _passages(
-    topology: Topology, stands: list[Stand], times: Times, allow_locked: bool
-) -> Iterator[Move]:
-    numbers = {(s.connector.name, s.side): number for number, s in enumerate(stands)}
-    extra = {"open": 0.0, "closed": times.closed, "locked": times.locked}
-    for (name, side), start in numbers.items():
-        connector, end = stands[start].connector, numbers.get((name, 1 - side))
-        if end is None or not connector.passes(side):
-            continue
-        if connector.state == "locked" and not allow_locked:
-            continue
-        through = math.dist(stands[start].point, stands[end].point) / times.speed
-        into = stands[end].elevator if stands[start].elevator != stands[end].elevator else None
-        yield Move(start, end, "passage", through + extra[connector.state], connector, into)
-
-
-def _rides(stands: list[Stand], times: Times) -> Iterator[Move]:
-    cabins: dict[str, dict[str, list[int]]] = {}
-    for number, stand in enumerate(stands):
-        if stand.elevator is not None:
-            cabins.setdefault(stand.elevator, {}).setdefault(stand.place, []).append(number)
-    for elevator, places in cabins.items():
-        for here, there in permutations(places.values(), 2):
-            for a, b in product(here, there):
-                height = abs(stands[a].pose.z - stands[b].pose.z)
-                seconds = times.ride + times.ride_per_metre * height
-                yield Move(a, b, "ride", seconds, elevator=elevator)

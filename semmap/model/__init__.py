@@ -23,6 +23,7 @@ from semmap.model.history import (
     PlacementHistory,
     Retention,
 )
+from semmap.model.mission import Mission, MissionStep, Reservation
 from semmap.model.placement import Placement, WorldPlacement
 from semmap.model.semantics import Ontology, SemanticType, TypeClosure, TypeParent
 from semmap.model.topology import Execution, RobotClass, Walk, WalkedMap, WalkedPlace
@@ -46,6 +47,8 @@ __all__ = [
     "Import",
     "Link",
     "Map",
+    "Mission",
+    "MissionStep",
     "Object",
     "ObjectType",
     "Ontology",
@@ -53,6 +56,7 @@ __all__ = [
     "PlacementHistory",
     "PoseColumn",
     "Region",
+    "Reservation",
     "Retention",
     "RobotClass",
     "Room",

@@ -196,7 +196,7 @@ class Connector(Entity):
     connector's own frame: where a robot stands in either place, facing the connector; x of the
     frame points from `place_a` to `place_b`. `behaviour` names the robot behaviour that passing
     needs, `permissions` of what a robot needs one. `width` and `height` are of the clear opening,
-    `step` is that of its threshold, metres.
+    `step` is that of its threshold, metres. `seen_at` is when its state was last found to be so.
     """
 
     __tablename__ = "connector"
@@ -224,6 +224,7 @@ class Connector(Entity):
     permissions: Mapped[list[str]] = mapped_column(
         ARRAY(Text), server_default=text("'{}'"), default=list
     )
+    seen_at: Mapped[datetime | None]
     __mapper_args__ = {  # noqa: RUF012
         "polymorphic_identity": "connector",
         "inherit_condition": entity_id == Entity.id,

@@ -35,20 +35,29 @@ KEEP = (
     "VALUES ({map}, 'space', 'urn:x', 'bool', 0.05, 32)"
 )
 KEEP_AND_FORGET = KEEP + "; DELETE FROM field"
+MISSION = "INSERT INTO mission (map_id, robot_id, goal) VALUES ({map}, {mug}, 'on(mug, desk)')"
+PURSUE = (
+    f"{MISSION}; INSERT INTO reservation (resource_id, robot_id, expires) "
+    "VALUES ({door}, {mug}, 'infinity'); DELETE FROM reservation"
+)
+FORGET_MISSION = f"{MISSION}; DELETE FROM mission"
 TABLE = "CREATE TABLE semmap.mine (id int)"
 
 RIGHTS = {
     "semmap_reader": {READ, FIGURE_3},
-    "semmap_robot": {READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, KEEP, KEEP_AND_FORGET},
+    "semmap_robot": {
+        READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, KEEP, KEEP_AND_FORGET, PURSUE,
+    },
     "semmap_admin": {
         READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, MOVE_ROOM, RENAME, DESCRIBE_ROOM,
         REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, RECOMPUTE, KEEP, KEEP_AND_FORGET,
+        PURSUE, FORGET_MISSION,
     },
 }  # fmt: skip
 STATEMENTS = [
     READ, FIGURE_3, SEE, SEE_PLACED, MOVE, MOVE_ROOM, DESCRIBE, RENAME, DESCRIBE_ROOM, CLOSE,
     REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, FORGE_WORLD, FORGE_HISTORY, FORGE_CHANGE,
-    RECOMPUTE, TABLE, KEEP, KEEP_AND_FORGET,
+    RECOMPUTE, TABLE, KEEP, KEEP_AND_FORGET, PURSUE, FORGET_MISSION,
 ]  # fmt: skip
 
 

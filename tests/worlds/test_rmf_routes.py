@@ -15,16 +15,20 @@ from typing import Any
 
 import networkx as nx
 import pytest
+import shapely
 import yaml
 from shapely import LineString
 from sqlalchemy import Engine, text
 
-from planner.route import NoRouteError, route
+from planner.exchange.nav2_route import nav2_graph
+from planner.exchange.source import read_surroundings
+from planner.route import NoRouteError
 from planner.source import read_places_like, read_topology
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
 from tests.conftest import MakeDatabase
+from tests.planner.office import route
 
 NAMED = {"hotel": 17, "clinic": 30}
 """Vertices with a name, as the collection's own page states them."""
@@ -34,6 +38,9 @@ CONNECTED = {"hotel": 140, "clinic": 758}
 
 CROSSED = {"hotel": 6, "clinic": 9}
 """Doors that lanes lead through."""
+
+GRAZED = 0.025
+"""Metres by which a way may graze a wall: outlines are followed to 2 cm."""
 
 Vertex = tuple[str, int]
 """A level and the number of a vertex on it."""
@@ -109,6 +116,18 @@ class Building:
                     "WHERE e.map_id = current_map() AND e.kind = 'region' ORDER BY e.id"
                 )
             ).all()
+            self.surroundings = read_surroundings(connection)
+            self.walls = {
+                row.storey: shapely.from_wkb(bytes(row.outline))
+                for row in connection.execute(
+                    text(
+                        "SELECT s.name AS storey, ST_AsBinary(w.footprint) AS outline "
+                        "FROM entity e JOIN world w ON w.entity_id = e.id "
+                        "JOIN entity s ON s.id = w.storey_id "
+                        "WHERE e.map_id = current_map() AND e.type = 'wall'"
+                    )
+                )
+            }
             self.places: dict[Vertex, str] = {}
             for row in rows:
                 (place,) = read_places_like(connection, self.topology, row.name)
@@ -155,8 +174,10 @@ def test_where_lanes_and_lifts_lead_there_is_a_route(building: Building) -> None
     lifts = building.lanes.building["lifts"]
     pairs = building.pairs(connected)
     assert {a for a, b in pairs} >= {building.places[a] for a, b in named}
+    network = building.topology.network()
+    sites = {place: network.site(place) for pair in pairs for place in pair}
     for start, goal in pairs:
-        found = route(building.topology, start, goal)
+        found = network.route(sites[start], sites[goal])
         ridden = {step.elevator for step in found.steps if step.behaviour == "use_elevator"}
         levels = {places[start].storey, places[goal].storey}
         assert len(ridden) == len(levels) - 1, (start, goal)
@@ -175,6 +196,27 @@ def test_a_lane_through_a_door_leads_to_the_doors_other_place(building: Building
         assert set(connector.places) == {building.places[start], building.places[end]}, door
         crossed.add(door)
     assert len(crossed) == CROSSED[building.name]
+
+
+def test_the_route_graph_leads_through_no_wall(building: Building) -> None:
+    network = building.topology.network()
+    graph = nav2_graph(network, surroundings=building.surroundings)["features"]
+    nodes = [f["properties"] for f in graph if f["geometry"]["type"] == "Point"]
+    at = {node["id"]: node["metadata"] for node in nodes}
+    solid = {storey: walls.buffer(-GRAZED) for storey, walls in building.walls.items()}
+    driven = nx.DiGraph()
+    for said, line in ((f["properties"], f["geometry"]["coordinates"]) for f in graph):
+        if "startid" not in said:
+            continue
+        start, end = at[said["startid"]], at[said["endid"]]
+        driven.add_edge(start["name"], end["name"])
+        if said["metadata"]["kind"] != "ride":
+            drive = LineString(point[:2] for point in line)
+            assert not drive.intersects(solid[start["storey"]]), (start["name"], end["name"])
+    assert any("#" in node["name"] for node in at.values())
+    stands: dict[str, str] = {node["place"]: node["name"] for node in at.values()}
+    for a, b in building.pairs(building.lanes.connected()):
+        assert nx.has_path(driven, stands[a], stands[b])
 
 
 def joined(topology: Topology) -> nx.MultiGraph:

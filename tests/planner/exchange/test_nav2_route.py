@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import networkx as nx
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
 from planner.exchange.nav2_route import nav2_graph, nav2_graphs, write_nav2
-from planner.exchange.stands import ExchangeError, Times
-from planner.route import NoRouteError, route
+from planner.exchange.stands import ExchangeError
+from planner.network import Network
+from planner.robot_class import RobotClass
+from planner.route import NoRouteError
 from planner.topology import OUTSIDE, Place, Topology
+from planner.walks import StraightWalks, Walked
+from semmap.geometry.pose import Pose
 from tests.planner.exchange.buildings import buildings, figure_4
 from tests.planner.exchange.nav2_reader import read
-from tests.planner.office import door
-
-AS_ROUTES = Times(speed=1.0, ride=15.0, ride_per_metre=1.0, closed=2.0, locked=10.0)
-"""Metres for seconds: what `planner.route.Costs` says."""
+from tests.planner.office import door, route
 
 RELAXED = settings(
-    max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+    max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
 )
 
 
-def written(topology: Topology, tmp_path: Path, **options: object) -> nx.MultiDiGraph:
-    (path,) = write_nav2(topology, tmp_path / "graph.geojson", **options)
+def written(network: Network, tmp_path: Path, **options: object) -> nx.MultiDiGraph:
+    (path,) = write_nav2(network, tmp_path / "graph.geojson", **options)
     return read(path)
 
 
@@ -35,7 +38,7 @@ def at(graph: nx.MultiDiGraph, place: str) -> list[int]:
 
 def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
     topology = figure_4(door5={"state": "closed"})
-    graph = written(topology, tmp_path)
+    graph = written(topology.network(), tmp_path)
     assert len(graph) == 2 * len(topology.connectors)
     assert {n["frame"] for n in graph.nodes.values()} == {"map_floor_1st", "map_floor_3rd"}
     kinds = [e["metadata"]["kind"] for *_, e in graph.edges(data=True)]
@@ -56,26 +59,26 @@ def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
 
 
 def test_one_storey_has_one_frame_and_says_where_its_elevator_leads(tmp_path: Path) -> None:
-    graph = written(figure_4(), tmp_path, storey="floor-3rd")
+    graph = written(figure_4().network(), tmp_path, storey="floor-3rd")
     assert {n["frame"] for n in graph.nodes.values()} == {"map"}
     (cabin,) = at(graph, "elevator-3rd")
     switch = graph.nodes[cabin]["operations"]["switch_map"]
     assert switch["trigger"] == "NODE"
     assert switch["metadata"]["storeys"] == ["floor-1st", "floor-3rd"]
     with pytest.raises(ExchangeError, match="no storey attic; there are: floor-1st, floor-3rd"):
-        nav2_graph(figure_4(), storey="attic")
+        nav2_graph(figure_4().network(), storey="attic")
 
 
 def test_locked_connectors_and_wrong_directions_are_no_edges(tmp_path: Path) -> None:
     topology = figure_4(door5={"state": "locked"}, door2={"direction": "forward"})
     passed = [
         e["metadata"]["connector"]
-        for *_, e in written(topology, tmp_path).edges(data=True)
+        for *_, e in written(topology.network(), tmp_path).edges(data=True)
         if e["metadata"]["kind"] == "passage"
     ]
     assert "door5" not in passed
     assert passed.count("door2") == 1
-    opened = nav2_graph(topology, allow_locked=True)["features"]
+    opened = nav2_graph(topology.network(RobotClass(unlocks=True)))["features"]
     assert any(f["properties"]["metadata"].get("connector") == "door5"
                for f in opened if "startid" in f["properties"])  # fmt: skip
 
@@ -84,7 +87,7 @@ def test_locked_connectors_and_wrong_directions_are_no_edges(tmp_path: Path) -> 
 @given(building=buildings())
 def test_shortest_ways_are_those_of_routes(building: Topology, tmp_path: Path) -> None:
     try:
-        graph = written(building, tmp_path, times=AS_ROUTES)
+        graph = written(building.network(), tmp_path)
     except ExchangeError:
         assert not building.connectors or all(
             c.state == "locked" for c in building.connectors.values()
@@ -100,11 +103,11 @@ def test_shortest_ways_are_those_of_routes(building: Topology, tmp_path: Path) -
                 continue
             ours = min((away[n] for n in at(graph, goal) if n in away), default=None)
             try:
-                expected = route(building, start, goal, allow_outside=False).cost
+                expected = route(building, start, goal).seconds
             except NoRouteError:
                 assert ours is None
             else:
-                assert ours == pytest.approx(expected, abs=0.05)
+                assert ours == pytest.approx(expected, abs=0.01)
 
 
 def star(doors: int, storey: str = "ground") -> Topology:
@@ -120,24 +123,31 @@ def test_a_building_with_too_many_ids_becomes_a_file_a_storey(tmp_path: Path) ->
         [p for t in parts for p in t.places.values()],
         [c for t in parts for c in t.connectors.values()],
     )
-    files = write_nav2(both, tmp_path / "graph.geojson")
+    files = write_nav2(both.network(), tmp_path / "graph.geojson")
     assert [f.name for f in files] == ["graph.one.geojson", "graph.two.geojson"]
     assert len(read(files[1])) == 370
     with pytest.raises(ExchangeError, match=r"hall with 260 connectors: .* part such places"):
-        nav2_graphs(star(260))
+        nav2_graphs(star(260).network())
 
 
 def test_nothing_to_write_is_said(tmp_path: Path) -> None:
     with pytest.raises(ExchangeError, match="add connectors that join its rooms"):
-        write_nav2(Topology.of([Place("a")], []), tmp_path / "graph.geojson")
+        write_nav2(Topology.of([Place("a")], []).network(), tmp_path / "graph.geojson")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_walk_that_there_is_not_is_no_edge(tmp_path: Path) -> None:
-    def walk(place: str, a: tuple[float, ...], b: tuple[float, ...]) -> float:
-        return float("inf") if place == "corridor1" else 1.0
+class Blocked(StraightWalks):
+    """No way leads through one place."""
 
-    graph = written(figure_4(), tmp_path, walk=walk)
+    def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Walked:
+        walked = super().between(place, a, b)
+        if place == "corridor1":
+            walked.seconds[:] = np.inf
+        return walked
+
+
+def test_a_walk_that_there_is_not_is_no_edge(tmp_path: Path) -> None:
+    graph = written(figure_4().network(walks=Blocked()), tmp_path)
     walked = {e["metadata"]["place"] for *_, e in graph.edges(data=True)
               if e["metadata"]["kind"] == "walk"}  # fmt: skip
     assert "corridor3" in walked

@@ -16,13 +16,14 @@ from sqlalchemy import Engine
 from planner.exchange.rmf_nav import write_rmf_nav
 from planner.exchange.source import read_surroundings
 from planner.exchange.stands import ExchangeError
-from planner.route import NoRouteError, route
+from planner.route import NoRouteError
 from planner.source import read_topology
 from planner.topology import OUTSIDE, Place, Topology
 from tests.planner.exchange.buildings import buildings, figure_4
+from tests.planner.office import route
 
 RELAXED = settings(
-    max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+    max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
 )
 
 
@@ -78,7 +79,7 @@ def _number(value: Any) -> float:
 
 
 def test_the_office_with_doors_and_lift(tmp_path: Path) -> None:
-    graph = read(write_rmf_nav(figure_4(), tmp_path / "0.yaml", name="office"))
+    graph = read(write_rmf_nav(figure_4().network(), tmp_path / "0.yaml", name="office"))
     doors = graph.graph["doors"]
     assert set(doors) == {"door1", "door2", "door5", "door6", "door7", "door8", "exit", "side_door",
                           "edoor1", "edoor3"} - {"edoor1", "edoor3"}  # fmt: skip
@@ -93,7 +94,7 @@ def test_the_office_of_the_map_has_its_cabin_and_its_rooms(
 ) -> None:
     with office_engine.connect() as connection:
         topology, around = read_topology(connection), read_surroundings(connection)
-    path = write_rmf_nav(topology, tmp_path / "0.yaml", surroundings=around)
+    path = write_rmf_nav(topology.network(), tmp_path / "0.yaml", surroundings=around)
     graph = read(path)
     (lift,) = graph.graph["lifts"].values()
     assert lift == pytest.approx((3.0, 8.3, 0.0, 1.6, 1.8))
@@ -106,7 +107,7 @@ def test_the_office_of_the_map_has_its_cabin_and_its_rooms(
 @given(building=buildings())
 def test_what_lanes_join_is_what_routes_join(building: Topology, tmp_path: Path) -> None:
     try:
-        graph = read(write_rmf_nav(building, tmp_path / "0.yaml"))
+        graph = read(write_rmf_nav(building.network(), tmp_path / "0.yaml"))
     except ExchangeError:
         return
     rooms = [p for p in building.places.values() if p.elevator is None and p.name != OUTSIDE]
@@ -128,5 +129,5 @@ def test_what_lanes_join_is_what_routes_join(building: Topology, tmp_path: Path)
 
 def test_nothing_to_drive_is_said(tmp_path: Path) -> None:
     with pytest.raises(ExchangeError, match="add connectors that join the rooms"):
-        write_rmf_nav(Topology.of([Place("a")], []), tmp_path / "0.yaml")
+        write_rmf_nav(Topology.of([Place("a")], []).network(), tmp_path / "0.yaml")
     assert not list(tmp_path.iterdir())

@@ -1,0 +1,26 @@
+"""Missions, their steps and reservations: the tables, and the code anew, which says who may write.
+
+A new database has the tables from its first revision on. Going down keeps them, and every row.
+"""
+
+from __future__ import annotations
+
+from alembic import op
+
+from semmap.database.migrate import drop_code, make_tables, run_code
+
+revision = "0005"
+down_revision = "0004"
+branch_labels = None
+depends_on = None
+
+
+def upgrade() -> None:
+    """Make the tables where they are missing, and replace the code."""
+    make_tables(op, "080_missions.sql", "mission")
+    drop_code(op)
+    run_code(op)
+
+
+def downgrade() -> None:
+    """Leave the tables where they are."""

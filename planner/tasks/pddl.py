@@ -1,0 +1,292 @@
+"""The same problem in PDDL, for planners of the shelf: costs are milliseconds.
+
+What holds in the logic program holds here: one drive between two events, no thing picked up more
+often than it has to be, and in the end nothing in hand but what was before. After `finish` the
+words of the goal are taken for things, which costs nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+
+from planner.tasks.goal import ROBOT
+from planner.tasks.problem import Problem, milliseconds
+
+__all__ = ["pddl", "write_pddl"]
+
+_DOMAIN = """\
+; Tasks of a robot that fetches and delivers; times are milliseconds.
+(define (domain tasks)
+  (:requirements :strips :typing :negative-preconditions
+    :conditional-effects :universal-preconditions :action-costs)
+  (:types thing site count left word)
+  (:constants{constants})
+  (:predicates
+    (working) (may-drive) (robot-at ?l - site) (way ?a ?b - site)
+    (at ?x - thing ?l - site) (on ?x ?y - thing) (held ?x - thing) (clear ?x - thing)
+    (differ ?v ?w - word)
+    (takes ?y ?x - thing) (fixed ?y - thing ?l - site) (carrier ?x - thing) (single ?x - thing)
+    (load ?n - count) (more ?n ?m - count) (left-of ?x - thing ?n - left) (less ?n ?m - left)
+    (open ?v - word) (is ?v - word ?x - thing) (candidate ?v - word ?x - thing)
+    (taken ?v - word ?x - thing){predicates})
+  (:functions (total-cost) - number (seconds ?a ?b - site) - number)
+
+  (:action drive :parameters (?a ?b - site)
+    :precondition (and (working) (may-drive) (robot-at ?a) (way ?a ?b))
+    :effect (and (robot-at ?b) (not (robot-at ?a)) (not (may-drive))
+                 (increase (total-cost) (seconds ?a ?b))))
+
+  (:action pickup :parameters (?x ?y - thing ?l - site ?n ?m - count ?i ?j - left)
+    :precondition (and (working) (robot-at ?l) (at ?x ?l) (on ?x ?y) (not (single ?y)) (clear ?x)
+                       (load ?n) (more ?n ?m) (left-of ?x ?i) (less ?j ?i))
+    :effect (and (held ?x) (not (on ?x ?y)) (not (at ?x ?l)) (load ?m) (not (load ?n))
+                 (left-of ?x ?j) (not (left-of ?x ?i)) (may-drive)
+                 (increase (total-cost) {pickup})))
+
+  (:action unstack :parameters (?x ?y - thing ?l - site ?n ?m - count ?i ?j - left)
+    :precondition (and (working) (robot-at ?l) (at ?x ?l) (on ?x ?y) (single ?y) (clear ?x)
+                       (load ?n) (more ?n ?m) (left-of ?x ?i) (less ?j ?i))
+    :effect (and (held ?x) (not (on ?x ?y)) (not (at ?x ?l)) (clear ?y) (load ?m) (not (load ?n))
+                 (left-of ?x ?j) (not (left-of ?x ?i)) (may-drive)
+                 (increase (total-cost) {pickup})))
+
+  (:action place :parameters (?x ?y - thing ?l - site ?n ?m - count)
+    :precondition (and (working) (robot-at ?l) (held ?x) (takes ?y ?x) (fixed ?y ?l)
+                       (load ?m) (more ?n ?m))
+    :effect (and (on ?x ?y) (at ?x ?l) (not (held ?x)) (load ?n) (not (load ?m)) (may-drive)
+                 (increase (total-cost) {place})))
+
+  (:action stack :parameters (?x ?y - thing ?l - site ?n ?m - count)
+    :precondition (and (working) (robot-at ?l) (held ?x) (takes ?y ?x) (at ?y ?l) (single ?y)
+                       (clear ?y) (load ?m) (more ?n ?m))
+    :effect (and (on ?x ?y) (at ?x ?l) (not (held ?x)) (not (clear ?y)) (load ?n) (not (load ?m))
+                 (may-drive) (increase (total-cost) {place})))
+
+  (:action finish :parameters () :precondition (working)
+    :effect (and (not (working)) (increase (total-cost) 0)))
+
+  (:action mean :parameters (?v - word ?x - thing)
+    :precondition (and (not (working)) (open ?v) (candidate ?v ?x) (not (taken ?v ?x)))
+    :effect (and (is ?v ?x) (not (open ?v)) (increase (total-cost) 0)
+                 (forall (?w - word) (when (differ ?v ?w) (taken ?w ?x)))))
+{actions})
+"""
+
+
+def pddl(problem: Problem) -> tuple[str, str]:
+    """Domain and problem as PDDL 2.1 with action costs.
+
+    Raises
+    ------
+    ValueError
+        A thing that is carried with what stands on it (a tray): that is not exported.
+    """
+    return _Writer(problem).write()
+
+
+def write_pddl(problem: Problem, folder: Path) -> tuple[Path, Path]:
+    """Write ``domain.pddl`` and ``problem.pddl`` into a folder, and say where they are."""
+    domain, task = pddl(problem)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = folder / "domain.pddl", folder / "problem.pddl"
+    for path, said in zip(paths, (domain, task), strict=True):
+        path.write_text(said)
+    return paths
+
+
+class _Writer:
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        names = {*problem.limits, *problem.takes, *problem.spots, *problem.on,
+                 *problem.on.values(), *problem.held}  # fmt: skip
+        names |= {n for ns in problem.candidates.values() for n in ns}
+        names |= {n for f in problem.facts for n in f[1:]}
+        for operator in problem.operators:
+            names |= {n for f in (*operator.adds, *operator.deletes, *operator.asks,
+                                  *operator.asks_not) for n in f[1:]}  # fmt: skip
+        # names of entities may hold any characters; those of PDDL may not
+        self.ids = {name: f"t{i}-{_plain(name)}" for i, name in enumerate(sorted(names))}
+        words = [*problem.candidates, *problem.regions]
+        self.words = {word: f"w{i}" for i, word in enumerate(words)}
+        for name in problem.carriers:
+            moves = name in problem.limits or name in problem.held
+            if moves and name not in problem.fixed:
+                raise ValueError(
+                    f"{name} is carried with what stands on it, which the PDDL export cannot say; "
+                    "plan it without --pddl"
+                )
+
+    def write(self) -> tuple[str, str]:
+        problem, t = self.problem, self.ids
+        predicates: list[str] = []
+        actions: list[str] = []
+        goals: list[str] = ["(not (working))"]
+        for k in range(len(problem.goal.atoms)):
+            predicates.append(f"(reached{k})")
+            goals.append(f"(reached{k})")
+            actions += self._reach(k)
+        arities = {(f[0], len(f) - 1) for f in problem.facts}
+        for operator in problem.operators:
+            every = (*operator.adds, *operator.deletes, *operator.asks, *operator.asks_not)
+            arities |= {(f[0], len(f) - 1) for f in every}
+        predicates += [
+            f"(f-{name} {' '.join(f'?x{i}' for i in range(n))} - thing)" if n else f"(f-{name})"
+            for name, n in sorted(arities)
+        ]
+        for i in range(len(problem.operators)):
+            predicates.append(f"(undone{i})")
+            actions += self._operator(i)
+        exempt = {*problem.held}
+        wanted = {n for a in problem.goal.atoms if a.relation == "carries"
+                  for n in problem.candidates[a.words[1]]}  # fmt: skip
+        for name in problem.limits:
+            if name in wanted - exempt:
+                predicates.append(f"(free-{t[name]})")
+                goals.append(f"(free-{t[name]})")
+                actions.append(_action(f"let-{t[name]}", f"(not (working)) (not (held {t[name]}))",
+                                       f"(free-{t[name]})"))  # fmt: skip
+                for a in problem.goal.atoms:
+                    if a.relation == "carries" and name in problem.candidates[a.words[1]]:
+                        word = self.words[a.words[1]]
+                        actions.append(_action(
+                            f"keep-{word}-{t[name]}", f"(not (working)) (is {word} {t[name]})",
+                            f"(free-{t[name]})"))  # fmt: skip
+            elif name not in exempt:
+                goals.append(f"(not (held {t[name]}))")
+        n, most = len(problem.sites), max([*problem.limits.values(), 0])
+        objects = [
+            f"{' '.join(t.values())} - thing" if t else "",
+            f"{' '.join(f's{i}' for i in range(n))} - site",
+            f"{' '.join(f'n{i}' for i in range(problem.capacity + 1))} - count",
+            f"{' '.join(f'l{i}' for i in range(most + 1))} - left",
+            f"{' '.join(self.words.values())} - word" if self.words else "",
+        ]
+        domain = _DOMAIN.format(
+            constants="".join(f"\n    {o}" for o in objects if o),
+            predicates="".join(f"\n    {p}" for p in predicates),
+            actions="".join(f"\n{a}" for a in actions),
+            pickup=milliseconds(problem.pickup),
+            place=milliseconds(problem.place),
+        )
+        return domain, self._problem(goals)
+
+    def _problem(self, goals: Sequence[str]) -> str:
+        problem, t = self.problem, self.ids
+        n = len(problem.sites)
+        most = max([*problem.limits.values(), 0])
+        said = ["(working)", "(may-drive)", "(robot-at s0)", "(= (total-cost) 0)"]
+        for a, b in product(range(n), repeat=2):
+            seconds = float(problem.seconds[a, b])
+            if a != b and seconds < math.inf:
+                said.append(f"(way s{a} s{b}) (= (seconds s{a} s{b}) {milliseconds(seconds)})")
+        said.append(f"(load n{len(problem.held)})")
+        said += [f"(more n{i} n{i + 1})" for i in range(problem.capacity)]
+        said += [f"(less l{i} l{i + 1})" for i in range(most)]
+        fixed_like = {n for n in t if n in problem.fixed or n in problem.carriers}
+        above = set(problem.on.values())
+        for name, of in t.items():
+            if name in problem.limits:
+                said.append(f"(left-of {of} l{problem.limits[name]})")
+            if name not in fixed_like and (name in problem.spots or name in problem.held):
+                said.append(f"(single {of})")
+                if name not in above:
+                    said.append(f"(clear {of})")
+            if name in problem.spots:
+                kind = "fixed" if name in problem.fixed else "at"
+                said.append(f"({kind} {of} s{problem.spots[name]})")
+        said += [f"(on {t[a]} {t[b]})" for a, b in problem.on.items()]
+        said += [f"(held {t[name]})" for name in problem.held]
+        said += [f"(takes {t[y]} {t[x]})" for y, xs in problem.takes.items() for x in xs]
+        for word, names in problem.candidates.items():
+            of = self.words[word]
+            said.append(f"(open {of})")
+            said += [f"(candidate {of} {t[name]})" for name in names]
+        for v, w in problem.differ:
+            said.append(f"(differ {self.words[v]} {self.words[w]})")
+            said.append(f"(differ {self.words[w]} {self.words[v]})")
+        said += [f"(f-{' '.join([f[0], *(t[x] for x in f[1:])])})" for f in problem.facts]
+        said += [f"(undone{i})" for i in range(len(problem.operators))]
+        lines = "\n    ".join
+        return (
+            f"; {problem.goal.text}\n(define (problem task) (:domain tasks)\n"
+            f"  (:init\n    {lines(said)})\n"
+            f"  (:goal (and\n    {lines(goals)}))\n"
+            "  (:metric minimize (total-cost)))\n"
+        )
+
+    def _reach(self, k: int) -> Iterator[str]:
+        """What makes an atom of the goal so in the end."""
+        problem, t = self.problem, self.ids
+        atom = problem.goal.atoms[k]
+        done = f"(reached{k})"
+        if atom.relation == "in" and atom.words[0].text == ROBOT:
+            for number, place in problem.finals:
+                if place in problem.regions[atom.words[1]]:
+                    yield _action(
+                        f"reach{k}-s{number}", f"(not (working)) (robot-at s{number})", done
+                    )
+            return
+        options = [
+            problem.candidates.get(w, []) if w.text != ROBOT else [ROBOT] for w in atom.words
+        ]
+        if atom.relation == "in" and atom.words[1] in problem.regions:
+            places = problem.regions[atom.words[1]]
+            for name in options[0]:
+                word = self.words[atom.words[0]]
+                for number, site in enumerate(problem.sites):
+                    if site.place in places:
+                        yield _action(
+                            f"reach{k}-{t[name]}-s{number}",
+                            f"(not (working)) (is {word} {t[name]}) (at {t[name]} s{number})", done,
+                        )  # fmt: skip
+            return
+        for chosen in product(*options):
+            pairs = [(w, n) for w, n in zip(atom.words, chosen, strict=True) if n != ROBOT]
+            means = " ".join(f"(is {self.words[w]} {t[n]})" for w, n in pairs)
+            if atom.relation == "carries":
+                fact = f"(held {t[chosen[1]]})"
+            elif atom.relation in ("on", "in"):
+                fact = f"(on {t[chosen[0]]} {t[chosen[1]]})"
+            else:
+                fact = self._fact((atom.relation, *chosen))
+            title = "-".join(t[n] for _, n in pairs)
+            yield _action(f"reach{k}-{title}", f"(not (working)) {means} {fact}", done)
+
+    def _fact(self, fact: Sequence[str]) -> str:
+        return f"(f-{' '.join([fact[0], *(self.ids[n] for n in fact[1:])])})"
+
+    def _operator(self, i: int) -> Iterator[str]:
+        """An action of a domain file, at each site where it can be done."""
+        problem, t = self.problem, self.ids
+        operator = problem.operators[i]
+        needs = ["(working)", f"(undone{i})", *(f"(held {t[n]})" for n in operator.held)]
+        needs += [f"(on {t[a]} {t[b]})" for a, b in operator.on]
+        needs += [self._fact(f) for f in operator.asks]
+        needs += [f"(not {self._fact(f)})" for f in operator.asks_not]
+        effects = [f"(not (undone{i}))", "(may-drive)", *(self._fact(f) for f in operator.adds)]
+        effects += [f"(not {self._fact(f)})" for f in operator.deletes if f not in operator.adds]
+        for number in [None] if operator.at is None else range(len(problem.sites)):
+            where = []
+            if number is not None and operator.at is not None:
+                if operator.at in problem.fixed and problem.spots[operator.at] != number:
+                    continue
+                kind = "fixed" if operator.at in problem.fixed else "at"
+                where = [f"(robot-at s{number})", f"({kind} {t[operator.at]} s{number})"]
+            yield _action(
+                f"do{i}-{operator.name}{'' if number is None else f'-s{number}'}",
+                " ".join([*needs, *where]), " ".join(effects), milliseconds(operator.seconds),
+            )  # fmt: skip
+
+
+def _action(name: str, needs: str, effects: str, cost: int = 0) -> str:
+    return (
+        f"  (:action {name} :parameters ()\n    :precondition (and {needs})\n"
+        f"    :effect (and {effects} (increase (total-cost) {cost})))"
+    )
+
+
+def _plain(name: str) -> str:
+    return "".join(c if c.isascii() and c.isalnum() else "-" for c in name.lower())

@@ -1,0 +1,83 @@
+"""Goals that robots pursue, what became of each step, and what one robot alone uses at a time."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Text, text
+from sqlalchemy.dialects.postgresql import ARRAY
+from sqlalchemy.orm import Mapped, mapped_column
+
+from semmap.model.base import Base
+from semmap.model.entity import Entity, Map
+
+__all__ = ["Mission", "MissionStep", "Reservation"]
+
+
+class Mission(Base):
+    """A goal of a robot, and whether it reached it: waiting, running, done, failed or cancelled.
+
+    `runner` is the process that runs it, `heartbeat` when that last said that it lives.
+    """
+
+    __tablename__ = "mission"
+    __table_args__ = (
+        Index("mission_map", "map_id"),
+        Index("mission_robot", "robot_id"),
+        Index(
+            "mission_running", "robot_id", unique=True, postgresql_where=text("state = 'running'")
+        ),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    robot_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
+    goal: Mapped[str]
+    state: Mapped[str] = mapped_column(server_default="waiting", default="waiting")
+    reason: Mapped[str | None]
+    runner: Mapped[str | None]
+    created_at: Mapped[datetime] = mapped_column(server_default=text("now()"))
+    heartbeat: Mapped[datetime | None]
+    ended_at: Mapped[datetime | None]
+
+
+class MissionStep(Base):
+    """One behaviour of a mission: planned, started, done or failed, and what it said."""
+
+    __tablename__ = "mission_step"
+    __table_args__ = (
+        Index(
+            "mission_step_started",
+            "mission_id",
+            unique=True,
+            postgresql_where=text("state = 'started'"),
+        ),
+    )
+
+    mission_id: Mapped[int] = mapped_column(
+        ForeignKey(Mission.id, ondelete="CASCADE"), primary_key=True
+    )
+    number: Mapped[int] = mapped_column(primary_key=True)
+    action: Mapped[str]
+    arguments: Mapped[list[str]] = mapped_column(ARRAY(Text))
+    stage: Mapped[dict[str, Any]]
+    state: Mapped[str] = mapped_column(server_default="planned", default="planned")
+    started_at: Mapped[datetime | None]
+    ended_at: Mapped[datetime | None]
+    cause: Mapped[str | None]
+    said: Mapped[str | None]
+
+
+class Reservation(Base):
+    """A connector or an elevator that one robot alone uses until it gives it back, or `expires`."""
+
+    __tablename__ = "reservation"
+    __table_args__ = (Index("reservation_robot", "robot_id"),)
+
+    resource_id: Mapped[int] = mapped_column(
+        ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
+    )
+    robot_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
+    since: Mapped[datetime] = mapped_column(server_default=text("clock_timestamp()"))
+    expires: Mapped[datetime]

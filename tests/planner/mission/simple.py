@@ -1,0 +1,103 @@
+"""A planner for one thing at a time: the shortest way to it, and with it to where it shall lie."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+from sqlalchemy import text
+
+from planner.mission.without import topology_without
+from planner.plan import Action, Plan
+from planner.route import NoRouteError, Route
+from planner.source import read_topology
+from semmap.geometry.pose import Pose
+
+WHERE = """
+SELECT h.name AS holder, p.relation, w.pose, r.name AS place, rw.pose AS room
+FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id
+LEFT JOIN entity h ON h.id = p.holder_id
+LEFT JOIN LATERAL (SELECT k.id, k.name FROM holders_of(ARRAY[e.id]) o
+                   JOIN entity k ON k.id = o AND k.kind = 'room' LIMIT 1) r ON true
+LEFT JOIN world rw ON rw.entity_id = r.id
+WHERE e.id = entity_id(:name)
+"""
+INSTANCES = """
+SELECT o.label FROM object_type o WHERE o.map_id = current_map() AND o.type = :type ORDER BY o.label
+"""
+
+
+def simple_planner(
+    connection: Any, robot: str, goal: str, *, without: frozenset[str] = frozenset()
+) -> Plan:
+    topology = read_topology(connection)
+    network = topology_without(topology, without).network()
+    where = {r: connection.execute(text(WHERE), {"name": r}).one_or_none() for r in (robot,)}
+    here, pose = where[robot].place, Pose(*where[robot].pose)
+    said = re.fullmatch(r"(on|in)\((\w+), ([\w-]+)\)", goal)
+    if said is None:
+        raise ValueError(f"{goal} is no goal")
+    relation, what, target = said.groups()
+    if what == "robot":
+        if here == target:
+            return Plan(goal, (), 0.0, 0.0)
+        return plan(goal, way(network.route(network.site(here, pose), network.site(target))))
+    names = [what, *connection.execute(text(INSTANCES), {"type": what}).scalars()]
+    things = {n: connection.execute(text(WHERE), {"name": n}).one_or_none() for n in names}
+    things = {n: row for n, row in things.items() if row is not None}
+    if any(row.holder == target and row.relation == relation for row in things.values()):
+        return Plan(goal, (), 0.0, 0.0)
+    held = [n for n, row in things.items() if row.holder == robot]
+    to = connection.execute(text(WHERE), {"name": target}).one()
+    over = stand(to)
+    if held:
+        route = network.route(network.site(here, pose), network.site(to.place, over))
+        put = Action("place", (held[0], target), 10.0, way(route)[-1].steps, over)
+        return plan(goal, [*way(route)[:-1], put])
+    best: tuple[float, list[Action]] | None = None
+    why: Exception = ValueError(f"no {what} is left")
+    for name, row in things.items():
+        if name in without:
+            continue
+        at = stand(row)
+        try:
+            first = network.route(network.site(here, pose), network.site(row.place, at))
+            then = network.route(network.site(row.place, at), network.site(to.place, over))
+        except NoRouteError as error:
+            why = error
+            continue
+        take = Action("pickup", (name, row.holder), 10.0, way(first)[-1].steps, at)
+        put = Action("place", (name, target), 10.0, way(then)[-1].steps, over)
+        actions = [*way(first)[:-1], take, *way(then)[:-1], put]
+        if best is None or first.seconds + then.seconds < best[0]:
+            best = (first.seconds + then.seconds, actions)
+    if best is None:
+        raise why
+    return plan(goal, best[1])
+
+
+def stand(row: Any) -> Pose:
+    """Beside a thing, towards the middle of its room."""
+    at, room = Pose(*row.pose), Pose(*row.room)
+    return Pose.planar(at.x, at.y - 0.7 if at.y > 2 else at.y + 0.7, 0.0, room.z)
+
+
+def way(route: Route) -> list[Action]:
+    """An action a transition, with the walk before it; the walk at the end is one more."""
+    actions, waiting = [], []
+    for step in route.stages:
+        waiting.append(step)
+        if step.behaviour not in ("navigate", "open_door", "unlock_door", "switch_map"):
+            actions.append(Action(step.behaviour, (), step.seconds, tuple(waiting)))
+            waiting = []
+    return [*actions, Action("drive", (), 0.0, tuple(waiting))]
+
+
+def plan(goal: str, actions: list[Action]) -> Plan:
+    if actions and actions[-1].name == "drive":
+        if actions[-1].steps:
+            actions[-1] = replace(actions[-1], name="navigate")
+        else:
+            actions.pop()
+    return Plan(goal, tuple(actions), 0.0, 0.0)

@@ -1,0 +1,29 @@
+"""Failures as one says them."""
+
+from __future__ import annotations
+
+import pytest
+
+from planner.mission.failures import FailureRule
+
+
+@pytest.mark.parametrize(
+    ("said", "rule"),
+    [
+        ("door5 locked", FailureRule("door5", "locked")),
+        ("pickup fails once", FailureRule("pickup", times=1)),
+        ("pickup fails 7", FailureRule("pickup", times=7)),
+        ("drop fails 0.25", FailureRule("drop", chance=0.25)),
+    ],
+)
+def test_rules(said: str, rule: FailureRule) -> None:
+    assert FailureRule.parse(said) == rule
+
+
+@pytest.mark.parametrize(
+    "said", ["", "door5", "door5 gone", "grasp fails", "pickup fails 1.5", "jump fails once",
+             "pickup fails -1", "pickup fails nan", "pickup fails 0"]
+)  # fmt: skip
+def test_what_is_none(said: str) -> None:
+    with pytest.raises(ValueError, match="is no failure: say 'door5 locked'"):
+        FailureRule.parse(said)

@@ -1,0 +1,66 @@
+"""Plans cost what a stock planner finds for the exported problem."""
+
+import warnings
+
+import pytest
+from hypothesis import given, settings
+
+from planner.tasks import NoPlanError, State, parse_goal, plan_task
+from planner.tasks.pddl import write_pddl
+from planner.tasks.problem import pose_problem
+from tests.planner.office import office
+from tests.planner.tasks.houses import houses
+from tests.planner.tasks.test_plan import office_world
+
+
+def solved(problem, folder):
+    """Milliseconds of the plan of Fast Downward, optimal; None where there is none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from unified_planning.io import PDDLReader
+        from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+        get_environment().credits_stream = None
+        task = PDDLReader().parse_problem(*map(str, write_pddl(problem, folder)))
+        with OneshotPlanner(name="fast-downward-opt") as planner:
+            found = planner.solve(task).plan
+    if found is None:
+        return None
+    metric = task.quality_metrics[0]
+    total = 0
+    for step in found.actions:
+        cost = metric.get_action_cost(step.action)
+        if cost is None:
+            continue
+        bound = dict(zip(step.action.parameters, step.actual_parameters, strict=True))
+        value = cost.substitute({task.environment.expression_manager.ParameterExp(p): v
+                                 for p, v in bound.items()}).simplify()  # fmt: skip
+        total += value.constant_value() if value.is_constant() else (
+            task.initial_value(value).constant_value())  # fmt: skip
+    return total
+
+
+def test_figure_4_costs_the_same(tmp_path):
+    network = office().network()
+    goal = parse_goal("on(muffin, desk1)")
+    problem = pose_problem(network, office_world(), State("lab1"), goal)
+    plan = plan_task(network, office_world(), State("lab1"), goal)
+    assert solved(problem, tmp_path) == pytest.approx(1000 * plan.seconds, abs=2)
+
+
+@settings(max_examples=8)
+@given(houses(most_things=2))
+def test_random_houses_cost_the_same(tmp_path_factory, house):
+    network = house.topology.network(house.robot)
+    goal = parse_goal(house.goal)
+    try:
+        problem = pose_problem(network, house.world, house.state, goal)
+    except NoPlanError:
+        return
+    found = solved(problem, tmp_path_factory.mktemp("pddl"))
+    try:
+        plan = plan_task(network, house.world, house.state, goal)
+    except NoPlanError:
+        assert found is None
+        return
+    assert found == pytest.approx(1000 * plan.seconds, abs=len(plan.actions))
