@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,8 +84,10 @@ class Live:
         self._lock = threading.RLock()
         self.catch_up()
 
-    def asker(self) -> Asker:
-        """What answers questions about routes."""
+    def asker(self, robot: str | RobotClass | None = None) -> Asker:
+        """What answers questions about routes, for this class of robots or another."""
+        if robot is not None and robot not in (self._robot, self.network.robot):
+            return Live(self._engine, self._map_name, robot, rules=self._rules).asker()
         return Asker(self.network, self._look_up, self._place_at, self.ground, self._rules)
 
     def catch_up(self) -> Changed:
@@ -151,7 +154,7 @@ class Live:
 
     def _load(self, connection: Connection, now: str) -> Changed:
         """All of it: walks that still hold from the database, the others measured and kept."""
-        self.topology = source.read_topology(connection)
+        self.topology = replace(source.read_topology(connection), asker=self.asker)
         robot, times = RobotClass(), Times()
         if isinstance(self._robot, RobotClass):
             robot = self._robot

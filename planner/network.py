@@ -75,6 +75,7 @@ class Network:
     stands : poses in the map's frame; stand 2 i + side is before connector i, in ``places[side]``
     tails, heads : (E,) int32, stands
     seconds, metres : (E,) float64; what a barred edge would take if it were not is in `base`
+    lock : who changes the network, or lays penalties on it, holds it
     """
 
     def __init__(
@@ -108,7 +109,7 @@ class Network:
         self._to = np.where(passes, self.heads + count, self.heads)
         self.graph = Graph(self._from, self._to, self.seconds, 2 * count, least=self._least())
         self._extra: dict[int, str] = {}
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
 
     # -- edges: passages first, then walks place by place, then rides --------------------------
 
@@ -223,23 +224,25 @@ class Network:
         before = self.connectors[number]
         if (before.places, before.poses) != (connector.places, connector.poses):
             raise ValueError(f"{connector.name} joins other places now: make the network anew")
-        self.connectors[number] = connector
-        self.topology.connectors[connector.name] = connector
-        edges = np.array([2 * number, 2 * number + 1])
-        self.base[edges] = self._passing([connector])
-        self.seconds[edges] = np.where(self._barred([connector]), math.inf, self.base[edges])
-        self.graph.set_weights(edges, self.seconds[edges])
+        with self.lock:
+            self.connectors[number] = connector
+            self.topology.connectors[connector.name] = connector
+            edges = np.array([2 * number, 2 * number + 1])
+            self.base[edges] = self._passing([connector])
+            self.seconds[edges] = np.where(self._barred([connector]), math.inf, self.base[edges])
+            self.graph.set_weights(edges, self.seconds[edges])
 
     def change_walks(self, place: str) -> None:
         """Ask anew how long the ways inside of a place are."""
         edges = self.walk_edges.get(place)
         if edges is None or edges.start == edges.stop:
             return
-        walks = self._walks_again(place)
-        self.base[edges], self.metres[edges] = walks.seconds, walks.metres
-        if place != OUTSIDE or self.robot.outside:
-            self.seconds[edges] = self.base[edges]
-        self.graph.set_weights(np.arange(edges.start, edges.stop), self.seconds[edges])
+        with self.lock:
+            walks = self._walks_again(place)
+            self.base[edges], self.metres[edges] = walks.seconds, walks.metres
+            if place != OUTSIDE or self.robot.outside:
+                self.seconds[edges] = self.base[edges]
+            self.graph.set_weights(np.arange(edges.start, edges.stop), self.seconds[edges])
 
     def walks_again(self, place: str) -> Floats:
         """What the walks of a place take now, seconds, in the order of its edges."""
@@ -259,7 +262,7 @@ class Network:
 
         Other threads wait. What routes take remains what they take; only which is chosen differs.
         """
-        with self._lock:
+        with self.lock:
             edges = np.array(sorted({*seconds, *bars}), np.int64)
             dearer = self.seconds[edges] + [seconds.get(int(e), 0.0) for e in edges]
             dearer[[int(e) in bars for e in edges]] = math.inf
@@ -332,16 +335,31 @@ class Network:
         return self._along(start, goal, found[1])
 
     def alternatives(self, start: Site, goal: Site, k: int) -> list[Route]:
-        """The k shortest routes, none with the same stand twice; fewer where there are no more."""
-        found = [
-            self._along(start, goal, edges)
-            for _, edges in self.graph.alternatives(*self._ends(start, goal), k)
-        ]
+        """The k shortest routes, none with the same stand twice; fewer where there are no more.
+
+        No two pass the same connectors and ride the same elevators in the same order.
+        """
+        found: dict[tuple[object, ...], Route] = {}
+        asked, more = k, True
+        while more and len(found) < k:
+            ways = self.graph.alternatives(*self._ends(start, goal), asked)
+            for _, edges in ways:
+                found.setdefault(self._transitions(edges), self._along(start, goal, edges))
+            more, asked = len(ways) == asked, 2 * asked
         if start.place == goal.place:
-            inside = self._inside(start, goal)
-            if math.isfinite(inside[0]):
-                found.append(self._route(start, goal, (), inside[0], inside[1]))
-        return sorted(found, key=lambda r: r.seconds)[:k]
+            seconds, metres = self._inside(start, goal)
+            if math.isfinite(seconds):
+                found[()] = self._route(start, goal, (), seconds, metres)
+        return sorted(found.values(), key=lambda r: r.seconds)[:k]
+
+    def _transitions(self, edges: Edges) -> tuple[object, ...]:
+        """The passages among edges, and the cabins that rides lead to."""
+        passages = 2 * len(self.connectors)
+        return tuple(
+            int(e) if e < passages else (self.rides[int(e)], self.place_of[int(self.heads[e])])
+            for e in edges
+            if e < passages or int(e) in self.rides
+        )
 
     def _leaving(self, site: Site) -> tuple[NDArray[np.int64], Floats]:
         """The nodes from which ways lead away from a site; in a cabin rides do, too."""
@@ -419,9 +437,10 @@ class Network:
         for edge in edges:
             a, b = int(self.tails[edge]), int(self.heads[edge])
             if edge in self.rides:
-                if waiting[1] > 0 or at is None:
-                    yield self._step("navigate", here, here, at, _turned(self.stands[a]), *waiting)
-                    at, waiting = _turned(self.stands[a]), (0.0, 0.0)
+                before = _turned(self.stands[a])
+                if at != before:
+                    yield self._step("navigate", here, here, at, before, *waiting)
+                    at, waiting = before, (0.0, 0.0)
                 there = self.place_of[b]
                 yield self._step(
                     "use_elevator", here, there, at, self.stands[b], float(self.seconds[edge]),
@@ -435,7 +454,7 @@ class Network:
                     waiting[1] + float(self.metres[edge]),
                 )
             else:
-                if waiting[1] > 0 or at is None:
+                if at != self.stands[a]:
                     yield self._step("navigate", here, here, at, self.stands[a], *waiting)
                 waiting = (0.0, 0.0)
                 yield from self._passage(edge)
@@ -502,6 +521,9 @@ class Network:
     def why_not(self, start: Site, goal: Site) -> str:
         """Which forbidden passages the way with the fewest of them would need, in words."""
         said = f"no route from {start.place} to {goal.place}"
+        if start.place == goal.place and start.pose is not None and goal.pose is not None:
+            a, b = (f"({p.x:.2f}, {p.y:.2f})" for p in (start.pose, goal.pose))
+            return f"{said}: {self.robot.name} finds no way in {start.place} from {a} to {b}"
         for place in (start.place, goal.place):
             if not len(self.nodes.get(place, ())):
                 return f"{said}: {place} has no door; add a connector that joins it"

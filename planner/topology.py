@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,8 +17,12 @@ import shapely
 from semmap.geometry.pose import Pose
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
+    from planner.ask import Asker, Said
     from planner.network import Network
     from planner.robot_class import RobotClass
+    from planner.route import Route
     from planner.times import Times
     from planner.walks import Walks
 
@@ -148,6 +152,8 @@ class Region:
 class Topology:
     """What joins what: places by name, connectors by name; and regions of places.
 
+    `asker` answers on the map that the topology was read from, for a class of robots.
+
     `OUTSIDE` is a place wherever a connector leads there.
 
     Raises
@@ -159,6 +165,9 @@ class Topology:
     places: dict[str, Place] = field(default_factory=dict)
     connectors: dict[str, Connector] = field(default_factory=dict)
     regions: tuple[Region, ...] = ()
+    asker: Callable[[str | RobotClass | None], Asker] | None = field(
+        default=None, compare=False, repr=False
+    )
 
     @classmethod
     def of(
@@ -221,6 +230,33 @@ class Topology:
             if place.elevator is not None:
                 found.setdefault(place.elevator, []).append(place.name)
         return found
+
+    def route(
+        self,
+        start: Said,
+        goal: Said,
+        *,
+        robot: str | RobotClass | None = None,
+        avoid: Sequence[str] = (),
+        at: datetime | None = None,
+    ) -> Route:
+        """The route that takes the least time for a class of robots.
+
+        From a place, or a pose in one, to the like, or to the nearest place of a label or type;
+        where the topology follows a map (`planner.live.Live`), from and to its things and regions,
+        too, over the robot's costmaps. See `planner.ask.Asker.route`.
+
+        Raises
+        ------
+        UnknownPlaceError, NoRouteError
+        """
+        if self.asker is not None:
+            return self.asker(robot).route(start, goal, avoid=avoid, at=at)[0]
+        from planner.ask import Asker  # which stands on this module
+
+        if isinstance(robot, str):
+            raise ValueError(f"a topology of no map knows no robot {robot}: give a RobotClass")
+        return Asker(self.network(robot)).route(start, goal, avoid=avoid, at=at)[0]
 
     def network(
         self,
