@@ -70,7 +70,7 @@ class Place:
     type, label : semantic type and function (``kitchen``), where known
     storey : name of the storey, where known
     elevator : name of the elevator whose cabin this is
-    types : the type and what subsumes it, the nearest first
+    types : the type, and then what subsumes it
     properties : as the map has them
     floor : z of its ground, metres in the map's frame
     id : of its entity, where it comes from a map
