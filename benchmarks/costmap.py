@@ -16,13 +16,14 @@ from benchmarks import office
 from benchmarks.timing import Row, print_rows
 from navgrid.costmap import Costmap
 from navgrid.grid import Grid
-from navgrid.source import changes_since, cursor, read_scene, read_things
+from navgrid.source import read_scene, read_things
 from semmap.database import connect
 from semmap.geometry.mesh import join
 from semmap.geometry.pose import Pose
 from semmap.ingest.store import store_world
 from semmap.ingest.types import load_tbox
 from semmap.ingest.world import Entry, Shape, World
+from semmap.query.changes import changed_since, cursor
 from semmap.robot import Group, load_robot, robot_parts
 
 __all__ = ["main"]
@@ -112,7 +113,7 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
         )  # fmt: skip
         connection.commit()
         start = time.perf_counter()
-        ids, since = changes_since(connection, since)
+        ids, since = changed_since(connection, since), cursor(connection)
         things = read_things(connection, ids)
         costmap.update(things, set(ids) - {t.id for t in things})
         updates.append(time.perf_counter() - start)

@@ -14,7 +14,6 @@ from sqlalchemy import Engine, text
 from benchmarks.rooms import rooms
 from benchmarks.timing import Row, print_rows
 from navgrid.costmap_command import parts_of
-from navgrid.source import cursor
 from planner.demo import office_files
 from planner.live import Changed, Live
 from planner.robot_class import RobotClass
@@ -22,6 +21,7 @@ from planner.source import Walk, keep_robot_class, keep_walked_until, keep_walks
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
+from semmap.query.changes import cursor
 from tests.planner.stored import store
 
 __all__ = ["main"]

@@ -19,8 +19,7 @@ from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
 from semmap.query.storeys import read_storeys, supertypes
 
-__all__ = ["changes_since", "cursor", "read_scene", "read_storey_names", "read_things",
-           "read_wanted_storeys"]  # fmt: skip
+__all__ = ["read_scene", "read_storey_names", "read_things", "read_wanted_storeys"]
 
 BELOW, TOP = 0.5, 3.0
 """Metres below a storey's floor, and above the highest one's, of what belongs to its grid."""
@@ -34,6 +33,11 @@ WHERE e.map_id = current_map() ORDER BY s.elevation, e.id
 """
 
 _THINGS = """
+WITH RECURSIVE carried (id) AS (
+    SELECT p.entity_id FROM placement p JOIN entity a ON a.id = p.holder_id AND a.kind = 'agent'
+    WHERE a.map_id = current_map()
+    UNION SELECT p.entity_id FROM carried c JOIN placement p ON p.holder_id = c.id
+)
 SELECT e.id, e.name, e.kind, e.type, e.properties, w.pose, c.state, c.width, c.pose_a, c.pose_b,
        r.floor, lower(g.valid) AS since, upper(g.valid) AS until,
        CASE WHEN e.kind IN ('room', 'region') THEN ST_AsBinary(w.footprint) END AS footprint,
@@ -47,6 +51,7 @@ FROM world w JOIN entity e ON e.id = w.entity_id
      LEFT JOIN connector c ON c.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
      LEFT JOIN region g ON g.entity_id = e.id
 WHERE e.map_id = current_map() AND e.kind IN ('room', 'object', 'region', 'connector', 'agent')
+      AND e.id NOT IN (SELECT id FROM carried)
 """
 
 _ON_STOREY = """
@@ -80,6 +85,8 @@ def read_scene(
 ) -> Scene:
     """What stands on a storey, or in a part of it, at a moment (regions that hold then).
 
+    What an agent carries is a part of it, and left out.
+
     Parameters
     ----------
     bounds : only what is in or near these, on the ground
@@ -106,27 +113,28 @@ def read_scene(
     return Scene(storey, elevation, tuple(things), tuple(_places(rows, rooms)), (low, high))
 
 
-def read_things(connection: Connection, ids: Iterable[int]) -> list[Thing]:
-    """The entities of these ids that are placed in the current map, as `read_scene` gives them."""
-    rows = connection.execute(
-        text(_THINGS + "  AND e.id = ANY(:ids) ORDER BY e.id"), {"ids": [*ids]}
-    ).all()
-    return _things(connection, rows)
+def read_things(
+    connection: Connection,
+    ids: Iterable[int],
+    *,
+    storey: str | None = None,
+    moment: datetime | None = None,
+) -> list[Thing]:
+    """The entities of these ids that are placed in the current map, as `read_scene` gives them.
 
-
-def cursor(connection: Connection) -> str:
-    """Where the history of the database stands now, for `changes_since`."""
-    return str(connection.execute(text("SELECT change_cursor()")).scalar_one())
-
-
-def changes_since(connection: Connection, since: str) -> tuple[list[int], str]:
-    """The ids of the current map's entities that changed after a cursor, and the next cursor."""
-    rows = connection.execute(
-        text("SELECT entities, cursor FROM changes_since(:since) WHERE map_id = current_map()"),
-        {"since": since},
-    ).all()
-    ids = sorted({number for row in rows for number in row.entities})
-    return ids, str(rows[-1].cursor) if rows else since
+    Parameters
+    ----------
+    storey : only what stands there
+    moment : only regions that hold then
+    """
+    values: dict[str, Any] = {"ids": [*ids]}
+    where = "  AND e.id = ANY(:ids) "
+    if storey is not None:
+        low, high, _, storey_id = _band(connection, storey)
+        values |= {"storey": storey_id, "low": low, "high": high}
+        where += _ON_STOREY
+    rows = connection.execute(text(_THINGS + where + "ORDER BY e.id"), values).all()
+    return [t for t in _things(connection, rows) if t.holds_at(moment)]
 
 
 def read_wanted_storeys(connection: Connection, name: str | None = None) -> list[StoreyView]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import groupby
 
@@ -125,7 +125,7 @@ class Asker:
     def _sites(self, said: Said, drawn: int) -> list[Site]:
         """Where a robot may stand for what is said."""
         if isinstance(said, Target):
-            return self._sites_of(said, drawn)
+            return self._sites_of(self._placed(said), drawn)
         if isinstance(said, tuple):
             return [self._at(said[0], said[1])]
         if isinstance(said, Pose):
@@ -136,7 +136,10 @@ class Asker:
         topology = self.network.topology
         if said in topology.places:
             return [self.network.site(said)]
-        targets = [t for t in self.look_up(said) if t.place in topology.places]
+        found = [self._placed(t) for t in self.look_up(said)]
+        targets = [t for t in found if t.place in topology.places]
+        if found and not targets:
+            raise NoRouteError(f"no room holds {found[0].name}: move it into one, or draw its room")
         targets = targets or [
             Target(p.name, "room", p.name)
             for p in topology.places.values()
@@ -145,15 +148,21 @@ class Asker:
         if not targets:
             raise UnknownPlaceError(said, self._names())
         sites: list[Site] = []
-        why: NoBasePoseError | None = None
+        why: NoRouteError | None = None
         for target in targets:
             try:
                 sites += self._sites_of(target, drawn)
-            except NoBasePoseError as error:
+            except NoRouteError as error:
                 why = why or error
         if not sites:
             raise NoRouteError(str(why))
         return sites
+
+    def _placed(self, target: Target) -> Target:
+        """With the room in which its pose is, where no room holds it."""
+        if target.place is not None or target.pose is None:
+            return target
+        return replace(target, place=self.place_at(target.pose))
 
     def _sites_of(self, target: Target, drawn: int) -> list[Site]:
         place = target.place

@@ -17,6 +17,7 @@ from navgrid.area import area_cells
 from navgrid.headings import footprint_cells
 from navgrid.inflation import INSCRIBED
 from planner.ground import Ground
+from planner.route import NoRouteError
 from planner.target import Target
 from semmap.geometry.pose import Pose
 
@@ -28,7 +29,7 @@ SECTORS = 24
 WALLS = "room_geometry"
 
 
-class NoBasePoseError(ValueError):
+class NoBasePoseError(NoRouteError):
     """A robot finds no free pose there; the message says why."""
 
 

@@ -7,7 +7,7 @@ door that is shut bars its passage, not the way to it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -214,25 +214,25 @@ class Ground:
 
     # -- changes --------------------------------------------------------------------------------
 
-    def update(self, things: Sequence[Thing], gone: Collection[int]) -> set[str]:
-        """Take in what moved, came or went; the places whose costs are others now.
+    def storeys(self) -> list[str]:
+        """The storeys of which there are costmaps."""
+        return [*self._costmaps]
 
-        Where a room, a region or a storey changed, the costmaps are made anew when asked for, and
-        all of their places may be others.
+    def update(
+        self, changed_ids: Collection[int], things: Mapping[str, Sequence[Thing]]
+    ) -> set[str]:
+        """Take in objects and regions that moved, came or went; the places whose costs differ.
+
+        Parameters
+        ----------
+        changed_ids : of all that changed
+        things : those of them that are now on a storey, for each storey that has a costmap
         """
-        if any(t.kind in ("room", "region") for t in things) or any(
-            self._is_area(number) for number in gone
-        ):
-            places = {p for p, room in self._rooms.items() if room is not None}
-            self._costmaps.clear()
-            self._rooms.clear()
-            return places
         changed: set[str] = set()
         for storey, costmap in self._costmaps.items():
-            here = [t for t in things if t.kind == "object" and costmap.scene.reaches(t)]
-            known = {t.id for t in things} - {t.id for t in here} | set(gone)
+            here = [t for t in things[storey] if t.kind in ("object", "region")]
             before = costmap.master.copy()
-            window = costmap.update(here, known)
+            window = costmap.update(here, {*changed_ids} - {t.id for t in here})
             if window is None:
                 continue
             differs = np.zeros(costmap.grid.shape, np.bool_)
@@ -244,10 +244,3 @@ class Ground:
                 if room is not None and (differs[room.window] & room.cells).any():
                     changed.add(place)
         return changed
-
-    def _is_area(self, number: int) -> bool:
-        return any(
-            t.id == number and t.kind in ("room", "region")
-            for costmap in self._costmaps.values()
-            for t in costmap.scene.things
-        )

@@ -6,20 +6,21 @@ changed: a NOTIFY wakes, and what changed is read from the history by a cursor.
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 import numpy as np
 import psycopg
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine, text
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError
 
 from navgrid.scene import Scene
-from navgrid.source import changes_since, cursor, read_things
 from planner import source
 from planner.ask import Asker
 from planner.ground import Ground
@@ -28,8 +29,9 @@ from planner.robot_class import RobotClass
 from planner.rules import Rules
 from planner.target import Target
 from planner.times import Times
-from planner.topology import OUTSIDE, Topology
+from planner.topology import OUTSIDE, Connector, Topology
 from semmap.geometry.pose import Pose
+from semmap.query.changes import changed_since, cursor, reaches_back
 
 __all__ = ["Changed", "Live"]
 
@@ -58,12 +60,11 @@ class Live:
 
     Attributes
     ----------
-    topology, network, ground : as they are since the last look; no ground for a robot without shape
+    topology, network : as they are since the last look
     """
 
     topology: Topology
     network: Network
-    ground: Ground | None
 
     def __init__(
         self,
@@ -81,38 +82,70 @@ class Live:
         self._progress = progress
         self._since: str | None = None
         self._id: int | None = None
+        self._class_state: str | None = None
+        self._agents: set[int] = set()
+        self._timed: dict[int, list[datetime]] = {}
+        self._looked: datetime | None = None
+        self._owed: set[str] = set()
+        self._warm = False
         self._lock = threading.RLock()
+        self._compared = False
         self.catch_up()
+
+    @property
+    def ground(self) -> Ground | None:
+        """The costmaps; None for a robot without shape."""
+        walks = self.network.walks
+        return walks if isinstance(walks, Ground) else None
 
     def asker(self, robot: str | RobotClass | None = None) -> Asker:
         """What answers questions about routes, for this class of robots or another."""
         if robot is not None and robot not in (self._robot, self.network.robot):
             return Live(self._engine, self._map_name, robot, rules=self._rules).asker()
-        return Asker(self.network, self._look_up, self._place_at, self.ground, self._rules)
+        network = self.network  # with its ground, though another thread may load anew
+        ground = network.walks if isinstance(network.walks, Ground) else None
+        return Asker(network, self._look_up, self._place_at, ground, self._rules)
 
     def catch_up(self) -> Changed:
         """Take in what changed since the last look, all the first time."""
-        with self._lock, self._snapshot() as connection:
-            now = cursor(connection)
-            ids = [] if self._since is None else changes_since(connection, self._since)[0]
-            if self._since is None:
-                changed = self._load(connection, now)
-            elif ids:
-                changed = self._take_in(connection, ids, now)
-            else:
-                changed = Changed()
-            connection.commit()
-            self._since = now
-            return changed
+        with self._lock:
+            try:
+                with self._snapshot() as connection:
+                    return self._look(connection)
+            except DBAPIError as error:
+                if error.connection_invalidated:
+                    self._since = None  # a server that crashed gives numbers that we saw again
+                raise
+
+    def _look(self, connection: Connection) -> Changed:
+        now, moment = cursor(connection), source.read_moment(connection)
+        if self._since is None:
+            changed = self._load(connection, now)
+        else:
+            ids = changed_since(connection, self._since) | self._expired(moment)
+            changed = self._take_in(connection, ids, now) if ids else Changed()
+        connection.commit()
+        self._since, self._looked = now, moment
+        if self._warm:
+            self.warm()
+        return changed
+
+    def _expired(self, moment: datetime) -> set[int]:
+        """The regions that began or ceased to hold since the last look."""
+        before = self._looked
+        if before is None:
+            return {*self._timed}
+        return {n for n, ends in self._timed.items() if any(before < t <= moment for t in ends)}
 
     def warm(self) -> None:
-        """Make the costmaps of all storeys, so that changes are taken in at once."""
-        if self.ground is None:
-            return
+        """Make the costmaps of all storeys, now and after each load: changes are then fast."""
         with self._lock:
-            for place in self.topology.places:
-                if place != OUTSIDE:
-                    self.ground.room(place)
+            self._warm = True
+            ground = self.ground
+            if ground is not None and not ground.is_whole():
+                for place in self.topology.places:
+                    if place != OUTSIDE:
+                        ground.room(place)
 
     def follow(
         self,
@@ -128,22 +161,31 @@ class Live:
         heard : called with what changed, after it is taken in
         patience : seconds between looks whether to stop, and before another try to connect
         """
-        self.warm()
         while not stop.is_set():
             try:
+                self.warm()
                 with self._engine.connect() as connection:
                     driver = connection.connection.driver_connection
+                    connection.detach()  # closed in the end: no other user of the pool listens
                     assert isinstance(driver, psycopg.Connection)
                     driver.autocommit = True
                     driver.execute("LISTEN semmap")
                     self._tell(heard)
                     while not stop.is_set():
-                        if any(True for _ in driver.notifies(timeout=patience, stop_after=1)):
+                        told = [*driver.notifies(timeout=patience, stop_after=1)]
+                        if self._expired(datetime.now(UTC)) or not all(map(self._is_idle, told)):
                             self._tell(heard)
-                    driver.execute("UNLISTEN semmap")
-                    driver.autocommit = False
             except (psycopg.OperationalError, DBAPIError):
-                stop.wait(patience)  # the server is away; the cursor knows where we were
+                stop.wait(patience)  # the server is away
+                with self._lock:
+                    self._since = None
+
+    def _is_idle(self, told: psycopg.Notify) -> bool:
+        """Whether it tells of nothing but agents that moved."""
+        said = json.loads(told.payload or "{}")
+        moved = said.get("moved")
+        only = not {"added", "changed", "removed", "reshaped"} & {*said}
+        return only and isinstance(moved, list) and self._agents.issuperset(moved)
 
     def _tell(self, heard: Callable[[Changed], None] | None) -> None:
         changed = self.catch_up()
@@ -154,46 +196,51 @@ class Live:
 
     def _load(self, connection: Connection, now: str) -> Changed:
         """All of it: walks that still hold from the database, the others measured and kept."""
-        self.topology = replace(source.read_topology(connection), asker=self.asker)
+        topology = replace(source.read_topology(connection), asker=self.asker)
         robot, times = RobotClass(), Times()
         if isinstance(self._robot, RobotClass):
             robot = self._robot
         elif self._robot is not None:
             self._id, robot, times = source.read_robot_class(connection, self._robot)
-        self.ground, kept = None, None
-        digests: dict[int, str] = {}
+            self._class_state = source.class_state(connection, self._id)
+        self._timed = source.read_timed_regions(connection)
+        ground, kept = None, None
         if robot.parts:
-            self.ground = Ground(self.topology, robot, self._read_scene)
+            ground = Ground(topology, robot, self._read_scene)
             if self._id is not None:
-                kept, digests = self._kept(connection, robot)
-        total = len(self.topology.places)
-        if self._progress is not None and self.ground is not None:
-            self.ground.tell(lambda place, n: self._progress and self._progress(place, n, total))
-        self.network = Network(self.topology, robot, times=times, walks=self.ground, kept=kept)
-        if self._id is not None and self.ground is not None:
-            places = [p for p in self.network.measured if p != OUTSIDE]
-            if places and not digests:
-                digests = source.place_digests(connection, _reach(robot))
-            if digests:
-                self._keep(connection, places, now, digests)
+                kept = self._kept(connection, topology, robot)
+        total = len(topology.places)
+        if self._progress is not None and ground is not None:
+            ground.tell(lambda place, n: self._progress and self._progress(place, n, total))
+        network = Network(topology, robot, times=times, walks=ground, kept=kept)
+        self.topology, self.network = topology, network
+        self._owed.clear()
+        measured = [p for p in network.measured if p != OUTSIDE]
+        if measured or self._compared:
+            self._keep(connection, measured, now)
         return Changed(all=True)
 
     def _kept(
-        self, connection: Connection, robot: RobotClass
-    ) -> tuple[KeptWalks | None, dict[int, str]]:
-        """The walks that still hold, and the state of places, where it had to be looked at."""
+        self, connection: Connection, topology: Topology, robot: RobotClass
+    ) -> KeptWalks | None:
+        """The walks that still hold."""
         assert self._id is not None
+        self._compared = False
         until = source.walked_until(connection, self._id)
         if until is None:
-            return None, {}
+            return None
         rows = source.read_walks(connection, self._id)
-        digests: dict[int, str] = {}
-        if self._changed_things(connection, changes_since(connection, until)[0]):
+        if (
+            self._timed
+            or self._changed_things(connection, changed_since(connection, until))
+            or not reaches_back(connection, until)
+        ):
+            self._compared = True
             digests = source.place_digests(connection, _reach(robot))
             measured = source.walked_digests(connection, self._id)
             valid = [number for number, digest in digests.items() if measured.get(number) == digest]
             rows = rows[np.isin(rows["place"], valid)]
-        return self._as_nodes(rows), digests
+        return _as_nodes(topology, rows)
 
     def _changed_things(self, connection: Connection, ids: Collection[int]) -> bool:
         """Whether any of these is, or was, what walks depend on: all but agents and states."""
@@ -202,87 +249,98 @@ class Live:
         kinds = source.read_kinds(connection, ids)
         return any(kinds.get(number) not in ("agent", "elevator") for number in ids)
 
-    def _as_nodes(self, rows: NDArray[Any]) -> KeptWalks:
-        """Walks between connectors by ids, as walks between stands, in both directions."""
-        topology = self.topology
-        connectors = [*topology.connectors.values()]
-        places = {p.name: p.id for p in topology.places.values()}
-        ids = np.array([c.id for c in connectors], np.int64)
-        first = np.array([places.get(c.places[0]) or -1 for c in connectors], np.int64)
-        order = np.argsort(ids)
-        known = np.isin(rows["a"], ids) & np.isin(rows["b"], ids)
-        rows = rows[known]
-        a, b = (order[np.searchsorted(ids, rows[k], sorter=order)] for k in ("a", "b"))
-        a, b = (2 * k + (first[k] != rows["place"]) for k in (a, b))
-        seconds, metres = (rows[k].astype(np.float64) for k in ("seconds", "metres"))
-        both = (np.concatenate([a, b]), np.concatenate([b, a]))
-        return KeptWalks(*both, np.concatenate([seconds] * 2), np.concatenate([metres] * 2))
-
     # -- changes --------------------------------------------------------------------------------
 
     def _take_in(self, connection: Connection, ids: Collection[int], now: str) -> Changed:
         """Connectors' states and moved things; whatever else changed, all is loaded anew."""
         kinds = source.read_kinds(connection, ids)
+        self._agents |= {number for number, kind in kinds.items() if kind == "agent"}
         structure = {p.id for p in self.topology.places.values()}
         structure |= {c.id for c in self.topology.connectors.values()}
-        gone = [number for number in ids if number not in kinds]
-        connectors = [number for number, kind in kinds.items() if kind == "connector"]
-        if structure.intersection(gone) or {*kinds.values()} & {"room", "storey", "region"}:
+        gone = {number for number in ids if number not in kinds}
+        things = gone | {n for n, kind in kinds.items() if kind in ("object", "region")}
+        connectors = {n for n, kind in kinds.items() if kind == "connector"}
+        if not things and not connectors and not {*kinds.values()} & {"room", "storey"}:
+            return Changed()
+        if (
+            structure & gone
+            or {*kinds.values()} & {"room", "storey"}
+            or (
+                self._id is not None
+                and self._class_state != source.class_state(connection, self._id)
+            )
+            or (self.ground is not None and things and not self.ground.is_whole())
+        ):
             return self._load(connection, now)
         told = set()
         for connector in source.read_connectors(
             connection, self.topology.places.values(), connectors
         ):
             before = self.topology.connectors.get(connector.name)
-            if before is None or (before.places, before.poses) != (
-                connector.places,
-                connector.poses,
-            ):
+            if before is None or _shape(before) != _shape(connector):
                 return self._load(connection, now)
             if before != connector:
                 self.network.change_connector(connector)
                 told.add(connector.name)
-        things = [number for number, kind in kinds.items() if kind == "object"]
-        places: set[str] = set()
-        if (things or gone) and self.ground is not None:
-            if not self.ground.is_whole():
-                return self._load(connection, now)
-            places = self.ground.update(read_things(connection, things), gone)
+        if gone or "region" in kinds.values():
+            self._take_in_regions(connection)
+        places = self._take_in_things(connection, things)
+        changed = Changed(places=frozenset(places), connectors=frozenset(told))
+        self._keep(connection, places, now)
+        return changed
+
+    def _take_in_regions(self, connection: Connection) -> None:
+        self._timed = source.read_timed_regions(connection)
+        self.topology = replace(self.topology, regions=source.read_regions(connection))
+        self.network.topology = self.topology
+        if self.ground is not None:
+            self.ground.topology = self.topology
+
+    def _take_in_things(self, connection: Connection, ids: Collection[int]) -> set[str]:
+        """Measure where objects or regions changed; the places whose costs are others now."""
+        if not ids or self.ground is None:
+            return set()
+        storeys = self.ground.storeys()
+        things = {s: source.read_things_on(connection, s, ids) for s in storeys}
+        with self.network.lock:
+            places = self.ground.update(ids, things)
             for place in places:
                 self.network.change_walks(place)
-            if self._id is not None:
-                numbers = [p.id for n in places if (p := self.topology.places[n]).id is not None]
-                self._keep(connection, places, now, dict.fromkeys(numbers, ""))
-        return Changed(places=frozenset(places), connectors=frozenset(told))
+        return places
 
-    def _keep(
-        self, connection: Connection, places: Collection[str], now: str, digests: dict[int, str]
-    ) -> None:
-        """Keep the walks of places, unless another process is at it, or we may not."""
-        assert self._id is not None
-        allowed = connection.execute(
-            text("SELECT has_table_privilege('walk', 'INSERT, DELETE') "
-                 "AND pg_try_advisory_xact_lock(hashtext('semmap walks'), :id)"),
-            {"id": self._id},
-        ).scalar()  # fmt: skip
-        if not allowed:
+    def _keep(self, connection: Connection, places: Collection[str], now: str) -> None:
+        """Keep the walks of places; next time, if another process is at it, where we may."""
+        if self._id is None or self.ground is None:
             return
+        self._owed.update(places)
+        try:
+            with connection.begin_nested():
+                if source.may_keep(connection, self._id, self._class_state):
+                    self._write(connection, self._id, now)
+                    self._owed.clear()
+        except (OperationalError, IntegrityError):
+            return  # another has kept walks since this transaction began
+
+    def _write(self, connection: Connection, robot_class: int, now: str) -> None:
         network = self.network
-        numbers = {p.name: p.id for p in self.topology.places.values()}
+        numbers = {
+            place: number
+            for place in self._owed
+            if (number := self.topology.places[place].id) is not None
+        }
         walks = []
-        for place in places:
-            number = numbers[place]
+        for place, number in numbers.items():
             edges = network.walk_edges.get(place, slice(0, 0))
             for edge in range(edges.start, edges.stop):
                 a, b = (network.connectors[n[edge] // 2].id for n in (network.tails, network.heads))
-                if number is not None and a is not None and b is not None and a < b:
+                if a is not None and b is not None and a < b:
                     seconds, metres = float(network.base[edge]), float(network.metres[edge])
                     walks.append(source.Walk(number, a, b, seconds, metres))
-        kept = {numbers[p]: digests.get(numbers[p] or -1, "") for p in places}
-        source.keep_walks(
-            connection, self._id, walks, {n: d for n, d in kept.items() if n is not None}
-        )
-        source.keep_walked_until(connection, self._id, now)
+        if numbers:
+            reach = _reach(network.robot)
+            digests = source.place_digests(connection, reach, [*numbers.values()])
+            source.keep_walks(connection, robot_class, walks, digests)
+        source.keep_walked_until(connection, robot_class, now)
 
     # -- the database ---------------------------------------------------------------------------
 
@@ -318,3 +376,24 @@ class Live:
 def _reach(robot: RobotClass) -> float:
     """Metres beyond a place from which things have an effect in it."""
     return max(part.radius for part in robot.parts) + 1.0
+
+
+def _shape(connector: Connector) -> tuple[object, ...]:
+    """What of a connector decides how long the walks to it are."""
+    return connector.places, connector.poses, connector.width
+
+
+def _as_nodes(topology: Topology, rows: NDArray[Any]) -> KeptWalks:
+    """Walks between connectors by ids, as walks between stands, in both directions."""
+    connectors = [*topology.connectors.values()]
+    places = {p.name: p.id for p in topology.places.values()}
+    ids = np.array([c.id for c in connectors], np.int64)
+    first = np.array([places.get(c.places[0]) or -1 for c in connectors], np.int64)
+    order = np.argsort(ids)
+    known = np.isin(rows["a"], ids) & np.isin(rows["b"], ids)
+    rows = rows[known]
+    a, b = (order[np.searchsorted(ids, rows[k], sorter=order)] for k in ("a", "b"))
+    a, b = (2 * k + (first[k] != rows["place"]) for k in (a, b))
+    seconds, metres = (rows[k].astype(np.float64) for k in ("seconds", "metres"))
+    both = (np.concatenate([a, b]), np.concatenate([b, a]))
+    return KeptWalks(*both, np.concatenate([seconds] * 2), np.concatenate([metres] * 2))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from datetime import datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +13,8 @@ import shapely
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
-from navgrid.scene import Scene
-from navgrid.source import read_scene, read_storey_names
+from navgrid.scene import Scene, Thing
+from navgrid.source import read_scene, read_storey_names, read_things
 from navgrid.terrain import Gait
 from planner.robot_class import RobotClass
 from planner.target import Target
@@ -24,18 +25,24 @@ from semmap.robot import Part
 
 __all__ = [
     "Walk",
+    "class_state",
     "delete_robot_class",
     "keep_robot_class",
     "keep_walked_until",
     "keep_walks",
+    "may_keep",
     "place_digests",
     "read_connectors",
     "read_kinds",
+    "read_moment",
     "read_place_at",
     "read_places_like",
+    "read_regions",
     "read_robot_class",
     "read_robot_names",
     "read_targets",
+    "read_things_on",
+    "read_timed_regions",
     "read_topology",
     "read_walks",
     "scene_of",
@@ -86,24 +93,38 @@ def read_topology(connection: Connection) -> Topology:
     """The rooms of the current map as places, and the connectors with poses in the map's frame."""
     rows = connection.execute(text(_PLACES)).all()
     drawn = connection.execute(text(_REGIONS)).all()
-    named = {row.type for row in (*rows, *drawn)} - {None}
-    types: dict[str | None, tuple[str, ...]] = {}
-    if named:
-        supers = connection.execute(text(_SUPERTYPES), {"types": [*named]})
-        types = {row.sub: tuple(row.supers) for row in supers}
-    regions = [
+    types = _supertypes(connection, (*rows, *drawn))
+    places = [
+        Place(name, type_, label, storey, elevator, types.get(type_, ()), said or {}, floor or 0.0,
+              number)
+        for number, name, type_, label, said, storey, elevator, floor in rows
+    ]  # fmt: skip
+    return Topology.of(places, read_connectors(connection, places), _regions(drawn, types))
+
+
+def read_regions(connection: Connection) -> tuple[Region, ...]:
+    """The drawn regions of the current map that hold now."""
+    drawn = connection.execute(text(_REGIONS)).all()
+    return tuple(_regions(drawn, _supertypes(connection, drawn)))
+
+
+def _regions(drawn: Sequence[Any], types: Mapping[str, tuple[str, ...]]) -> list[Region]:
+    return [
         Region(
             row.name, shapely.from_wkb(bytes(row.footprint)), tuple(row.places), row.label,
             types.get(row.type, ()), row.properties,
         )
         for row in drawn
     ]  # fmt: skip
-    places = [
-        Place(name, type_, label, storey, elevator, types.get(type_, ()), said or {}, floor or 0.0,
-              number)
-        for number, name, type_, label, said, storey, elevator, floor in rows
-    ]  # fmt: skip
-    return Topology.of(places, read_connectors(connection, places), regions)
+
+
+def _supertypes(connection: Connection, rows: Sequence[Any]) -> dict[str, tuple[str, ...]]:
+    """What subsumes the types of rows."""
+    named = {row.type for row in rows if row.type}
+    if not named:
+        return {}
+    found = connection.execute(text(_SUPERTYPES), {"types": [*named]})
+    return {sub: tuple(supers) for sub, supers in found}
 
 
 def read_connectors(
@@ -434,16 +455,22 @@ def keep_walks(
 
 
 _DIGESTS = """
+WITH RECURSIVE carried (id) AS (
+    SELECT p.entity_id FROM placement p JOIN entity a ON a.id = p.holder_id AND a.kind = 'agent'
+    WHERE a.map_id = current_map()
+    UNION SELECT p.entity_id FROM carried c JOIN placement p ON p.holder_id = c.id
+)
 SELECT r.entity_id AS id, md5(concat_ws('|',
     (SELECT string_agg(concat_ws(',', c.entity_id, c.place_a, c.place_b, k.pose, c.pose_a, c.pose_b,
                                  c.width), ';' ORDER BY c.entity_id)
      FROM connector c JOIN world k ON k.entity_id = c.entity_id
      WHERE c.place_a = r.entity_id OR c.place_b = r.entity_id),
-    (SELECT string_agg(concat_ws(',', e.id, e.type, e.properties, o.pose,
+    (SELECT string_agg(concat_ws(',', e.id, e.type, e.properties, o.pose, g.valid,
                        (SELECT string_agg(em.model_id::text, ' ' ORDER BY em.model_id)
                         FROM entity_model em WHERE em.entity_id = e.id)), ';' ORDER BY e.id)
-     FROM world o JOIN entity e ON e.id = o.entity_id
+     FROM world o JOIN entity e ON e.id = o.entity_id LEFT JOIN region g ON g.entity_id = e.id
      WHERE e.map_id = current_map() AND e.kind IN ('room', 'object', 'region')
+       AND (g.valid IS NULL OR g.valid @> now()) AND e.id NOT IN (SELECT id FROM carried)
        AND o.box && ST_Expand(w.box, :reach)
        AND (o.storey_id IS NULL OR o.storey_id IS NOT DISTINCT FROM w.storey_id
             OR e.kind = 'object')))) AS digest
@@ -496,6 +523,66 @@ def walked_digests(connection: Connection, robot_class: int) -> dict[int, str]:
     return {row.place_id: row.digest for row in rows}
 
 
+def may_keep(connection: Connection, robot_class: int, state: str | None) -> bool:
+    """Whether walks of a class may be kept now: it is as it was, and nobody else is at it.
+
+    Who may keeps others from it, and the class as it is, until the transaction ends.
+
+    Raises
+    ------
+    sqlalchemy.exc.OperationalError
+        Another transaction has just changed the class.
+    """
+    able = connection.execute(
+        text("SELECT has_table_privilege('walk', 'INSERT') AND "
+             "has_table_privilege('walk', 'DELETE') AND NOT pg_is_in_recovery() AND "
+             "current_setting('transaction_read_only') = 'off'")
+    ).scalar()  # fmt: skip
+    if not able or state != class_state(connection, robot_class):
+        return False
+    values = {"id": robot_class}
+    connection.execute(text("SELECT FROM robot_class WHERE id = :id FOR SHARE"), values)
+    return bool(
+        connection.execute(
+            text("SELECT pg_try_advisory_xact_lock(hashtext('semmap walks'), :id)"), values
+        ).scalar()
+    )
+
+
+def class_state(connection: Connection, robot_class: int) -> str | None:
+    """A digest of all that the database has of a class of robots itself; None if it is gone."""
+    said = connection.execute(
+        text("SELECT md5(r::text) FROM robot_class r WHERE id = :id"), {"id": robot_class}
+    ).scalar()
+    return None if said is None else str(said)
+
+
+# -- scenes ---------------------------------------------------------------------------------------
+
+
 def scene_of(connection: Connection, storey: str) -> Scene:
-    """The scene of a storey of the current map; of "" in a map that has no storeys."""
-    return read_scene(connection, storey or read_storey_names(connection)[0])
+    """The scene of a storey of the current map as it is now; of "" in a map without storeys."""
+    name = storey or read_storey_names(connection)[0]
+    return read_scene(connection, name, moment=read_moment(connection))
+
+
+def read_things_on(connection: Connection, storey: str, ids: Collection[int]) -> list[Thing]:
+    """Those of these entities that are in the scene of a storey."""
+    name = storey or read_storey_names(connection)[0]
+    return read_things(connection, ids, storey=name, moment=read_moment(connection))
+
+
+def read_moment(connection: Connection) -> datetime:
+    """When this transaction began, which is what it means by now."""
+    moment: datetime = connection.execute(text("SELECT now()")).scalar_one()
+    return moment
+
+
+def read_timed_regions(connection: Connection) -> dict[int, list[datetime]]:
+    """When the regions of the current map begin and end that do not hold for ever, by id."""
+    rows = connection.execute(
+        text("SELECT e.id, lower(g.valid) AS since, upper(g.valid) AS until FROM region g "
+             "JOIN entity e ON e.id = g.entity_id WHERE e.map_id = current_map() AND "
+             "(lower(g.valid) IS NOT NULL OR upper(g.valid) IS NOT NULL)")
+    )  # fmt: skip
+    return {row.id: [t for t in (row.since, row.until) if t is not None] for row in rows}

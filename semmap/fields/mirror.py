@@ -22,16 +22,13 @@ from semmap.fields import keep
 from semmap.fields.maps import Maps
 from semmap.fields.region_map import RegionMap
 from semmap.fields.source import (
-    changed_since,
-    cursor,
-    reaches_back,
     read_occupants,
     read_vocabulary_of_map,
     read_zones,
     server,
-    settle,
 )
 from semmap.fields.sources import Zones, ZoneSource
+from semmap.query.changes import changed_since, cursor, reaches_back, settle
 from semmap_vdb import Int32Grid
 
 __all__ = ["Mirror"]

@@ -23,16 +23,12 @@ from semmap.query.meshes import world_triangles
 
 __all__ = [
     "Occupant",
-    "changed_since",
-    "cursor",
-    "reaches_back",
     "read_names",
     "read_occupants",
     "read_props",
     "read_vocabulary_of_map",
     "read_zones",
     "server",
-    "settle",
 ]
 
 
@@ -138,47 +134,6 @@ def read_zones(connection: Connection, ids: Iterable[int] | None = None) -> list
 def read_vocabulary_of_map() -> Vocabulary:
     """The properties that semmap's own ontology declares."""
     return read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
-
-
-def cursor(connection: Connection) -> str:
-    """Where the history stands in this transaction's snapshot."""
-    return str(connection.execute(text("SELECT change_cursor()")).scalar_one())
-
-
-def settle(connection: Connection) -> None:
-    """See to it that what a cursor of this transaction saw is on disk when it commits.
-
-    A server that crashes gives numbers of transactions again that it had not written yet, such as
-    that of one which was undone; a cursor that saw the first would take the second for seen.
-    """
-    connection.execute(
-        text(
-            "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
-            "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
-        )
-    )
-
-
-def changed_since(connection: Connection, since: str) -> set[int]:
-    """The entities of the current map that changed after a cursor."""
-    rows = connection.execute(
-        text("SELECT entities FROM changes_since(:since) WHERE map_id = current_map()"),
-        {"since": since},
-    )
-    return {number for (numbers,) in rows for number in numbers}
-
-
-def reaches_back(connection: Connection, since: str) -> bool:
-    """Whether the history still holds a change that a cursor has seen: then it lacks none since."""
-    return bool(
-        connection.execute(
-            text(
-                "SELECT pg_visible_in_snapshot(min(xid)::text::xid8, CAST(:since AS pg_snapshot)) "
-                "FROM change"
-            ),
-            {"since": since},
-        ).scalar()
-    )
 
 
 def server(connection: Connection) -> str:

@@ -13,9 +13,10 @@ from sqlalchemy import Connection, Engine, text
 
 from navgrid.costmap import Costmap
 from navgrid.scene import Thing, grid_of
-from navgrid.source import changes_since, cursor, read_scene, read_storey_names, read_things
+from navgrid.source import read_scene, read_storey_names, read_things
 from semmap.ingest.importer import import_file
 from semmap.ingest.regions import draw_region
+from semmap.query.changes import changed_since, cursor
 from tests.navgrid.scenes import ARM, BASE
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
@@ -139,11 +140,11 @@ def test_what_changes_in_the_database_changes_in_the_costmap(office: Engine) -> 
             before = made.master.copy()
             with office.begin() as other:
                 other.execute(text(change))
-            ids, since = changes_since(connection, since)
+            ids, since = changed_since(connection, since), cursor(connection)
             things = read_things(connection, ids)
             made.update(things, set(ids) - {t.id for t in things})
             anew = Costmap(read_scene(connection, "floor-3rd"), [BASE, ARM], grid)
             assert (made.master == anew.master).all(), change
             assert "slab" in change or (made.master != before).any(), change
             connection.rollback()
-        assert changes_since(connection, since)[0] == []
+        assert changed_since(connection, since) == set()

@@ -1,0 +1,49 @@
+"""What changed in the current map: a cursor, and the entities that changed after it."""
+
+from __future__ import annotations
+
+from sqlalchemy import Connection, text
+
+__all__ = ["changed_since", "cursor", "reaches_back", "settle"]
+
+
+def cursor(connection: Connection) -> str:
+    """Where the history stands in this transaction's snapshot."""
+    return str(connection.execute(text("SELECT change_cursor()")).scalar_one())
+
+
+def changed_since(connection: Connection, since: str) -> set[int]:
+    """The entities of the current map that changed after a cursor, those that are gone included."""
+    rows = connection.execute(
+        text("SELECT entities FROM changes_since(:since) WHERE map_id = current_map()"),
+        {"since": since},
+    )
+    return {number for (numbers,) in rows for number in numbers}
+
+
+def settle(connection: Connection) -> None:
+    """See to it that what a cursor of this transaction saw is on disk when it commits.
+
+    A server that crashes gives numbers of transactions again that it had not written yet, such as
+    that of one which was undone; a cursor that saw the first would take the second for seen. Needed
+    where a cursor is kept outside of the database: one that is kept in it is as safe as it is.
+    """
+    connection.execute(
+        text(
+            "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
+            "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
+        )
+    )
+
+
+def reaches_back(connection: Connection, since: str) -> bool:
+    """Whether the history still holds a change that a cursor has seen: then it lacks none since."""
+    return bool(
+        connection.execute(
+            text(
+                "SELECT pg_visible_in_snapshot(min(xid)::text::xid8, CAST(:since AS pg_snapshot)) "
+                "FROM change"
+            ),
+            {"since": since},
+        ).scalar()
+    )
