@@ -117,7 +117,7 @@ class Network:
         count = 2 * len(self.connectors)
         nodes = np.arange(count)
         through = np.repeat([c.metres for c in self.connectors], 2)
-        parts = [(nodes, nodes ^ 1, self._passing(self.connectors), through)]
+        parts = [(nodes, nodes ^ 1, self._passing(self.connectors, through), through)]
         self.walk_edges: dict[str, slice] = {}
         self.measured: list[str] = []
         known = {} if kept is None else self._kept_by_place(kept)
@@ -185,14 +185,18 @@ class Network:
         a, b = (k[others] for k in np.meshgrid(nodes, nodes, indexing="ij"))
         return KeptWalks(a, b, walked.seconds[others], walked.metres[others])
 
-    def _passing(self, connectors: Sequence[Connector]) -> Floats:
-        """(2 n,) seconds of passing each connector from either side."""
-        found = np.empty(2 * len(connectors))
-        times, speed = self.times, self.robot.speed
+    def _passing(self, connectors: Sequence[Connector], metres: Floats) -> Floats:
+        """(2 n,) seconds of passing each connector from either side, over so many metres."""
+        times, places = self.times, self.topology.places
+        found = metres / self.robot.speed
         for i, connector in enumerate(connectors):
-            both = times.of_opening(connector) + times.of_passing(connector, speed)
-            found[2 * i] = found[2 * i + 1] = both
-            cabins = [self.topology.places[place].elevator for place in connector.places]
+            both = slice(2 * i, 2 * i + 2)
+            if times.learned:
+                found[both] = times.of_passing(connector, self.robot.speed)
+            if connector.shut:
+                found[both] += times.of_opening(connector)
+            a, b = connector.places
+            cabins = places[a].elevator, places[b].elevator
             if cabins[0] != cabins[1]:
                 for side in (0, 1):  # an elevator has to come before one goes in
                     if (elevator := cabins[1 - side]) is not None:
@@ -228,7 +232,7 @@ class Network:
             self.connectors[number] = connector
             self.topology.connectors[connector.name] = connector
             edges = np.array([2 * number, 2 * number + 1])
-            self.base[edges] = self._passing([connector])
+            self.base[edges] = self._passing([connector], np.repeat(connector.metres, 2))
             self.seconds[edges] = np.where(self._barred([connector]), math.inf, self.base[edges])
             self.graph.set_weights(edges, self.seconds[edges])
 

@@ -64,7 +64,7 @@ SELECT e.id, e.name, c.place_a, c.place_b, array_send(w.pose || c.pose_a || c.po
        NULLIF(c.permissions, '{}') AS permissions, NULLIF(e.properties, '{}') AS properties
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
 WHERE e.map_id = current_map() AND e.kind = 'connector'
-      AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY (:ids))
+      AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
 ORDER BY e.name
 """
 
@@ -133,15 +133,17 @@ def read_connectors(
     """The connectors of these places, or those of them with these ids."""
     names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}
     names[None] = OUTSIDE
-    values = {"ids": None if ids is None else [*ids]}
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    wanted = None if ids is None else [*ids]
     rows = [
         row
-        for row in connection.execute(text(_CONNECTORS), values)
-        if row.place_a in names and row.place_b in names
+        for row in driver.cursor(binary=True).execute(_CONNECTORS, (wanted, wanted))
+        if row[2] in names and row[3] in names
     ]
     if not rows:
         return []
-    sent = np.frombuffer(b"".join(row.poses for row in rows), _SENT)
+    sent = np.frombuffer(b"".join(row[4] for row in rows), _SENT)
     poses = sent["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
     ends = [[Pose(*p) for p in _composed(poses[:, 0], poses[:, k]).tolist()] for k in (1, 2)]
     return [
@@ -395,31 +397,27 @@ class Walk(NamedTuple):
     metres: float
 
 
-_WALKS = """
-COPY (SELECT place_id, from_id, to_id, seconds, metres FROM walk WHERE robot_class_id = {robot}
-      AND place_id IN (SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room'))
-TO STDOUT (FORMAT binary)
-"""
+_WALK = np.dtype([("place", "i8"), ("a", "i8"), ("b", "i8"), ("seconds", "f8"), ("metres", "f8")])
 
-_SENT_WALK = np.dtype(
-    [("count", ">i2")]
-    + [
-        field
-        for name, kind in (("place", ">i8"), ("a", ">i8"), ("b", ">i8"), ("seconds", ">f8"),
-                           ("metres", ">f8"))
-        for field in ((f"length of {name}", ">i4"), (name, kind))
-    ]
-)  # fmt: skip
-"""A walk as COPY sends it; before the first are 19 bytes, behind the last two."""
+_WALKS = """
+SELECT array_send(array_agg(place_id)), array_send(array_agg(from_id)),
+       array_send(array_agg(to_id)), array_send(array_agg(seconds)), array_send(array_agg(metres))
+FROM walk WHERE robot_class_id = %s
+  AND place_id IN (SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room')
+"""
 
 
 def read_walks(connection: Connection, robot_class: int) -> NDArray[Any]:
     """The walks of a class of robots in the current map, as an array with the fields of `Walk`."""
     driver = connection.connection.driver_connection
     assert isinstance(driver, psycopg.Connection)
-    with driver.cursor() as cursor, cursor.copy(_WALKS.format(robot=int(robot_class))) as copy:
-        sent = b"".join(copy)
-    found: NDArray[Any] = np.frombuffer(sent[19:-2], _SENT_WALK)
+    sent = driver.cursor(binary=True).execute(_WALKS, (robot_class,)).fetchone()
+    if sent is None or sent[0] is None:
+        return np.empty(0, _WALK)
+    found = np.empty((len(sent[0]) - 20) // 12, _WALK)
+    for name, array in zip(Walk._fields, sent, strict=True):
+        kind = ">i8" if found.dtype[name].kind == "i" else ">f8"
+        found[name] = np.frombuffer(array, [("length", ">i4"), ("value", kind)], offset=20)["value"]
     return found
 
 
