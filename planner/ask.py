@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import groupby
@@ -87,13 +87,14 @@ class Asker:
     def _ruled(self, avoid: Sequence[str], at: datetime | None) -> Iterator[None]:
         """While it lasts, rules hold and what is to be avoided is barred."""
         rules = (*self.rules.rules, *forbid(avoid))
-        known = set(avoid)
-        for name in known:
+        for name in avoid:
             if not self._is_known(name):
                 raise UnknownPlaceError(name, self._names())
-        laid = penalties(self.network, rules, at, ground=self.ground)
-        regions = barred_regions(self.network, rules, at) if self.ground is not None else []
-        with self.network.penalised(laid.seconds, laid.bars):
+        with ExitStack() as held:
+            held.enter_context(self.network.lock)  # none takes our ways around for the way
+            laid = penalties(self.network, rules, at, ground=self.ground)
+            regions = barred_regions(self.network, rules, at) if self.ground is not None else []
+            held.enter_context(self.network.penalised(laid.seconds, laid.bars))
             if self.ground is None:
                 yield
                 return

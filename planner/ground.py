@@ -218,19 +218,27 @@ class Ground:
         """The storeys of which there are costmaps."""
         return [*self._costmaps]
 
-    def update(self, changed_ids: Collection[int], things: Mapping[str, Sequence[Thing]]) -> set[str]:
+    def update(
+        self,
+        ids: Collection[int],
+        objects: Iterable[Thing] = (),
+        regions: Mapping[str, Sequence[Thing]] | None = None,
+    ) -> set[str]:
         """Take in objects and regions that moved, came or went; the places whose costs are others.
 
         Parameters
         ----------
-        changed_ids : of all that changed
-        things : those of them that are now on a storey, for each storey that has a costmap
+        ids : of all that changed; those that are not among the others are gone
+        objects : those of them that are there
+        regions : those of them that are on a storey, for each storey that has any
         """
+        objects, regions = [*objects], regions or {}
         changed: set[str] = set()
         for storey, costmap in self._costmaps.items():
-            here = [t for t in things[storey] if t.kind in ("object", "region")]
+            here = [t for t in objects if costmap.scene.reaches(t)]
+            here += regions.get(storey, ())
             before = costmap.master.copy()
-            window = costmap.update(here, {*changed_ids} - {t.id for t in here})
+            window = costmap.update(here, {*ids} - {t.id for t in here})
             if window is None:
                 continue
             differs = np.zeros(costmap.grid.shape, np.bool_)

@@ -104,10 +104,13 @@ class Rules:
         """The rules of YAML text; `file` is what errors call it."""
         try:
             document = yaml.safe_load(said)
-        except yaml.YAMLError as error:
-            raise RulesError(f"{file}: is no YAML: {error}") from None
+        except (yaml.YAMLError, ValueError, RecursionError) as error:  # a date that is none, 2024-13-45
+            raise RulesError(f"{file}: is no YAML, mend it: {error}") from None
         if not isinstance(document, dict) or not isinstance(document.get("rules"), list):
-            raise RulesError(f"{file}: needs rules as a list")
+            raise RulesError(f"{file}: needs rules as a list, rules: [...]")
+        if set(document) != {"rules"}:
+            unknown = ", ".join(sorted(str(k) for k in set(document) - {"rules"}))
+            raise RulesError(f"{file}: knows no {unknown}; it takes rules")
         return cls(tuple(_rule(r, f"{file}: rule {i}") for i, r in enumerate(document["rules"], 1)))
 
 
@@ -116,37 +119,45 @@ _KEYS = {"kind", "name", "type", "properties", "from", "until", "seconds", "forb
 
 def _rule(said: object, where: str) -> Rule:
     if not isinstance(said, dict) or set(said) - _KEYS:
-        unknown = sorted(set(said) - _KEYS) if isinstance(said, dict) else said
-        raise RulesError(f"{where}: knows no {unknown}; it takes {', '.join(sorted(_KEYS))}")
+        wrong = sorted(map(str, set(said) - _KEYS)) if isinstance(said, dict) else [repr(said)]
+        raise RulesError(f"{where}: knows no {', '.join(wrong)}; it takes {', '.join(sorted(_KEYS))}")
     if said.get("kind") not in (None, *get_args(Kind)):
         raise RulesError(f"{where}: its kind is one of {', '.join(get_args(Kind))}")
     forbid, seconds = said.get("forbid", False), said.get("seconds", 0.0)
     if not isinstance(forbid, bool) or not _is_time(seconds) or forbid == bool(seconds):
         raise RulesError(f"{where}: give seconds above 0, or forbid: true")
-    if not {"kind", "name", "type", "properties"} & set(said):
+    if not any(said.get(key) for key in ("kind", "name", "type", "properties")):
         raise RulesError(f"{where}: fits everything; name a kind, a name, a type or properties")
     lists = []
     for key in ("name", "type"):
         value = said.get(key, [])
         value = [value] if isinstance(value, str) else value
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise RulesError(f"{where}: {key} is a word or a list of words")
+        if not isinstance(value, list) or not all(isinstance(v, str) and v for v in value):
+            raise RulesError(f"{where}: {key} is a word or a list of words, not {value!r}")
         lists.append(tuple(value))
     properties = said.get("properties", {})
     if not isinstance(properties, dict):
-        raise RulesError(f"{where}: properties: give key: value")
+        raise RulesError(f"{where}: properties: give key: value, not {properties!r}")
     hours = None
     if "from" in said or "until" in said:
-        try:
-            hours = (time.fromisoformat(said["from"]), time.fromisoformat(said["until"]))
-        except (KeyError, TypeError, ValueError):
-            raise RulesError(
-                f'{where}: hours are from: "22:00" and until: "06:00", in quotes'
-            ) from None
+        hours = _hours(said.get("from"), said.get("until"))
+        if hours is None:
+            raise RulesError(f'{where}: hours are from: "22:00" and until: "06:00", in quotes')
     return Rule(
         math.inf if forbid else float(seconds), said.get("kind"), lists[0], lists[1],
         tuple(properties.items()), hours,
     )  # fmt: skip
+
+
+def _hours(begin: object, end: object) -> tuple[time, time] | None:
+    if not isinstance(begin, str) or not isinstance(end, str):
+        return None
+    try:
+        found = time.fromisoformat(begin), time.fromisoformat(end)
+    except ValueError:
+        return None
+    local = all(t.tzinfo is None for t in found)  # hours are those of the place
+    return found if local and found[0] != found[1] else None
 
 
 def _is_time(value: object) -> bool:
@@ -216,11 +227,10 @@ def _around(
             around = network.walks_again(place)
         finally:
             ground.avoid(storey, before)
-        more = around - network.base[edges]
-        for edge, extra in zip(range(edges.start, edges.stop), more, strict=True):
+        for edge, longer in zip(range(edges.start, edges.stop), around, strict=True):
             if math.isinf(network.base[edge]):
                 continue
-            cheaper = min(float(extra), seconds)
+            cheaper = min(float(longer - network.base[edge]), seconds)
             if cheaper > 0:
                 found.add([edge], cheaper, f"{why}, and the way in {place} leads through it")
 
