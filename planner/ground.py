@@ -21,7 +21,7 @@ from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.scene import Scene, Thing, grid_of
 from navgrid.travel import travel, way
 from planner.robot_class import RobotClass
-from planner.topology import OUTSIDE, Topology
+from planner.topology import OUTSIDE, Region, Topology
 from planner.walks import Walked
 from semmap.geometry.pose import Pose
 
@@ -80,7 +80,7 @@ class Ground:
         self._progress: Callable[[str, int], None] | None = None
         self._costmaps: dict[str, Costmap] = {}
         self._rooms: dict[str, Room | None] = {}
-        self._avoided: dict[str, list[shapely.Geometry]] = {}
+        self._avoided: dict[str, list[Region]] = {}
 
     def tell(self, progress: Callable[[str, int], None]) -> None:
         """Say from now on which place is looked at for the first time, and how many have been."""
@@ -128,16 +128,16 @@ class Ground:
             return None
         costs: NDArray[np.uint8] = self.costmap(storey).master[room.window].copy()
         costs[~room.cells] = UNKNOWN
-        for outline in self._avoided.get(storey, ()):
-            costs[area_cells(outline, room.grid) & (costs != UNKNOWN)] = LETHAL
+        for region in self._avoided.get(storey, ()):
+            costs[area_cells(region.outline, room.grid) & (costs != UNKNOWN)] = LETHAL
         return costs
 
-    def avoid(self, storey: str, outlines: Iterable[shapely.Geometry]) -> None:
-        """Keep ways out of areas of a storey, instead of those given before."""
-        self._avoided[storey] = [*outlines]
+    def avoid(self, storey: str, regions: Iterable[Region]) -> None:
+        """Keep ways out of regions on a storey, instead of those given before."""
+        self._avoided[storey] = [*regions]
 
-    def avoided(self, storey: str) -> list[shapely.Geometry]:
-        """The areas of a storey that ways are kept out of."""
+    def avoided(self, storey: str) -> list[Region]:
+        """The regions on a storey that ways are kept out of."""
         return self._avoided.get(storey, [])
 
     # -- walks ----------------------------------------------------------------------------------
@@ -197,20 +197,39 @@ class Ground:
             return None
         return (int(free[best, 0]) + r0, int(free[best, 1]) + c0), float(away[best])
 
-    def stands(self, place: str, pose: Pose) -> bool:
-        """Whether the robot can be at a pose of a place, or within `SNAP` of it."""
-        costs, room = self.costs(place), self.room(place)
-        return costs is not None and room is not None and (
-            self._cell(costs, room.grid, pose) is not None
-        )  # fmt: skip
+    def hindrance(self, place: str, pose: Pose, *, about: bool = False) -> str | None:
+        """Why the robot cannot be at a pose of a place, nor within `SNAP` of it; None if it can.
 
-    def occupants(self, place: str, pose: Pose) -> tuple[str, ...]:
-        """Which entities are in the way of a robot at a pose."""
+        Within something it cannot be, however near its border is.
+
+        Parameters
+        ----------
+        about : the pose is a measured one, and may be within something by mistake
+        """
+        costs, room = self.costs(place), self.room(place)
+        if costs is None or room is None:
+            return f"the map does not know what {place} covers"
+        near = self._cell(costs, room.grid, pose)
+        storey = self.storey_of(place)
+        costmap = self.costmap(storey)
         try:
-            blames = self.costmap(self.storey_of(place)).why(pose.x, pose.y)
+            row, column = costmap.cell(pose.x, pose.y)
         except ValueError:
-            return ()
-        return tuple(dict.fromkeys(n for b in blames if b.cost >= INSCRIBED for n in b.entities))
+            return f"that is outside of {place}"
+        point = shapely.Point(pose.x, pose.y)
+        avoided = [r.name for r in self.avoided(storey) if shapely.intersects(r.outline, point)]
+        within = costmap.master[row, column] == LETHAL
+        if near is not None and (about or not (within or avoided)):
+            return None
+        if avoided:
+            return f"it is in {' and '.join(avoided)}, which is to be avoided"
+        names = dict.fromkeys(
+            n
+            for b in costmap.why(pose.x, pose.y)
+            if b.cost >= (LETHAL if within else INSCRIBED)
+            for n in b.entities
+        )
+        return f"{', '.join(names)} is in the way" if names else f"that is outside of {place}"
 
     # -- changes --------------------------------------------------------------------------------
 

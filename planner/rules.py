@@ -222,7 +222,7 @@ def _around(
         edges = network.walk_edges.get(place, slice(0, 0))
         storey = ground.storey_of(place)
         before = ground.avoided(storey)
-        ground.avoid(storey, [*before, region.outline])
+        ground.avoid(storey, [*before, region])
         try:
             around = network.walks_again(place)
         finally:
