@@ -93,7 +93,7 @@ class Asker:
             held.enter_context(self.network.lock)  # none takes our ways around for the way
             laid = penalties(self.network, rules, at, ground=self.ground)
             regions = barred_regions(self.network, rules, at) if self.ground is not None else []
-            held.enter_context(self.network.penalised(laid.seconds, laid.bars))
+            held.enter_context(self.network.penalised(laid.seconds, laid.bars, laid.walks))
             if self.ground is None:
                 yield
                 return
@@ -130,7 +130,11 @@ class Asker:
         if isinstance(said, Pose):
             place = self.place_at(said)
             if place is None:
-                raise NoRouteError(f"({said.x:.2f}, {said.y:.2f}, {said.z:.2f}) is in no room")
+                names = self.ground.occupants(said) if self.ground is not None else ()
+                there = f"; {', '.join(names)} is there" if names else ""
+                raise NoRouteError(
+                    f"({said.x:.2f}, {said.y:.2f}, {said.z:.2f}) is in no room{there}"
+                )
             return [self._at(place, said)]
         topology = self.network.topology
         if said in topology.places:

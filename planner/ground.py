@@ -223,13 +223,18 @@ class Ground:
             return None
         if avoided:
             return f"it is in {' and '.join(avoided)}, which is to be avoided"
-        names = dict.fromkeys(
-            n
-            for b in costmap.why(pose.x, pose.y)
-            if b.cost >= (LETHAL if within else INSCRIBED)
-            for n in b.entities
-        )
+        names = _blamed(costmap, pose, LETHAL if within else INSCRIBED)
         return f"{', '.join(names)} is in the way" if names else f"that is outside of {place}"
+
+    def occupants(self, pose: Pose) -> tuple[str, ...]:
+        """Which entities are at a pose, whether or not it is in a place."""
+        floors = [
+            (p.floor, n) for n, p in self.topology.places.items()
+            if n != OUTSIDE and p.floor <= pose.z + SNAP
+        ]  # fmt: skip
+        if not floors:
+            return ()
+        return _blamed(self.costmap(self.storey_of(max(floors)[1])), pose, LETHAL)
 
     # -- changes --------------------------------------------------------------------------------
 
@@ -269,3 +274,12 @@ class Ground:
                 if room is not None and (differs[room.window] & room.cells).any():
                     changed.add(place)
         return changed
+
+
+def _blamed(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:
+    """Which entities make a costmap cost so much or more at a pose."""
+    try:
+        blames = costmap.why(pose.x, pose.y)
+    except ValueError:
+        return ()
+    return tuple(dict.fromkeys(n for b in blames if b.cost >= cost for n in b.entities))

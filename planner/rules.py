@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, time
 from functools import cache
@@ -166,10 +166,11 @@ def _is_time(value: object) -> bool:
 
 @dataclass
 class Penalties:
-    """What `Network.penalised` takes: seconds more by edge, and why an edge is barred."""
+    """What `Network.penalised` takes: seconds more by edge, why it is barred, other walks."""
 
     seconds: dict[int, float] = field(default_factory=dict)
     bars: dict[int, str] = field(default_factory=dict)
+    walks: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     def add(self, edges: Iterable[int], seconds: float, why: str) -> None:
         """Lay a penalty on edges."""
@@ -189,11 +190,13 @@ def penalties(
 ) -> Penalties:
     """What rules lay on the edges of a network at a moment.
 
-    A region is gone around where the costmaps have a way around it that is shorter than the
-    penalty; without costmaps it is its room that is meant.
+    A barred region is gone around, and takes as long as that. Another one costs its penalty, or
+    what going around it takes longer where that is less. Without costmaps its room is meant.
     """
     found = Penalties()
     topology = network.topology
+    if ground is not None:
+        _go_around(network, ground, barred_regions(network, rules, at), found)
     for rule in (r for r in rules if r.holds_at(at)):
         for place in topology.places.values():
             if rule.fits("place", (place.name, place.label), place.types, place.properties):
@@ -206,11 +209,26 @@ def penalties(
                 found.add((2 * i, 2 * i + 1), rule.seconds, why)
         for region in topology.regions:
             if rule.fits("region", (region.name, region.label), region.types, region.properties):
-                _around(network, ground, region, rule.seconds, found)
+                _dearer(network, ground, region, rule.seconds, found)
     return found
 
 
-def _around(
+def _go_around(
+    network: Network, ground: Ground, regions: Sequence[Region], found: Penalties
+) -> None:
+    """Lay on the walks of rooms what they take around all regions that are barred there."""
+    for place in dict.fromkeys(p for r in regions for p in r.places):
+        here = [r for r in regions if place in r.places]
+        names = " and ".join(r.name for r in here)
+        why = f"{names} is to be avoided, and the way in {place} leads through it"
+        for edge, seconds, metres in _walks_around(network, ground, place, here):
+            if math.isinf(seconds):
+                found.bars.setdefault(edge, why)
+            else:
+                found.walks[edge] = seconds, metres
+
+
+def _dearer(
     network: Network, ground: Ground | None, region: Region, seconds: float, found: Penalties
 ) -> None:
     """Lay on the walks of a region's rooms what going around it, or through it, costs more."""
@@ -218,21 +236,26 @@ def _around(
     for place in region.places:
         if ground is None:
             found.add(network.entering(place), seconds, why)
-            continue
-        edges = network.walk_edges.get(place, slice(0, 0))
-        storey = ground.storey_of(place)
-        before = ground.avoided(storey)
-        ground.avoid(storey, [*before, region])
-        try:
-            around = network.walks_again(place)
-        finally:
-            ground.avoid(storey, before)
-        for edge, longer in zip(range(edges.start, edges.stop), around, strict=True):
-            if math.isinf(network.base[edge]):
-                continue
-            cheaper = min(float(longer - network.base[edge]), seconds)
-            if cheaper > 0:
-                found.add([edge], cheaper, f"{why}, and the way in {place} leads through it")
+        elif math.isfinite(seconds):
+            for edge, longer, _ in _walks_around(network, ground, place, [region]):
+                found.add([edge], min(longer - float(network.base[edge]), seconds), why)
+
+
+def _walks_around(
+    network: Network, ground: Ground, place: str, regions: Sequence[Region]
+) -> Iterator[tuple[int, float, float]]:
+    """The walks of a place that take longer around regions: edge, seconds, metres."""
+    edges = network.walk_edges.get(place, slice(0, 0))
+    storey = ground.storey_of(place)
+    before = ground.avoided(storey)
+    ground.avoid(storey, [*before, *regions])
+    try:
+        walks = network.walks_again(place)
+    finally:
+        ground.avoid(storey, before)
+    for k, edge in enumerate(range(edges.start, edges.stop)):
+        if walks.seconds[k] > network.base[edge]:
+            yield edge, float(walks.seconds[k]), float(walks.metres[k])
 
 
 def forbid(names: Iterable[str]) -> tuple[Rule, ...]:
