@@ -17,7 +17,7 @@ from navgrid.costmap_command import parts_of
 from planner.demo import office_files
 from planner.live import Changed, Live
 from planner.robot_class import RobotClass
-from planner.source import Walk, keep_robot_class, keep_walks, walked_until
+from planner.source import Walk, keep_robot_class, keep_walked_until, keep_walks
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
@@ -73,7 +73,7 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         walks = [*_straight(topology, ids, robot.speed)]
         states = {ids[p.name]: "" for p in topology.places.values()}
         keep_walks(connection, number, walks, states)
-        walked_until(connection, number, cursor(connection))
+        keep_walked_until(connection, number, cursor(connection))
     with engine.connect() as connection:
         connection.execution_options(isolation_level="AUTOCOMMIT")
         connection.execute(text("ANALYZE"))

@@ -19,6 +19,8 @@ from navgrid.demo import robot_demo
 from navgrid.map_file import file_name
 from navgrid.path import grid_path
 from navgrid.storey_grid import StoreyGrid, covered, storey_grid
+from planner.exchange.picture import topology_plan
+from planner.mission.demo import task_demo
 from planner.route import NoRouteError, Route
 from planner.source import read_topology
 from planner.topology import OUTSIDE, Topology
@@ -129,8 +131,21 @@ def run_demo(
     with open_map(map_name) as connection:
         pictures += field_demo(connection, folder, say)
 
-    say("\n7. Pictures")
+    if map_name == "office":
+        say("\n7. A task: fetch a muffin and put it on desk1 (Figure 4)")
+        task_demo(map_name, folder, say)
+        say("   Which tables hold a muffin now? (Figure 3, again)")
+        with open_map(map_name) as connection:
+            cli.show_rows(*entries.run_sql(connection, FIGURE_3, write=False), False)
+
+    say("\n8. Pictures" if map_name == "office" else "\n7. Pictures")
     shown = []
+    for storey in storeys:
+        if topology.connectors:
+            picture = _place(folder, storeys, storey) / "topology.png"
+            title = f"{map_name}, {storey.name}: which doors lead where"
+            pictures.append(topology_plan(topology, storey, picture, title=title))
+            say(f"   {pictures[-1]}")
     for storey in storeys:
         view = replace(with_grid(grids[storey.name]), path=paths.get(storey.name, []))
         shown.append(view)

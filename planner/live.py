@@ -89,6 +89,7 @@ class Live:
         self._owed: set[str] = set()
         self._warm = False
         self._lock = threading.RLock()
+        self._compared = False
         self.catch_up()
 
     @property
@@ -97,8 +98,10 @@ class Live:
         walks = self.network.walks
         return walks if isinstance(walks, Ground) else None
 
-    def asker(self) -> Asker:
-        """What answers questions about routes."""
+    def asker(self, robot: str | RobotClass | None = None) -> Asker:
+        """What answers questions about routes, for this class of robots or another."""
+        if robot is not None and robot not in (self._robot, self.network.robot):
+            return Live(self._engine, self._map_name, robot, rules=self._rules).asker()
         network = self.network  # with its ground, though another thread may load anew
         ground = network.walks if isinstance(network.walks, Ground) else None
         return Asker(network, self._look_up, self._place_at, ground, self._rules)
@@ -129,7 +132,8 @@ class Live:
         if changed:
             if heard is not None:
                 heard(changed)
-            self._keep(connection, now)
+            if not changed.all or self._owed or self._compared:
+                self._keep(connection, now)
         connection.commit()
         self._since, self._looked = now, moment
         if self._warm:
@@ -144,7 +148,7 @@ class Live:
         return {n for n, ends in self._timed.items() if any(before < t <= moment for t in ends)}
 
     def warm(self) -> None:
-        """Make the costmaps of all storeys, now and after each load: changes are taken in at once."""
+        """Make the costmaps of all storeys, now and after each load: changes are then fast."""
         with self._lock:
             self._warm = True
             ground = self.ground
@@ -200,7 +204,7 @@ class Live:
 
     def _load(self, connection: Connection) -> Changed:
         """All of it: walks that still hold from the database, the others measured and kept."""
-        topology = source.read_topology(connection)
+        topology = replace(source.read_topology(connection), asker=self.asker)
         robot, times = RobotClass(), Times()
         if isinstance(self._robot, RobotClass):
             robot = self._robot
@@ -226,7 +230,8 @@ class Live:
     ) -> KeptWalks | None:
         """The walks that still hold."""
         assert self._id is not None
-        until, measured = source.walked_until(connection, self._id)
+        self._compared = False
+        until = source.walked_until(connection, self._id)
         if until is None:
             return None
         rows = source.read_walks(connection, self._id)
@@ -235,7 +240,9 @@ class Live:
             or self._changed_things(connection, changed_since(connection, until))
             or not reaches_back(connection, until)
         ):
+            self._compared = True
             digests = source.place_digests(connection, _reach(robot))
+            measured = source.walked_digests(connection, self._id)
             valid = [number for number, digest in digests.items() if measured.get(number) == digest]
             rows = rows[np.isin(rows["place"], valid)]
         return _as_nodes(topology, rows)
@@ -263,15 +270,17 @@ class Live:
         if (
             structure & gone
             or {*kinds.values()} & {"room", "storey"}
-            or self._id is not None
-            and self._class_state != source.class_state(connection, self._id)
-            or self.ground is not None
-            and things
-            and not self.ground.is_whole()
+            or (
+                self._id is not None
+                and self._class_state != source.class_state(connection, self._id)
+            )
+            or (self.ground is not None and things and not self.ground.is_whole())
         ):
             return self._load(connection)
         told = set()
-        for connector in source.read_connectors(connection, connectors):
+        for connector in source.read_connectors(
+            connection, self.topology.places.values(), connectors
+        ):
             before = self.topology.connectors.get(connector.name)
             if before is None or _shape(before) != _shape(connector):
                 return self._load(connection)
@@ -337,7 +346,7 @@ class Live:
             reach = _reach(network.robot)
             digests = source.place_digests(connection, reach, [*numbers.values()])
             source.keep_walks(connection, robot_class, walks, digests)
-        source.walked_until(connection, robot_class, now)
+        source.keep_walked_until(connection, robot_class, now)
 
     # -- the database ---------------------------------------------------------------------------
 

@@ -116,8 +116,8 @@ class Network:
     def _lay(self, kept: KeptWalks | None) -> None:
         count = 2 * len(self.connectors)
         nodes = np.arange(count)
-        passing = np.array([self._passing(n) for n in range(count)]).reshape(-1, 2)
-        parts = [(nodes, nodes ^ 1, passing[:, 0], passing[:, 1])]
+        through = np.repeat([c.metres for c in self.connectors], 2)
+        parts = [(nodes, nodes ^ 1, self._passing(self.connectors), through)]
         self.walk_edges: dict[str, slice] = {}
         self.measured: list[str] = []
         known = {} if kept is None else self._kept_by_place(kept)
@@ -149,9 +149,7 @@ class Network:
         self.tails, self.heads = tails.astype(np.int32), heads.astype(np.int32)
         self.base, self.metres = base.astype(np.float64), metres.astype(np.float64)
         self.seconds = self.base.copy()
-        for node in range(count):
-            if self._bar(node) is not None:
-                self.seconds[node] = math.inf
+        self.seconds[:count][self._barred(self.connectors)] = math.inf
         if OUTSIDE in self.walk_edges and not self.robot.outside:
             self.seconds[self.walk_edges[OUTSIDE]] = math.inf
 
@@ -187,16 +185,28 @@ class Network:
         a, b = (k[others] for k in np.meshgrid(nodes, nodes, indexing="ij"))
         return KeptWalks(a, b, walked.seconds[others], walked.metres[others])
 
-    def _passing(self, node: int) -> tuple[float, float]:
-        """Seconds and metres of the passage that begins at a stand."""
-        connector = self.connectors[node // 2]
-        a, b = connector.poses
-        seconds = self.times.of_opening(connector)
-        seconds += self.times.of_passing(connector, self.robot.speed)
-        elevator = self._called(node)
-        if elevator is not None:
-            seconds += self.times.of_calling(elevator)
-        return seconds, math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
+    def _passing(self, connectors: Sequence[Connector]) -> Floats:
+        """(2 n,) seconds of passing each connector from either side."""
+        found = np.empty(2 * len(connectors))
+        times, speed = self.times, self.robot.speed
+        for i, connector in enumerate(connectors):
+            both = times.of_opening(connector) + times.of_passing(connector, speed)
+            found[2 * i] = found[2 * i + 1] = both
+            cabins = [self.topology.places[place].elevator for place in connector.places]
+            if cabins[0] != cabins[1]:
+                for side in (0, 1):  # an elevator has to come before one goes in
+                    if (elevator := cabins[1 - side]) is not None:
+                        found[2 * i + side] += times.of_calling(elevator)
+        return found
+
+    def _barred(self, connectors: Sequence[Connector]) -> NDArray[np.bool_]:
+        """(2 n,) whether the robot must not pass each connector from either side."""
+        found = np.empty((len(connectors), 2), np.bool_)
+        for i, connector in enumerate(connectors):
+            found[i] = self.robot.bar(connector) is not None
+            if connector.direction != "both":
+                found[i] |= [not connector.passes(0), not connector.passes(1)]
+        return found.reshape(-1)
 
     def _called(self, node: int) -> str | None:
         """The elevator that has to come before the passage that begins at a stand."""
@@ -217,10 +227,9 @@ class Network:
         with self.lock:
             self.connectors[number] = connector
             self.topology.connectors[connector.name] = connector
-            for node in (2 * number, 2 * number + 1):
-                self.base[node] = self._passing(node)[0]
-                self.seconds[node] = math.inf if self._bar(node) is not None else self.base[node]
             edges = np.array([2 * number, 2 * number + 1])
+            self.base[edges] = self._passing([connector])
+            self.seconds[edges] = np.where(self._barred([connector]), math.inf, self.base[edges])
             self.graph.set_weights(edges, self.seconds[edges])
 
     def change_walks(self, place: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -64,14 +65,18 @@ class RobotClass:
 
     def obstacle(self, connector: Connector, side: int) -> str | None:
         """What bars it from passing a connector from ``places[side]``, in words; else None."""
+        if not connector.passes(side):
+            here, there = connector.places[side], connector.places[1 - side]
+            return f"{connector.name} leads only from {there} to {here}"
+        return self.bar(connector)
+
+    def bar(self, connector: Connector) -> str | None:
+        """What bars it from passing a connector from either side, in words; else None."""
         name = connector.name
-        here, there = connector.places[side], connector.places[1 - side]
         if connector.state == "locked" and not self.unlocks:
             return f"{name} is locked"
         if connector.state == "closed" and connector.shut and not self.opens:
             return f"{name} is closed"
-        if not connector.passes(side):
-            return f"{name} leads only from {there} to {here}"
         if self.behaviours is not None and connector.behaviour not in self.behaviours:
             return f"{name} needs the behaviour {connector.behaviour}"
         if connector.permissions and not connector.permissions & self.permissions:
@@ -79,18 +84,21 @@ class RobotClass:
             return f"{name} needs the permission {wanted}"
         return self._misfit(connector)
 
+    @cached_property
+    def _sizes(self) -> list[tuple[str, float, float]]:
+        """Of each part its name, width and height; a robot passes forwards, along its x axis."""
+        return [(p.name, float(np.ptp(p.footprint[:, 1])), p.interval[1]) for p in self.parts]
+
     def _misfit(self, connector: Connector) -> str | None:
-        for part in self.parts:
-            across = np.ptp(part.footprint[:, 1])  # a robot passes forwards, along its x axis
+        for name, across, top in self._sizes:
             if connector.width is not None and across > connector.width:
                 return (
-                    f"the {part.name} does not fit through {connector.name}: it is {across:.2f} m "
+                    f"the {name} does not fit through {connector.name}: it is {across:.2f} m "
                     f"wide, the opening {connector.width:.2f} m"
                 )
-            top = part.interval[1]
             if connector.height is not None and top > connector.height:
                 return (
-                    f"the {part.name} does not fit under {connector.name}: it reaches to "
+                    f"the {name} does not fit under {connector.name}: it reaches to "
                     f"{top:.2f} m, the opening to {connector.height:.2f} m"
                 )
         if self.parts and connector.step > self.gait.max_step:

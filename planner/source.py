@@ -8,6 +8,7 @@ from datetime import datetime
 from typing import Any, NamedTuple
 
 import numpy as np
+import psycopg
 import shapely
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
@@ -27,6 +28,7 @@ __all__ = [
     "class_state",
     "delete_robot_class",
     "keep_robot_class",
+    "keep_walked_until",
     "keep_walks",
     "may_keep",
     "place_digests",
@@ -45,29 +47,30 @@ __all__ = [
     "read_topology",
     "read_walks",
     "scene_of",
+    "walked_digests",
     "walked_until",
 ]
 
 _PLACES = """
-SELECT e.id, e.name, e.type, e.label, e.properties, s.name AS storey, l.name AS elevator,
-       w.pose[3] + r.floor AS floor
+SELECT e.id, e.name, e.type, e.label, NULLIF(e.properties, '{}') AS properties, s.name AS storey,
+       l.name AS elevator, w.pose[3] + r.floor AS floor
 FROM room r JOIN entity e ON e.id = r.entity_id LEFT JOIN world w ON w.entity_id = e.id
      LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN entity l ON l.id = r.elevator_id
 WHERE e.map_id = current_map() ORDER BY e.name
 """
 
 _CONNECTORS = """
-SELECT e.id, e.name, a.name AS place_a, b.name AS place_b, w.pose || c.pose_a || c.pose_b AS poses,
-       c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step, c.permissions,
-       e.properties
+SELECT e.id, e.name, c.place_a, c.place_b, array_send(w.pose || c.pose_a || c.pose_b) AS poses,
+       c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
+       NULLIF(c.permissions, '{}') AS permissions, NULLIF(e.properties, '{}') AS properties
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
-     JOIN room ra ON ra.entity_id = c.place_a JOIN entity a ON a.id = c.place_a
-     LEFT JOIN entity b ON b.id = c.place_b
-WHERE e.map_id = current_map()
-      AND (c.place_b IS NULL OR EXISTS (SELECT FROM room rb WHERE rb.entity_id = c.place_b))
+WHERE e.map_id = current_map() AND e.kind = 'connector'
       AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY (:ids))
 ORDER BY e.name
 """
+
+_SENT = np.dtype([("head", "V20"), ("poses", [("length", ">i4"), ("value", ">f8")], 21)])
+"""Three poses as the server sends an array of 21 numbers."""
 
 _REGIONS = """
 SELECT e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
@@ -93,13 +96,11 @@ def read_topology(connection: Connection) -> Topology:
     drawn = connection.execute(text(_REGIONS)).all()
     types = _supertypes(connection, (*rows, *drawn))
     places = [
-        Place(
-            row.name, row.type, row.label, row.storey, row.elevator,
-            types.get(row.type, ()) if row.type else (), row.properties, row.floor or 0.0, row.id,
-        )
-        for row in rows
+        Place(name, type_, label, storey, elevator, types.get(type_, ()), said or {}, floor or 0.0,
+              number)
+        for number, name, type_, label, said, storey, elevator, floor in rows
     ]  # fmt: skip
-    return Topology.of(places, read_connectors(connection), _regions(drawn, types))
+    return Topology.of(places, read_connectors(connection, places), _regions(drawn, types))
 
 
 def read_regions(connection: Connection) -> tuple[Region, ...]:
@@ -120,27 +121,37 @@ def _regions(drawn: Sequence[Any], types: Mapping[str, tuple[str, ...]]) -> list
 
 def _supertypes(connection: Connection, rows: Sequence[Any]) -> dict[str, tuple[str, ...]]:
     """What subsumes the types of rows."""
-    types = {"types": [*{row.type for row in rows if row.type}]}
-    found = connection.execute(text(_SUPERTYPES), types)
+    named = {row.type for row in rows if row.type}
+    if not named:
+        return {}
+    found = connection.execute(text(_SUPERTYPES), {"types": [*named]})
     return {sub: tuple(supers) for sub, supers in found}
 
 
-def read_connectors(connection: Connection, ids: Collection[int] | None = None) -> list[Connector]:
-    """The connectors of the current map, or those of them with these ids."""
+def read_connectors(
+    connection: Connection, places: Iterable[Place], ids: Collection[int] | None = None
+) -> list[Connector]:
+    """The connectors of these places, or those of them with these ids."""
     if ids is not None and not ids:
         return []
-    rows = connection.execute(text(_CONNECTORS), {"ids": None if ids is None else [*ids]}).all()
+    names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}
+    names[None] = OUTSIDE
+    values = {"ids": None if ids is None else [*ids]}
+    rows = [
+        row
+        for row in connection.execute(text(_CONNECTORS), values)
+        if row.place_a in names and row.place_b in names
+    ]
     if not rows:
         return []
-    poses = np.array([row.poses for row in rows]).reshape(-1, 3, 7)
+    sent = np.frombuffer(b"".join(row.poses for row in rows), _SENT)
+    poses = sent["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
     ends = [[Pose(*p) for p in _composed(poses[:, 0], poses[:, k]).tolist()] for k in (1, 2)]
     return [
-        Connector(
-            row.name, (row.place_a, row.place_b or OUTSIDE), (a, b), row.form, row.direction,
-            row.state, row.behaviour, row.width, row.height, row.step, frozenset(row.permissions),
-            row.properties, row.id,
-        )
-        for row, a, b in zip(rows, *ends, strict=True)
+        Connector(name, (names[a], names[b]), both, form, direction, state, behaviour, width,
+                  height, step, frozenset(permissions or ()), said or {}, number)
+        for both, (number, name, a, b, _, form, direction, state, behaviour, width, height, step,
+                   permissions, said) in zip(zip(*ends, strict=True), rows, strict=True)
     ]  # fmt: skip
 
 
@@ -334,7 +345,7 @@ def read_robot_class(connection: Connection, name: str) -> tuple[int, RobotClass
         tuple(_part(said) for said in row.parts),
         Gait(row.max_step, row.max_slope),
         behaviours=None if row.behaviours is None else frozenset(row.behaviours),
-        permissions=frozenset(row.permissions),
+        permissions=frozenset(row.permissions or ()),
         reach=(row.reach[0], row.reach[1]),
         heights=(row.heights[0], row.heights[1]),
         **{name: getattr(row, name) for name in _PLAIN},
@@ -388,20 +399,30 @@ class Walk(NamedTuple):
 
 
 _WALKS = """
-SELECT string_agg(int8send(place_id) || int8send(from_id) || int8send(to_id) || float8send(seconds)
-                  || float8send(metres), '' ORDER BY place_id, from_id, to_id)
-FROM walk WHERE robot_class_id = :robot
-  AND place_id IN (SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room')
+COPY (SELECT place_id, from_id, to_id, seconds, metres FROM walk WHERE robot_class_id = {robot}
+      AND place_id IN (SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room'))
+TO STDOUT (FORMAT binary)
 """
 
-_WALK_TYPE = np.dtype([("place", ">i8"), ("a", ">i8"), ("b", ">i8"), ("seconds", ">f8"),
-                       ("metres", ">f8")])  # fmt: skip
+_SENT_WALK = np.dtype(
+    [("count", ">i2")]
+    + [
+        field
+        for name, kind in (("place", ">i8"), ("a", ">i8"), ("b", ">i8"), ("seconds", ">f8"),
+                           ("metres", ">f8"))
+        for field in ((f"length of {name}", ">i4"), (name, kind))
+    ]
+)  # fmt: skip
+"""A walk as COPY sends it; before the first are 19 bytes, behind the last two."""
 
 
 def read_walks(connection: Connection, robot_class: int) -> NDArray[Any]:
     """The walks of a class of robots in the current map, as an array with the fields of `Walk`."""
-    packed = connection.execute(text(_WALKS), {"robot": robot_class}).scalar()
-    found: NDArray[Any] = np.frombuffer(bytes(packed or b""), _WALK_TYPE)
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    with driver.cursor() as cursor, cursor.copy(_WALKS.format(robot=int(robot_class))) as copy:
+        sent = b"".join(copy)
+    found: NDArray[Any] = np.frombuffer(sent[19:-2], _SENT_WALK)
     return found
 
 
@@ -476,31 +497,33 @@ def place_digests(
     return {row.id: row.digest for row in rows}
 
 
-def walked_until(
-    connection: Connection, robot_class: int, cursor: str | None = None
-) -> tuple[str | None, dict[int, str]]:
-    """Up to which change the walks in the current map are measured, and for which states of places.
-
-    A cursor given is written; where none was, the first is None.
-    """
-    if cursor is not None:
-        connection.execute(
-            text(
-                "INSERT INTO walked_map VALUES (:robot, current_map(), :cursor) "
-                "ON CONFLICT (robot_class_id, map_id) DO UPDATE SET cursor = EXCLUDED.cursor"
-            ),
-            {"robot": robot_class, "cursor": cursor},
-        )
-        return cursor, {}
-    before = connection.execute(
+def walked_until(connection: Connection, robot_class: int) -> str | None:
+    """Up to which change the walks in the current map are measured; None where none are."""
+    found = connection.execute(
         text("SELECT cursor FROM walked_map WHERE robot_class_id = :robot "
              "AND map_id = current_map()"), {"robot": robot_class}
     ).scalar()  # fmt: skip
-    digests = connection.execute(
+    return None if found is None else str(found)
+
+
+def keep_walked_until(connection: Connection, robot_class: int, cursor: str) -> None:
+    """Say up to which change the walks in the current map are measured."""
+    connection.execute(
+        text(
+            "INSERT INTO walked_map VALUES (:robot, current_map(), :cursor) "
+            "ON CONFLICT (robot_class_id, map_id) DO UPDATE SET cursor = EXCLUDED.cursor"
+        ),
+        {"robot": robot_class, "cursor": cursor},
+    )
+
+
+def walked_digests(connection: Connection, robot_class: int) -> dict[int, str]:
+    """The states of places for which walks were measured, by id."""
+    rows = connection.execute(
         text("SELECT place_id, digest FROM walked_place WHERE robot_class_id = :robot"),
         {"robot": robot_class},
     )
-    return before, {row.place_id: row.digest for row in digests}
+    return {row.place_id: row.digest for row in rows}
 
 
 def may_keep(connection: Connection, robot_class: int, state: str | None) -> bool:

@@ -52,9 +52,7 @@ class Times:
 
     def of_passing(self, connector: Connector, speed: float) -> float:
         """From the pose before a connector to the pose behind it, once it is open."""
-        a, b = connector.poses
-        through = math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) / speed
-        return self.learned.get((connector.behaviour, connector.name), through)
+        return self.learned.get((connector.behaviour, connector.name), connector.metres / speed)
 
     def of_calling(self, elevator: str) -> float:
         """Waiting for an elevator."""

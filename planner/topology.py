@@ -6,7 +6,8 @@ Arrays and plain dataclasses: `planner.source` reads them from the map.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,8 +17,12 @@ import shapely
 from semmap.geometry.pose import Pose
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
+    from planner.ask import Asker, Said
     from planner.network import Network
     from planner.robot_class import RobotClass
+    from planner.route import Route
     from planner.times import Times
     from planner.walks import Walks
 
@@ -65,7 +70,7 @@ class Place:
     type, label : semantic type and function (``kitchen``), where known
     storey : name of the storey, where known
     elevator : name of the elevator whose cabin this is
-    types : the type and what subsumes it, the nearest first
+    types : the type, and then what subsumes it
     properties : as the map has them
     floor : z of its ground, metres in the map's frame
     id : of its entity, where it comes from a map
@@ -116,6 +121,12 @@ class Connector:
     id: int | None = None
 
     @property
+    def metres(self) -> float:
+        """From the pose before it to the pose behind it."""
+        a, b = self.poses
+        return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
+
+    @property
     def shut(self) -> bool:
         """Whether who passes has to open it; elevators open their own doors."""
         return self.state == "locked" or (self.state == "closed" and self.type != "elevator_door")
@@ -141,6 +152,8 @@ class Region:
 class Topology:
     """What joins what: places by name, connectors by name; and regions of places.
 
+    `asker` answers on the map that the topology was read from, for a class of robots.
+
     `OUTSIDE` is a place wherever a connector leads there.
 
     Raises
@@ -152,6 +165,9 @@ class Topology:
     places: dict[str, Place] = field(default_factory=dict)
     connectors: dict[str, Connector] = field(default_factory=dict)
     regions: tuple[Region, ...] = ()
+    asker: Callable[[str | RobotClass | None], Asker] | None = field(
+        default=None, compare=False, repr=False
+    )
 
     @classmethod
     def of(
@@ -214,6 +230,33 @@ class Topology:
             if place.elevator is not None:
                 found.setdefault(place.elevator, []).append(place.name)
         return found
+
+    def route(
+        self,
+        start: Said,
+        goal: Said,
+        *,
+        robot: str | RobotClass | None = None,
+        avoid: Sequence[str] = (),
+        at: datetime | None = None,
+    ) -> Route:
+        """The route that takes the least time for a class of robots.
+
+        From a place, or a pose in one, to the like, or to the nearest place of a label or type;
+        where the topology follows a map (`planner.live.Live`), from and to its things and regions,
+        too, over the robot's costmaps. See `planner.ask.Asker.route`.
+
+        Raises
+        ------
+        UnknownPlaceError, NoRouteError
+        """
+        if self.asker is not None:
+            return self.asker(robot).route(start, goal, avoid=avoid, at=at)[0]
+        from planner.ask import Asker  # which stands on this module
+
+        if isinstance(robot, str):
+            raise ValueError(f"a topology of no map knows no robot {robot}: give a RobotClass")
+        return Asker(self.network(robot)).route(start, goal, avoid=avoid, at=at)[0]
 
     def network(
         self,

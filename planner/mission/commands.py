@@ -23,7 +23,7 @@ from planner.topology import Topology
 from semmap import cli
 from semmap.geometry.pose import Pose
 
-__all__ = ["register"]
+__all__ = ["entry", "register"]
 
 WORLDS = Path("out/missions")
 
@@ -41,9 +41,11 @@ def run_command(
     start: Annotated[
         str | None, typer.Option("--from", help="The room it starts in; else where the map has it.")
     ] = None,
-    robot: Annotated[str, typer.Option("--robot", help="The agent of that name.")] = "robot",
+    robot: Annotated[
+        str, typer.Option("--agent", help="The robot of that name in the map.")
+    ] = "robot",
     robot_class: Annotated[
-        str | None, typer.Option("--class", help="Its class: semmap robot.")
+        str | None, typer.Option("--robot", help="Its class: semmap robot.")
     ] = None,
     simulate: Annotated[bool, typer.Option("--simulate", help="A simulated robot.")] = False,
     speed: Annotated[float, typer.Option(help="How much faster than real its clock runs.")] = 20.0,
@@ -86,7 +88,7 @@ def run_command(
                     raise typer.BadParameter("a mission is resumed where its robot is: no --from")
                 if start not in live.topology.places:
                     live.topology.place(start)
-                journal.add_robot(robot, start, _entry(live.topology, start), robot_class)
+                journal.add_robot(robot, start, entry(live.topology, start), robot_class)
             if number is None:
                 assert goal is not None
                 TaskPlanner(live, domain).check(goal)
@@ -183,7 +185,7 @@ def _resumed(journal: Journal, mission: int | None) -> int:
     return known[0] if mission is None else mission
 
 
-def _entry(topology: Topology, place: str) -> Pose:
+def entry(topology: Topology, place: str) -> Pose:
     """Where a robot can stand in a place: before its first door."""
     doors = topology.doors_of(place)
     if not doors:

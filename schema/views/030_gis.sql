@@ -28,7 +28,8 @@ CREATE VIEW gis_region AS
 -- A connector as the line between its two poses.
 CREATE VIEW gis_connector AS
     SELECT e.id AS fid, m.name AS map, s.name AS storey, e.name, e.type, c.form, a.name AS place_a,
-           coalesce(b.name, 'outside') AS place_b, c.direction, c.state, c.behaviour, c.width,
+           coalesce(b.name, 'outside') AS place_b, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
+           array_to_string(c.permissions, ',') AS permissions,
            e.properties::text AS properties,
            ST_MakeLine(ST_MakePoint(pa.pose[1], pa.pose[2]), ST_MakePoint(pb.pose[1], pb.pose[2]))::geometry(LineString, 0) AS geom
     FROM entity e JOIN map m ON m.id = e.map_id JOIN connector c ON c.entity_id = e.id
@@ -86,9 +87,11 @@ BEGIN
         END IF;
         UPDATE entity SET name = NEW.name, type = NEW.type, properties = said
             WHERE id = OLD.fid AND (name, type, properties) IS DISTINCT FROM (NEW.name, NEW.type, said);
-        UPDATE connector SET state = NEW.state, direction = NEW.direction, behaviour = NEW.behaviour, width = NEW.width
-            WHERE entity_id = OLD.fid AND (state, direction, behaviour, width)
-                  IS DISTINCT FROM (NEW.state, NEW.direction, NEW.behaviour, NEW.width);
+        UPDATE connector SET state = NEW.state, direction = NEW.direction, behaviour = NEW.behaviour, width = NEW.width,
+               height = NEW.height, step = coalesce(NEW.step, 0),
+               permissions = coalesce(regexp_split_to_array(NULLIF(trim(NEW.permissions), ''), '\s*,\s*'), '{}')
+            WHERE entity_id = OLD.fid AND (NEW.state, NEW.direction, NEW.behaviour, NEW.width, NEW.height, NEW.step, NEW.permissions)
+                  IS DISTINCT FROM (OLD.state, OLD.direction, OLD.behaviour, OLD.width, OLD.height, OLD.step, OLD.permissions);
         RETURN NEW;
     END IF;
 

@@ -72,7 +72,18 @@ TAKEN: dict[Kind, set[str]] = {
     "storey": COMMON | {"elevation", "height"},
     "elevator": COMMON,
     "room": COMMON | {"floor", "ceiling", "elevator"},
-    "connector": COMMON | {"floor", "joins", "state", "behaviour", "direction", "width"},
+    "connector": COMMON
+    | {
+        "floor",
+        "joins",
+        "state",
+        "behaviour",
+        "direction",
+        "width",
+        "height",
+        "step",
+        "permissions",
+    },
     "region": COMMON | {"floor", "ceiling"},
     "object": COMMON | {"floor", "ceiling", "height"},
     "agent": COMMON | {"floor", "ceiling", "height"},
@@ -93,7 +104,9 @@ def read_annotation(path: Path, name: str | None = None) -> World:
     - room: polygon, `floor`, `ceiling`, `elevator` (whose cabin it is)
     - connector: the line of the opening, or a point with `width` and `heading`; `joins`
       (``"lab1,corridor1"``, the first being where x comes from; by default the places on both sides
-      of the line), `state`, `direction`, `behaviour`. Stairs and ramps are lines along the way.
+      of the line), `state`, `direction`, `behaviour`; `height` of the clear opening, `step` of its
+      threshold, `permissions` of which one is needed (``"staff,cleaning"``). Stairs and ramps are
+      lines along the way.
     - region: polygon or point; `blocked`, `home`
     - storey: `elevation`, `height`; elevator; object (polygon with `height`, or point); agent
     - without a geometry: an entry with nothing but its semantics
@@ -390,9 +403,16 @@ class _Reading:
             text(feature, "behaviour")
             or ("drive_through" if OPENING in above else BEHAVIOURS[form]),
             number(feature, "width"),
+            number(feature, "height"),
+            number(feature, "step") or 0.0,
+            tuple(w.strip() for w in (text(feature, "permissions") or "").split(",") if w.strip()),
         )
-        if connects.width is not None and connects.width <= 0:
-            raise Refused(f"its width is {connects.width}", "Give the clear width in metres.")
+        for key in ("width", "height"):
+            clear = getattr(connects, key)
+            if clear is not None and clear <= 0:
+                raise Refused(f"its {key} is {clear}", f"Give the clear {key} in metres.")
+        if connects.step < 0:
+            raise Refused(f"its step is {connects.step}", "Give the height of the threshold.")
         if connects.direction != "both" and joins is None:
             raise Refused("it has a direction but does not say what it joins", "Add joins.")
         if feature.geometry is None:

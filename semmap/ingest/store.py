@@ -382,6 +382,9 @@ def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
                 "state": c.state,
                 "behaviour": c.behaviour,
                 "width": c.width,
+                "height": c.height,
+                "step": c.step,
+                "permissions": list(c.permissions),
             }
         case None if entry.kind == "connector":
             raise WorldError(

@@ -95,7 +95,8 @@ class Connects:
     The two places that it joins (the second may be `OUTSIDE`), and a pose in each, in the
     connector's own frame, at which a robot stands facing the connector. x of the connector's
     frame points from the first place to the second. `behaviour` names the robot behaviour that
-    passing needs (``pass_door``, ``call_elevator``, ...).
+    passing needs (``pass_door``, ``call_elevator``, ...). `width` and `height` are of the clear
+    opening, `step` that of its threshold, metres; who passes needs one of the `permissions`.
     """
 
     places: tuple[str, str]
@@ -105,6 +106,9 @@ class Connects:
     state: Literal["open", "closed", "locked"] = "open"
     behaviour: str = "pass_door"
     width: float | None = None
+    height: float | None = None
+    step: float = 0.0
+    permissions: tuple[str, ...] = ()
 
 
 @dataclass

@@ -292,6 +292,16 @@ def test_a_door_joins_what_lies_on_its_sides(write: Write) -> None:
     assert np.allclose(door.shapes[0].mesh.bounds, [[-0.025, -0.5, 0], [0.025, 0.5, 2.1]])
 
 
+def test_a_door_says_what_it_lets_through(write: Write) -> None:
+    said = {"height": 1.9, "step": 0.03, "permissions": "staff, night"}
+    drawn = feature(line((4.1, 1), (4.1, 2)), kind="door", name="gate", **said)
+    gate = by_name(read_annotation(write(HALL, drawn, LAB)))["gate"]
+    assert isinstance(gate.detail, Connects)
+    assert (gate.detail.height, gate.detail.step) == (1.9, 0.03)
+    assert gate.detail.permissions == ("staff", "night")
+    assert gate.properties == {}
+
+
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("joins", ["lab,hall", "hall, lab", ["lab", "hall"]])
 def test_x_of_a_door_leads_to_the_second_place(write: Write, joins: Any, reverse: bool) -> None:
@@ -437,6 +447,8 @@ UNUSABLE = [
     (feature(line((4.1, 1), (4.1, 2)), kind="door", name="bad", state="ajar"), "ajar"),
     (feature(line((4.1, 1), (4.1, 2)), kind="door", name="bad", direction="forward"), "direction"),
     (feature(line((4.1, 1), (4.1, 2)), kind="door", name="bad", width=-1), "width"),
+    (feature(line((4.1, 1), (4.1, 2)), kind="door", name="bad", height=0), "height"),
+    (feature(line((4.1, 1), (4.1, 2)), kind="door", name="bad", step=-0.1), "step"),
     (feature(line((1, 1), (2, 2)), type="stairs", name="bad"), "two rooms"),
     ({"type": "Feature", "properties": [], "geometry": None}, "properties"),
     ("scribble", "not a Feature"),

@@ -6,6 +6,15 @@ from PIL import Image
 from planner import demo
 from semmap.draw.palette import PATH
 
+FIGURE_4 = (
+    "pass_door(door1, lab1, corridor1) · pass_door(door2, corridor1, foyer-1st) · call_elevator · "
+    "pass_door(edoor1, foyer-1st, elevator-1st) · use_elevator(floor-1st, floor-3rd) · "
+    "pass_door(edoor3, elevator-3rd, foyer-3rd) · pass_door(door5, foyer-3rd, corridor3) · "
+    "pass_door(door6, corridor3, office4) · pickup(muffin, desk4) · "
+    "pass_door(door7, office4, corridor3) · pass_door(door8, corridor3, lab2) · "
+    "place(muffin, desk1)"
+)
+
 
 @pytest.fixture
 def said():
@@ -24,6 +33,8 @@ def test_the_demo_does_the_main_job_from_end_to_end(commands, folder, said, caps
         "figure9_single.png",
         "figure9_robot.png",
         "fields.png",
+        "floor-1st/topology.png",
+        "floor-3rd/topology.png",
         "floor-1st/plan.png",
         "floor-3rd/plan.png",
         "rooms.png",
@@ -34,9 +45,12 @@ def test_the_demo_does_the_main_job_from_end_to_end(commands, folder, said, caps
         pixels = np.asarray(Image.open(picture).convert("RGB"), float) / 255
         assert (np.abs(pixels - to_rgb(PATH)).max(axis=-1) < 0.05).sum() > 100
     assert any("lab1 -> office4: door1, door2, edoor1, edoor3, door5, door6" in s for s in said)
-    table = capsys.readouterr().out
-    assert "office4" in table
-    assert "desk4" in table
+    assert any(f"on(muffin, desk1): {FIGURE_4}" in s for s in said)
+    assert any("done: 21 steps by a simulated robot" in s for s in said)
+    before, after = [line.split()[:2] for line in capsys.readouterr().out.splitlines()
+                     if "BOX3D" in line]  # fmt: skip
+    assert before == ["office4", "desk4"]
+    assert after == ["lab2", "desk1"]
     assert (folder / "floor-3rd" / "map.pgm").is_file()
 
 

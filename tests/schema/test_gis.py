@@ -89,6 +89,7 @@ def test_gdal_sees_key_srid_and_type_of_each_layer(engine: Engine) -> None:
         ("gis_object", 0, "MULTIPOLYGON"),
         ("gis_region", 0, "MULTIPOLYGON"),
         ("gis_room", 0, "MULTIPOLYGON"),
+        ("gis_stand", 0, "POINT"),
     ]
 
 
@@ -179,3 +180,43 @@ def test_a_georeferenced_map_lies_on_the_earth(
     ring = room["geometry"]["coordinates"][0][0]
     for corner in corners:
         assert min(abs(p[0] - corner[0]) + abs(p[1] - corner[1]) for p in ring) < 1e-6
+
+
+def test_what_a_door_lets_through_is_edited_in_its_layer(engine: Engine, building: str) -> None:
+    with engine.begin() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": building})
+        rooms = [
+            connection.execute(
+                text("INSERT INTO gis_room (map, name, geom) VALUES (:map, :name, "
+                     "ST_Multi(ST_MakeEnvelope(:x, 0, :x + 3, 3, 0))) RETURNING fid"),
+                {"map": building, "name": f"side{x}", "x": x},
+            ).scalar_one()
+            for x in (0, 4)
+        ]  # fmt: skip
+        door = connection.execute(
+            text("INSERT INTO entity (map_id, kind, name) "
+                 "VALUES (current_map(), 'connector', 'gate') RETURNING id")
+        ).scalar_one()  # fmt: skip
+        connection.execute(
+            text("INSERT INTO connector (entity_id, place_a, place_b, pose_a, pose_b) "
+                 "VALUES (:id, :a, :b, '{2,1,0,0,0,0,1}', '{5,1,0,0,0,0,1}')"),
+            {"id": door, "a": rooms[0], "b": rooms[1]},
+        )  # fmt: skip
+        connection.execute(text("INSERT INTO placement (entity_id) VALUES (:id)"), {"id": door})
+        connection.execute(
+            text("UPDATE gis_connector SET height = 1.9, step = 0.03, permissions = 'staff, night' "
+                 "WHERE fid = :id"), {"id": door}
+        )  # fmt: skip
+        row = connection.execute(
+            text("SELECT height, step, permissions FROM connector WHERE entity_id = :id"),
+            {"id": door},
+        ).one()
+        assert tuple(row) == (1.9, 0.03, ["staff", "night"])
+        connection.execute(
+            text("UPDATE gis_connector SET permissions = NULL WHERE fid = :id"), {"id": door}
+        )
+        row = connection.execute(
+            text("SELECT height, step, permissions FROM connector WHERE entity_id = :id"),
+            {"id": door},
+        ).one()
+        assert tuple(row) == (1.9, 0.03, [])

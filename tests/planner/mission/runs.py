@@ -99,7 +99,11 @@ def _child(
 def kinds_of(stage: Stage | None) -> tuple[str, ...]:
     """The moments at which it may die: a step that ended is like one that has not begun yet."""
     handles = stage is None or stage.behaviour in ("pickup", "place", "use_elevator")
-    return ("planned", "started", "acted", "ended", "failed") if handles or SOAK else ("started", "acted")
+    return (
+        ("planned", "started", "acted", "ended", "failed")
+        if handles or SOAK
+        else ("started", "acted")
+    )
 
 
 class Mortal:

@@ -72,7 +72,7 @@ def test_resumed_and_cancelled(said: Commands, world: World) -> None:
         second = journal.add("robot", "on(muffin, desk4)")
     with pytest.raises(MissionError, match="is gone"):
         said.simulate("--resume")
-    assert said.simulate("on(muffin, desk4)", "--robot", "other", "--from", "lab1").exit_code == 0
+    assert said.simulate("on(muffin, desk4)", "--agent", "other", "--from", "lab1").exit_code == 0
     assert said.simulate("--resume").exit_code == 0
     assert said.run("missions", "--cancel", second).exit_code == 0
     states = world.ask("SELECT state FROM mission ORDER BY id")
@@ -103,8 +103,8 @@ def test_what_was_not_said(said: Commands, arguments: tuple[str, ...], message: 
         (("on(muffin, desk1)", "--from", "lab9"), "did you mean lab"),
         (("on(muffin desk1)",), "on takes 2"),
         (("on(muffin, desk1)", "--fail", "grasp"), "is no failure"),
-        (("on(muffin, desk1)", "--robot", "nobody"), "no robot named nobody"),
-        (("on(muffin, desk1)", "--robot", "desk1", "--from", "lab1"), "desk1 is of kind object"),
+        (("on(muffin, desk1)", "--agent", "nobody"), "no robot named nobody"),
+        (("on(muffin, desk1)", "--agent", "desk1", "--from", "lab1"), "desk1 is of kind object"),
     ],
 )
 def test_bad_input_changes_nothing(
