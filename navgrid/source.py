@@ -117,6 +117,7 @@ def read_things(
     connection: Connection,
     ids: Iterable[int],
     *,
+    kind: str | None = None,
     storey: str | None = None,
     moment: datetime | None = None,
 ) -> list[Thing]:
@@ -124,11 +125,12 @@ def read_things(
 
     Parameters
     ----------
+    kind : only things of that kind
     storey : only what stands there
     moment : only regions that hold then
     """
-    values: dict[str, Any] = {"ids": [*ids]}
-    where = "  AND e.id = ANY(:ids) "
+    values: dict[str, Any] = {"ids": [*ids], "kind": kind}
+    where = "  AND e.id = ANY(:ids) AND (CAST(:kind AS text) IS NULL OR e.kind = :kind) "
     if storey is not None:
         low, high, _, storey_id = _band(connection, storey)
         values |= {"storey": storey_id, "low": low, "high": high}

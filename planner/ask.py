@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from itertools import groupby
 
 import numpy as np
 
@@ -69,11 +68,11 @@ class Asker:
         if k < 1:
             raise ValueError(f"ask for 1 route or more, not {k}")
         with self._ruled(avoid, at):
-            starts = self._sites(start, drawn=1)
+            starts = self._sites(start)
             if len({s.place for s in starts}) > 1:
                 names = ", ".join(sorted({s.place for s in starts}))
                 raise ValueError(f"{start} may be {names}; name one of them")
-            goals = self._sites(goal, drawn=1)
+            goals = self._sites(goal)
             took = self.network.times_between(starts, goals)
             best = np.unravel_index(int(np.argmin(took)), took.shape)
             if not np.isfinite(took[best]):
@@ -87,32 +86,32 @@ class Asker:
     def _ruled(self, avoid: Sequence[str], at: datetime | None) -> Iterator[None]:
         """While it lasts, rules hold and what is to be avoided is barred."""
         rules = (*self.rules.rules, *forbid(avoid))
-        known = set(avoid)
-        for name in known:
+        for name in avoid:
             if not self._is_known(name):
                 raise UnknownPlaceError(name, self._names())
-        laid = penalties(self.network, rules, at, ground=self.ground)
-        regions = barred_regions(self.network, rules, at) if self.ground is not None else []
-        with self.network.penalised(laid.seconds, laid.bars):
+        with ExitStack() as held:
+            held.enter_context(self.network.lock)  # none takes our ways around for the way
+            laid = penalties(self.network, rules, at, ground=self.ground)
+            regions = barred_regions(self.network, rules, at) if self.ground is not None else []
+            held.enter_context(self.network.penalised(laid.seconds, laid.bars, laid.walks))
             if self.ground is None:
                 yield
                 return
-            by_storey = [(self.ground.storey_of(p), r.outline) for r in regions for p in r.places]
-            by_storey.sort(key=lambda pair: pair[0])
             former = {}
-            for storey, group in groupby(by_storey, key=lambda pair: pair[0]):
+            for storey in {self.ground.storey_of(p) for r in regions for p in r.places}:
                 former[storey] = self.ground.avoided(storey)
-                self.ground.avoid(storey, [*former[storey], *(outline for _, outline in group)])
+                here = [r for r in regions if storey in map(self.ground.storey_of, r.places)]
+                self.ground.avoid(storey, [*former[storey], *here])
             try:
                 yield
             finally:
-                for storey, outlines in former.items():
-                    self.ground.avoid(storey, outlines)
+                for storey, before in former.items():
+                    self.ground.avoid(storey, before)
 
     def _is_known(self, name: str) -> bool:
         topology = self.network.topology
         things: list[Place | Region] = [*topology.places.values(), *topology.regions]
-        return name in topology.connectors or any(
+        return any(name in (c.name, c.type) for c in topology.connectors.values()) or any(
             name in (t.name, t.label, *t.types) for t in things
         )
 
@@ -122,16 +121,20 @@ class Asker:
 
     # -- ends -----------------------------------------------------------------------------------
 
-    def _sites(self, said: Said, drawn: int) -> list[Site]:
+    def _sites(self, said: Said) -> list[Site]:
         """Where a robot may stand for what is said."""
         if isinstance(said, Target):
-            return self._sites_of(self._placed(said), drawn)
+            return self._sites_of(self._placed(said))
         if isinstance(said, tuple):
             return [self._at(said[0], said[1])]
         if isinstance(said, Pose):
             place = self.place_at(said)
             if place is None:
-                raise NoRouteError(f"({said.x:.2f}, {said.y:.2f}, {said.z:.2f}) is in no room")
+                names = self.ground.occupants(said) if self.ground is not None else ()
+                there = f"; {', '.join(names)} is there" if names else ""
+                raise NoRouteError(
+                    f"({said.x:.2f}, {said.y:.2f}, {said.z:.2f}) is in no room{there}"
+                )
             return [self._at(place, said)]
         topology = self.network.topology
         if said in topology.places:
@@ -151,7 +154,7 @@ class Asker:
         why: NoRouteError | None = None
         for target in targets:
             try:
-                sites += self._sites_of(target, drawn)
+                sites += self._sites_of(target)
             except NoRouteError as error:
                 why = why or error
         if not sites:
@@ -164,25 +167,26 @@ class Asker:
             return target
         return replace(target, place=self.place_at(target.pose))
 
-    def _sites_of(self, target: Target, drawn: int) -> list[Site]:
+    def _sites_of(self, target: Target) -> list[Site]:
         place = target.place
         if place is None:
             raise NoBasePoseError(f"no room holds {target.name}")
         if target.kind == "room" or self.ground is None:
             return [self.network.site(place)]
         if target.kind == "agent" and target.pose is not None:
-            return [self._at(place, target.pose)]
+            return [self._at(place, target.pose, about=True)]
         if target.kind == "region":
-            poses = poses_in(self.ground, target, self.rng, drawn)
-        else:
-            poses = poses_to_reach(self.ground, target)
-        return [self.network.site(place, pose) for pose in poses]
+            drawn = [
+                self.network.site(place, pose) for pose in poses_in(self.ground, target, self.rng)
+            ]
+            reached = [s for s in drawn if np.isfinite(s.seconds).any()]
+            return (reached or drawn)[:1]
+        return [self.network.site(place, pose) for pose in poses_to_reach(self.ground, target)]
 
-    def _at(self, place: str, pose: Pose) -> Site:
+    def _at(self, place: str, pose: Pose, *, about: bool = False) -> Site:
         self.network.topology.place(place)
-        if self.ground is not None and not self.ground.stands(place, pose):
-            names = self.ground.occupants(place, pose)
-            why = f"{', '.join(names)} is in the way" if names else "that is outside of it"
+        why = self.ground.hindrance(place, pose, about=about) if self.ground is not None else None
+        if why is not None:
             raise NoRouteError(
                 f"{self.network.robot.name} cannot stand at ({pose.x:.2f}, {pose.y:.2f}) in "
                 f"{place}: {why}"

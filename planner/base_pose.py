@@ -7,7 +7,7 @@ no wall between; in a region any admissible pose serves, drawn by chance.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -25,6 +25,12 @@ __all__ = ["NoBasePoseError", "poses_in", "poses_to_reach"]
 
 SECTORS = 24
 """Sides of a thing from which it may be reached."""
+
+HEADINGS = 16
+"""Ways to turn that are tried in a region."""
+
+TRIES = 200
+"""Points of a region that are tried with one of them each."""
 
 WALLS = "room_geometry"
 
@@ -75,6 +81,7 @@ def poses_to_reach(ground: Ground, target: Target, most: int = 12) -> list[Pose]
         )
     middle = shape.centroid
     to = np.array([middle.x, middle.y]) - points
+    doors = _doors(ground, target.place)
     sector = np.floor((np.arctan2(-to[:, 1], -to[:, 0]) / (2 * math.pi) + 1) * SECTORS) % SECTORS
     price = costs[free[:, 0], free[:, 1]].astype(np.int64)
     order = np.lexsort((np.round(away, 3), price))
@@ -84,8 +91,9 @@ def poses_to_reach(ground: Ground, target: Target, most: int = 12) -> list[Pose]
     for i in order:
         if int(sector[i]) in taken:
             continue
-        heading = math.atan2(to[i, 1], to[i, 0])
-        if _touches(ground, target.place, points[i], heading):
+        part = shapely.intersection(shape, shapely.Point(points[i]).buffer(far)).centroid
+        heading = math.atan2(part.y - points[i, 1], part.x - points[i, 0])
+        if _touches(ground, target.place, points[i], heading, doors):
             continue
         if _behind_a_wall(walls, room.grid.origin, room.grid.resolution, points[i], shape):
             continue
@@ -116,20 +124,25 @@ def poses_in(
     room, costs = ground.room(target.place), ground.costs(target.place)
     if room is None or costs is None:
         raise NoBasePoseError(f"the map does not know what {target.place} covers")
-    free = np.argwhere((costs < INSCRIBED) & area_cells(target.footprint, room.grid))
+    free = (costs < INSCRIBED) & area_cells(target.footprint, room.grid)
+    rows, columns = np.nonzero(free)
+    points = np.array(room.grid.origin) + (np.stack([columns, rows], 1) + 0.5) * ground.resolution
+    points = points[shapely.covers(target.footprint, shapely.points(points))]
     floor = ground.topology.places[target.place].floor
     found: list[Pose] = []
-    for k in rng.permutation(len(free))[: 40 * most]:
-        x, y = np.array(room.grid.origin) + (free[k, ::-1] + 0.5) * room.grid.resolution
-        heading = float(rng.uniform(-math.pi, math.pi))
-        inside = target.footprint.covers(shapely.Point(x, y))
-        if inside and not _touches(ground, target.place, np.array([x, y]), heading):
-            found.append(Pose.planar(float(x), float(y), heading, floor))
+    doors = _doors(ground, target.place)
+    turns = 2 * math.pi * np.arange(HEADINGS) / HEADINGS + rng.uniform(-math.pi, math.pi)
+    for turn in rng.permutation(HEADINGS):  # most poses are found with the first
+        for k in rng.permutation(len(points))[:TRIES]:
+            x, y = map(float, points[k])
+            heading = math.remainder(float(turns[(turn + k) % HEADINGS]), 2 * math.pi)
+            if not _touches(ground, target.place, points[k], heading, doors):
+                found.append(Pose.planar(x, y, heading, floor))
             if len(found) == most:
                 break
-    if not found:
-        raise NoBasePoseError(f"{robot.name} finds no free pose in {name}")
-    return found
+        if found:
+            return found
+    raise NoBasePoseError(f"{robot.name} finds no free pose in {name}")
 
 
 def _walls(ground: Ground, place: str) -> NDArray[np.bool_]:
@@ -165,9 +178,35 @@ def _behind_a_wall(
     return bool(walls[rows[inside], columns[inside]].any())
 
 
-def _touches(ground: Ground, place: str, point: NDArray[np.float64], heading: float) -> bool:
-    """Whether a part's footprint, turned, touches what is in its interval there."""
+def _doors(ground: Ground, place: str) -> list[shapely.LineString]:
+    """Across the openings of a place: whoever stands there is in the way of a door, or in one."""
+    lines = []
+    for connector, _ in ground.topology.doors_of(place):
+        a, b = connector.poses
+        middle = np.array([a.x + b.x, a.y + b.y]) / 2
+        along = np.array([b.x - a.x, b.y - a.y])
+        length = float(np.linalg.norm(along))
+        if length > 0:
+            across = np.array([-along[1], along[0]]) / length * (connector.width or 0.9) / 2
+            lines.append(shapely.LineString([middle - across, middle + across]))
+    return lines
+
+
+def _touches(
+    ground: Ground,
+    place: str,
+    point: NDArray[np.float64],
+    heading: float,
+    doors: Sequence[shapely.LineString] = (),
+) -> bool:
+    """Whether a part's footprint, turned, touches a door, or what is in its interval there."""
     costmap = ground.costmap(ground.storey_of(place))
+    if doors:
+        cos, sin = math.cos(heading), math.sin(heading)
+        turn = np.array([[cos, sin], [-sin, cos]])
+        parts = [shapely.Polygon(part.footprint @ turn + point) for part in costmap.parts]
+        if any(door.intersects(part) for door in doors for part in parts):
+            return True
     row, column = costmap.cell(float(point[0]), float(point[1]))
     for number, part in enumerate(costmap.parts):
         cells, (r, c) = footprint_cells(part.footprint, heading, costmap.grid.resolution)

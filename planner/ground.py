@@ -21,7 +21,7 @@ from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.scene import Scene, Thing, grid_of
 from navgrid.travel import travel, way
 from planner.robot_class import RobotClass
-from planner.topology import OUTSIDE, Topology
+from planner.topology import OUTSIDE, Region, Topology
 from planner.walks import Walked
 from semmap.geometry.pose import Pose
 
@@ -80,7 +80,7 @@ class Ground:
         self._progress: Callable[[str, int], None] | None = None
         self._costmaps: dict[str, Costmap] = {}
         self._rooms: dict[str, Room | None] = {}
-        self._avoided: dict[str, list[shapely.Geometry]] = {}
+        self._avoided: dict[str, list[Region]] = {}
 
     def tell(self, progress: Callable[[str, int], None]) -> None:
         """Say from now on which place is looked at for the first time, and how many have been."""
@@ -128,16 +128,16 @@ class Ground:
             return None
         costs: NDArray[np.uint8] = self.costmap(storey).master[room.window].copy()
         costs[~room.cells] = UNKNOWN
-        for outline in self._avoided.get(storey, ()):
-            costs[area_cells(outline, room.grid) & (costs != UNKNOWN)] = LETHAL
+        for region in self._avoided.get(storey, ()):
+            costs[area_cells(region.outline, room.grid) & (costs != UNKNOWN)] = LETHAL
         return costs
 
-    def avoid(self, storey: str, outlines: Iterable[shapely.Geometry]) -> None:
-        """Keep ways out of areas of a storey, instead of those given before."""
-        self._avoided[storey] = [*outlines]
+    def avoid(self, storey: str, regions: Iterable[Region]) -> None:
+        """Keep ways out of regions on a storey, instead of those given before."""
+        self._avoided[storey] = [*regions]
 
-    def avoided(self, storey: str) -> list[shapely.Geometry]:
-        """The areas of a storey that ways are kept out of."""
+    def avoided(self, storey: str) -> list[Region]:
+        """The regions on a storey that ways are kept out of."""
         return self._avoided.get(storey, [])
 
     # -- walks ----------------------------------------------------------------------------------
@@ -197,20 +197,44 @@ class Ground:
             return None
         return (int(free[best, 0]) + r0, int(free[best, 1]) + c0), float(away[best])
 
-    def stands(self, place: str, pose: Pose) -> bool:
-        """Whether the robot can be at a pose of a place, or within `SNAP` of it."""
-        costs, room = self.costs(place), self.room(place)
-        return costs is not None and room is not None and (
-            self._cell(costs, room.grid, pose) is not None
-        )  # fmt: skip
+    def hindrance(self, place: str, pose: Pose, *, about: bool = False) -> str | None:
+        """Why the robot cannot be at a pose of a place, nor within `SNAP` of it; None if it can.
 
-    def occupants(self, place: str, pose: Pose) -> tuple[str, ...]:
-        """Which entities are in the way of a robot at a pose."""
+        Within something it cannot be, however near its border is.
+
+        Parameters
+        ----------
+        about : the pose is a measured one, and may be within something by mistake
+        """
+        costs, room = self.costs(place), self.room(place)
+        if costs is None or room is None:
+            return f"the map does not know what {place} covers"
+        near = self._cell(costs, room.grid, pose)
+        storey = self.storey_of(place)
+        costmap = self.costmap(storey)
         try:
-            blames = self.costmap(self.storey_of(place)).why(pose.x, pose.y)
+            row, column = costmap.cell(pose.x, pose.y)
         except ValueError:
+            return f"that is outside of {place}"
+        point = shapely.Point(pose.x, pose.y)
+        avoided = [r.name for r in self.avoided(storey) if shapely.intersects(r.outline, point)]
+        within = costmap.master[row, column] == LETHAL
+        if near is not None and (about or not (within or avoided)):
+            return None
+        if avoided:
+            return f"it is in {' and '.join(avoided)}, which is to be avoided"
+        names = _blamed(costmap, pose, LETHAL if within else INSCRIBED)
+        return f"{', '.join(names)} is in the way" if names else f"that is outside of {place}"
+
+    def occupants(self, pose: Pose) -> tuple[str, ...]:
+        """Which entities are at a pose, whether or not it is in a place."""
+        floors = [
+            (p.floor, n) for n, p in self.topology.places.items()
+            if n != OUTSIDE and p.floor <= pose.z + SNAP
+        ]  # fmt: skip
+        if not floors:
             return ()
-        return tuple(dict.fromkeys(n for b in blames if b.cost >= INSCRIBED for n in b.entities))
+        return _blamed(self.costmap(self.storey_of(max(floors)[1])), pose, LETHAL)
 
     # -- changes --------------------------------------------------------------------------------
 
@@ -219,20 +243,26 @@ class Ground:
         return [*self._costmaps]
 
     def update(
-        self, changed_ids: Collection[int], things: Mapping[str, Sequence[Thing]]
+        self,
+        ids: Collection[int],
+        objects: Iterable[Thing] = (),
+        regions: Mapping[str, Sequence[Thing]] | None = None,
     ) -> set[str]:
-        """Take in objects and regions that moved, came or went; the places whose costs differ.
+        """Take in objects and regions that moved, came or went; the places whose costs are others.
 
         Parameters
         ----------
-        changed_ids : of all that changed
-        things : those of them that are now on a storey, for each storey that has a costmap
+        ids : of all that changed; those that are not among the others are gone
+        objects : those of them that are there
+        regions : those of them that are on a storey, for each storey that has any
         """
+        objects, regions = [*objects], regions or {}
         changed: set[str] = set()
         for storey, costmap in self._costmaps.items():
-            here = [t for t in things[storey] if t.kind in ("object", "region")]
+            here = [t for t in objects if costmap.scene.reaches(t)]
+            here += regions.get(storey, ())
             before = costmap.master.copy()
-            window = costmap.update(here, {*changed_ids} - {t.id for t in here})
+            window = costmap.update(here, {*ids} - {t.id for t in here})
             if window is None:
                 continue
             differs = np.zeros(costmap.grid.shape, np.bool_)
@@ -244,3 +274,12 @@ class Ground:
                 if room is not None and (differs[room.window] & room.cells).any():
                     changed.add(place)
         return changed
+
+
+def _blamed(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:
+    """Which entities make a costmap cost so much or more at a pose."""
+    try:
+        blames = costmap.why(pose.x, pose.y)
+    except ValueError:
+        return ()
+    return tuple(dict.fromkeys(n for b in blames if b.cost >= cost for n in b.entities))

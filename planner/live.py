@@ -106,24 +106,34 @@ class Live:
         ground = network.walks if isinstance(network.walks, Ground) else None
         return Asker(network, self._look_up, self._place_at, ground, self._rules)
 
-    def catch_up(self) -> Changed:
-        """Take in what changed since the last look, all the first time."""
+    def catch_up(self, heard: Callable[[Changed], None] | None = None) -> Changed:
+        """Take in what changed since the last look, all the first time.
+
+        Parameters
+        ----------
+        heard : called with what changed as soon as the network has it, before walks are kept
+        """
         with self._lock:
             try:
                 with self._snapshot() as connection:
-                    return self._look(connection)
+                    return self._look(connection, heard)
             except DBAPIError as error:
                 if error.connection_invalidated:
                     self._since = None  # a server that crashed gives numbers that we saw again
                 raise
 
-    def _look(self, connection: Connection) -> Changed:
+    def _look(self, connection: Connection, heard: Callable[[Changed], None] | None) -> Changed:
         now, moment = cursor(connection), source.read_moment(connection)
         if self._since is None:
-            changed = self._load(connection, now)
+            changed = self._load(connection)
         else:
             ids = changed_since(connection, self._since) | self._expired(moment)
-            changed = self._take_in(connection, ids, now) if ids else Changed()
+            changed = self._take_in(connection, ids) if ids else Changed()
+        if changed:
+            if heard is not None:
+                heard(changed)
+            if not changed.all or self._owed or self._compared:
+                self._keep(connection, now)
         connection.commit()
         self._since, self._looked = now, moment
         if self._warm:
@@ -188,13 +198,11 @@ class Live:
         return only and isinstance(moved, list) and self._agents.issuperset(moved)
 
     def _tell(self, heard: Callable[[Changed], None] | None) -> None:
-        changed = self.catch_up()
-        if changed and heard is not None:
-            heard(changed)
+        self.catch_up(heard)
 
     # -- loading --------------------------------------------------------------------------------
 
-    def _load(self, connection: Connection, now: str) -> Changed:
+    def _load(self, connection: Connection) -> Changed:
         """All of it: walks that still hold from the database, the others measured and kept."""
         topology = replace(source.read_topology(connection), asker=self.asker)
         robot, times = RobotClass(), Times()
@@ -214,10 +222,7 @@ class Live:
             ground.tell(lambda place, n: self._progress and self._progress(place, n, total))
         network = Network(topology, robot, times=times, walks=ground, kept=kept)
         self.topology, self.network = topology, network
-        self._owed.clear()
-        measured = [p for p in network.measured if p != OUTSIDE]
-        if measured or self._compared:
-            self._keep(connection, measured, now)
+        self._owed = {p for p in network.measured if p != OUTSIDE}
         return Changed(all=True)
 
     def _kept(
@@ -251,7 +256,7 @@ class Live:
 
     # -- changes --------------------------------------------------------------------------------
 
-    def _take_in(self, connection: Connection, ids: Collection[int], now: str) -> Changed:
+    def _take_in(self, connection: Connection, ids: Collection[int]) -> Changed:
         """Connectors' states and moved things; whatever else changed, all is loaded anew."""
         kinds = source.read_kinds(connection, ids)
         self._agents |= {number for number, kind in kinds.items() if kind == "agent"}
@@ -271,23 +276,22 @@ class Live:
             )
             or (self.ground is not None and things and not self.ground.is_whole())
         ):
-            return self._load(connection, now)
+            return self._load(connection)
         told = set()
         for connector in source.read_connectors(
             connection, self.topology.places.values(), connectors
         ):
             before = self.topology.connectors.get(connector.name)
             if before is None or _shape(before) != _shape(connector):
-                return self._load(connection, now)
+                return self._load(connection)
             if before != connector:
                 self.network.change_connector(connector)
                 told.add(connector.name)
         if gone or "region" in kinds.values():
             self._take_in_regions(connection)
-        places = self._take_in_things(connection, things)
-        changed = Changed(places=frozenset(places), connectors=frozenset(told))
-        self._keep(connection, places, now)
-        return changed
+        places = self._take_in_things(connection, things, "region" in kinds.values())
+        self._owed |= places
+        return Changed(places=frozenset(places), connectors=frozenset(told))
 
     def _take_in_regions(self, connection: Connection) -> None:
         self._timed = source.read_timed_regions(connection)
@@ -296,23 +300,25 @@ class Live:
         if self.ground is not None:
             self.ground.topology = self.topology
 
-    def _take_in_things(self, connection: Connection, ids: Collection[int]) -> set[str]:
+    def _take_in_things(
+        self, connection: Connection, ids: Collection[int], with_regions: bool
+    ) -> set[str]:
         """Measure where objects or regions changed; the places whose costs are others now."""
         if not ids or self.ground is None:
             return set()
-        storeys = self.ground.storeys()
-        things = {s: source.read_things_on(connection, s, ids) for s in storeys}
+        storeys = self.ground.storeys() if with_regions else []
+        regions = {s: source.read_regions_on(connection, s, ids) for s in storeys}
+        objects = source.read_objects(connection, ids)
         with self.network.lock:
-            places = self.ground.update(ids, things)
+            places = self.ground.update(ids, objects, regions)
             for place in places:
                 self.network.change_walks(place)
         return places
 
-    def _keep(self, connection: Connection, places: Collection[str], now: str) -> None:
-        """Keep the walks of places; next time, if another process is at it, where we may."""
+    def _keep(self, connection: Connection, now: str) -> None:
+        """Keep walks that were measured; next time, if another process is at it just now."""
         if self._id is None or self.ground is None:
             return
-        self._owed.update(places)
         try:
             with connection.begin_nested():
                 if source.may_keep(connection, self._id, self._class_state):

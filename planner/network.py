@@ -242,17 +242,14 @@ class Network:
         if edges is None or edges.start == edges.stop:
             return
         with self.lock:
-            walks = self._walks_again(place)
+            walks = self.walks_again(place)
             self.base[edges], self.metres[edges] = walks.seconds, walks.metres
             if place != OUTSIDE or self.robot.outside:
                 self.seconds[edges] = self.base[edges]
             self.graph.set_weights(np.arange(edges.start, edges.stop), self.seconds[edges])
 
-    def walks_again(self, place: str) -> Floats:
-        """What the walks of a place take now, seconds, in the order of its edges."""
-        return self._walks_again(place).seconds
-
-    def _walks_again(self, place: str) -> KeptWalks:
+    def walks_again(self, place: str) -> KeptWalks:
+        """The walks of a place as they are now, in the order of its edges."""
         edges = self.walk_edges.get(place, slice(0, 0))
         walks = self._walks_in(place)
         order = np.empty(len(walks.tails), np.int64)
@@ -261,13 +258,26 @@ class Network:
         return walks.take(order)
 
     @contextmanager
-    def penalised(self, seconds: Mapping[int, float], bars: Mapping[int, str]) -> Iterator[None]:
+    def penalised(
+        self,
+        seconds: Mapping[int, float],
+        bars: Mapping[int, str],
+        walks: Mapping[int, tuple[float, float]] | None = None,
+    ) -> Iterator[None]:
         """While it lasts, edges cost so many seconds more, or are barred for a reason.
 
         Other threads wait. What routes take remains what they take; only which is chosen differs.
+
+        Parameters
+        ----------
+        walks : what walks take meanwhile, seconds and metres, since they lead elsewhere
         """
         with self.lock:
-            edges = np.array(sorted({*seconds, *bars}), np.int64)
+            walks = walks or {}
+            edges = np.array(sorted({*seconds, *bars, *walks}), np.int64)
+            usual = self.seconds[edges], self.metres[edges]
+            for edge, (longer, further) in walks.items():
+                self.seconds[edge], self.metres[edge] = longer, further
             dearer = self.seconds[edges] + [seconds.get(int(e), 0.0) for e in edges]
             dearer[[int(e) in bars for e in edges]] = math.inf
             if len(edges):
@@ -277,6 +287,7 @@ class Network:
                 yield
             finally:
                 self._extra = {}
+                self.seconds[edges], self.metres[edges] = usual
                 if len(edges):
                     self.graph.set_weights(edges, self.seconds[edges])
 

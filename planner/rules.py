@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, time
 from functools import cache
@@ -104,10 +104,13 @@ class Rules:
         """The rules of YAML text; `file` is what errors call it."""
         try:
             document = yaml.safe_load(said)
-        except yaml.YAMLError as error:
-            raise RulesError(f"{file}: is no YAML: {error}") from None
+        except (yaml.YAMLError, ValueError, RecursionError) as error:  # a date that is none, 2024-13-45
+            raise RulesError(f"{file}: is no YAML, mend it: {error}") from None
         if not isinstance(document, dict) or not isinstance(document.get("rules"), list):
-            raise RulesError(f"{file}: needs rules as a list")
+            raise RulesError(f"{file}: needs rules as a list, rules: [...]")
+        if set(document) != {"rules"}:
+            unknown = ", ".join(sorted(str(k) for k in set(document) - {"rules"}))
+            raise RulesError(f"{file}: knows no {unknown}; it takes rules")
         return cls(tuple(_rule(r, f"{file}: rule {i}") for i, r in enumerate(document["rules"], 1)))
 
 
@@ -116,37 +119,45 @@ _KEYS = {"kind", "name", "type", "properties", "from", "until", "seconds", "forb
 
 def _rule(said: object, where: str) -> Rule:
     if not isinstance(said, dict) or set(said) - _KEYS:
-        unknown = sorted(set(said) - _KEYS) if isinstance(said, dict) else said
-        raise RulesError(f"{where}: knows no {unknown}; it takes {', '.join(sorted(_KEYS))}")
+        wrong = sorted(map(str, set(said) - _KEYS)) if isinstance(said, dict) else [repr(said)]
+        raise RulesError(f"{where}: knows no {', '.join(wrong)}; it takes {', '.join(sorted(_KEYS))}")
     if said.get("kind") not in (None, *get_args(Kind)):
         raise RulesError(f"{where}: its kind is one of {', '.join(get_args(Kind))}")
     forbid, seconds = said.get("forbid", False), said.get("seconds", 0.0)
     if not isinstance(forbid, bool) or not _is_time(seconds) or forbid == bool(seconds):
         raise RulesError(f"{where}: give seconds above 0, or forbid: true")
-    if not {"kind", "name", "type", "properties"} & set(said):
+    if not any(said.get(key) for key in ("kind", "name", "type", "properties")):
         raise RulesError(f"{where}: fits everything; name a kind, a name, a type or properties")
     lists = []
     for key in ("name", "type"):
         value = said.get(key, [])
         value = [value] if isinstance(value, str) else value
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise RulesError(f"{where}: {key} is a word or a list of words")
+        if not isinstance(value, list) or not all(isinstance(v, str) and v for v in value):
+            raise RulesError(f"{where}: {key} is a word or a list of words, not {value!r}")
         lists.append(tuple(value))
     properties = said.get("properties", {})
     if not isinstance(properties, dict):
-        raise RulesError(f"{where}: properties: give key: value")
+        raise RulesError(f"{where}: properties: give key: value, not {properties!r}")
     hours = None
     if "from" in said or "until" in said:
-        try:
-            hours = (time.fromisoformat(said["from"]), time.fromisoformat(said["until"]))
-        except (KeyError, TypeError, ValueError):
-            raise RulesError(
-                f'{where}: hours are from: "22:00" and until: "06:00", in quotes'
-            ) from None
+        hours = _hours(said.get("from"), said.get("until"))
+        if hours is None:
+            raise RulesError(f'{where}: hours are from: "22:00" and until: "06:00", in quotes')
     return Rule(
         math.inf if forbid else float(seconds), said.get("kind"), lists[0], lists[1],
         tuple(properties.items()), hours,
     )  # fmt: skip
+
+
+def _hours(begin: object, end: object) -> tuple[time, time] | None:
+    if not isinstance(begin, str) or not isinstance(end, str):
+        return None
+    try:
+        found = time.fromisoformat(begin), time.fromisoformat(end)
+    except ValueError:
+        return None
+    local = all(t.tzinfo is None for t in found)  # hours are those of the place
+    return found if local and found[0] != found[1] else None
 
 
 def _is_time(value: object) -> bool:
@@ -155,10 +166,11 @@ def _is_time(value: object) -> bool:
 
 @dataclass
 class Penalties:
-    """What `Network.penalised` takes: seconds more by edge, and why an edge is barred."""
+    """What `Network.penalised` takes: seconds more by edge, why it is barred, other walks."""
 
     seconds: dict[int, float] = field(default_factory=dict)
     bars: dict[int, str] = field(default_factory=dict)
+    walks: dict[int, tuple[float, float]] = field(default_factory=dict)
 
     def add(self, edges: Iterable[int], seconds: float, why: str) -> None:
         """Lay a penalty on edges."""
@@ -178,11 +190,13 @@ def penalties(
 ) -> Penalties:
     """What rules lay on the edges of a network at a moment.
 
-    A region is gone around where the costmaps have a way around it that is shorter than the
-    penalty; without costmaps it is its room that is meant.
+    A barred region is gone around, and takes as long as that. Another one costs its penalty, or
+    what going around it takes longer where that is less. Without costmaps its room is meant.
     """
     found = Penalties()
     topology = network.topology
+    if ground is not None:
+        _go_around(network, ground, barred_regions(network, rules, at), found)
     for rule in (r for r in rules if r.holds_at(at)):
         for place in topology.places.values():
             if rule.fits("place", (place.name, place.label), place.types, place.properties):
@@ -195,11 +209,26 @@ def penalties(
                 found.add((2 * i, 2 * i + 1), rule.seconds, why)
         for region in topology.regions:
             if rule.fits("region", (region.name, region.label), region.types, region.properties):
-                _around(network, ground, region, rule.seconds, found)
+                _dearer(network, ground, region, rule.seconds, found)
     return found
 
 
-def _around(
+def _go_around(
+    network: Network, ground: Ground, regions: Sequence[Region], found: Penalties
+) -> None:
+    """Lay on the walks of rooms what they take around all regions that are barred there."""
+    for place in dict.fromkeys(p for r in regions for p in r.places):
+        here = [r for r in regions if place in r.places]
+        names = " and ".join(r.name for r in here)
+        why = f"{names} is to be avoided, and the way in {place} leads through it"
+        for edge, seconds, metres in _walks_around(network, ground, place, here):
+            if math.isinf(seconds):
+                found.bars.setdefault(edge, why)
+            else:
+                found.walks[edge] = seconds, metres
+
+
+def _dearer(
     network: Network, ground: Ground | None, region: Region, seconds: float, found: Penalties
 ) -> None:
     """Lay on the walks of a region's rooms what going around it, or through it, costs more."""
@@ -207,22 +236,26 @@ def _around(
     for place in region.places:
         if ground is None:
             found.add(network.entering(place), seconds, why)
-            continue
-        edges = network.walk_edges.get(place, slice(0, 0))
-        storey = ground.storey_of(place)
-        before = ground.avoided(storey)
-        ground.avoid(storey, [*before, region.outline])
-        try:
-            around = network.walks_again(place)
-        finally:
-            ground.avoid(storey, before)
-        more = around - network.base[edges]
-        for edge, extra in zip(range(edges.start, edges.stop), more, strict=True):
-            if math.isinf(network.base[edge]):
-                continue
-            cheaper = min(float(extra), seconds)
-            if cheaper > 0:
-                found.add([edge], cheaper, f"{why}, and the way in {place} leads through it")
+        elif math.isfinite(seconds):
+            for edge, longer, _ in _walks_around(network, ground, place, [region]):
+                found.add([edge], min(longer - float(network.base[edge]), seconds), why)
+
+
+def _walks_around(
+    network: Network, ground: Ground, place: str, regions: Sequence[Region]
+) -> Iterator[tuple[int, float, float]]:
+    """The walks of a place that take longer around regions: edge, seconds, metres."""
+    edges = network.walk_edges.get(place, slice(0, 0))
+    storey = ground.storey_of(place)
+    before = ground.avoided(storey)
+    ground.avoid(storey, [*before, *regions])
+    try:
+        walks = network.walks_again(place)
+    finally:
+        ground.avoid(storey, before)
+    for k, edge in enumerate(range(edges.start, edges.stop)):
+        if walks.seconds[k] > network.base[edge]:
+            yield edge, float(walks.seconds[k]), float(walks.metres[k])
 
 
 def forbid(names: Iterable[str]) -> tuple[Rule, ...]:

@@ -35,13 +35,14 @@ __all__ = [
     "read_connectors",
     "read_kinds",
     "read_moment",
+    "read_objects",
     "read_place_at",
     "read_places_like",
     "read_regions",
+    "read_regions_on",
     "read_robot_class",
     "read_robot_names",
     "read_targets",
-    "read_things_on",
     "read_timed_regions",
     "read_topology",
     "read_walks",
@@ -131,6 +132,8 @@ def read_connectors(
     connection: Connection, places: Iterable[Place], ids: Collection[int] | None = None
 ) -> list[Connector]:
     """The connectors of these places, or those of them with these ids."""
+    if ids is not None and not ids:
+        return []
     names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}
     names[None] = OUTSIDE
     driver = connection.connection.driver_connection
@@ -564,10 +567,16 @@ def scene_of(connection: Connection, storey: str) -> Scene:
     return read_scene(connection, name, moment=read_moment(connection))
 
 
-def read_things_on(connection: Connection, storey: str, ids: Collection[int]) -> list[Thing]:
-    """Those of these entities that are in the scene of a storey."""
+def read_objects(connection: Connection, ids: Collection[int]) -> list[Thing]:
+    """The objects among these entities, as scenes have them."""
+    return read_things(connection, ids, kind="object")
+
+
+def read_regions_on(connection: Connection, storey: str, ids: Collection[int]) -> list[Thing]:
+    """The regions among these entities that are in the scene of a storey now."""
     name = storey or read_storey_names(connection)[0]
-    return read_things(connection, ids, storey=name, moment=read_moment(connection))
+    moment = read_moment(connection)
+    return read_things(connection, ids, kind="region", storey=name, moment=moment)
 
 
 def read_moment(connection: Connection) -> datetime:

@@ -12,7 +12,10 @@ from typer.testing import CliRunner, Result
 
 import navgrid.commands
 import planner.commands
+from navgrid.costmap_command import parts_of
 from planner.demo import office_files
+from planner.live import Live
+from planner.robot_class import RobotClass
 from semmap import cli
 from semmap.ingest.importer import import_file
 from tests.conftest import MakeDatabase
@@ -59,6 +62,24 @@ def office_engine(office_url: str) -> Iterator[Engine]:
 
     engine = connect(office_url)
     yield engine
+    engine.dispose()
+
+
+@pytest.fixture(scope="session")
+def delivery_robot() -> RobotClass:
+    """The robot of the example: a base, an arm and a pole."""
+    folder = office_files()[0].parent
+    parts = parts_of(folder / "delivery_robot.urdf", None, folder / "delivery_robot_parts.yaml")
+    return RobotClass("tester", tuple(parts), speed=0.8)
+
+
+@pytest.fixture(scope="session")
+def office_live(office_url: str, delivery_robot: RobotClass) -> Iterator[Live]:
+    """The topology of the office for that robot; nobody changes it."""
+    from semmap.database import connect
+
+    engine = connect(office_url)
+    yield Live(engine, "office", delivery_robot)
     engine.dispose()
 
 

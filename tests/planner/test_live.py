@@ -11,10 +11,8 @@ import pytest
 import shapely
 from sqlalchemy import event, text
 
-from navgrid.costmap_command import parts_of
 from planner.demo import office_files
 from planner.live import Live
-from planner.robot_class import RobotClass
 from planner.route import NoRouteError
 from planner.source import keep_robot_class, read_robot_class, read_walks
 from planner.topology import OUTSIDE
@@ -24,10 +22,8 @@ from semmap.ingest.regions import draw_region
 
 
 @pytest.fixture(scope="module")
-def robot():
-    folder = office_files()[0].parent
-    parts = parts_of(folder / "delivery_robot.urdf", None, folder / "delivery_robot_parts.yaml")
-    return RobotClass("tester", tuple(parts), speed=0.8)
+def robot(delivery_robot):
+    return delivery_robot
 
 
 @pytest.fixture(scope="module")
