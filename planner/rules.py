@@ -104,7 +104,11 @@ class Rules:
         """The rules of YAML text; `file` is what errors call it."""
         try:
             document = yaml.safe_load(said)
-        except (yaml.YAMLError, ValueError, RecursionError) as error:  # a date that is none, 2024-13-45
+        except (
+            yaml.YAMLError,
+            ValueError,
+            RecursionError,
+        ) as error:  # a date that is none, 2024-13-45
             raise RulesError(f"{file}: is no YAML, mend it: {error}") from None
         if not isinstance(document, dict) or not isinstance(document.get("rules"), list):
             raise RulesError(f"{file}: needs rules as a list, rules: [...]")
@@ -120,7 +124,9 @@ _KEYS = {"kind", "name", "type", "properties", "from", "until", "seconds", "forb
 def _rule(said: object, where: str) -> Rule:
     if not isinstance(said, dict) or set(said) - _KEYS:
         wrong = sorted(map(str, set(said) - _KEYS)) if isinstance(said, dict) else [repr(said)]
-        raise RulesError(f"{where}: knows no {', '.join(wrong)}; it takes {', '.join(sorted(_KEYS))}")
+        raise RulesError(
+            f"{where}: knows no {', '.join(wrong)}; it takes {', '.join(sorted(_KEYS))}"
+        )
     if said.get("kind") not in (None, *get_args(Kind)):
         raise RulesError(f"{where}: its kind is one of {', '.join(get_args(Kind))}")
     forbid, seconds = said.get("forbid", False), said.get("seconds", 0.0)

@@ -87,7 +87,9 @@ def test_poses_are_starts_and_goals(asker):
 
 
 def test_a_start_inside_a_wall_names_the_wall(asker):
-    with pytest.raises(NoRouteError, match=r"tester cannot stand at .* in lab1: bookshelf1.* is in"):
+    with pytest.raises(
+        NoRouteError, match=r"tester cannot stand at .* in lab1: bookshelf1.* is in"
+    ):
         asker.route(Pose(10.8, 1.8), "kitchen")
     with pytest.raises(NoRouteError, match=r"\(9.00, 4.10, 0.00\).*walls"):
         asker.route(Pose(9.0, 4.1), "kitchen")
@@ -168,9 +170,7 @@ def test_reasons_are_those_of_the_map():
     assert why(robot, edoor1={"width": 0.3}).endswith(
         "the arm does not fit through edoor1: it is 0.40 m wide, the opening 0.30 m"
     )
-    assert why(robot, door8={"step": 0.1}).endswith(
-        "door8 has a step of 0.10 m, tall takes 0.02 m"
-    )
+    assert why(robot, door8={"step": 0.1}).endswith("door8 has a step of 0.10 m, tall takes 0.02 m")
     assert why(door8={"permissions": frozenset({"staff", "guest"})}).endswith(
         "door8 needs the permission guest or staff"
     )
@@ -179,7 +179,10 @@ def test_reasons_are_those_of_the_map():
     )
     islands = Topology.of(
         [Place(n) for n in "abcd"],
-        [Connector("x", ("a", "b"), (Pose(), Pose())), Connector("y", ("c", "d"), (Pose(), Pose()))],
+        [
+            Connector("x", ("a", "b"), (Pose(), Pose())),
+            Connector("y", ("c", "d"), (Pose(), Pose())),
+        ],
     )
     with pytest.raises(NoRouteError, match="a to d: nothing joins them; add the connector"):
         Asker(Network(islands)).route("a", "d")

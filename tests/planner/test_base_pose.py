@@ -121,7 +121,9 @@ def test_what_cannot_be_reached_is_said():
     made = ground([box(10, 1.5, 1.5, 0.2)])
     high = Target("lamp", "object", "left", Pose(1.0, 1.0, 2.2), shapely.box(0.9, 0.9, 1.1, 1.1),
                   (2.2, 2.4))  # fmt: skip
-    with pytest.raises(NoBasePoseError, match=r"lamp is 2.20 to 2.40 m above the floor; cube reach"):
+    with pytest.raises(
+        NoBasePoseError, match=r"lamp is 2.20 to 2.40 m above the floor; cube reach"
+    ):
         poses_to_reach(made, high)
     with pytest.raises(NoBasePoseError, match="no room holds lamp"):
         poses_to_reach(made, Target("lamp", "object", None))

@@ -63,7 +63,9 @@ def scene(things=()):
 
 
 def ground(things=(), topology=None):
-    return Ground(topology or rooms(), ROBOT, lambda storey: scene(things), resolution=0.1, slow=2.0)
+    return Ground(
+        topology or rooms(), ROBOT, lambda storey: scene(things), resolution=0.1, slow=2.0
+    )
 
 
 def oracle(costs, resolution, slow, starts, targets):
@@ -95,7 +97,8 @@ def oracle(costs, resolution, slow, starts, targets):
 
 
 boxes = st.lists(
-    st.tuples(st.floats(0.3, 5.7), st.floats(0.3, 2.7), st.sampled_from([0.1, 0.25, 0.5])), max_size=4
+    st.tuples(st.floats(0.3, 5.7), st.floats(0.3, 2.7), st.sampled_from([0.1, 0.25, 0.5])),
+    max_size=4,
 )
 
 
@@ -119,7 +122,9 @@ def snapped(costs, grid, pose):
 
 
 @settings(max_examples=15)
-@given(boxes, st.lists(st.tuples(st.floats(0.0, 3.2), st.floats(-0.3, 3.3)), min_size=2, max_size=4))
+@given(
+    boxes, st.lists(st.tuples(st.floats(0.0, 3.2), st.floats(-0.3, 3.3)), min_size=2, max_size=4)
+)
 def test_walks_are_those_of_scipy(said, points):
     made = ground(things_of(said))
     poses = [Pose.planar(x, y, 0.0) for x, y in points]

@@ -84,5 +84,7 @@ def test_a_route_of_a_class_has_times_maps_and_alternatives(robots):
     shown = robots.run("route", "lab1", "office4", "--robot", "porter").stdout
     assert "door1, door2, edoor1, edoor3, door5, door6" in shown
     assert "use_elevator" in shown
-    locked = robots.run("route", "lab1", "office5", "--robot", "porter", "--locked", "--rooms").stdout
+    locked = robots.run(
+        "route", "lab1", "office5", "--robot", "porter", "--locked", "--rooms"
+    ).stdout
     assert locked.strip().split(",")[-2:] == ["corridor3", "office5"]

@@ -29,7 +29,7 @@ def test_the_muffin_of_figure_4_is_brought_to_desk1(world: World) -> None:
     ]  # fmt: skip
     assert world.ask("SELECT count(*) FROM reservation") == [(0,)]
     took = dict(world.ask("SELECT behaviour, count(*) FROM execution WHERE succeeded GROUP BY 1"))
-    assert took == {"pass_door": 8, "call_elevator": 1, "use_elevator": 1, "open_door": 2}
+    assert took == {"pass_door": 8, "call_elevator": 1, "use_elevator": 1}
 
 
 def test_a_door_found_locked_is_told_with_its_time_and_another_way_taken(world: World) -> None:
@@ -62,6 +62,9 @@ def test_the_only_way_is_locked(world: World) -> None:
     ],
 )  # fmt: skip
 def test_what_fails_is_tried_again(world: World, said: str) -> None:
+    if said.startswith("open_door"):
+        world.ask("UPDATE connector SET state = 'closed' "
+                  "WHERE entity_id = entity_id('door5') RETURNING state")  # fmt: skip
     world.fail(said)
     assert world.run().state == "done"
     assert world.holder("muffin1") == ("desk1", "on")
