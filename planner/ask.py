@@ -32,6 +32,7 @@ class Asker:
     ----------
     look_up : gives the targets that a word may mean; by default places alone
     place_at : gives the place in which a pose is, or None
+    names_like : gives further words that a word that means nothing may be meant for
     ground : its costmaps; without, a way to a thing ends in its room
     """
 
@@ -41,6 +42,7 @@ class Asker:
     ground: Ground | None = None
     rules: Rules = field(default_factory=Rules.default)
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
+    names_like: Callable[[str], Sequence[str]] = lambda said: ()
 
     def route(
         self,
@@ -149,7 +151,7 @@ class Asker:
             if said == p.label or said in p.types
         ]
         if not targets:
-            raise UnknownPlaceError(said, self._names())
+            raise UnknownPlaceError(said, {*self._names(), *self.names_like(said)})
         sites: list[Site] = []
         why: NoRouteError | None = None
         for target in targets:

@@ -104,7 +104,9 @@ class Live:
             return Live(self._engine, self._map_name, robot, rules=self._rules).asker()
         network = self.network  # with its ground, though another thread may load anew
         ground = network.walks if isinstance(network.walks, Ground) else None
-        return Asker(network, self._look_up, self._place_at, ground, self._rules)
+        return Asker(
+            network, self._look_up, self._place_at, ground, self._rules, names_like=self._names_like
+        )
 
     def catch_up(self, heard: Callable[[Changed], None] | None = None) -> Changed:
         """Take in what changed since the last look, all the first time.
@@ -357,6 +359,10 @@ class Live:
     def _look_up(self, said: str) -> list[Target]:
         with self._snapshot() as connection:
             return source.read_targets(connection, said)
+
+    def _names_like(self, said: str) -> list[str]:
+        with self._snapshot() as connection:
+            return source.read_names_like(connection, said)
 
     def _place_at(self, pose: Pose) -> str | None:
         with self._snapshot() as connection:

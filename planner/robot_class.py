@@ -47,6 +47,14 @@ class RobotClass:
     capacity: int = 1
 
     def __post_init__(self) -> None:
+        if not self.name:
+            raise ValueError("a class of robots has a name: give it one")
+        for part in self.parts:
+            if part.interval[1] <= self.gait.max_step:
+                raise ValueError(
+                    f"robot {self.name}: its part {part.name} ends at {part.interval[1]:.3f} m, "
+                    f"below a step of {self.gait.max_step:g} m; give a lower step"
+                )
         if not 0 < self.speed < math.inf:
             raise ValueError(f"robot {self.name}: its speed is {self.speed} m/s; give one above 0")
         if self.capacity < 1:

@@ -35,6 +35,7 @@ __all__ = [
     "read_connectors",
     "read_kinds",
     "read_moment",
+    "read_names_like",
     "read_objects",
     "read_place_at",
     "read_places_like",
@@ -228,6 +229,22 @@ def read_targets(connection: Connection, said: str, most: int = 1000) -> list[Ta
         )
         for row in rows
     ]
+
+
+_NAMES = """
+SELECT DISTINCT unnest(ARRAY[type, label]) FROM entity
+WHERE map_id = current_map() AND kind IN ('room', 'object', 'region')
+UNION
+(SELECT name FROM entity WHERE map_id = current_map() AND name ILIKE :start
+ AND kind IN ('room', 'object', 'region', 'agent') LIMIT 2000)
+"""
+
+
+def read_names_like(connection: Connection, said: str) -> list[str]:
+    """Types, labels, and names that begin as a word does that means nothing."""
+    start = said[:2].replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_") + "%"
+    rows = connection.execute(text(_NAMES), {"start": start}).scalars()
+    return [name for name in rows if name is not None]
 
 
 def read_place_at(connection: Connection, pose: Pose) -> str | None:

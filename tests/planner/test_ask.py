@@ -122,6 +122,10 @@ def test_alternatives_come_the_best_first(asker):
 def test_names_that_are_not_known(asker):
     with pytest.raises(UnknownPlaceError, match="no place named ofice4; did you mean office4"):
         asker.route("lab1", "ofice4")
+    for said, meant in (("muffn", "muffin or muffin1"), ("kitchn", "kitchen"), ("hoem", "home"),
+                        ("%", "there are"), ("", "there are"), ("a\\", "did you mean|there")):  # fmt: skip
+        with pytest.raises(UnknownPlaceError, match=meant):
+            asker.route("lab1", said)
     with pytest.raises(ValueError, match="lab may be lab1, lab2; name one of them"):
         asker.route("lab", "office4")
 
