@@ -47,8 +47,8 @@ def store(connection: Connection, topology: Topology, name: str = "building") ->
             text(
                 "INSERT INTO connector (entity_id, form, place_a, place_b, pose_a, pose_b, "
                 "direction, state, behaviour, width, height, step, permissions) VALUES (:id, "
-                ":form, :a, :b, :pose_a, :pose_b, :direction, :state, :behaviour, :width, :height, :step, "
-                ":permissions)"
+                ":form, :a, :b, :pose_a, :pose_b, :direction, :state, :behaviour, :width, :height, "
+                ":step, :permissions)"
             ),
             [
                 {"id": ids[c.name], "form": c.type, "a": ids[_first(c.places)],
