@@ -50,7 +50,9 @@ class UnknownPlaceError(LookupError):
     def __init__(self, name: str, known: Iterable[str]) -> None:
         known = sorted(known)
         near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-        near += [k for k in known if name.lower() in k.lower() and k not in near][: 3 - len(near)]
+        near += [k for k in known if name and name.lower() in k.lower() and k not in near][
+            : 3 - len(near)
+        ]
         if near:
             mend = f"did you mean {' or '.join(near)}?"
         elif known:

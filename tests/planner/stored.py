@@ -46,14 +46,16 @@ def store(connection: Connection, topology: Topology, name: str = "building") ->
         run(
             text(
                 "INSERT INTO connector (entity_id, form, place_a, place_b, pose_a, pose_b, "
-                "direction, state, behaviour, width) VALUES (:id, :form, :a, :b, :pose_a, :pose_b, "
-                ":direction, :state, :behaviour, :width)"
+                "direction, state, behaviour, width, height, step, permissions) VALUES (:id, "
+                ":form, :a, :b, :pose_a, :pose_b, :direction, :state, :behaviour, :width, :height, "
+                ":step, :permissions)"
             ),
             [
                 {"id": ids[c.name], "form": c.type, "a": ids[_first(c.places)],
                  "b": ids.get(c.places[1]), "pose_a": _seven(c.poses[0]),
                  "pose_b": _seven(c.poses[1]), "direction": c.direction, "state": c.state,
-                 "behaviour": c.behaviour, "width": c.width}
+                 "behaviour": c.behaviour, "width": c.width, "height": c.height, "step": c.step,
+                 "permissions": sorted(c.permissions)}
                 for c in connectors
             ],
         )  # fmt: skip

@@ -12,6 +12,8 @@ from planner.target import Target
 from semmap.geometry.pose import Pose
 from tests.planner.test_ground import ROBOT, box, ground, rooms, scene
 
+NOWHERE = shapely.Point()
+
 
 def target_of(thing, place="left"):
     x0, y0, x1, y1 = thing.bounds
@@ -54,7 +56,7 @@ def is_free(robot, things, pose):
     )
 
 
-def check(robot, things, target, poses, walls=shapely.Point()):
+def check(robot, things, target, poses, walls=NOWHERE):
     assert poses
     sides = set()
     for pose in poses:

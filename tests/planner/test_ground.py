@@ -235,5 +235,5 @@ def test_a_pose_too_near_to_something_is_snapped_and_one_in_it_refused():
 
 
 def test_a_robot_without_a_shape_has_no_ground():
-    with pytest.raises(ValueError, match="robot robot has no shape.*semmap robot add"):
+    with pytest.raises(ValueError, match=r"robot robot has no shape.*semmap robot add"):
         Ground(rooms(), RobotClass(), lambda storey: scene())
