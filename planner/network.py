@@ -208,10 +208,15 @@ class Network:
     def _barred(self, connectors: Sequence[Connector]) -> NDArray[np.bool_]:
         """(2 n,) whether the robot must not pass each connector from either side."""
         found = np.empty((len(connectors), 2), np.bool_)
-        for i, connector in enumerate(connectors):
-            found[i] = self.robot.bar(connector) is not None
-            if connector.direction != "both":
-                found[i] |= [not connector.passes(0), not connector.passes(1)]
+        known: dict[tuple[object, ...], bool] = {}  # most doors are alike
+        for i, c in enumerate(connectors):
+            alike = (c.state, c.type, c.behaviour, c.permissions, c.width, c.height, c.step)
+            bar = known.get(alike)
+            if bar is None or c.type == "ramp":
+                bar = known[alike] = self.robot.bar(c) is not None
+            found[i] = bar
+            if c.direction != "both":
+                found[i] |= [not c.passes(0), not c.passes(1)]
         return found.reshape(-1)
 
     def _called(self, node: int) -> str | None:

@@ -53,11 +53,14 @@ __all__ = [
 ]
 
 _PLACES = """
-SELECT e.id, e.name, e.type, e.label, NULLIF(e.properties, '{}') AS properties, s.name AS storey,
-       l.name AS elevator, w.pose[3] + r.floor AS floor
+SELECT e.id, e.name, e.type, e.label, NULLIF(e.properties, '{}') AS properties, w.storey_id,
+       r.elevator_id, w.pose[3] + r.floor AS floor
 FROM room r JOIN entity e ON e.id = r.entity_id LEFT JOIN world w ON w.entity_id = e.id
-     LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN entity l ON l.id = r.elevator_id
 WHERE e.map_id = current_map() ORDER BY e.name
+"""
+
+_LEVELS = """
+SELECT id, name FROM entity WHERE map_id = current_map() AND kind IN ('storey', 'elevator')
 """
 
 _CONNECTORS = """
@@ -96,9 +99,11 @@ def read_topology(connection: Connection) -> Topology:
     rows = connection.execute(text(_PLACES)).all()
     drawn = connection.execute(text(_REGIONS)).all()
     types = _supertypes(connection, (*rows, *drawn))
+    levels = connection.execute(text(_LEVELS))
+    named: dict[int | None, str] = {row.id: row.name for row in levels}
     places = [
-        Place(name, type_, label, storey, elevator, types.get(type_, ()), said or {}, floor or 0.0,
-              number)
+        Place(name, type_, label, named.get(storey), named.get(elevator), types.get(type_, ()),
+              said or {}, floor or 0.0, number)
         for number, name, type_, label, said, storey, elevator, floor in rows
     ]  # fmt: skip
     return Topology.of(places, read_connectors(connection, places), _regions(drawn, types))
@@ -420,8 +425,9 @@ class Walk(NamedTuple):
 _WALK = np.dtype([("place", "i8"), ("a", "i8"), ("b", "i8"), ("seconds", "f8"), ("metres", "f8")])
 
 _WALKS = """
-SELECT array_send(array_agg(place_id)), array_send(array_agg(from_id)),
-       array_send(array_agg(to_id)), array_send(array_agg(seconds)), array_send(array_agg(metres))
+SELECT string_agg(int8send(place_id), ''), string_agg(int8send(from_id), ''),
+       string_agg(int8send(to_id), ''), string_agg(float8send(seconds), ''),
+       string_agg(float8send(metres), '')
 FROM walk WHERE robot_class_id = %s
 """
 
@@ -433,10 +439,9 @@ def read_walks(connection: Connection, robot_class: int) -> NDArray[Any]:
     sent = driver.cursor(binary=True).execute(_WALKS, (robot_class,)).fetchone()
     if sent is None or sent[0] is None:
         return np.empty(0, _WALK)
-    found = np.empty((len(sent[0]) - 20) // 12, _WALK)
-    for name, array in zip(Walk._fields, sent, strict=True):
-        kind = ">i8" if found.dtype[name].kind == "i" else ">f8"
-        found[name] = np.frombuffer(array, [("length", ">i4"), ("value", kind)], offset=20)["value"]
+    found = np.empty(len(sent[0]) // 8, _WALK)
+    for name, column in zip(Walk._fields, sent, strict=True):
+        found[name] = np.frombuffer(column, found.dtype[name].newbyteorder(">"))
     return found
 
 
