@@ -73,6 +73,8 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         walks = [*_straight(topology, ids, robot.speed)]
         states = {ids[p.name]: "" for p in topology.places.values()}
         keep_walks(connection, number, walks, states)
+    with engine.begin() as connection:  # which sees that as done
+        connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": name})
         keep_walked_until(connection, number, cursor(connection))
     with engine.connect() as connection:
         connection.execution_options(isolation_level="AUTOCOMMIT")
@@ -84,6 +86,7 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         seconds.append(time.perf_counter() - start)
     load = 1e3 * statistics.median(seconds[1:])
     assert live.network.measured == [], live.network.measured
+    assert math.isfinite(live.topology.route("room-9-4-18", "room-0-0-0").seconds)
     places = f"{len(topology.places):,} rooms, {len(topology.connectors):,} connectors"
     connector = live.topology.connectors["door-3-2-7"]
     taken = []

@@ -120,16 +120,20 @@ class Network:
         parts = [(nodes, nodes ^ 1, self._passing(self.connectors, through), through)]
         self.walk_edges: dict[str, slice] = {}
         self.measured: list[str] = []
-        known = {} if kept is None else self._kept_by_place(kept)
         at = count
+        if kept is not None:
+            block, counts = self._whole(kept)
+            parts.append(block)
+            for place, n in counts.items():
+                self.walk_edges[place] = slice(at, at + n)
+                at += n
         for place in self.nodes:
-            walks = known.get(place)
-            if walks is None:
+            if place not in self.walk_edges:
                 walks = self._walks_in(place)
                 self.measured.append(place)
-            parts.append(walks)
-            self.walk_edges[place] = slice(at, at + len(walks[0]))
-            at += len(walks[0])
+                parts.append(walks)
+                self.walk_edges[place] = slice(at, at + len(walks.tails))
+                at += len(walks.tails)
         self.rides: dict[int, str] = {}
         rides: list[tuple[int, int, float, float]] = []
         if self.robot.rides:
@@ -161,20 +165,18 @@ class Network:
         least: Floats = np.minimum(straight, self.base)
         return least
 
-    def _kept_by_place(self, kept: KeptWalks) -> dict[str, KeptWalks]:
-        """What was kept of each place, where nothing is missing."""
+    def _whole(self, kept: KeptWalks) -> tuple[KeptWalks, dict[str, int]]:
+        """What was kept of places of which nothing is missing, and how much it is of each."""
         numbers = {place: i for i, place in enumerate(self.nodes)}
-        place_of = np.array([numbers[p] for p in self.place_of], np.int64)
-        of = place_of[kept.tails]
+        of = np.array([numbers[p] for p in self.place_of], np.int64)[kept.tails]
         order = np.argsort(of, kind="stable")
-        ordered = kept.take(order)
-        ends = np.searchsorted(of[order], np.arange(len(numbers) + 1))
-        found = {}
-        for place, i in numbers.items():
-            n, a, b = len(self.nodes[place]), int(ends[i]), int(ends[i + 1])
-            if b - a == n * (n - 1) and place != OUTSIDE:
-                found[place] = ordered.take(slice(a, b))
-        return found
+        counts = np.bincount(of, minlength=len(numbers))
+        stands = np.array([len(nodes) for nodes in self.nodes.values()])
+        whole = counts == stands * (stands - 1)
+        if OUTSIDE in numbers:
+            whole[numbers[OUTSIDE]] = False
+        block = kept.take(order[whole[of[order]]])
+        return block, {p: n for p, n, w in zip(numbers, counts.tolist(), whole, strict=True) if w}
 
     def _walks_in(self, place: str) -> KeptWalks:
         nodes = self.nodes[place]

@@ -423,12 +423,11 @@ _WALKS = """
 SELECT array_send(array_agg(place_id)), array_send(array_agg(from_id)),
        array_send(array_agg(to_id)), array_send(array_agg(seconds)), array_send(array_agg(metres))
 FROM walk WHERE robot_class_id = %s
-  AND place_id IN (SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room')
 """
 
 
 def read_walks(connection: Connection, robot_class: int) -> NDArray[Any]:
-    """The walks of a class of robots in the current map, as an array with the fields of `Walk`."""
+    """The walks of a class of robots, of all maps, as an array with the fields of `Walk`."""
     driver = connection.connection.driver_connection
     assert isinstance(driver, psycopg.Connection)
     sent = driver.cursor(binary=True).execute(_WALKS, (robot_class,)).fetchone()
