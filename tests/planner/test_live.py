@@ -14,7 +14,7 @@ from sqlalchemy import event, text
 from planner.demo import office_files
 from planner.live import Live
 from planner.route import NoRouteError
-from planner.source import keep_robot_class, read_robot_class, read_walks
+from planner.source import keep_robot_class, may_keep, read_robot_class, read_walks
 from planner.topology import OUTSIDE
 from semmap.database import connect
 from semmap.ingest.importer import import_file
@@ -156,7 +156,7 @@ def test_a_wider_door_is_measured(changing, live, robot):
     with committed(changing) as run:
         run("UPDATE connector SET width = width - 0.3 WHERE entity_id = :i RETURNING 1",
             i=number(changing, "door6"))  # fmt: skip
-    assert live.catch_up()
+    assert live.catch_up().all
     check(live, changing, robot)
 
 
@@ -445,20 +445,20 @@ def test_two_that_keep_at_once_do_not_disturb_each_other(changing, robot):
     first, second = (Live(changing, "office", "tester") for _ in range(2))
     first.warm()
     second.warm()
-    shift(changing, "potted_plant8", -0.6, -0.3)
+    shift(changing, "potted_plant8", -4.0, -1.0)
     with changing.connect() as connection:  # a third keeps walks just now
         connection.execute(text(
             "SELECT pg_advisory_xact_lock(hashtext('semmap walks'), :id)"),
             {"id": first._id})  # fmt: skip
         assert first.catch_up().places >= {"corridor3"}
         connection.rollback()
-    shift(changing, "bookshelf4", 0.0, 0.2)
-    assert "lab2" in first.catch_up().places
+    shift(changing, "coffee_table2", 0.0, 0.2)
+    assert "foyer-3rd" in first.catch_up().places
     check(first, changing, robot)
     assert second.catch_up().places >= {"corridor3"}
     check(second, changing, robot)
-    shift(changing, "bookshelf4", 0.0, -0.2)
-    shift(changing, "potted_plant8", 0.6, 0.3)
+    shift(changing, "coffee_table2", 0.0, -0.2)
+    shift(changing, "potted_plant8", 4.0, 1.0)
     both = [threading.Thread(target=one.catch_up) for one in (first, second)]
     for each in both:
         each.start()
@@ -473,7 +473,9 @@ def test_a_class_that_was_replaced_is_not_given_the_walks_of_its_former_shape(ch
     live.warm()
     slower = replace(robot, speed=0.4)
     with changing.begin() as connection:
+        assert may_keep(connection, live._id, live._class_state)
         keep_robot_class(connection, slower)
+        assert not may_keep(connection, live._id, live._class_state)
     shift(changing, "potted_plant8", -0.6, -0.3)
     live.catch_up()
     check(Live(changing, "office", "tester"), changing, slower)
