@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 from sqlalchemy import Engine, text
 
@@ -91,7 +92,7 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
     connector = live.topology.connectors["door-3-2-7"]
     taken = []
     for k in range(101):
-        changed = type(connector)(**{**vars(connector), "state": ("closed", "open")[k % 2]})
+        changed = replace(connector, state=("closed", "open")[k % 2])
         start = time.perf_counter()
         live.network.change_connector(changed)
         taken.append(time.perf_counter() - start)

@@ -158,11 +158,15 @@ class Network:
             self.seconds[self.walk_edges[OUTSIDE]] = math.inf
 
     def _least(self) -> Floats:
-        """What no edge will ever take less than: straight and unhindered."""
-        xyz = np.array([(p.x, p.y, p.z) for p in self.stands]).reshape(-1, 3)
-        straight = np.linalg.norm(xyz[self.tails] - xyz[self.heads], axis=1) / self.robot.speed
-        straight[list(self.rides)] = self.base[list(self.rides)]
-        least: Floats = np.minimum(straight, self.base)
+        """What edges take at least: a door stands open, a way that is blocked leads straight."""
+        count = len(self.stands)
+        least = self.base.copy()
+        least[:count] = np.minimum(least[:count], self.metres[:count] / self.robot.speed)
+        blocked = np.flatnonzero(np.isinf(least))
+        a, b = ([self.stands[n] for n in k[blocked]] for k in (self.tails, self.heads))
+        least[blocked] = [
+            math.hypot(p.x - q.x, p.y - q.y) / self.robot.speed for p, q in zip(a, b, strict=True)
+        ]
         return least
 
     def _whole(self, kept: KeptWalks) -> tuple[KeptWalks, dict[str, int]]:

@@ -62,7 +62,7 @@ class UnknownPlaceError(LookupError):
         super().__init__(f"there is no place named {name}; {mend}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Place:
     """A room, or an elevator's cabin on one storey.
 
@@ -89,7 +89,7 @@ class Place:
     id: int | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Connector:
     """A door, elevator door, flight of stairs or ramp between two places (section 3.4).
 
