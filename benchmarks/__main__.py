@@ -15,6 +15,7 @@ TABLES = (
     "relations",
     "language",
     "routes",
+    "topology",
     "plans",
 )
 
