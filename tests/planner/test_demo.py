@@ -4,6 +4,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from planner import demo
+from semmap import cli
 from semmap.draw.palette import PATH
 
 FIGURE_4 = (
@@ -16,12 +17,26 @@ FIGURE_4 = (
 )
 
 
+@pytest.fixture(scope="module")
+def url(make_database):
+    """A database of its own: the demo moves the muffin."""
+    return make_database().render_as_string(hide_password=False)
+
+
+@pytest.fixture(autouse=True)
+def chosen(url):
+    """What the command line works on."""
+    before, cli.State.url = cli.State.url, url
+    yield
+    cli.State.url = before
+
+
 @pytest.fixture
 def said():
     return []
 
 
-def test_the_demo_does_the_main_job_from_end_to_end(commands, folder, said, capsys):
+def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
     pictures = demo.run_demo([], folder, pixels=700, say=lambda text: said.append(str(text)))
     assert [str(p.relative_to(folder)) for p in pictures] == [
         "figure6_parts.png",
@@ -54,7 +69,7 @@ def test_the_demo_does_the_main_job_from_end_to_end(commands, folder, said, caps
     assert (folder / "floor-3rd" / "map.pgm").is_file()
 
 
-def test_another_world_takes_files_and_folders(commands, folder, said, tmp_path):
+def test_another_world_takes_files_and_folders(folder, said, tmp_path):
     world = tmp_path / "yard"
     world.mkdir()
     (world / "yard.sdf").write_text(
