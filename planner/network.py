@@ -374,7 +374,7 @@ class Network:
             more, asked = len(ways) == asked, 2 * asked
         if start.place == goal.place:
             seconds, metres = self._inside(start, goal)
-            if math.isfinite(seconds):
+            if seconds < (found[()].seconds if () in found else math.inf):
                 found[()] = self._route(start, goal, (), seconds, metres)
         return sorted(found.values(), key=lambda r: r.seconds)[:k]
 
