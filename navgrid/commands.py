@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,7 +16,7 @@ from navgrid.storey_grid import StoreyGrid, storey_grid
 from semmap import cli
 from semmap.draw.view import Occupancy, StoreyView
 
-__all__ = ["open_map", "register", "with_grid", "write_grid"]
+__all__ = ["register", "with_grid", "write_grid"]
 
 
 def register(app: typer.Typer) -> None:
@@ -44,7 +42,7 @@ def grid_command(
     json_: cli.Json = False,
 ) -> None:
     """Draw what stands in the way as a Nav2 map (map.yaml, map.pgm) a storey."""
-    with open_map(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         storeys = read_wanted_storeys(connection, storey)
     written = []
     for view in storeys:
@@ -62,18 +60,6 @@ def grid_command(
             f"{row['resolution']:g} m: {row['occupied']} occupied, {row['free']} free, "
             f"{row['unknown']} unknown"
         )
-
-
-@contextmanager
-def open_map(name: str | None) -> Iterator[Any]:
-    """A connection that sees the map of that name, the newest one where None."""
-    engine = cli.engine()
-    try:
-        with engine.connect() as connection:
-            cli.choose_map(connection, name)
-            yield connection
-    finally:
-        engine.dispose()
 
 
 def write_grid(

@@ -14,7 +14,6 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from navgrid.commands import open_map
 from navgrid.costmap import Blame, Costmap, Inflation
 from navgrid.headings import collisions
 from navgrid.map_file import file_name
@@ -88,7 +87,7 @@ def costmap_command(
     wanted = None if rooms is None else [name.strip() for name in rooms.split(",")]
     bounds = None if box is None else numbers(box, 4, "--box X0,Y0,X1,Y1")
     made: list[Costmap] = []
-    with open_map(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         names = read_storey_names(connection)
         reach = max(p.radius for p in shape) + inflation_radius + max(
             layer.padding for layer in rules.layers

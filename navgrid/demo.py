@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from navgrid.commands import open_map
 from navgrid.costmap import Costmap
 from navgrid.costmap_command import draw_costmap
 from navgrid.figures import blocked_region, passage, robot_figures
@@ -15,6 +14,7 @@ from navgrid.map_file import file_name
 from navgrid.nav2 import write_nav2
 from navgrid.scene import grid_of
 from navgrid.source import read_scene
+from semmap import cli
 from semmap.draw.view import StoreyView
 from semmap.geometry.mesh import Mesh
 from semmap.robot import Group, Part, load_robot, robot_parts
@@ -44,7 +44,7 @@ def robot_demo(
     parts = robot_parts(robot, {}, example / GROUPS)
     meshes = robot.link_meshes({})
     pictures = robot_figures(parts, meshes, folder)
-    with open_map(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         for storey in storeys:
             scene = read_scene(connection, storey.name)
             if not scene.things and not scene.places:

@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from navgrid.commands import open_map, with_grid, write_grid
+from navgrid.commands import with_grid, write_grid
 from navgrid.demo import robot_demo
 from navgrid.map_file import file_name
 from navgrid.path import grid_path
@@ -87,14 +87,11 @@ def run_demo(
     map_name = files[0].name.split(".")[0] if worlds else "office"
 
     say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
-    engine = cli.engine()
-    try:
+    with cli.database() as engine:
         for file in files:
             cli.print_summary(import_file(engine, file, map_name=map_name))
-    finally:
-        engine.dispose()
 
-    with open_map(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         say("\n2. Which tables hold a muffin? (Figure 3)")
         columns, rows = entries.run_sql(connection, FIGURE_3, write=False)
         storeys = read_storeys(connection)
@@ -128,14 +125,14 @@ def run_demo(
     pictures = robot_demo(map_name, folder, storeys, say)
 
     say("\n6. What somebody sees (the query of reMap, section 4)")
-    with open_map(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         pictures += field_demo(connection, folder, say)
 
     if map_name == "office":
         say("\n7. A task: fetch a muffin and put it on desk1 (Figure 4)")
         task_demo(map_name, folder, say)
         say("   Which tables hold a muffin now? (Figure 3, again)")
-        with open_map(map_name) as connection:
+        with cli.open_map(map_name) as connection:
             cli.show_rows(*entries.run_sql(connection, FIGURE_3, write=False), False)
 
     say("\n8. Pictures" if map_name == "office" else "\n7. Pictures")

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
-from sqlalchemy import Connection
 
-from navgrid.commands import open_map
 from navgrid.costmap_command import numbers, parts_of
 from navgrid.terrain import Gait
 from planner import source
@@ -71,14 +67,14 @@ def add(
         None if behaviour is None else frozenset(behaviour), frozenset(permission or ()), opens,
         unlocks, outside, (near[0], near[1]), (high[0], high[1]), capacity,
     )  # fmt: skip
-    with _written() as connection:
+    with cli.database() as engine, engine.begin() as connection:
         source.keep_robot_class(connection, robot, Times())
     _show([robot], json_)
 
 
 def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the classes of robots."""
-    with open_map(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         names = source.read_robot_names(connection)
         found = [source.read_robot_class(connection, name)[1] for name in names]
     _show(found, json_)
@@ -86,19 +82,8 @@ def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 
 def rm(name: Annotated[str, typer.Argument(help="The class to forget.")]) -> None:
     """Forget a class of robots, and how long its ways are."""
-    with _written() as connection:
+    with cli.database() as engine, engine.begin() as connection:
         source.delete_robot_class(connection, name)
-
-
-@contextmanager
-def _written() -> Iterator[Connection]:
-    """A transaction."""
-    engine = cli.engine()
-    try:
-        with engine.begin() as connection:
-            yield connection
-    finally:
-        engine.dispose()
 
 
 def _show(robots: list[RobotClass], json_: bool) -> None:

@@ -101,22 +101,15 @@ def follow(
     quiet: bool = False,
 ) -> Iterator[Live]:
     """The topology as it is now; shows which places are measured where that takes a while."""
-    engine = cli.engine()
-    with Progress(console=cli.out, transient=True, disable=quiet) as bar:
-        task = bar.add_task("measuring walks", total=None, visible=False)
+    with cli.database() as engine:
+        with Progress(console=cli.out, transient=True, disable=quiet) as bar:
+            task = bar.add_task("measuring walks", total=None, visible=False)
 
-        def progress(place: str, number: int, total: int) -> None:
-            bar.update(task, description=place, completed=number, total=total, visible=True)
+            def progress(place: str, number: int, total: int) -> None:
+                bar.update(task, description=place, completed=number, total=total, visible=True)
 
-        try:
             live = Live(engine, map_name, robot, rules=rules, progress=progress)
-        except BaseException:
-            engine.dispose()
-            raise
-    try:
         yield live
-    finally:
-        engine.dispose()
 
 
 def said(word: str) -> Said:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -68,6 +70,24 @@ def engine() -> Engine:
     if State.context is not None:
         State.context.call_on_close(chosen.dispose)
     return chosen
+
+
+@contextmanager
+def database() -> Iterator[Engine]:
+    """The database that the user chose, while it lasts."""
+    chosen = connect(State.url)
+    try:
+        yield chosen
+    finally:
+        chosen.dispose()
+
+
+@contextmanager
+def open_map(name: str | None) -> Iterator[Connection]:
+    """A connection that sees the map of that name, the newest one where None."""
+    with database() as engine, engine.connect() as connection:
+        choose_map(connection, name)
+        yield connection
 
 
 def choose_map(connection: Connection, name: str | None) -> None:

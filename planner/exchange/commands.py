@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 import typer
 
-from navgrid.commands import open_map
 from navgrid.map_file import file_name
 from navgrid.source import read_wanted_storeys
 from planner.exchange.dot import dot
@@ -69,16 +68,13 @@ def topology_command(
 ) -> None:
     """Write what joins what: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON."""
     chosen = _format(file, format_, json_)
-    with open_map(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         name = str(connection.exec_driver_sql(
             "SELECT name FROM map WHERE id = current_map()").scalar_one())  # fmt: skip
         around = read_surroundings(connection)
         views = read_wanted_storeys(connection, storey)
-    engine = cli.engine()
-    try:
+    with cli.database() as engine:
         network = Live(engine, name, robot or RobotClass(speed=speed, unlocks=locked)).network
-    finally:
-        engine.dispose()
     topology = network.topology
     if not topology.connectors:
         raise ExchangeError(

@@ -76,39 +76,36 @@ def run_command(
         raise typer.BadParameter("say a goal, or --resume for one that was begun: one of them")
     rules = [FailureRule.parse(said) for said in fail or ()]
     domain = None if domain_file is None else read_domain(domain_file)
-    engine = cli.engine()
-    try:
-        with Journal(engine, map_name, f"{socket.gethostname()} {os.getpid()}") as journal:
-            number = _resumed(journal, mission) if resume else None
+    me = f"{socket.gethostname()} {os.getpid()}"
+    with cli.database() as engine, Journal(engine, map_name, me) as journal:
+        number = _resumed(journal, mission) if resume else None
+        if number is not None:
+            robot = journal.robot_of(number)
+        live = Live(engine, journal.map_name, robot_class)
+        if start is not None:
             if number is not None:
-                robot = journal.robot_of(number)
-            live = Live(engine, journal.map_name, robot_class)
-            if start is not None:
-                if number is not None:
-                    raise typer.BadParameter("a mission is resumed where its robot is: no --from")
-                if start not in live.topology.places:
-                    live.topology.place(start)
-                journal.add_robot(robot, start, entry(live.topology, start), robot_class)
-            if number is None:
-                assert goal is not None
-                TaskPlanner(live, domain).check(goal)
-                number = journal.add(robot, goal)
-            file = world or WORLDS / f"{journal.map_name}-{number}.sqlite"
-            truth = _world(journal, live.topology, file, robot, rules, resume)
-            body = SimulatedRobot(
-                robot, truth, live.topology, speed=speed, seed=seed,
-                velocity=live.network.robot.speed,
-                way=live.ground.path if live.ground is not None else None,
-            )  # fmt: skip
-            runner = Runner(
-                journal, body, TaskPlanner(live, domain), speed=speed,
-                tick=min(0.05, 1.0 / speed), hear=None if json_ else show,
-            )  # fmt: skip
-            result = runner.run(number)
-            steps = journal.steps(number)
-            truth.close()
-    finally:
-        engine.dispose()
+                raise typer.BadParameter("a mission is resumed where its robot is: no --from")
+            if start not in live.topology.places:
+                live.topology.place(start)
+            journal.add_robot(robot, start, entry(live.topology, start), robot_class)
+        if number is None:
+            assert goal is not None
+            TaskPlanner(live, domain).check(goal)
+            number = journal.add(robot, goal)
+        file = world or WORLDS / f"{journal.map_name}-{number}.sqlite"
+        truth = _world(journal, live.topology, file, robot, rules, resume)
+        body = SimulatedRobot(
+            robot, truth, live.topology, speed=speed, seed=seed,
+            velocity=live.network.robot.speed,
+            way=live.ground.path if live.ground is not None else None,
+        )  # fmt: skip
+        runner = Runner(
+            journal, body, TaskPlanner(live, domain), speed=speed,
+            tick=min(0.05, 1.0 / speed), hear=None if json_ else show,
+        )  # fmt: skip
+        result = runner.run(number)
+        steps = journal.steps(number)
+        truth.close()
     if json_:
         print(json.dumps(_as_json(result, steps, file), default=str))
     if result.state != "done":
@@ -122,18 +119,14 @@ def missions_command(
     json_: cli.Json = False,
 ) -> None:
     """List missions, or the steps of one; cancel one."""
-    engine = cli.engine()
-    try:
-        with Journal(engine, map_name) as journal:
-            if cancel is not None and not journal.cancel(cancel):
-                raise MissionError(f"mission {cancel} is not there, or has ended")
-            rows = journal.missions() if mission is None else journal.steps(mission)
-            if mission is not None and not rows and mission not in {
-                row["id"] for row in journal.missions()
-            }:  # fmt: skip
-                raise MissionError(f"there is no mission {mission}: `semmap missions` lists them")
-    finally:
-        engine.dispose()
+    with cli.database() as engine, Journal(engine, map_name) as journal:
+        if cancel is not None and not journal.cancel(cancel):
+            raise MissionError(f"mission {cancel} is not there, or has ended")
+        rows = journal.missions() if mission is None else journal.steps(mission)
+        if mission is not None and not rows and mission not in {
+            row["id"] for row in journal.missions()
+        }:  # fmt: skip
+            raise MissionError(f"there is no mission {mission}: `semmap missions` lists them")
     if json_:
         print(json.dumps(rows, default=str))
         return

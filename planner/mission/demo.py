@@ -43,8 +43,7 @@ def task_demo(map_name: str, folder: Path, say: Callable[..., Any]) -> Result:
     """Let the delivery robot bring a muffin to desk1, and tell what it does."""
     shape = parts_of(EXAMPLE / "delivery_robot.urdf", None, EXAMPLE / "delivery_robot_parts.yaml")
     robot = RobotClass("delivery", tuple(shape), speed=0.8)
-    engine = cli.engine()
-    try:
+    with cli.database() as engine:
         with engine.begin() as connection:
             cli.choose_map(connection, map_name)
             keep_robot_class(connection, robot)
@@ -80,8 +79,6 @@ def task_demo(map_name: str, folder: Path, say: Callable[..., Any]) -> Result:
                 steps = journal.steps(result.mission)
         say(f"   {result.state}: {len(steps)} steps by a simulated robot{_because(result)}")
         return result
-    finally:
-        engine.dispose()
 
 
 def _because(result: Result) -> str:

@@ -54,8 +54,7 @@ def plan_command(
     """Plan a task: the actions that reach a goal in the least time."""
     domain = None if domain_file is None else read_domain(domain_file)
     asked = parse_goal(goal, domain.relations if domain else ())
-    engine = cli.engine()
-    try:
+    with cli.database() as engine:
         live = Live(engine, map_name, robot)
         with engine.connect() as connection:
             cli.choose_map(connection, map_name)
@@ -75,8 +74,6 @@ def plan_command(
             found = plan_task(
                 live.network, world, state, asked, domain=domain, stand=stand, patience=patience
             )
-    finally:
-        engine.dispose()
     if json_:
         print(json.dumps(plan_as_json(found)))
     else:

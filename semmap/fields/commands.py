@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -89,7 +88,7 @@ def query_command(
     asked = text if file is None else file.read_text(encoding="utf-8")
     vocabulary = read_vocabulary_of_map()
     mirror = mirrored(map_name, voxel_size)
-    with chosen(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         names = read_names(connection)
         mirror.maps.put("kept", kept_maps(connection, vocabulary).values())
     answer = query(catalogue_of(mirror, names, vocabulary), str(asked))
@@ -106,7 +105,7 @@ def query_command(
             stored_map(answer).write(output)
             said["file"] = str(output)
         if keep_as is not None:
-            with chosen(map_name) as connection:
+            with cli.open_map(map_name) as connection:
                 said["kept"] = keep_as
                 said["version"] = keep_map(connection, keep_as, stored_map(answer))
                 connection.commit()
@@ -121,7 +120,7 @@ def query_command(
 @fields.command()
 def kept(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the maps that the database keeps, with their versions."""
-    with chosen(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         rows = [
             (name, m.property.name, m.about, len(m), len(keep.versions(connection, name)))
             for name, m in kept_maps(connection, read_vocabulary_of_map()).items()
@@ -132,24 +131,12 @@ def kept(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 @fields.command()
 def forget(name: str, map_name: cli.MapName = None) -> None:
     """Delete a map that the database keeps, with all its versions."""
-    with chosen(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         if name not in keep.names(connection):
             known = ", ".join(keep.names(connection)) or "none"
             raise LookupError(f"no field {name} is kept of this map; there are: {known}")
         keep.forget(connection, name)
         connection.commit()
-
-
-@contextmanager
-def chosen(map_name: str | None) -> Iterator[Any]:
-    """A connection that sees the map of that name, the newest one where None."""
-    engine = cli.engine()
-    try:
-        with engine.connect() as connection:
-            cli.choose_map(connection, map_name)
-            yield connection
-    finally:
-        engine.dispose()
 
 
 def show_answer(answer: Rows, limit: int, json_: bool) -> None:
@@ -269,7 +256,7 @@ def export_kept(
     folder: Path, name: str, version: int | None, map_name: str | None, json_: bool
 ) -> None:
     """Write a map that is kept as OpenVDB, its legend, and its voxels as points."""
-    with chosen(map_name) as connection:
+    with cli.open_map(map_name) as connection:
         field = keep.load(connection, name, version)
     folder.mkdir(parents=True, exist_ok=True)
     write_grid(folder / "field.vdb", field.grid, name)
@@ -294,11 +281,8 @@ def export_kept(
 
 def mirrored(map_name: str | None, voxel_size: float) -> Mirror:
     """A mirror of a map, as it is now."""
-    engine = cli.engine()
-    try:
+    with cli.database() as engine:
         return _mirror(engine, map_name, voxel_size)
-    finally:
-        engine.dispose()
 
 
 def _mirror(engine: Any, map_name: str | None, voxel_size: float) -> Mirror:
