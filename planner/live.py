@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import psycopg
 from numpy.typing import NDArray
-from sqlalchemy import Connection, Engine, text
+from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError
 
 from navgrid.scene import Scene
@@ -32,6 +32,7 @@ from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.changes import changed_since, cursor, reaches_back
+from semmap.query.maps import see_map, snapshot
 
 __all__ = ["Changed", "Live"]
 
@@ -371,17 +372,8 @@ class Live:
     @contextmanager
     def _snapshot(self) -> Iterator[Connection]:
         """A transaction on the map that sees one state of the database."""
-        options = {"isolation_level": "REPEATABLE READ"}
-        with self._engine.connect().execution_options(**options) as connection:
-            if self._map_name is None:
-                self._map_name = connection.execute(
-                    text("SELECT name FROM map WHERE id = current_map()")
-                ).scalar()
-                if self._map_name is None:
-                    raise LookupError("there is no map: semmap import FILE makes one")
-            connection.execute(
-                text("SELECT set_config('semmap.map', :name, true)"), {"name": self._map_name}
-            )
+        with snapshot(self._engine) as connection:
+            self._map_name = see_map(connection, self._map_name)
             yield connection
 
 

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 import psycopg
-from sqlalchemy import Connection, Engine, text
+from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
 from semmap.fields import keep
@@ -29,6 +29,7 @@ from semmap.fields.source import (
 )
 from semmap.fields.sources import Zones, ZoneSource
 from semmap.query.changes import changed_since, cursor, reaches_back, settle
+from semmap.query.maps import see_map, snapshot
 from semmap_vdb import Int32Grid
 
 __all__ = ["Mirror"]
@@ -115,7 +116,7 @@ class Mirror:
             self._unsaved = False
         try:
             with self._engine.begin() as connection:
-                self._choose(connection)
+                self._map_name = see_map(connection, self._map_name)
                 state = {"by": _by(connection), "cursor": since, "names": names}
                 number = keep.save(
                     connection, self._field, grid, property=PROPERTY, legend=sets, state=state
@@ -213,21 +214,9 @@ class Mirror:
     @contextmanager
     def _snapshot(self) -> Iterator[Connection]:
         """A transaction on its map that sees one state of the database, and its cursor."""
-        options = {"isolation_level": "REPEATABLE READ"}
-        with self._engine.connect().execution_options(**options) as connection:
-            self._choose(connection)
+        with snapshot(self._engine) as connection:
+            self._map_name = see_map(connection, self._map_name)
             yield connection
-
-    def _choose(self, connection: Connection) -> None:
-        if self._map_name is None:
-            self._map_name = connection.execute(
-                text("SELECT name FROM map WHERE id = current_map()")
-            ).scalar()
-            if self._map_name is None:
-                raise LookupError("there is no map: semmap import FILE makes one")
-        connection.execute(
-            text("SELECT set_config('semmap.map', :name, true)"), {"name": self._map_name}
-        )
 
 
 def _by(connection: Connection) -> list[str]:

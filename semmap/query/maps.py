@@ -1,0 +1,33 @@
+"""Which map a connection sees, and one state of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sqlalchemy import Connection, Engine, text
+
+__all__ = ["see_map", "snapshot"]
+
+
+def see_map(connection: Connection, name: str | None) -> str:
+    """Let the rest of a transaction see the map of a name, the newest one where None; its name.
+
+    Raises
+    ------
+    LookupError
+        There is no map at all.
+    """
+    if name is None:
+        name = connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
+    if name is None:
+        raise LookupError("there is no map: semmap import FILE makes one")
+    connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": name})
+    return name
+
+
+@contextmanager
+def snapshot(engine: Engine) -> Iterator[Connection]:
+    """A transaction that sees one state of the database throughout."""
+    with engine.connect().execution_options(isolation_level="REPEATABLE READ") as connection:
+        yield connection

@@ -1,0 +1,46 @@
+import pytest
+from sqlalchemy import text
+
+from semmap.database import connect
+from semmap.query.maps import see_map, snapshot
+
+
+@pytest.fixture
+def maps(make_database):
+    """A database with two maps."""
+    engine = connect(make_database())
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO map (name) VALUES ('older'), ('newer')"))
+    yield engine
+    engine.dispose()
+
+
+def shown(connection):
+    return connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
+
+
+def test_the_map_of_a_name_is_seen_and_else_the_newest(maps):
+    with maps.connect() as connection:
+        assert see_map(connection, "older") == "older"
+        assert shown(connection) == "older"
+        connection.rollback()
+        assert shown(connection) == "newer"  # it was for the transaction alone
+        assert see_map(connection, None) == "newer"
+
+
+def test_where_there_is_no_map_it_is_said(make_database):
+    engine = connect(make_database())
+    with engine.connect() as connection, pytest.raises(LookupError, match="semmap import FILE"):
+        see_map(connection, None)
+    engine.dispose()
+
+
+def test_a_snapshot_does_not_see_what_others_commit_meanwhile(maps):
+    count = text("SELECT count(*) FROM map")
+    with snapshot(maps) as connection:
+        assert connection.execute(count).scalar() == 2
+        with maps.begin() as other:
+            other.execute(text("INSERT INTO map (name) VALUES ('newest')"))
+        assert connection.execute(count).scalar() == 2
+    with snapshot(maps) as connection:
+        assert connection.execute(count).scalar() == 3
