@@ -10,9 +10,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from navgrid.scene import Thing
+from semmap.yaml_file import parse_yaml, read_text
 
 __all__ = ["FLOOR", "NONE", "Layer", "Policy", "PolicyError", "Rule"]
 
@@ -77,19 +76,12 @@ class Policy:
         PolicyError
             A file that is not there or says what no policy says.
         """
-        try:
-            said = Path(path).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise PolicyError(f"{path}: cannot be read: {error}. Name a policy file") from None
-        return cls.parse(said, str(path))
+        return cls.parse(read_text(path, "a policy file", PolicyError), str(path))
 
     @classmethod
     def parse(cls, said: str, file: str) -> Policy:
         """The policy of YAML text; `file` is what errors call it."""
-        try:
-            document = yaml.safe_load(said)
-        except yaml.YAMLError as error:
-            raise PolicyError(f"{file}: is no YAML: {error}") from None
+        document = parse_yaml(said, file, PolicyError)
         parts = _mapping(document, file, "the file", {"layers", "rules"})
         layers = tuple(
             _layer(str(name), value, file)

@@ -11,11 +11,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-import yaml
-
 from planner.ground import Ground
 from planner.network import Network
 from planner.topology import Region
+from semmap.yaml_file import parse_yaml, read_text
 
 __all__ = ["Penalties", "Rule", "Rules", "RulesError", "barred_regions", "forbid", "penalties"]
 
@@ -93,23 +92,12 @@ class Rules:
         ------
         RulesError
         """
-        try:
-            said = Path(path).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise RulesError(f"{path}: cannot be read: {error}. Name a file of rules") from None
-        return cls.parse(said, str(path))
+        return cls.parse(read_text(path, "a file of rules", RulesError), str(path))
 
     @classmethod
     def parse(cls, said: str, file: str) -> Rules:
         """The rules of YAML text; `file` is what errors call it."""
-        try:
-            document = yaml.safe_load(said)
-        except (
-            yaml.YAMLError,
-            ValueError,
-            RecursionError,
-        ) as error:  # a date that is none, 2024-13-45
-            raise RulesError(f"{file}: is no YAML, mend it: {error}") from None
+        document = parse_yaml(said, file, RulesError)
         if not isinstance(document, dict) or not isinstance(document.get("rules"), list):
             raise RulesError(f"{file}: needs rules as a list, rules: [...]")
         if set(document) != {"rules"}:

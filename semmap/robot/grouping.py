@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import yaml
 
 from semmap.robot.error import RobotError
 from semmap.robot.urdf import Joint, Robot
+from semmap.yaml_file import parse_yaml, read_text
 
 __all__ = ["Group", "RobotError", "find_groups", "read_groups"]
 
@@ -46,10 +46,7 @@ def read_groups(path: Path | str, robot: Robot) -> list[Group]:
     RobotError
         A file that is not there or says something else, a link that the robot has not.
     """
-    try:
-        said = yaml.safe_load(Path(path).read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise RobotError(f"{path}: cannot be read: {error}") from None
+    said = parse_yaml(read_text(path, "a file of parts", RobotError), str(path), RobotError)
     if not isinstance(said, dict) or not said:
         raise RobotError(f"{path}: give parts as name: [link, ...]")
     groups, taken = [], set[str]()
