@@ -35,4 +35,4 @@ def parse_yaml(said: str, file: str, error: type[Exception]) -> Any:
     try:
         return yaml.safe_load(said)
     except (yaml.YAMLError, ValueError, RecursionError) as problem:
-        raise error(f"{file}: is no YAML, mend it; it cannot be read: {problem}") from None
+        raise error(f"{file}: is no YAML, mend it: {problem}") from None

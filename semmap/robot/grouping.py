@@ -46,7 +46,8 @@ def read_groups(path: Path | str, robot: Robot) -> list[Group]:
     RobotError
         A file that is not there or says something else, a link that the robot has not.
     """
-    said = parse_yaml(read_text(path, "a file of parts", RobotError), str(path), RobotError)
+    written = read_text(path, "a file of parts", RobotError)
+    said = parse_yaml(written, f"{path}: cannot be read", RobotError)
     if not isinstance(said, dict) or not said:
         raise RobotError(f"{path}: give parts as name: [link, ...]")
     groups, taken = [], set[str]()
