@@ -127,8 +127,6 @@ class Asker:
         """Where a robot may stand for what is said."""
         if isinstance(said, Target):
             return self._sites_of(self._placed(said))
-        if isinstance(said, tuple):
-            return [self._at(said[0], said[1])]
         if isinstance(said, Pose):
             place = self.place_at(said)
             if place is None:
@@ -138,6 +136,8 @@ class Asker:
                     f"({said.x:.2f}, {said.y:.2f}, {said.z:.2f}) is in no room{there}"
                 )
             return [self._at(place, said)]
+        if isinstance(said, tuple):
+            return [self._at(said[0], said[1])]
         topology = self.network.topology
         if said in topology.places:
             return [self.network.site(said)]

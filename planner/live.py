@@ -31,7 +31,7 @@ from planner.target import Target
 from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Topology
 from semmap.geometry.pose import Pose
-from semmap.query.changes import changed_since, cursor, reaches_back
+from semmap.query.changes import changed_since, now_at
 from semmap.query.maps import see_map, snapshot
 
 __all__ = ["Changed", "Live"]
@@ -126,7 +126,7 @@ class Live:
                 raise
 
     def _look(self, connection: Connection, heard: Callable[[Changed], None] | None) -> Changed:
-        now, moment = cursor(connection), source.read_moment(connection)
+        now, moment = now_at(connection)
         if self._since is None:
             changed = self._load(connection)
         else:
@@ -207,19 +207,22 @@ class Live:
 
     def _load(self, connection: Connection) -> Changed:
         """All of it: walks that still hold from the database, the others measured and kept."""
-        topology = replace(source.read_topology(connection), asker=self.asker)
-        robot, times = RobotClass(), Times()
+        places = source.read_places(connection)
+        connectors = source.read_connectors(connection, places)
+        regions, self._timed = source.read_regions(connection)
+        topology = replace(Topology.of(places, connectors, regions), asker=self.asker)
+        robot, times, unwalked = RobotClass(), Times(), None
         if isinstance(self._robot, RobotClass):
             robot = self._robot
         elif self._robot is not None:
-            self._id, robot, times = source.read_robot_class(connection, self._robot)
-            self._class_state = source.class_state(connection, self._id)
-        self._timed = source.read_timed_regions(connection)
+            self._id, robot, times, self._class_state, unwalked = source.read_robot_class(
+                connection, self._robot
+            )
         ground, kept = None, None
         if robot.parts:
             ground = Ground(topology, robot, self._read_scene)
             if self._id is not None:
-                kept = self._kept(connection, topology, robot)
+                kept = self._kept(connection, topology, robot, unwalked)
         total = len(topology.places)
         if self._progress is not None and ground is not None:
             ground.tell(lambda place, n: self._progress and self._progress(place, n, total))
@@ -229,21 +232,19 @@ class Live:
         return Changed(all=True)
 
     def _kept(
-        self, connection: Connection, topology: Topology, robot: RobotClass
-    ) -> KeptWalks | None:
-        """The walks that still hold."""
+        self,
+        connection: Connection,
+        topology: Topology,
+        robot: RobotClass,
+        unwalked: Collection[int] | None,
+    ) -> KeptWalks:
+        """The walks that still hold: all of them, or where places are as they were."""
         assert self._id is not None
-        self._compared = False
-        until = source.walked_until(connection, self._id)
-        if until is None:
-            return None
         rows = source.read_walks(connection, self._id)
-        if (
-            self._timed
-            or self._changed_things(connection, changed_since(connection, until))
-            or not reaches_back(connection, until)
-        ):
-            self._compared = True
+        self._compared = bool(
+            self._timed or unwalked is None or self._changed_things(connection, unwalked)
+        )
+        if self._compared:
             digests = source.place_digests(connection, _reach(robot))
             measured = source.walked_digests(connection, self._id)
             valid = [number for number, digest in digests.items() if measured.get(number) == digest]
@@ -297,8 +298,8 @@ class Live:
         return Changed(places=frozenset(places), connectors=frozenset(told))
 
     def _take_in_regions(self, connection: Connection) -> None:
-        self._timed = source.read_timed_regions(connection)
-        self.topology = replace(self.topology, regions=source.read_regions(connection))
+        regions, self._timed = source.read_regions(connection)
+        self.topology = replace(self.topology, regions=tuple(regions))
         self.network.topology = self.topology
         if self.ground is not None:
             self.ground.topology = self.topology
@@ -393,11 +394,13 @@ def _as_nodes(topology: Topology, rows: NDArray[Any]) -> KeptWalks:
     places = {p.name: p.id for p in topology.places.values()}
     ids = np.array([c.id for c in connectors], np.int64)
     first = np.array([places.get(c.places[0]) or -1 for c in connectors], np.int64)
+    if not len(ids):
+        rows = rows[:0]
     order = np.argsort(ids)
-    known = np.isin(rows["a"], ids) & np.isin(rows["b"], ids)
-    rows = rows[known]
-    a, b = (order[np.searchsorted(ids, rows[k], sorter=order)] for k in ("a", "b"))
-    a, b = (2 * k + (first[k] != rows["place"]) for k in (a, b))
-    seconds, metres = (rows[k].astype(np.float64) for k in ("seconds", "metres"))
-    both = (np.concatenate([a, b]), np.concatenate([b, a]))
-    return KeptWalks(*both, np.concatenate([seconds] * 2), np.concatenate([metres] * 2))
+    ends = np.stack([rows["a"], rows["b"]])
+    numbers = order[np.searchsorted(ids, ends, sorter=order).clip(max=len(ids) - 1)]
+    known = (ids[numbers] == ends).all(axis=0)
+    numbers, rows = numbers[:, known], rows[known]
+    tails = 2 * numbers + (first[numbers] != rows["place"])
+    seconds, metres = np.tile(rows["seconds"], 2), np.tile(rows["metres"], 2)
+    return KeptWalks(tails.reshape(-1), tails[::-1].reshape(-1), seconds, metres)

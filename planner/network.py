@@ -13,28 +13,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import permutations, product
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from navgrid.map_file import file_name
-from navgrid.nav2 import frame_name
 from planner.graph import End, Graph
+from planner.reasons import why_not
 from planner.robot_class import RobotClass
-from planner.route import NoRouteError, Route, Step
+from planner.route import NoRouteError, Route
+from planner.stages import stages
 from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Topology
 from planner.walks import StraightWalks, Walks
 from semmap.geometry.pose import Pose
 
-__all__ = ["KeptWalks", "Network", "Site"]
+__all__ = ["Edges", "KeptWalks", "Network", "Site"]
 
 Floats = NDArray[np.float64]
-Edges = Sequence[int] | NDArray[np.int64]
+_ALIKE = attrgetter("state", "type", "behaviour", "permissions", "width", "height", "step")
+"""What bars a robot from connectors, but for their direction and a ramp's slope."""
 
-_FORBIDDEN = 1e9
-"""Seconds that a forbidden passage counts where the reason for having no route is sought."""
+Edges = Sequence[int] | NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,6 @@ class Network:
         self.walks = walks or StraightWalks(self.robot.speed)
         self.connectors = list(topology.connectors.values())
         self.index = {c.name: i for i, c in enumerate(self.connectors)}
-        self._several_storeys = len(topology.storeys()) > 1
         self.stands = [pose for c in self.connectors for pose in c.poses]
         self.place_of = [place for c in self.connectors for place in c.places]
         self.nodes: dict[str, NDArray[np.int64]] = {}
@@ -101,15 +101,21 @@ class Network:
         for node, place in enumerate(self.place_of):
             inside.setdefault(place, []).append(node)
         self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
+        self._cabins = {c: elevator for elevator, all_ in topology.cabins().items() for c in all_}
         self._lay(kept)
-        # Twice the stands, on arrival and on departure: no walk follows upon another.
-        count = len(self.stands)
-        passes = np.arange(len(self.tails)) < count
-        self._from = np.where(passes, self.tails, self.tails + count)
-        self._to = np.where(passes, self.heads + count, self.heads)
-        self.graph = Graph(self._from, self._to, self.seconds, 2 * count, least=self._least())
-        self._extra: dict[int, str] = {}
+        self.graph = Graph(*self.ways, self.seconds, 2 * len(self.stands), least=self._least())
+        self.barred_for_now: dict[int, str] = {}
         self.lock = threading.RLock()
+
+    @property
+    def ways(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """From which nodes of the graph to which the edges lead.
+
+        It has twice the stands, on arrival and on departure: no walk follows upon another.
+        """
+        count = len(self.stands)
+        walks = np.arange(len(self.tails)) >= count
+        return self.tails + count * walks, self.heads + count * ~walks
 
     # -- edges: passages first, then walks place by place, then rides --------------------------
 
@@ -193,43 +199,39 @@ class Network:
 
     def _passing(self, connectors: Sequence[Connector], metres: Floats) -> Floats:
         """(2 n,) seconds of passing each connector from either side, over so many metres."""
-        times, places = self.times, self.topology.places
+        times, cabins = self.times, self._cabins
         found = metres / self.robot.speed
         for i, connector in enumerate(connectors):
-            both = slice(2 * i, 2 * i + 2)
             if times.learned:
-                found[both] = times.of_passing(connector, self.robot.speed)
-            if connector.shut:
-                found[both] += times.of_opening(connector)
+                found[2 * i : 2 * i + 2] = times.of_passing(connector, self.robot.speed)
+            if connector.state != "open":
+                found[2 * i : 2 * i + 2] += times.of_opening(connector)
             a, b = connector.places
-            cabins = places[a].elevator, places[b].elevator
-            if cabins[0] != cabins[1]:
-                for side in (0, 1):  # an elevator has to come before one goes in
-                    if (elevator := cabins[1 - side]) is not None:
-                        found[2 * i + side] += times.of_calling(elevator)
+            if (a in cabins or b in cabins) and cabins.get(a) != cabins.get(b):
+                for side, there in enumerate((b, a)):  # it has to come before one goes in
+                    if there in cabins:
+                        found[2 * i + side] += times.of_calling(cabins[there])
         return found
 
     def _barred(self, connectors: Sequence[Connector]) -> NDArray[np.bool_]:
         """(2 n,) whether the robot must not pass each connector from either side."""
-        found = np.empty((len(connectors), 2), np.bool_)
+        bars: list[bool] = []
         known: dict[tuple[object, ...], bool] = {}  # most doors are alike
-        for i, c in enumerate(connectors):
-            alike = (c.state, c.type, c.behaviour, c.permissions, c.width, c.height, c.step)
+        for c, alike in zip(connectors, map(_ALIKE, connectors), strict=True):
             bar = known.get(alike)
             if bar is None or c.type == "ramp":
                 bar = known[alike] = self.robot.bar(c) is not None
-            found[i] = bar
+            bars.append(bar)
+        found = np.repeat(np.array(bars, np.bool_), 2)
+        for i, c in enumerate(connectors):
             if c.direction != "both":
-                found[i] |= [not c.passes(0), not c.passes(1)]
-        return found.reshape(-1)
+                found[2 * i : 2 * i + 2] |= [not c.passes(0), not c.passes(1)]
+        return found
 
-    def _called(self, node: int) -> str | None:
+    def called(self, node: int) -> str | None:
         """The elevator that has to come before the passage that begins at a stand."""
-        here, there = (self.topology.places[self.place_of[n]].elevator for n in (node, node ^ 1))
-        return there if there is not None and here != there else None
-
-    def _bar(self, node: int) -> str | None:
-        return self.robot.obstacle(self.connectors[node // 2], node % 2)
+        here, there = (self._cabins.get(self.place_of[n]) for n in (node, node ^ 1))
+        return there if here != there else None
 
     # -- changes --------------------------------------------------------------------------------
 
@@ -293,11 +295,11 @@ class Network:
             dearer[[int(e) in bars for e in edges]] = math.inf
             if len(edges):
                 self.graph.set_weights(edges, dearer)
-            self._extra = dict(bars)
+            self.barred_for_now = dict(bars)
             try:
                 yield
             finally:
-                self._extra = {}
+                self.barred_for_now = {}
                 self.seconds[edges], self.metres[edges] = usual
                 if len(edges):
                     self.graph.set_weights(edges, self.seconds[edges])
@@ -353,7 +355,7 @@ class Network:
             No way leads there; it says what bars it.
         """
         inside = self._inside(start, goal) if start.place == goal.place else (math.inf, math.inf)
-        found = self.graph.shortest(*self._ends(start, goal))
+        found = self.graph.shortest(*self.ends(start, goal))
         if found is None and math.isinf(inside[0]):
             raise NoRouteError(self.why_not(start, goal))
         if found is None or inside[0] <= found[0]:
@@ -368,7 +370,7 @@ class Network:
         found: dict[tuple[object, ...], Route] = {}
         asked, more = k, True
         while more and len(found) < k:
-            ways = self.graph.alternatives(*self._ends(start, goal), asked)
+            ways = self.graph.alternatives(*self.ends(start, goal), asked)
             for _, edges in ways:
                 found.setdefault(self._transitions(edges), self._along(start, goal, edges))
             more, asked = len(ways) == asked, 2 * asked
@@ -402,8 +404,8 @@ class Network:
         nodes = np.concatenate([there, site.nodes])
         return nodes, np.concatenate([site.seconds, site.seconds])
 
-    def _ends(self, start: Site, goal: Site) -> tuple[list[End], list[End]]:
-        """Both with the nodes that can be reached from them, and the seconds."""
+    def ends(self, start: Site, goal: Site) -> tuple[list[End], list[End]]:
+        """Where in the graph ways from a site to another begin and end, and the seconds there."""
         begin, end = (
             [(int(n), float(s)) for n, s in zip(nodes, seconds, strict=True) if s < math.inf]
             for nodes, seconds in (self._leaving(start), self._arriving(goal))
@@ -430,8 +432,6 @@ class Network:
         metres = math.fsum([start.metres[i], *self.metres[list(edges)], goal.metres[j]])
         return self._route(start, goal, edges, seconds, metres, (i, j))
 
-    # -- steps ----------------------------------------------------------------------------------
-
     def _route(
         self,
         start: Site,
@@ -441,164 +441,9 @@ class Network:
         metres: float,
         ends: tuple[int, int] | None = None,
     ) -> Route:
-        stages = tuple(self._stages(start, goal, edges, seconds, metres, ends))
-        return Route(start.place, goal.place, stages, seconds, metres)
-
-    def _stages(
-        self,
-        start: Site,
-        goal: Site,
-        edges: Edges,
-        seconds: float,
-        metres: float,
-        ends: tuple[int, int] | None,
-    ) -> Iterator[Step]:
-        here, at = start.place, start.pose
-        waiting = (0.0, 0.0)  # a walk that is not yet told: its end is known with the next edge
-        if ends is None:
-            if goal.pose is not None:
-                yield self._step("navigate", here, here, at, goal.pose, seconds, metres)
-            return
-        waiting = (float(start.seconds[ends[0]]), float(start.metres[ends[0]]))
-        for edge in edges:
-            a, b = int(self.tails[edge]), int(self.heads[edge])
-            if edge in self.rides:
-                before = _turned(self.stands[a])
-                if at != before:
-                    yield self._step("navigate", here, here, at, before, *waiting)
-                    at, waiting = before, (0.0, 0.0)
-                there = self.place_of[b]
-                yield self._step(
-                    "use_elevator", here, there, at, self.stands[b], float(self.seconds[edge]),
-                    float(self.metres[edge]), elevator=self.rides[edge],
-                )  # fmt: skip
-                here, at = there, self.stands[b]
-                yield self._step("switch_map", here, here, at, at)
-            elif edge >= 2 * len(self.connectors):
-                waiting = (
-                    waiting[0] + float(self.seconds[edge]),
-                    waiting[1] + float(self.metres[edge]),
-                )
-            else:
-                if at != self.stands[a]:
-                    yield self._step("navigate", here, here, at, self.stands[a], *waiting)
-                waiting = (0.0, 0.0)
-                yield from self._passage(edge)
-                here, at = self.place_of[b], _turned(self.stands[b])
-        waiting = (
-            waiting[0] + float(goal.seconds[ends[1]]),
-            waiting[1] + float(goal.metres[ends[1]]),
-        )
-        if goal.pose is not None:
-            yield self._step("navigate", here, here, at, goal.pose, *waiting)
-
-    def _passage(self, node: int) -> Iterator[Step]:
-        """What a robot does from the stand before a connector to the one behind it."""
-        connector, times = self.connectors[node // 2], self.times
-        here, there = self.place_of[node], self.place_of[node ^ 1]
-        approach, behind = self.stands[node], self.stands[node ^ 1]
-        elevator = self._called(node)
-        if elevator is not None:
-            yield self._step(
-                "call_elevator", here, here, approach, approach, times.of_calling(elevator),
-                connector=connector, elevator=elevator,
-            )  # fmt: skip
-        opening = times.of_opening(connector)
-        if connector.shut:
-            name = "open_door" if connector.state == "closed" else "unlock_door"
-            yield self._step(name, here, here, approach, approach, opening, connector=connector)
-        behaviour = connector.behaviour
-        if behaviour == "call_elevator":  # what is left to do once it came
-            behaviour = "pass_door"
-        passing = times.of_passing(connector, self.robot.speed)
-        yield self._step(
-            behaviour, here, there, approach, _turned(behind), passing, float(self.metres[node]),
-            connector=connector,
-        )  # fmt: skip
-        storeys = [self.topology.places[p].storey for p in (here, there)]
-        if None not in storeys and storeys[0] != storeys[1]:
-            yield self._step("switch_map", there, there, _turned(behind), _turned(behind))
-
-    def _step(
-        self,
-        behaviour: str,
-        here: str,
-        there: str,
-        approach: Pose | None,
-        leave: Pose,
-        seconds: float = 0.0,
-        metres: float = 0.0,
-        *,
-        connector: Connector | None = None,
-        elevator: str | None = None,
-    ) -> Step:
-        storey = self.topology.places[here].storey
-        frame = "map" if storey is None else frame_name(storey)
-        name = "master.yaml" if self.robot.parts else "map.yaml"
-        if storey is not None and self._several_storeys:
-            name = f"{file_name(storey)}/{name}"
-        return Step(
-            behaviour, here, there, connector, elevator, approach, leave, seconds, metres, frame,
-            name,
-        )  # fmt: skip
-
-    # -- reasons --------------------------------------------------------------------------------
+        found = stages(self, start, goal, edges, seconds, metres, ends)
+        return Route(start.place, goal.place, found, seconds, metres)
 
     def why_not(self, start: Site, goal: Site) -> str:
         """Which forbidden passages the way with the fewest of them would need, in words."""
-        said = f"no route from {start.place} to {goal.place}"
-        if start.place == goal.place and start.pose is not None and goal.pose is not None:
-            a, b = (f"({p.x:.2f}, {p.y:.2f})" for p in (start.pose, goal.pose))
-            return f"{said}: {self.robot.name} finds no way in {start.place} from {a} to {b}"
-        for place in (start.place, goal.place):
-            if not len(self.nodes.get(place, ())):
-                return f"{said}: {place} has no door; add a connector that joins it"
-        count = 2 * len(self.connectors)
-        weights = self.base.copy()
-        bars: dict[int, str] = {}
-        for node in range(count):
-            why = self._bar(node)
-            if why is not None:
-                bars[node] = why
-                weights[node] += _FORBIDDEN
-        for place, edges in self.walk_edges.items():
-            for edge in range(edges.start, edges.stop):
-                if math.isfinite(self.seconds[edge]):
-                    continue
-                a, b = (self.connectors[n[edge] // 2].name for n in (self.tails, self.heads))
-                if place == OUTSIDE:
-                    bars[edge] = f"{a} leads outside, of which the map knows nothing"
-                    weights[edge] += 100.0 * _FORBIDDEN
-                else:
-                    bars[edge] = f"{self.robot.name} finds no way in {place} from {a} to {b}"
-                    weights[edge] = 10.0 * _FORBIDDEN
-        for edge, why in self._extra.items():
-            bars.setdefault(edge, why)
-            weights[edge] += _FORBIDDEN
-        for site in (start, goal):
-            if np.isinf(site.seconds).all():
-                return f"{said}: {self._enclosed(site)}"
-        graph = Graph(self._from, self._to, weights, 2 * len(self.stands))
-        found = graph.shortest(*self._ends(start, goal))
-        if found is None:
-            lift = (
-                "" if self.robot.rides else " without riding an elevator (behaviour use_elevator)"
-            )
-            return f"{said}: nothing joins them{lift}; add the connector that is missing"
-        reasons = dict.fromkeys(bars[int(e)] for e in found[1] if int(e) in bars)
-        return f"{said}: {'; '.join(reasons)}"
-
-    def _enclosed(self, site: Site) -> str:
-        assert site.pose is not None
-        x, y = site.pose.x, site.pose.y
-        return (
-            f"from ({x:.2f}, {y:.2f}) in {site.place} {self.robot.name} reaches none of its doors"
-        )
-
-
-def _turned(pose: Pose) -> Pose:
-    """The pose turned by half a turn about its own z axis; its quaternion with w >= 0."""
-    back = pose @ Pose(qz=1.0, qw=0.0)
-    if back.qw >= 0:
-        return back
-    return Pose(back.x, back.y, back.z, -back.qx, -back.qy, -back.qz, -back.qw)
+        return why_not(self, start, goal)

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -169,7 +169,7 @@ def _step(step: Step) -> dict[str, Any]:
 
 
 def _plain(pose: Pose | None) -> dict[str, float] | None:
-    return None if pose is None else asdict(pose)
+    return None if pose is None else pose._asdict()
 
 
 def show_route(found: Route, *, timed: bool = False) -> None:

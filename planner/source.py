@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence, Set
 from datetime import datetime
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 import psycopg
 import shapely
 from numpy.typing import NDArray
+from psycopg.rows import namedtuple_row, tuple_row
 from sqlalchemy import Connection, text
 
 from navgrid.scene import Scene, Thing
@@ -24,6 +25,7 @@ from semmap.geometry.pose import Pose
 from semmap.robot import Part
 
 __all__ = [
+    "Kept",
     "Walk",
     "class_state",
     "delete_robot_class",
@@ -38,54 +40,56 @@ __all__ = [
     "read_names_like",
     "read_objects",
     "read_place_at",
+    "read_places",
     "read_places_like",
     "read_regions",
     "read_regions_on",
     "read_robot_class",
     "read_robot_names",
     "read_targets",
-    "read_timed_regions",
     "read_topology",
     "read_walks",
     "scene_of",
     "walked_digests",
-    "walked_until",
 ]
 
 _PLACES = """
-SELECT e.id, e.name, e.type, e.label, NULLIF(e.properties, '{}') AS properties, w.storey_id,
-       r.elevator_id, w.pose[3] + r.floor AS floor
+SELECT e.name, e.type, e.label, s.name, l.name, NULLIF(e.properties, '{}'),
+       coalesce(w.pose[3] + r.floor, 0), e.id
 FROM room r JOIN entity e ON e.id = r.entity_id LEFT JOIN world w ON w.entity_id = e.id
+LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN entity l ON l.id = r.elevator_id
 WHERE e.map_id = current_map() ORDER BY e.name
 """
 
-_LEVELS = """
-SELECT id, name FROM entity WHERE map_id = current_map() AND kind IN ('storey', 'elevator')
-"""
-
 _CONNECTORS = """
-SELECT e.id, e.name, c.place_a, c.place_b, array_send(w.pose || c.pose_a || c.pose_b) AS poses,
-       c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
-       NULLIF(c.permissions, '{}') AS permissions, NULLIF(e.properties, '{}') AS properties
+SELECT array_send(w.pose || c.pose_a || c.pose_b), c.place_a, c.place_b,
+       e.name, c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
+       NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
-WHERE e.map_id = current_map() AND e.kind = 'connector'
-      AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
+WHERE e.map_id = current_map() AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
 ORDER BY e.name
 """
 
 _SENT = np.dtype([("head", "V20"), ("poses", [("length", ">i4"), ("value", ">f8")], 21)])
 """Three poses as the server sends an array of 21 numbers."""
 
+_NOTHING: Mapping[str, Any] = {}
+"""The properties of what has none."""
+
 _REGIONS = """
-SELECT e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
-       array_agg(n.name ORDER BY n.name) AS places
-FROM region g JOIN entity e ON e.id = g.entity_id JOIN world w ON w.entity_id = e.id
-JOIN world rw ON ST_Intersects(rw.footprint, w.footprint)
+SELECT e.id, e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
+       lower(g.valid) AS since, upper(g.valid) AS until,
+       g.origin = 'drawn' AND w.footprint IS NOT NULL AND coalesce(g.valid @> now(), true) AS holds
+FROM region g JOIN entity e ON e.id = g.entity_id LEFT JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = (SELECT current_map()) ORDER BY e.name
+"""
+
+_REACHED = """
+SELECT w.entity_id, array_agg(n.name ORDER BY n.name)
+FROM world w JOIN world rw ON ST_Intersects(rw.footprint, w.footprint)
      AND (w.storey_id IS NULL OR rw.storey_id IS NOT DISTINCT FROM w.storey_id)
-JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = e.map_id
-WHERE e.map_id = current_map() AND g.origin = 'drawn' AND w.footprint IS NOT NULL
-      AND (g.valid IS NULL OR g.valid @> now())
-GROUP BY e.id, w.entity_id ORDER BY e.name
+JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = current_map()
+WHERE w.entity_id = ANY (:ids) GROUP BY w.entity_id
 """
 
 _SUPERTYPES = """
@@ -96,41 +100,61 @@ WHERE sub = ANY (:types) GROUP BY sub
 
 def read_topology(connection: Connection) -> Topology:
     """The rooms of the current map as places, and the connectors with poses in the map's frame."""
-    rows = connection.execute(text(_PLACES)).all()
-    drawn = connection.execute(text(_REGIONS)).all()
-    types = _supertypes(connection, (*rows, *drawn))
-    levels = connection.execute(text(_LEVELS))
-    named: dict[int | None, str] = {row.id: row.name for row in levels}
-    places = [
-        Place(name, type_, label, named.get(storey), named.get(elevator), types.get(type_, ()),
-              said or {}, floor or 0.0, number)
-        for number, name, type_, label, said, storey, elevator, floor in rows
-    ]  # fmt: skip
-    return Topology.of(places, read_connectors(connection, places), _regions(drawn, types))
+    places = read_places(connection)
+    return Topology.of(places, read_connectors(connection, places), read_regions(connection)[0])
 
 
-def read_regions(connection: Connection) -> tuple[Region, ...]:
-    """The drawn regions of the current map that hold now."""
-    drawn = connection.execute(text(_REGIONS)).all()
-    return tuple(_regions(drawn, _supertypes(connection, drawn)))
-
-
-def _regions(drawn: Sequence[Any], types: Mapping[str, tuple[str, ...]]) -> list[Region]:
+def read_places(connection: Connection) -> list[Place]:
+    """The rooms of the current map, and the cabins of its elevators, by name."""
+    rows = _ask(connection, _PLACES)
+    types = _supertypes(connection, {row[1] for row in rows})
     return [
+        Place(name, type_, label, storey, elevator, types.get(type_, ()), said or _NOTHING, floor,
+              number)
+        for name, type_, label, storey, elevator, said, floor, number in rows
+    ]  # fmt: skip
+
+
+def _ask(
+    connection: Connection, statement: str, values: Sequence[Any] = (), rows: Any = tuple_row
+) -> list[Any]:
+    """The answer as the driver reads it: thousands of rows in half of SQLAlchemy's time."""
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    return driver.cursor(binary=True, row_factory=rows).execute(statement, values).fetchall()
+
+
+def read_regions(connection: Connection) -> tuple[list[Region], dict[int, list[datetime]]]:
+    """The drawn regions of the current map that hold now; and when regions begin and end, by id.
+
+    Only those that do not hold for ever have such times.
+    """
+    rows = _ask(connection, _REGIONS, rows=namedtuple_row)
+    ends = {row.id: [t for t in (row.since, row.until) if t is not None] for row in rows}
+    timed = {number: times for number, times in ends.items() if times}
+    drawn = [row for row in rows if row.holds]
+    if not drawn:
+        return [], timed
+    types = _supertypes(connection, {row.type for row in drawn})
+    reached = connection.execute(text(_REACHED), {"ids": [row.id for row in drawn]})
+    places = {number: tuple(names) for number, names in reached}
+    regions = [
         Region(
-            row.name, shapely.from_wkb(bytes(row.footprint)), tuple(row.places), row.label,
+            row.name, shapely.from_wkb(bytes(row.footprint)), places[row.id], row.label,
             types.get(row.type, ()), row.properties,
         )
         for row in drawn
+        if row.id in places
     ]  # fmt: skip
+    return regions, timed
 
 
-def _supertypes(connection: Connection, rows: Sequence[Any]) -> dict[str, tuple[str, ...]]:
-    """What subsumes the types of rows."""
-    named = {row.type for row in rows if row.type}
+def _supertypes(connection: Connection, types: Set[str | None]) -> dict[str, tuple[str, ...]]:
+    """What subsumes types."""
+    named = [t for t in types if t]
     if not named:
         return {}
-    found = connection.execute(text(_SUPERTYPES), {"types": [*named]})
+    found = connection.execute(text(_SUPERTYPES), {"types": named})
     return {sub: tuple(supers) for sub, supers in found}
 
 
@@ -142,24 +166,19 @@ def read_connectors(
         return []
     names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}
     names[None] = OUTSIDE
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
     wanted = None if ids is None else [*ids]
-    rows = [
-        row
-        for row in driver.cursor(binary=True).execute(_CONNECTORS, (wanted, wanted))
-        if row[2] in names and row[3] in names
-    ]
+    rows = _ask(connection, _CONNECTORS, (wanted, wanted))
+    rows = [row for row in rows if row[1] in names and row[2] in names]
     if not rows:
         return []
-    sent = np.frombuffer(b"".join(row[4] for row in rows), _SENT)
+    sent = np.frombuffer(b"".join([row[0] for row in rows]), _SENT)
     poses = sent["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
-    ends = [[Pose(*p) for p in _composed(poses[:, 0], poses[:, k]).tolist()] for k in (1, 2)]
+    ends = [map(Pose._make, _composed(poses[:, 0], poses[:, k]).tolist()) for k in (1, 2)]
     return [
         Connector(name, (names[a], names[b]), both, form, direction, state, behaviour, width,
-                  height, step, frozenset(permissions or ()), said or {}, number)
-        for both, (number, name, a, b, _, form, direction, state, behaviour, width, height, step,
-                   permissions, said) in zip(zip(*ends, strict=True), rows, strict=True)
+                  height, step, frozenset(permissions or ()), said or _NOTHING, number)
+        for both, (_, a, b, name, form, direction, state, behaviour, width, height, step,
+                   permissions, said, number) in zip(zip(*ends, strict=True), rows, strict=True)
     ]  # fmt: skip
 
 
@@ -347,23 +366,56 @@ def read_robot_names(connection: Connection) -> list[str]:
     return [*connection.execute(text("SELECT name FROM robot_class ORDER BY name")).scalars()]
 
 
-def read_robot_class(connection: Connection, name: str) -> tuple[int, RobotClass, Times]:
-    """A class of robots by name: its id, what it can do, and its times, learned ones among them.
+class Kept(NamedTuple):
+    """A class of robots as the database keeps it.
+
+    Attributes
+    ----------
+    id : in the database
+    robot, times : what it can do, and how long that takes; learned times in the current map, too
+    state : a digest of all that the database has of the class itself
+    unwalked : the entities of the current map that changed since all of its walks were measured;
+        None where they never were, or before the history begins
+    """
+
+    id: int
+    robot: RobotClass
+    times: Times
+    state: str
+    unwalked: frozenset[int] | None
+
+
+_CLASS = """
+SELECT r.*, md5(r::text) AS state,
+       CASE WHEN pg_visible_in_snapshot((SELECT min(xid) FROM change)::text::xid8,
+                                        w.cursor::pg_snapshot)
+            THEN ARRAY(SELECT unnest(s.entities) FROM changes_since(w.cursor) s
+                       WHERE s.map_id = w.map_id) END AS unwalked,
+       (SELECT jsonb_agg(jsonb_build_array(l.behaviour, e.name, l.seconds))
+        FROM learned l JOIN entity e ON e.id = l.entity_id
+        WHERE l.robot_class_id = r.id AND e.map_id = current_map()) AS learned
+FROM robot_class r
+LEFT JOIN walked_map w ON w.robot_class_id = r.id AND w.map_id = (SELECT current_map())
+WHERE r.name = %s
+"""
+
+
+def read_robot_class(connection: Connection, name: str) -> Kept:
+    """A class of robots by name.
 
     Raises
     ------
     LookupError
         There is none of that name; the message names those that there are.
     """
-    row = connection.execute(
-        text("SELECT * FROM robot_class WHERE name = :name"), {"name": name}
-    ).one_or_none()
-    if row is None:
+    found = _ask(connection, _CLASS, (name,), namedtuple_row)
+    if not found:
         known = ", ".join(read_robot_names(connection))
         raise LookupError(
             f"there is no class of robots named {name}; "
             + (f"there are: {known}" if known else "semmap robot add makes one from a URDF")
         )
+    (row,) = found
     robot = RobotClass(
         row.name,
         tuple(_part(said) for said in row.parts),
@@ -374,19 +426,12 @@ def read_robot_class(connection: Connection, name: str) -> tuple[int, RobotClass
         heights=(row.heights[0], row.heights[1]),
         **{name: getattr(row, name) for name in _PLAIN},
     )
-    learned = connection.execute(
-        text(
-            "SELECT l.behaviour, e.name, l.seconds FROM learned l "
-            "JOIN entity e ON e.id = l.entity_id "
-            "WHERE l.robot_class_id = :id AND e.map_id = current_map()"
-        ),
-        {"id": row.id},
-    )
     times = Times(
         **{name: getattr(row, column) for name, column in _TIMES.items()},
-        learned={(behaviour, of): seconds for behaviour, of, seconds in learned},
+        learned={(behaviour, of): float(seconds) for behaviour, of, seconds in row.learned or ()},
     )
-    return row.id, robot, times
+    unwalked = None if row.unwalked is None else frozenset(row.unwalked)
+    return Kept(row.id, robot, times, row.state, unwalked)
 
 
 def _as_json(part: Part) -> dict[str, Any]:
@@ -422,27 +467,16 @@ class Walk(NamedTuple):
     metres: float
 
 
-_WALK = np.dtype([("place", "i8"), ("a", "i8"), ("b", "i8"), ("seconds", "f8"), ("metres", "f8")])
-
-_WALKS = """
-SELECT string_agg(int8send(place_id), ''), string_agg(int8send(from_id), ''),
-       string_agg(int8send(to_id), ''), string_agg(float8send(seconds), ''),
-       string_agg(float8send(metres), '')
-FROM walk WHERE robot_class_id = %s
-"""
+_WALK = np.dtype(
+    [("place", ">i8"), ("a", ">i8"), ("b", ">i8"), ("seconds", ">f8"), ("metres", ">f8")]
+)
 
 
 def read_walks(connection: Connection, robot_class: int) -> NDArray[Any]:
     """The walks of a class of robots, of all maps, as an array with the fields of `Walk`."""
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
-    sent = driver.cursor(binary=True).execute(_WALKS, (robot_class,)).fetchone()
-    if sent is None or sent[0] is None:
-        return np.empty(0, _WALK)
-    found = np.empty(len(sent[0]) // 8, _WALK)
-    for name, column in zip(Walk._fields, sent, strict=True):
-        found[name] = np.frombuffer(column, found.dtype[name].newbyteorder(">"))
-    return found
+    packed = "SELECT coalesce(string_agg(packed, ''), '') FROM walk WHERE robot_class_id = %s"
+    found = np.frombuffer(_ask(connection, packed, (robot_class,))[0][0], _WALK)
+    return found.astype(_WALK.newbyteorder("="))
 
 
 def keep_walks(
@@ -461,9 +495,9 @@ def keep_walks(
     rows = [*walks]
     connection.execute(
         text(
-            "INSERT INTO walk SELECT :robot, * FROM unnest(CAST(:place AS bigint[]), "
-            "CAST(:a AS bigint[]), CAST(:b AS bigint[]), CAST(:seconds AS float8[]), "
-            "CAST(:metres AS float8[]))"
+            "INSERT INTO walk (robot_class_id, place_id, from_id, to_id, seconds, metres) "
+            "SELECT :robot, * FROM unnest(CAST(:place AS bigint[]), CAST(:a AS bigint[]), "
+            "CAST(:b AS bigint[]), CAST(:seconds AS float8[]), CAST(:metres AS float8[]))"
         ),
         {"robot": robot_class, **{k: [getattr(w, k) for w in rows] for k in Walk._fields}},
     )
@@ -514,15 +548,6 @@ def place_digests(
     values = {"reach": reach, "places": None if places is None else [*places]}
     rows = connection.execute(text(_DIGESTS), values)
     return {row.id: row.digest for row in rows}
-
-
-def walked_until(connection: Connection, robot_class: int) -> str | None:
-    """Up to which change the walks in the current map are measured; None where none are."""
-    found = connection.execute(
-        text("SELECT cursor FROM walked_map WHERE robot_class_id = :robot "
-             "AND map_id = current_map()"), {"robot": robot_class}
-    ).scalar()  # fmt: skip
-    return None if found is None else str(found)
 
 
 def keep_walked_until(connection: Connection, robot_class: int, cursor: str) -> None:
@@ -604,13 +629,3 @@ def read_moment(connection: Connection) -> datetime:
     """When this transaction began, which is what it means by now."""
     moment: datetime = connection.execute(text("SELECT now()")).scalar_one()
     return moment
-
-
-def read_timed_regions(connection: Connection) -> dict[int, list[datetime]]:
-    """When the regions of the current map begin and end that do not hold for ever, by id."""
-    rows = connection.execute(
-        text("SELECT e.id, lower(g.valid) AS since, upper(g.valid) AS until FROM region g "
-             "JOIN entity e ON e.id = g.entity_id WHERE e.map_id = current_map() AND "
-             "(lower(g.valid) IS NOT NULL OR upper(g.valid) IS NOT NULL)")
-    )  # fmt: skip
-    return {row.id: [t for t in (row.since, row.until) if t is not None] for row in rows}

@@ -62,7 +62,10 @@ class UnknownPlaceError(LookupError):
         super().__init__(f"there is no place named {name}; {mend}")
 
 
-@dataclass(frozen=True, slots=True)
+# A map has thousands of these two; frozen ones would take three times as long to make.
+
+
+@dataclass(slots=True)
 class Place:
     """A room, or an elevator's cabin on one storey.
 
@@ -89,7 +92,7 @@ class Place:
     id: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Connector:
     """A door, elevator door, flight of stairs or ramp between two places (section 3.4).
 
@@ -126,7 +129,7 @@ class Connector:
     def metres(self) -> float:
         """From the pose before it to the pose behind it."""
         a, b = self.poses
-        return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z))
+        return math.dist(a[:3], b[:3])
 
     @property
     def shut(self) -> bool:

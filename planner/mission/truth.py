@@ -7,7 +7,6 @@ import random
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -205,8 +204,8 @@ class Truth:
 
 
 def _text(pose: Pose) -> str:
-    return json.dumps(asdict(pose))
+    return json.dumps(pose)
 
 
 def _pose(said: Any) -> Pose:
-    return Pose(**json.loads(said))
+    return Pose(*json.loads(said))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -126,7 +125,7 @@ def _action(action: Action) -> dict[str, Any]:
         "arguments": list(action.arguments),
         "entities": list(action.names),
         "seconds": action.seconds,
-        "at": None if action.at is None else asdict(action.at),
+        "at": None if action.at is None else action.at._asdict(),
         "steps": [
             {
                 "behaviour": step.behaviour,
@@ -134,8 +133,8 @@ def _action(action: Action) -> dict[str, Any]:
                 "elevator": step.elevator,
                 "from": step.from_place,
                 "to": step.to_place,
-                "approach": None if step.approach is None else asdict(step.approach),
-                "leave": asdict(step.leave),
+                "approach": None if step.approach is None else step.approach._asdict(),
+                "leave": step.leave._asdict(),
                 "seconds": step.seconds,
                 "map": step.map,
             }

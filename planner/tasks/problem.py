@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -650,7 +650,7 @@ def _stand(thing: Thing) -> Pose | None:
     """Where a robot stands for a thing, where nothing says it better: at it, on the ground."""
     if thing.stand is not None or thing.pose is None:
         return thing.stand
-    return replace(thing.pose, z=thing.pose.z - thing.height)
+    return thing.pose._replace(z=thing.pose.z - thing.height)
 
 
 def _out(height: float, heights: tuple[float, float]) -> bool:

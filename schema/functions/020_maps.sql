@@ -1,12 +1,17 @@
 -- Which map the views show.
 
 CREATE FUNCTION current_map()
-RETURNS integer LANGUAGE sql STABLE PARALLEL SAFE SET search_path = semmap, public AS $$
--- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the newest one.
-SELECT CASE WHEN coalesce(current_setting('semmap.map', true), '') = ''
-            THEN (SELECT max(id) FROM map)
-            ELSE (SELECT id FROM map WHERE name = current_setting('semmap.map', true)) END
-$$;
+RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+-- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the newest one. Nearly
+-- every statement asks: PL/pgSQL keeps its plan, and full names need no search_path.
+DECLARE
+    said text := current_setting('semmap.map', true);
+BEGIN
+    IF coalesce(said, '') = '' THEN
+        RETURN (SELECT max(id) FROM semmap.map);
+    END IF;
+    RETURN (SELECT id FROM semmap.map WHERE name = said);
+END $$;
 
 CREATE FUNCTION entity_id(entity_name text)
 RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE AS $$

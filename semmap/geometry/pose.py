@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["IDENTITY", "Pose"]
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(NamedTuple):
     """Where a frame stands in another: ``p_outer = rotation @ p_inner + translation``.
 
     Attributes

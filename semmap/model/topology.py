@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Integer, Text, text
+from sqlalchemy import BigInteger, Computed, ForeignKey, Identity, Index, Integer, Text, text
 from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION, JSONB
 from sqlalchemy.orm import Mapped, mapped_column
 
@@ -72,6 +72,12 @@ class Walk(Base):
     )
     seconds: Mapped[float]
     metres: Mapped[float]
+    packed: Mapped[bytes | None] = mapped_column(
+        Computed(
+            "int8send(place_id) || int8send(from_id) || int8send(to_id) "
+            "|| float8send(seconds) || float8send(metres)"
+        )
+    )
 
 
 class WalkedPlace(Base):

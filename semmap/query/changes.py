@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+
 from sqlalchemy import Connection, text
 
-__all__ = ["changed_since", "cursor", "reaches_back", "settle"]
+__all__ = ["changed_since", "cursor", "now_at", "reaches_back", "settle"]
 
 
 def cursor(connection: Connection) -> str:
     """Where the history stands in this transaction's snapshot."""
     return str(connection.execute(text("SELECT change_cursor()")).scalar_one())
+
+
+def now_at(connection: Connection) -> tuple[str, datetime]:
+    """The cursor, and when this transaction began, which is what it means by now."""
+    cursor, moment = connection.execute(text("SELECT change_cursor(), now()")).one()
+    return cursor, moment
 
 
 def changed_since(connection: Connection, since: str) -> set[int]:

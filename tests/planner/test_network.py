@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from planner.network import KeptWalks, Network, _turned
+from planner.network import KeptWalks, Network
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
+from planner.stages import turned
 from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Place, Topology
 from planner.walks import StraightWalks, Walked
@@ -72,7 +73,7 @@ def topologies(draw):
     )
     for door in doors:
         door["poses"] = tuple(
-            replace(pose, z=FLOOR.get(place, pose.z))
+            pose._replace(z=FLOOR.get(place, pose.z))
             for place, pose in zip(door["places"], door["poses"], strict=True)
         )
     return Topology.of(places, [Connector(f"d{i}", **door) for i, door in enumerate(doors)])
@@ -354,10 +355,10 @@ def test_where_two_stands_meet_the_robot_turns():
 
 def test_turning_is_by_half_a_turn():
     for yaw in np.linspace(-3.0, 3.0, 7):
-        turned = _turned(Pose.planar(1.0, 2.0, float(yaw), 3.0))
-        assert (turned.x, turned.y, turned.z) == (1.0, 2.0, 3.0)
-        assert math.cos(turned.yaw - yaw) == pytest.approx(-1.0)
-        assert turned.qw >= 0
+        back = turned(Pose.planar(1.0, 2.0, float(yaw), 3.0))
+        assert (back.x, back.y, back.z) == (1.0, 2.0, 3.0)
+        assert math.cos(back.yaw - yaw) == pytest.approx(-1.0)
+        assert back.qw >= 0
 
 
 def test_a_place_without_doors_says_so_and_one_within_itself_what_it_is():

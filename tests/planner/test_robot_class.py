@@ -39,8 +39,8 @@ robots = st.builds(
 lengths = st.sampled_from([None, 0.6, 0.8, 1.2, 2.0])
 connectors = st.builds(
     Connector, st.just("d"), st.just(("a", OUTSIDE)),
-    st.tuples(st.just(Pose()), st.builds(Pose, st.just(2.0), st.just(0.0),
-                                         st.sampled_from([0.0, 0.3, -0.5]))),
+    st.tuples(st.just(Pose()), st.builds(Pose.planar, st.just(2.0), st.just(0.0),
+                                         z=st.sampled_from([0.0, 0.3, -0.5]))),
     st.sampled_from(["door", "elevator_door", "stairs", "ramp"]),
     st.sampled_from(["both", "forward", "backward"]), st.sampled_from(["open", "closed", "locked"]),
     st.sampled_from(["pass_door", "push_door"]), lengths, lengths,

@@ -202,7 +202,7 @@ def walk_through(topology, start, goal, times, order, sides):
 
 
 coordinate = st.integers(-8, 8).map(float)
-poses = st.builds(Pose, x=coordinate, y=coordinate, z=st.sampled_from([0.0, 3.0]))
+poses = st.builds(Pose.planar, coordinate, coordinate, z=st.sampled_from([0.0, 3.0]))
 
 
 CABIN = {"low": Pose(0.0, 0.0, 0.0), "high": Pose(0.0, 0.0, 3.0)}

@@ -1,7 +1,6 @@
 """Routes in the database, over the view `route_edge`, are those of the planner."""
 
 import math
-from dataclasses import replace
 from itertools import permutations
 
 import pytest
@@ -48,7 +47,7 @@ def routed(make_database):
 
 
 coordinate = st.integers(-8, 8).map(float)
-poses = st.builds(Pose, x=coordinate, y=coordinate, z=st.sampled_from([0.0, 3.0]))
+poses = st.builds(Pose.planar, coordinate, coordinate, z=st.sampled_from([0.0, 3.0]))
 
 
 @st.composite
@@ -73,7 +72,7 @@ def topologies(draw):
     )
     for door in doors:  # a cabin is on its storey
         door["poses"] = tuple(
-            replace(pose, z=LEVEL.get(place, pose.z))
+            pose._replace(z=LEVEL.get(place, pose.z))
             for place, pose in zip(door["places"], door["poses"], strict=True)
         )
     return Topology.of(places, [Connector(f"d{i}", **door) for i, door in enumerate(doors)])
