@@ -16,6 +16,7 @@ from navgrid.scene import NO_TRIANGLES, Bounds, Place, Scene, Thing
 from semmap.draw.view import StoreyView
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
+from semmap.query.maps import current_name
 from semmap.query.meshes import models_triangles
 from semmap.query.storeys import read_storeys, supertypes
 
@@ -68,10 +69,7 @@ def read_storey_names(connection: Connection) -> list[str]:
     names = [row.name for row in connection.execute(text(_STOREYS))]
     if names:
         return names
-    name = connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
-    if name is None:
-        raise LookupError("there is no map: semmap import FILE makes one")
-    return [str(name)]
+    return [current_name(connection)]
 
 
 def read_scene(

@@ -22,6 +22,7 @@ from planner.robot_class import RobotClass
 from planner.topology import Connector, Place, Topology
 from semmap import cli
 from semmap.draw.view import StoreyView
+from semmap.query.maps import current_name
 
 __all__ = ["register", "topology_as_json"]
 
@@ -69,8 +70,7 @@ def topology_command(
     """Write what joins what: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON."""
     chosen = _format(file, format_, json_)
     with cli.open_map(map_name) as connection:
-        name = str(connection.exec_driver_sql(
-            "SELECT name FROM map WHERE id = current_map()").scalar_one())  # fmt: skip
+        name = current_name(connection)
         around = read_surroundings(connection)
         views = read_wanted_storeys(connection, storey)
     with cli.database() as engine:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,14 +17,11 @@ from planner.mission.failures import FailureRule
 from planner.mission.journal import Journal, MissionError
 from planner.mission.planning import TaskPlanner
 from planner.mission.runner import Event, Result, Runner
-from planner.mission.sim import SimulatedRobot
-from planner.mission.truth import Truth
+from planner.mission.simulation import entry, open_world, simulated_robot
 from planner.tasks.domain_file import read_domain
-from planner.topology import Topology
 from semmap import cli
-from semmap.geometry.pose import Pose
 
-__all__ = ["entry", "register"]
+__all__ = ["register"]
 
 WORLDS = Path("out/missions")
 
@@ -93,19 +91,15 @@ def run_command(
             TaskPlanner(live, domain).check(goal)
             number = journal.add(robot, goal)
         file = world or WORLDS / f"{journal.map_name}-{number}.sqlite"
-        truth = _world(journal, live.topology, file, robot, rules, resume)
-        body = SimulatedRobot(
-            robot, truth, live.topology, speed=speed, seed=seed,
-            velocity=live.network.robot.speed,
-            way=live.ground.path if live.ground is not None else None,
-        )  # fmt: skip
-        runner = Runner(
-            journal, body, TaskPlanner(live, domain), speed=speed,
-            tick=min(0.05, 1.0 / speed), hear=None if json_ else show,
-        )  # fmt: skip
-        result = runner.run(number)
+        opened = open_world(file, journal, live.topology, robot, rules, resume=resume)
+        with closing(opened) as truth:
+            runner = Runner(
+                journal, simulated_robot(live, truth, robot, speed=speed, seed=seed),
+                TaskPlanner(live, domain), speed=speed, tick=min(0.05, 1.0 / speed),
+                hear=None if json_ else show,
+            )  # fmt: skip
+            result = runner.run(number)
         steps = journal.steps(number)
-        truth.close()
     if json_:
         print(json.dumps(_as_json(result, steps, file), default=str))
     if result.state != "done":
@@ -176,38 +170,3 @@ def _resumed(journal: Journal, mission: int | None) -> int:
     if mission is None and not known:
         raise MissionError("there is no mission to resume: `semmap missions` lists them")
     return known[0] if mission is None else mission
-
-
-def entry(topology: Topology, place: str) -> Pose:
-    """Where a robot can stand in a place: before its first door."""
-    doors = topology.doors_of(place)
-    if not doors:
-        raise MissionError(f"{place} has no door: a robot in it would never leave it")
-    connector, side = doors[0]
-    return connector.poses[side]
-
-
-def _world(
-    journal: Journal,
-    topology: Topology,
-    file: Path,
-    robot: str,
-    rules: list[FailureRule],
-    resume: bool,
-) -> Truth:
-    """The simulated world of a file; made from the map where the file is not there."""
-    if file.is_file():
-        truth = Truth(file)
-        truth.add_rules(rules)
-    elif resume:
-        raise MissionError(f"{file}, where the simulated robot is, is gone: name its --world")
-    else:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        things = [(t.name, t.place, t.seen) for t in journal.things()]
-        truth = Truth.make(file, topology, things, rules)
-    if not truth.has_robot(robot):
-        where = journal.robot(robot)
-        if where is None:
-            raise MissionError(f"no room holds {robot}: say where it starts (--from)")
-        truth.put_robot(robot, *where)
-    return truth

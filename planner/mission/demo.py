@@ -9,12 +9,10 @@ from typing import Any
 
 from navgrid.costmap_command import parts_of
 from planner.live import Live
-from planner.mission.commands import entry
 from planner.mission.journal import Journal
 from planner.mission.planning import TaskPlanner
 from planner.mission.runner import Event, Result, Runner
-from planner.mission.sim import SimulatedRobot
-from planner.mission.truth import Truth
+from planner.mission.simulation import entry, open_world, simulated_robot
 from planner.plan import Plan
 from planner.robot_class import RobotClass
 from planner.source import keep_robot_class
@@ -61,19 +59,12 @@ def task_demo(map_name: str, folder: Path, say: Callable[..., Any]) -> Result:
             if event.what == "failed":
                 say(f"   {event.stage or 'it'} failed: {event.said}")
 
-        folder.mkdir(parents=True, exist_ok=True)
         world = folder / "simulation.sqlite"
         world.unlink(missing_ok=True)
         with Journal(engine, map_name, "demo") as journal:
             journal.add_robot("robot", START, entry(live.topology, START), robot.name)
-            things = [(t.name, t.place, t.seen) for t in journal.things()]
-            with closing(Truth.make(world, live.topology, things, [])) as truth:
-                truth.put_robot("robot", START, entry(live.topology, START))
-                assert live.ground is not None
-                body = SimulatedRobot(
-                    "robot", truth, live.topology, speed=TIMES, velocity=robot.speed,
-                    way=live.ground.path,
-                )  # fmt: skip
+            with closing(open_world(world, journal, live.topology, "robot")) as truth:
+                body = simulated_robot(live, truth, "robot", speed=TIMES)
                 runner = Runner(journal, body, plan, speed=TIMES, tick=1 / TIMES, hear=hear)
                 result = runner.run(journal.add("robot", GOAL))
                 steps = journal.steps(result.mission)

@@ -7,7 +7,21 @@ from contextlib import contextmanager
 
 from sqlalchemy import Connection, Engine, text
 
-__all__ = ["see_map", "snapshot"]
+__all__ = ["current_name", "see_map", "snapshot"]
+
+
+def current_name(connection: Connection) -> str:
+    """The name of the map that a connection sees.
+
+    Raises
+    ------
+    LookupError
+        There is no map at all.
+    """
+    name = connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
+    if name is None:
+        raise LookupError("there is no map: semmap import FILE makes one")
+    return str(name)
 
 
 def see_map(connection: Connection, name: str | None) -> str:
@@ -19,9 +33,7 @@ def see_map(connection: Connection, name: str | None) -> str:
         There is no map at all.
     """
     if name is None:
-        name = connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
-    if name is None:
-        raise LookupError("there is no map: semmap import FILE makes one")
+        name = current_name(connection)
     connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": name})
     return name
 

@@ -17,6 +17,7 @@ from sqlalchemy import Connection, text
 from semmap.draw.view import DoorView, ObjectView, RegionView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
+from semmap.query.maps import current_name
 from semmap.query.meshes import world_triangles
 
 __all__ = ["read_storeys", "supertypes"]
@@ -60,8 +61,7 @@ def read_storeys(connection: Connection, *, meshes: bool = True) -> list[StoreyV
     storeys = {row.id: StoreyView(row.name, row.elevation) for row in rows if row.kind == "storey"}
     ordered = sorted(storeys.values(), key=lambda s: s.elevation)
     if not ordered:
-        name = connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
-        ordered = [StoreyView(str(name), _ground(rows))]
+        ordered = [StoreyView(current_name(connection), _ground(rows))]
     for row in rows:
         if row.pose is None or row.kind in ("storey", "elevator"):
             continue
