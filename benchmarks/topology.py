@@ -18,7 +18,8 @@ from navgrid.costmap_command import parts_of
 from planner.demo import office_files
 from planner.live import Changed, Live
 from planner.robot_class import RobotClass
-from planner.source import Walk, keep_robot_class, keep_walked_until, keep_walks
+from planner.source.robot_class import keep_robot_class
+from planner.source.walks import Walk, keep_walked_until, keep_walks
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file

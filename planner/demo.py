@@ -22,7 +22,7 @@ from navgrid.storey_grid import StoreyGrid, covered, storey_grid
 from planner.exchange.picture import topology_plan
 from planner.mission.demo import task_demo
 from planner.route import NoRouteError, Route
-from planner.source import read_topology
+from planner.source.topology import read_topology
 from planner.topology import OUTSIDE, Topology
 from semmap import cli
 from semmap.draw.floor_plan import floor_plan

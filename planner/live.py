@@ -21,12 +21,29 @@ from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError
 
 from navgrid.scene import Scene
-from planner import source
 from planner.ask import Asker
 from planner.ground import Ground
 from planner.network import KeptWalks, Network
 from planner.robot_class import RobotClass
 from planner.rules import Rules
+from planner.source.meant import read_names_like, read_place_at, read_targets
+from planner.source.robot_class import class_state, read_robot_class
+from planner.source.scenes import read_objects, read_regions_on, scene_of
+from planner.source.topology import (
+    read_connectors,
+    read_kinds,
+    read_places,
+    read_regions,
+)
+from planner.source.walks import (
+    Walk,
+    keep_walked_until,
+    keep_walks,
+    may_keep,
+    place_digests,
+    read_walks,
+    walked_digests,
+)
 from planner.target import Target
 from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Topology
@@ -207,15 +224,15 @@ class Live:
 
     def _load(self, connection: Connection) -> Changed:
         """All of it: walks that still hold from the database, the others measured and kept."""
-        places = source.read_places(connection)
-        connectors = source.read_connectors(connection, places)
-        regions, self._timed = source.read_regions(connection)
+        places = read_places(connection)
+        connectors = read_connectors(connection, places)
+        regions, self._timed = read_regions(connection)
         topology = replace(Topology.of(places, connectors, regions), asker=self.asker)
         robot, times, unwalked = RobotClass(), Times(), None
         if isinstance(self._robot, RobotClass):
             robot = self._robot
         elif self._robot is not None:
-            self._id, robot, times, self._class_state, unwalked = source.read_robot_class(
+            self._id, robot, times, self._class_state, unwalked = read_robot_class(
                 connection, self._robot
             )
         ground, kept = None, None
@@ -240,13 +257,13 @@ class Live:
     ) -> KeptWalks:
         """The walks that still hold: all of them, or where places are as they were."""
         assert self._id is not None
-        rows = source.read_walks(connection, self._id)
+        rows = read_walks(connection, self._id)
         self._compared = bool(
             self._timed or unwalked is None or self._changed_things(connection, unwalked)
         )
         if self._compared:
-            digests = source.place_digests(connection, _reach(robot))
-            measured = source.walked_digests(connection, self._id)
+            digests = place_digests(connection, _reach(robot))
+            measured = walked_digests(connection, self._id)
             valid = [number for number, digest in digests.items() if measured.get(number) == digest]
             rows = rows[np.isin(rows["place"], valid)]
         return _as_nodes(topology, rows)
@@ -255,14 +272,14 @@ class Live:
         """Whether any of these is, or was, what walks depend on: all but agents and states."""
         if not ids:
             return False
-        kinds = source.read_kinds(connection, ids)
+        kinds = read_kinds(connection, ids)
         return any(kinds.get(number) not in ("agent", "elevator") for number in ids)
 
     # -- changes --------------------------------------------------------------------------------
 
     def _take_in(self, connection: Connection, ids: Collection[int]) -> Changed:
         """Connectors' states and moved things; whatever else changed, all is loaded anew."""
-        kinds = source.read_kinds(connection, ids)
+        kinds = read_kinds(connection, ids)
         self._agents |= {number for number, kind in kinds.items() if kind == "agent"}
         structure = {p.id for p in self.topology.places.values()}
         structure |= {c.id for c in self.topology.connectors.values()}
@@ -274,17 +291,12 @@ class Live:
         if (
             structure & gone
             or {*kinds.values()} & {"room", "storey"}
-            or (
-                self._id is not None
-                and self._class_state != source.class_state(connection, self._id)
-            )
+            or (self._id is not None and self._class_state != class_state(connection, self._id))
             or (self.ground is not None and things and not self.ground.is_whole())
         ):
             return self._load(connection)
         told = set()
-        for connector in source.read_connectors(
-            connection, self.topology.places.values(), connectors
-        ):
+        for connector in read_connectors(connection, self.topology.places.values(), connectors):
             before = self.topology.connectors.get(connector.name)
             if before is None or _shape(before) != _shape(connector):
                 return self._load(connection)
@@ -298,7 +310,7 @@ class Live:
         return Changed(places=frozenset(places), connectors=frozenset(told))
 
     def _take_in_regions(self, connection: Connection) -> None:
-        regions, self._timed = source.read_regions(connection)
+        regions, self._timed = read_regions(connection)
         self.topology = replace(self.topology, regions=tuple(regions))
         self.network.topology = self.topology
         if self.ground is not None:
@@ -311,8 +323,8 @@ class Live:
         if not ids or self.ground is None:
             return set()
         storeys = self.ground.storeys() if with_regions else []
-        regions = {s: source.read_regions_on(connection, s, ids) for s in storeys}
-        objects = source.read_objects(connection, ids)
+        regions = {s: read_regions_on(connection, s, ids) for s in storeys}
+        objects = read_objects(connection, ids)
         with self.network.lock:
             places = self.ground.update(ids, objects, regions)
             for place in places:
@@ -325,7 +337,7 @@ class Live:
             return
         try:
             with connection.begin_nested():
-                if source.may_keep(connection, self._id, self._class_state):
+                if may_keep(connection, self._id, self._class_state):
                     self._write(connection, self._id, now)
                     self._owed.clear()
         except (OperationalError, IntegrityError):
@@ -345,30 +357,30 @@ class Live:
                 a, b = (network.connectors[n[edge] // 2].id for n in (network.tails, network.heads))
                 if a is not None and b is not None and a < b:
                     seconds, metres = float(network.base[edge]), float(network.metres[edge])
-                    walks.append(source.Walk(number, a, b, seconds, metres))
+                    walks.append(Walk(number, a, b, seconds, metres))
         if numbers:
             reach = _reach(network.robot)
-            digests = source.place_digests(connection, reach, [*numbers.values()])
-            source.keep_walks(connection, robot_class, walks, digests)
-        source.keep_walked_until(connection, robot_class, now)
+            digests = place_digests(connection, reach, [*numbers.values()])
+            keep_walks(connection, robot_class, walks, digests)
+        keep_walked_until(connection, robot_class, now)
 
     # -- the database ---------------------------------------------------------------------------
 
     def _read_scene(self, storey: str) -> Scene:
         with self._snapshot() as connection:
-            return source.scene_of(connection, storey)
+            return scene_of(connection, storey)
 
     def _look_up(self, said: str) -> list[Target]:
         with self._snapshot() as connection:
-            return source.read_targets(connection, said)
+            return read_targets(connection, said)
 
     def _names_like(self, said: str) -> list[str]:
         with self._snapshot() as connection:
-            return source.read_names_like(connection, said)
+            return read_names_like(connection, said)
 
     def _place_at(self, pose: Pose) -> str | None:
         with self._snapshot() as connection:
-            return source.read_place_at(connection, pose)
+            return read_place_at(connection, pose)
 
     @contextmanager
     def _snapshot(self) -> Iterator[Connection]:

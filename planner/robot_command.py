@@ -12,8 +12,13 @@ from rich.table import Table
 
 from navgrid.costmap_command import numbers, parts_of
 from navgrid.terrain import Gait
-from planner import source
 from planner.robot_class import RobotClass
+from planner.source.robot_class import (
+    delete_robot_class,
+    keep_robot_class,
+    read_robot_class,
+    read_robot_names,
+)
 from planner.times import Times
 from semmap import cli
 
@@ -68,22 +73,22 @@ def add(
         unlocks, outside, (near[0], near[1]), (high[0], high[1]), capacity,
     )  # fmt: skip
     with cli.database() as engine, engine.begin() as connection:
-        source.keep_robot_class(connection, robot, Times())
+        keep_robot_class(connection, robot, Times())
     _show([robot], json_)
 
 
 def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the classes of robots."""
     with cli.open_map(map_name) as connection:
-        names = source.read_robot_names(connection)
-        found = [source.read_robot_class(connection, name)[1] for name in names]
+        names = read_robot_names(connection)
+        found = [read_robot_class(connection, name)[1] for name in names]
     _show(found, json_)
 
 
 def rm(name: Annotated[str, typer.Argument(help="The class to forget.")]) -> None:
     """Forget a class of robots, and how long its ways are."""
     with cli.database() as engine, engine.begin() as connection:
-        source.delete_robot_class(connection, name)
+        delete_robot_class(connection, name)
 
 
 def _show(robots: list[RobotClass], json_: bool) -> None:

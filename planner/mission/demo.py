@@ -15,7 +15,7 @@ from planner.mission.runner import Event, Result, Runner
 from planner.mission.simulation import entry, open_world, simulated_robot
 from planner.plan import Plan
 from planner.robot_class import RobotClass
-from planner.source import keep_robot_class
+from planner.source.robot_class import keep_robot_class
 from semmap import cli
 
 __all__ = ["task_demo"]

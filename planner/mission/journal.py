@@ -22,7 +22,7 @@ from planner.mission.behaviours import Observation, Outcome, Seen
 from planner.mission.patience import Failure
 from planner.mission.spot import free_spot
 from planner.mission.stage import Stage
-from planner.source import read_topology
+from planner.source.topology import read_topology
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 

@@ -13,7 +13,7 @@ from planner.base_pose import NoBasePoseError, poses_to_reach
 from planner.live import Live
 from planner.network import Network
 from planner.plan import Action, Plan
-from planner.source import read_targets
+from planner.source.meant import read_targets
 from planner.tasks.domain_file import Domain, read_domain
 from planner.tasks.goal import parse_goal
 from planner.tasks.pddl import write_pddl

@@ -14,7 +14,8 @@ from sqlalchemy import event, text
 from planner.demo import office_files
 from planner.live import Live
 from planner.route import NoRouteError
-from planner.source import keep_robot_class, may_keep, read_robot_class, read_walks
+from planner.source.robot_class import keep_robot_class, read_robot_class
+from planner.source.walks import may_keep, read_walks
 from planner.topology import OUTSIDE
 from semmap.database import connect
 from semmap.ingest.importer import import_file

@@ -10,7 +10,8 @@ from sqlalchemy import text
 
 from navgrid.terrain import Gait
 from planner.robot_class import RobotClass
-from planner.source import keep_robot_class, read_robot_class, read_topology
+from planner.source.robot_class import keep_robot_class, read_robot_class
+from planner.source.topology import read_topology
 from planner.topology import OUTSIDE, Connector, Place, Topology
 from semmap.geometry.pose import Pose
 from semmap.robot import Part

@@ -7,7 +7,7 @@ import typer
 from sqlalchemy import text
 
 from planner.demo import office_files
-from planner.source import read_robot_class
+from planner.source.robot_class import read_robot_class
 
 URDF = office_files()[0].parent / "delivery_robot.urdf"
 

@@ -2,7 +2,8 @@ import pytest
 from sqlalchemy import text
 
 from planner.route import NoRouteError
-from planner.source import read_places_like, read_topology
+from planner.source.meant import read_places_like
+from planner.source.topology import read_topology
 from planner.topology import OUTSIDE
 from semmap.cli import choose_map
 from tests.planner.office import route

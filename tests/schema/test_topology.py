@@ -11,7 +11,9 @@ from sqlalchemy.exc import DBAPIError
 
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
-from planner.source import Walk, keep_robot_class, keep_walks, read_robot_class, read_topology
+from planner.source.robot_class import keep_robot_class, read_robot_class
+from planner.source.topology import read_topology
+from planner.source.walks import Walk, keep_walks
 from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Place, Topology
 from semmap.database import connect

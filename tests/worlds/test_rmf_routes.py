@@ -23,7 +23,8 @@ from sqlalchemy import Engine, text
 from planner.exchange.nav2_route import nav2_graph
 from planner.exchange.source import read_surroundings
 from planner.route import NoRouteError
-from planner.source import read_places_like, read_topology
+from planner.source.meant import read_places_like
+from planner.source.topology import read_topology
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import planner.exchange.commands
 from planner.demo import office_files
 from planner.exchange.stands import ExchangeError
-from planner.source import read_topology
+from planner.source.topology import read_topology
 from semmap import cli
 from semmap.database import connect
 from semmap.ingest.importer import import_file

@@ -17,7 +17,7 @@ from planner.exchange.rmf_nav import write_rmf_nav
 from planner.exchange.source import read_surroundings
 from planner.exchange.stands import ExchangeError
 from planner.route import NoRouteError
-from planner.source import read_topology
+from planner.source.topology import read_topology
 from planner.topology import OUTSIDE, Place, Topology
 from tests.planner.exchange.buildings import buildings, figure_4
 from tests.planner.office import route

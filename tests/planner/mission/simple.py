@@ -11,7 +11,7 @@ from sqlalchemy import text
 from planner.mission.without import topology_without
 from planner.plan import Action, Plan
 from planner.route import NoRouteError, Route
-from planner.source import read_topology
+from planner.source.topology import read_topology
 from semmap.geometry.pose import Pose
 
 WHERE = """

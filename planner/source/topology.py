@@ -1,0 +1,156 @@
+"""The topology of the current map: its rooms, what joins them, and regions."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Set
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from psycopg.rows import namedtuple_row
+from sqlalchemy import Connection, text
+
+from planner.source.rows import ask
+from planner.topology import OUTSIDE, Connector, Place, Region, Topology
+from semmap.geometry.pose import Pose
+
+__all__ = ["read_connectors", "read_kinds", "read_places", "read_regions", "read_topology"]
+
+_PLACES = """
+SELECT e.name, e.type, e.label, s.name, l.name, NULLIF(e.properties, '{}'),
+       coalesce(w.pose[3] + r.floor, 0), e.id
+FROM room r JOIN entity e ON e.id = r.entity_id LEFT JOIN world w ON w.entity_id = e.id
+LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN entity l ON l.id = r.elevator_id
+WHERE e.map_id = current_map() ORDER BY e.name
+"""
+
+_CONNECTORS = """
+SELECT array_send(w.pose || c.pose_a || c.pose_b), c.place_a, c.place_b,
+       e.name, c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
+       NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id
+FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = current_map() AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
+ORDER BY e.name
+"""
+
+_SENT = np.dtype([("head", "V20"), ("poses", [("length", ">i4"), ("value", ">f8")], 21)])
+"""Three poses as the server sends an array of 21 numbers."""
+
+_NOTHING: Mapping[str, Any] = {}
+"""The properties of what has none."""
+
+_REGIONS = """
+SELECT e.id, e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
+       lower(g.valid) AS since, upper(g.valid) AS until,
+       g.origin = 'drawn' AND w.footprint IS NOT NULL AND coalesce(g.valid @> now(), true) AS holds
+FROM region g JOIN entity e ON e.id = g.entity_id LEFT JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = (SELECT current_map()) ORDER BY e.name
+"""
+
+_REACHED = """
+SELECT w.entity_id, array_agg(n.name ORDER BY n.name)
+FROM world w JOIN world rw ON ST_Intersects(rw.footprint, w.footprint)
+     AND (w.storey_id IS NULL OR rw.storey_id IS NOT DISTINCT FROM w.storey_id)
+JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = current_map()
+WHERE w.entity_id = ANY (:ids) GROUP BY w.entity_id
+"""
+
+_SUPERTYPES = """
+SELECT sub, array_agg(super ORDER BY super <> sub, super) AS supers FROM type_closure
+WHERE sub = ANY (:types) GROUP BY sub
+"""
+
+
+def read_topology(connection: Connection) -> Topology:
+    """The rooms of the current map as places, and the connectors with poses in the map's frame."""
+    places = read_places(connection)
+    return Topology.of(places, read_connectors(connection, places), read_regions(connection)[0])
+
+
+def read_places(connection: Connection) -> list[Place]:
+    """The rooms of the current map, and the cabins of its elevators, by name."""
+    rows = ask(connection, _PLACES)
+    types = _supertypes(connection, {row[1] for row in rows})
+    return [
+        Place(name, type_, label, storey, elevator, types.get(type_, ()), said or _NOTHING, floor,
+              number)
+        for name, type_, label, storey, elevator, said, floor, number in rows
+    ]  # fmt: skip
+
+
+def read_regions(connection: Connection) -> tuple[list[Region], dict[int, list[datetime]]]:
+    """The drawn regions of the current map that hold now; and when regions begin and end, by id.
+
+    Only those that do not hold for ever have such times.
+    """
+    rows = ask(connection, _REGIONS, rows=namedtuple_row)
+    ends = {row.id: [t for t in (row.since, row.until) if t is not None] for row in rows}
+    timed = {number: times for number, times in ends.items() if times}
+    drawn = [row for row in rows if row.holds]
+    if not drawn:
+        return [], timed
+    types = _supertypes(connection, {row.type for row in drawn})
+    reached = connection.execute(text(_REACHED), {"ids": [row.id for row in drawn]})
+    places = {number: tuple(names) for number, names in reached}
+    regions = [
+        Region(
+            row.name, shapely.from_wkb(bytes(row.footprint)), places[row.id], row.label,
+            types.get(row.type, ()), row.properties,
+        )
+        for row in drawn
+        if row.id in places
+    ]  # fmt: skip
+    return regions, timed
+
+
+def _supertypes(connection: Connection, types: Set[str | None]) -> dict[str, tuple[str, ...]]:
+    """What subsumes types."""
+    named = [t for t in types if t]
+    if not named:
+        return {}
+    found = connection.execute(text(_SUPERTYPES), {"types": named})
+    return {sub: tuple(supers) for sub, supers in found}
+
+
+def read_connectors(
+    connection: Connection, places: Iterable[Place], ids: Collection[int] | None = None
+) -> list[Connector]:
+    """The connectors of these places, or those of them with these ids."""
+    if ids is not None and not ids:
+        return []
+    names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}
+    names[None] = OUTSIDE
+    wanted = None if ids is None else [*ids]
+    rows = ask(connection, _CONNECTORS, (wanted, wanted))
+    rows = [row for row in rows if row[1] in names and row[2] in names]
+    if not rows:
+        return []
+    sent = np.frombuffer(b"".join([row[0] for row in rows]), _SENT)
+    poses = sent["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
+    ends = [map(Pose._make, _composed(poses[:, 0], poses[:, k]).tolist()) for k in (1, 2)]
+    return [
+        Connector(name, (names[a], names[b]), both, form, direction, state, behaviour, width,
+                  height, step, frozenset(permissions or ()), said or _NOTHING, number)
+        for both, (_, a, b, name, form, direction, state, behaviour, width, height, step,
+                   permissions, said, number) in zip(zip(*ends, strict=True), rows, strict=True)
+    ]  # fmt: skip
+
+
+def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 7) poses of frames b in the frame of which frames a are: a @ b, row by row."""
+    v, w = a[:, 3:6], a[:, 6:]
+    t = 2 * np.cross(v, b[:, :3])
+    at = a[:, :3] + b[:, :3] + w * t + np.cross(v, t)
+    x, s = b[:, 3:6], b[:, 6:]
+    turned = w * x + s * v + np.cross(v, x)
+    return np.concatenate([at, turned, w * s - (v * x).sum(axis=1, keepdims=True)], axis=1)
+
+
+def read_kinds(connection: Connection, ids: Collection[int]) -> dict[int, str]:
+    """The kinds of those of these entities that are there."""
+    rows = connection.execute(
+        text("SELECT id, kind FROM entity WHERE id = ANY (:ids)"), {"ids": [*ids]}
+    )
+    return {row.id: row.kind for row in rows}
