@@ -137,14 +137,23 @@ def _following(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         "WHERE entity_id = {thing}"
     )
     move = (
-        "SELECT move_to({thing}, w.pose[1] %s 0.2, w.pose[2], w.pose[3]) FROM world w "
+        "SELECT move_to({thing}, w.pose[1] %s, w.pose[2] %s, w.pose[3]) FROM world w "
         "WHERE entity_id = {thing}"
     )
     rows = []
     try:
         for job, thing, statements in (
             ("a door that is closed", "door5", [state, state]),
-            ("a cupboard that is moved", "bookshelf1", [move % "+", move % "-"]),
+            (
+                "a corridor that is blocked",
+                "potted_plant8",
+                [move % ("- 4.0", "- 1.0"), move % ("+ 4.0", "+ 1.0")],
+            ),
+            (
+                "a cupboard that is moved",
+                "bookshelf1",
+                [move % ("+ 0.2", ""), move % ("- 0.2", "")],
+            ),
         ):
             with engine.connect() as connection:
                 number = connection.execute(

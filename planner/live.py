@@ -254,10 +254,12 @@ class Live:
         topology: Topology,
         robot: RobotClass,
         unwalked: Collection[int] | None,
-    ) -> KeptWalks:
+    ) -> KeptWalks | None:
         """The walks that still hold: all of them, or where places are as they were."""
         assert self._id is not None
         rows = read_walks(connection, self._id)
+        if unwalked is None and not len(rows):
+            return None
         self._compared = bool(
             self._timed or unwalked is None or self._changed_things(connection, unwalked)
         )

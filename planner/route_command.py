@@ -197,4 +197,5 @@ def show_route(found: Route, *, timed: bool = False) -> None:
 def _readable(pose: Pose | None) -> str:
     if pose is None:
         return "anywhere"
-    return f"{pose.x:.2f} {pose.y:.2f} {pose.z:.2f}; {round(math.degrees(pose.yaw))}°"
+    heading = (round(math.degrees(pose.yaw)) + 179) % 360 - 179
+    return f"{pose.x:.2f} {pose.y:.2f} {pose.z:.2f}; {heading}°"

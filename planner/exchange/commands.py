@@ -129,7 +129,11 @@ def topology_as_json(topology: Topology, storey: str | None = None) -> dict[str,
     connectors = [c for c in topology.connectors.values() if names & set(c.places)]
     return {
         "places": [_plain(p) for p in places],
-        "connectors": [_plain(c) | {"permissions": sorted(c.permissions)} for c in connectors],
+        "connectors": [
+            _plain(c)
+            | {"poses": [p._asdict() for p in c.poses], "permissions": sorted(c.permissions)}
+            for c in connectors
+        ],
         "elevators": topology.cabins(),
     }
 

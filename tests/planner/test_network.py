@@ -15,10 +15,9 @@ from scipy.sparse.csgraph import dijkstra
 from planner.network import KeptWalks, Network
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
-from planner.stages import turned
 from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Place, Topology
-from planner.walks import StraightWalks, Walked
+from planner.walks import Walked
 from semmap.geometry.pose import Pose
 from tests.planner.office import office
 
@@ -351,28 +350,3 @@ def test_where_two_stands_meet_the_robot_turns():
     route = network.route(start, goal)
     assert [s.behaviour for s in route.stages] == ["pass_door", "navigate", "pass_door", "navigate"]
     whole(route, start, goal)
-
-
-def test_turning_is_by_half_a_turn():
-    for yaw in np.linspace(-3.0, 3.0, 7):
-        back = turned(Pose.planar(1.0, 2.0, float(yaw), 3.0))
-        assert (back.x, back.y, back.z) == (1.0, 2.0, 3.0)
-        assert math.cos(back.yaw - yaw) == pytest.approx(-1.0)
-        assert back.qw >= 0
-
-
-def test_a_place_without_doors_says_so_and_one_within_itself_what_it_is():
-    class Walled:
-        def between(self, place, a, b):
-            walked = StraightWalks().between(place, a, b)
-            apart = np.array([[(p.x < 1.5) != (q.x < 1.5) for q in b] for p in a])
-            return Walked(*(np.where(apart.reshape(k.shape), math.inf, k) for k in walked))
-
-    islands = Topology.of([Place("a"), Place("b")], [])
-    network = Network(islands, walks=Walled())
-    with pytest.raises(NoRouteError, match="a has no door; add a connector"):
-        network.route(network.site("a"), network.site("b"))
-    near, far = network.site("a", Pose()), network.site("a", Pose(2.0))
-    with pytest.raises(NoRouteError, match=r"finds no way in a from \(0.00, 0.00\) to \(2.00"):
-        network.route(near, far)
-    assert network.route(near, network.site("a", Pose(1.0))).metres == 1.0

@@ -2,7 +2,7 @@ import pytest
 from sqlalchemy import text
 
 from semmap.database import connect
-from semmap.query.maps import see_map, snapshot
+from semmap.query.maps import current_name, see_map, snapshot
 
 
 @pytest.fixture
@@ -33,6 +33,13 @@ def test_where_there_is_no_map_it_is_said(make_database):
     with engine.connect() as connection, pytest.raises(LookupError, match="semmap import FILE"):
         see_map(connection, None)
     engine.dispose()
+
+
+def test_a_map_of_another_name_is_missed_by_it(maps):
+    with maps.connect() as connection:
+        see_map(connection, "nope")
+        with pytest.raises(LookupError, match="there is no map named nope: semmap import FILE"):
+            current_name(connection)
 
 
 def test_a_snapshot_does_not_see_what_others_commit_meanwhile(maps):

@@ -48,6 +48,10 @@ def test_each_ending_says_its_format(topology, tmp_path: Path) -> None:
     }  # fmt: skip
     said = json.loads((tmp_path / "new" / "a.json").read_text())
     assert {c["name"] for c in said["connectors"]} >= {"door1", "edoor3"}
+    for connector in said["connectors"]:
+        assert all(
+            {*pose} == {"x", "y", "z", "qx", "qy", "qz", "qw"} for pose in connector["poses"]
+        )
     assert (tmp_path / "new" / "a.dot").read_text() == topology()
     assert json.loads(topology("--json", "--storey", "floor-1st"))["elevators"]
 

@@ -1,11 +1,12 @@
 import pytest
+import shapely
 from sqlalchemy import text
 
 from planner.route import NoRouteError
-from planner.source.meant import read_places_like
-from planner.source.topology import read_topology
+from planner.source.topology import read_regions, read_topology
 from planner.topology import OUTSIDE
 from semmap.cli import choose_map
+from semmap.ingest.regions import draw_region
 from tests.planner.office import route
 
 
@@ -51,18 +52,21 @@ def test_a_locked_door_in_the_map_bars_the_way(connection):
         route(read_topology(connection), "office4", "lab2")
 
 
-@pytest.mark.parametrize(
-    ("said", "places"),
-    [
-        ("lab1", ["lab1"]),
-        ("muffin1", ["office4"]),  # on desk4 in office4
-        ("desk1", ["lab2"]),
-        ("kitchen", ["kitchen"]),
-        ("lab", ["lab1", "lab2"]),
-        ("meeting_room", ["meeting1", "meeting3"]),
-        ("sanitary_room", ["restroom1", "restroom3"]),  # of a subtype
-        ("nowhere", []),
-    ],
-)  # fmt: skip
-def test_people_may_name_a_thing_a_label_or_a_type(connection, said, places):
-    assert sorted(read_places_like(connection, read_topology(connection), said)) == places
+def test_regions_without_end_have_no_times(connection):
+    regions = [
+        ("for_ever", None, True),
+        ("since", "[2020-01-01, infinity)", True),
+        ("until", "[-infinity, 2020-01-01)", False),
+    ]
+    of_map, lab = connection.execute(text("SELECT current_map(), entity_id('lab1')")).one()
+    for name, valid, _ in regions:
+        draw_region(connection, of_map, name, shapely.box(14, 1, 15, 2), holder=lab)
+        connection.execute(
+            text("UPDATE region SET valid = CAST(:valid AS tstzrange) "
+                 "WHERE entity_id = entity_id(:name)"), {"name": name, "valid": valid}
+        )  # fmt: skip
+    found, ends = read_regions(connection)
+    assert [r.name for r in found if r.name in {n for n, *_ in regions}] == ["for_ever", "since"]
+    ids = dict(connection.execute(text("SELECT name, id FROM entity WHERE kind = 'region'")).all())
+    years = {name: [t.year for t in ends.get(ids[name], [])] for name, *_ in regions}
+    assert years == {"for_ever": [], "since": [2020], "until": [2020]}
