@@ -1,4 +1,4 @@
-"""Missions in the database, and what they change in the map: the one module here that does so.
+"""Missions in the database: their steps, who runs them, and what their robots have claimed.
 
 What a robot did is written in the transaction that ends the step, from what the robot observed, and
 not from what was expected of it: so the map never claims what did not happen.
@@ -7,26 +7,31 @@ not from what was expected of it: so the map never claims what did not happen.
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-import shapely
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
-from planner.mission.behaviours import Observation, Outcome, Seen
+from planner.mission.behaviours import Observation, Outcome
+from planner.mission.findings import (
+    ThingRow,
+    find_spot,
+    read_things,
+    write_door,
+    write_execution,
+    write_observation,
+)
 from planner.mission.patience import Failure
-from planner.mission.spot import free_spot
 from planner.mission.stage import Stage
 from planner.source.topology import read_topology
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
-__all__ = ["Held", "Journal", "LostMissionError", "MissionError", "Open", "ThingRow"]
+__all__ = ["Held", "Journal", "LostMissionError", "MissionError", "Open"]
 
 LOCK = 0x6D697373
 """Upper half of the keys of advisory locks on robots; who dies lets go of his at once."""
@@ -61,15 +66,6 @@ class Held:
 
     state: str
     claims: frozenset[str]
-
-
-@dataclass(frozen=True)
-class ThingRow:
-    """A thing that holds no other, its place, and where it is there."""
-
-    name: str
-    place: str
-    seen: Seen
 
 
 class Journal:
@@ -339,26 +335,17 @@ class Journal:
                     "state": "done" if outcome.succeeded else "failed",
                 },
             )  # fmt: skip
-            self._observe(connection, robot, seen)
+            write_observation(connection, robot, seen)
             if outcome.cause == "locked" and stage.step is not None and stage.step.connector:
-                self._door(connection, stage.step.connector.name, "locked")
-            if stage.step is not None and stage.subject is not None and outcome.seconds > 0:
-                height = stage.step.approach.z - stage.step.leave.z if stage.step.approach else 0.0
-                connection.execute(
-                    text(_EXECUTED),
-                    {
-                        "behaviour": stage.behaviour, "subject": stage.subject,
-                        "seconds": outcome.seconds, "height": abs(height),
-                        "succeeded": outcome.succeeded, "robot": robot,
-                    },
-                )  # fmt: skip
+                write_door(connection, stage.step.connector.name, "locked")
+            write_execution(connection, robot, stage, outcome)
             self._release(connection, robot, release)
             return [] if outcome.succeeded else self._lay(connection, mission, then)
 
     def observe(self, mission: int, seen: Observation) -> None:
         """Write what the robot observes."""
         with self._begin() as connection:
-            self._observe(connection, self._own(connection, mission), seen)
+            write_observation(connection, self._own(connection, mission), seen)
 
     def finish(self, mission: int, state: str, reason: str | None = None) -> None:
         """The mission has ended: done, failed or cancelled. What its robot has claimed is free."""
@@ -384,64 +371,15 @@ class Journal:
 
     # -- the map --------------------------------------------------------------------------------
 
-    def _observe(self, connection: Connection, robot: int, seen: Observation) -> None:
-        connection.execute(
-            text(_PLACE_ROBOT), {"robot": robot, "place": seen.place, "pose": seen.pose.row}
-        )
-        for name, grip in seen.holds.items():
-            connection.execute(text(_HOLD), {"thing": name, "robot": robot, "pose": grip.row})
-        if seen.seen:
-            things = [
-                {"thing": n, "holder": s.holder, "relation": s.relation, "pose": s.pose.row}
-                for n, s in seen.seen.items()
-            ]
-            connection.execute(text(_PUT), {"seen": json.dumps(things)})
-        lost = [n for n in self._held(connection, robot) if n not in seen.holds]
-        for name in lost:  # not in its hand any more, and not in view: somewhere in this place
-            connection.execute(text(_LOSE), {"thing": name, "place": seen.place})
-        for name, state in seen.doors.items():
-            if state in ("open", "closed", "locked"):
-                self._door(connection, name, state)
-
-    def _held(self, connection: Connection, robot: int) -> list[str]:
-        return list(connection.execute(text(_HELD), {"robot": robot}).scalars())
-
-    def _door(self, connection: Connection, name: str, state: str) -> None:
-        connection.execute(text(_DOOR), {"name": name, "state": state})
-
     def spot(self, thing: str, target: str, towards: Pose) -> Pose | None:
-        """Where a thing can lie on a target, the nearest to a pose; None where nothing is free.
-
-        On the top of the target's box, clear of what the target holds; in a room, on its floor
-        before the robot.
-        """
+        """Where a thing can lie on a target, the nearest to a pose; None where nothing is free."""
         with self._begin() as connection:
-            row = connection.execute(text(_TARGET), {"name": target}).one_or_none()
-            size = connection.execute(text(_SIZE), {"name": thing}).one_or_none()
-            if row is None or size is None:
-                return None
-            held = connection.execute(
-                text(_ON_TARGET), {"target": row.id, "thing": thing}
-            ).scalars()
-            footprints = [shapely.from_wkb(bytes(k)) for k in held]
-        at = Pose(*size.pose)
-        if row.kind == "room":
-            ahead = towards @ Pose(0.5, 0.0, 0.0)
-            return Pose.planar(ahead.x, ahead.y, 0.0, row.floor + size.above)
-        surface = shapely.from_wkb(bytes(row.footprint)) if row.footprint is not None else None
-        if surface is None:
-            return None
-        found = free_spot(surface, footprints, max(size.radius, 0.01), (towards.x, towards.y))
-        if found is None:
-            return None
-        yaw = math.remainder(at.yaw, math.tau)
-        return Pose.planar(found[0], found[1], yaw, row.top + size.above)
+            return find_spot(connection, thing, target, towards)
 
     def things(self) -> list[ThingRow]:
         """The things of the map that lie in or on something: what a simulated world begins with."""
         with self._begin() as connection:
-            rows = connection.execute(text(_THINGS)).all()
-        return [ThingRow(r.name, r.place, Seen(r.holder, r.relation, Pose(*r.pose))) for r in rows]
+            return read_things(connection)
 
     # -- claims ---------------------------------------------------------------------------------
 
@@ -605,85 +543,6 @@ WHERE id = :mission AND state = 'running'
 
 # Locked, so that nobody cancels it or takes it over meanwhile.
 _OWN = "SELECT robot_id, state FROM mission WHERE id = :mission AND runner = :runner FOR UPDATE"
-
-_PLACE_ROBOT = """
-UPDATE placement p SET holder_id = w.entity_id, relation = 'in', confidence = NULL, pose = there
-FROM world w, LATERAL pose_compose(pose_inverse(w.pose), CAST(:pose AS float8[])) there
-WHERE p.entity_id = :robot AND w.entity_id = entity_id(:place)
-  AND (p.holder_id, p.pose) IS DISTINCT FROM (w.entity_id, there)
-"""
-
-_HOLD = """
-UPDATE placement SET holder_id = :robot, relation = 'in', confidence = NULL, pose = :pose
-WHERE entity_id = entity_id(:thing)
-  AND (holder_id, pose) IS DISTINCT FROM (CAST(:robot AS bigint), CAST(:pose AS float8[]))
-"""
-
-# Within a centimetre it lies where the map says.
-_PUT = """
-UPDATE placement p
-SET holder_id = h.entity_id, relation = s.relation, confidence = NULL,
-    pose = pose_compose(pose_inverse(h.pose), s.pose)
-FROM jsonb_to_recordset(CAST(:seen AS jsonb))
-         AS s (thing text, holder text, relation text, pose float8[]),
-     entity e, world w, entity k, world h
-WHERE e.map_id = current_map() AND e.name = s.thing AND e.kind = 'object'
-  AND p.entity_id = e.id AND w.entity_id = e.id
-  AND k.map_id = current_map() AND k.name = s.holder AND h.entity_id = k.id
-  AND (p.holder_id IS DISTINCT FROM h.entity_id OR p.relation <> s.relation
-       OR abs(w.pose[1] - s.pose[1]) > 0.01 OR abs(w.pose[2] - s.pose[2]) > 0.01
-       OR abs(w.pose[3] - s.pose[3]) > 0.01)
-"""
-
-_HELD = """
-SELECT e.name FROM placement p JOIN entity e ON e.id = p.entity_id
-WHERE p.holder_id = :robot AND e.kind = 'object'
-"""
-
-_LOSE = "SELECT put(entity_id(:thing), entity_id(:place), 'in', 0)"
-
-_DOOR = """
-UPDATE connector SET state = :state, seen_at = clock_timestamp()
-WHERE entity_id = entity_id(:name) AND (state <> :state OR :state = 'locked')
-"""
-
-_EXECUTED = """
-INSERT INTO execution (robot_class_id, behaviour, entity_id, seconds, height, succeeded)
-SELECT (SELECT c.id FROM robot_class c JOIN entity r ON r.id = :robot
-        WHERE c.name = r.properties->>'robot_class'),
-       :behaviour, id, :seconds, :height, :succeeded
-FROM entity WHERE id = entity_id(:subject)
-"""
-
-_TARGET = """
-SELECT e.id, e.kind, ST_ZMax(w.box) AS top, ST_AsBinary(w.footprint) AS footprint,
-       w.pose[3] + coalesce(r.floor, 0) AS floor
-FROM entity e JOIN world w ON w.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
-WHERE e.map_id = current_map() AND e.name = :name
-"""
-
-_SIZE = """
-SELECT w.pose, w.pose[3] - ST_ZMin(w.box) AS above,
-       sqrt((ST_XMax(w.box) - ST_XMin(w.box)) ^ 2 + (ST_YMax(w.box) - ST_YMin(w.box)) ^ 2) / 2
-       AS radius
-FROM entity e JOIN world w ON w.entity_id = e.id
-WHERE e.map_id = current_map() AND e.name = :name
-"""
-
-_ON_TARGET = """
-SELECT ST_AsBinary(w.footprint) FROM placement p JOIN world w ON w.entity_id = p.entity_id
-WHERE p.holder_id = :target AND w.footprint IS NOT NULL AND p.entity_id <> entity_id(:thing)
-"""
-
-_THINGS = """
-SELECT e.name, r.name AS place, h.name AS holder, p.relation, w.pose
-FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id
-     JOIN entity h ON h.id = p.holder_id
-     CROSS JOIN LATERAL (SELECT k.name FROM holders_of(ARRAY[e.id]) WITH ORDINALITY o (id, n)
-                         JOIN entity k ON k.id = o.id AND k.kind = 'room' ORDER BY o.n LIMIT 1) r
-WHERE e.map_id = current_map() AND e.kind = 'object' AND h.kind IN ('object', 'room')
-  AND NOT EXISTS (SELECT FROM placement c WHERE c.holder_id = e.id)
-"""
 
 _CLAIM = """
 INSERT INTO reservation AS r (resource_id, robot_id, expires)
