@@ -1,11 +1,14 @@
 import json
+import math
 
 import numpy as np
 import pytest
 
 from navgrid.map_file import read_map
 from planner.route import NoRouteError
+from planner.route_command import _readable
 from planner.topology import UnknownPlaceError
+from semmap.geometry.pose import Pose
 
 
 def test_route_names_the_doors_in_order_each_with_two_poses(commands):
@@ -26,6 +29,11 @@ def test_route_as_a_table_ends_with_the_doors(commands):
     said = commands.run("route", "lab1", "office4").stdout
     assert "call_elevator" in said
     assert "lab1 -> office4: door1, door2, edoor1, edoor3, door5, door6 (" in said
+
+
+def test_headings_are_above_minus_180_degrees():
+    for yaw, said in ((-math.pi, "180°"), (math.pi, "180°"), (-1e-9, "0°"), (-math.pi / 2, "-90°")):
+        assert _readable(Pose.planar(1.0, 2.0, yaw)) == f"1.00 2.00 0.00; {said}"
 
 
 def test_route_takes_things_and_labels(commands):
