@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import pwd
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,9 +32,17 @@ class Account:
         return self.uid == os.geteuid()
 
     def run(
-        self, command: Sequence[str], cwd: Path, **options: Any
+        self,
+        command: Sequence[str],
+        cwd: Path,
+        environment: Mapping[str, str] | None = None,
+        **options: Any,
     ) -> subprocess.CompletedProcess[str]:
         """Run a program as this user; what it says is caught, in English.
+
+        Parameters
+        ----------
+        environment : variables that it gets where this process has none of the name
 
         Raises
         ------
@@ -48,7 +56,7 @@ class Account:
             return subprocess.run(
                 command,
                 cwd=cwd,
-                env=kept | {"LC_ALL": "C", "HOME": str(cwd)},
+                env={**(environment or {}), **kept, "LC_ALL": "C", "HOME": str(cwd)},
                 capture_output=True,
                 text=True,
                 **options,

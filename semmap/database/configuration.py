@@ -9,12 +9,22 @@ from pathlib import Path
 
 from semmap.database.programs import Programs
 
-__all__ = ["SUPERUSER", "access_rules", "server_settings", "user_map"]
+__all__ = ["ALLOCATOR", "SUPERUSER", "access_rules", "server_settings", "user_map"]
 
 SUPERUSER = "semmap"
 """The database role that the cluster's owner has."""
 
 MB = 1 << 20
+ALLOCATOR = {
+    "MALLOC_TRIM_THRESHOLD_": str(32 * MB),
+    "MALLOC_TOP_PAD_": str(MB),
+    "MALLOC_MMAP_THRESHOLD_": str(8 * MB),
+}
+"""The server's environment: what glibc keeps of freed memory, in bytes.
+
+It would give back what each plan took, a megabyte for Figure 3, and fault it in again for the next.
+"""
+
 ROOMY_SHM = 1024 * MB
 """Below this /dev/shm (64 MB in a container) parallel queries would run out of it."""
 

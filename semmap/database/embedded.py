@@ -210,6 +210,7 @@ class Cluster:
                 "-w", "-t", str(START_SECONDS), "-s",
             ],
             self.home,
+            configuration.ALLOCATOR,
         )  # fmt: skip
         if started.returncode or self.running() is None:
             raise DatabaseError(

@@ -74,6 +74,20 @@ def test_small_shared_memory(own: Cluster, monkeypatch: pytest.MonkeyPatch) -> N
     assert query(own, "SHOW dynamic_shared_memory_type") == "mmap"
 
 
+def test_the_server_keeps_freed_memory_unless_told_otherwise(
+    own: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def environment() -> list[str]:
+        own.ensure()
+        server = (own.data / "postmaster.pid").read_text().split()[0]
+        return Path(f"/proc/{server}/environ").read_text().split("\0")
+
+    assert "MALLOC_TRIM_THRESHOLD_=33554432" in environment()
+    own.stop()
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "1000000")
+    assert "MALLOC_TRIM_THRESHOLD_=1000000" in environment()
+
+
 def test_stop_and_start_keep_what_is_committed(own: Cluster) -> None:
     query(own, "CREATE TABLE kept AS SELECT 7 AS value")
     url = own.ensure()
