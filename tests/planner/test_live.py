@@ -1,5 +1,6 @@
 """What follows the map is, after each change, as if it were made anew."""
 
+import gc
 import threading
 import time
 from collections import Counter
@@ -12,11 +13,11 @@ import shapely
 from sqlalchemy import event, text
 
 from planner.demo import office_files
-from planner.live import Live
+from planner.live import Live, _no_collection
 from planner.route import NoRouteError
 from planner.source.robot_class import keep_robot_class, read_robot_class
 from planner.source.walks import may_keep, read_walks
-from planner.topology import OUTSIDE
+from planner.topology import OUTSIDE, TopologyError
 from semmap.database import connect
 from semmap.ingest.importer import import_file
 from semmap.ingest.regions import draw_region
@@ -499,3 +500,17 @@ def test_no_map_and_no_class_are_said(changing, make_database):
     with pytest.raises(LookupError, match="there is no map: semmap import"):
         Live(empty)
     empty.dispose()
+
+
+@pytest.mark.parametrize("usual", [True, False])
+def test_loading_leaves_the_collector_as_it_was(changing, usual):
+    before = gc.isenabled()
+    try:
+        (gc.enable if usual else gc.disable)()
+        Live(changing, "office", "tester")
+        assert gc.isenabled() == usual
+        with pytest.raises(TopologyError), _no_collection():
+            raise TopologyError
+        assert gc.isenabled() == usual
+    finally:
+        (gc.enable if before else gc.disable)()
