@@ -88,6 +88,3 @@ CREATE TABLE object_type (
     label  text NOT NULL,
     PRIMARY KEY (type, id) INCLUDE (map_id, label)
 );
-CREATE UNIQUE INDEX object_type_id ON object_type (id, type) INCLUDE (map_id, label);
--- At the default of 100, ten muffins among a million objects are estimated as thousands.
-ALTER TABLE object_type ALTER COLUMN type SET STATISTICS 500;

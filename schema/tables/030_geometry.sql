@@ -35,7 +35,6 @@ CREATE TABLE entity_chunk (
     entity_id bigint NOT NULL REFERENCES entity ON DELETE CASCADE,
     chunk_id  bigint NOT NULL REFERENCES chunk ON DELETE CASCADE
 );
-CREATE INDEX entity_chunk_entity ON entity_chunk (entity_id) INCLUDE (id);
 CREATE INDEX entity_chunk_chunk ON entity_chunk (chunk_id);
 
 -- A region is drawn (it has a model of its own), or a subset of the faces of another entity's model.

@@ -15,7 +15,6 @@ CREATE TABLE placement (
     CONSTRAINT placement_quaternion_is_unit CHECK (
         abs(pose[4]*pose[4] + pose[5]*pose[5] + pose[6]*pose[6] + pose[7]*pose[7] - 1) < 1e-6)
 ) WITH (fillfactor = 80);
-CREATE INDEX placement_holder ON placement (holder_id) INCLUDE (entity_id);
 
 -- Where each entity is in the map's frame. Kept by triggers, never written by hand.
 CREATE TABLE world (

@@ -1,7 +1,8 @@
 -- The relations that the statement of Figure 3 (Deeken et al., section 3.5) asks, over the current map.
 
 -- Planning takes most of its time, so the views keep relations few and estimates cheap: the map is a
--- value computed once, a face is placed by a function rather than by two more joins.
+-- value computed once, a face is placed by a function rather than by two more joins, and what else the
+-- planner would weigh is in tables/090_planning.sql.
 
 CREATE VIEW object AS
     SELECT id, label, type, id AS inv_id FROM object_type WHERE map_id = (SELECT current_map());
@@ -19,8 +20,8 @@ DECLARE
     pose double precision[];
     patch geometry;
 BEGIN
-    SELECT w.pose INTO pose FROM semmap.world w WHERE w.entity_id = of_entity;
-    SELECT c.geom INTO patch FROM semmap.chunk c WHERE c.id = of_chunk;
+    SELECT w.pose, c.geom INTO pose, patch
+    FROM semmap.world w, semmap.chunk c WHERE w.entity_id = of_entity AND c.id = of_chunk;
     RETURN semmap.pose_apply(patch, pose);
 END $$;
 

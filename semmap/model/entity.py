@@ -286,7 +286,14 @@ class ObjectType(Base):
     __tablename__ = "object_type"
     __table_args__ = (
         PrimaryKeyConstraint("type", "id", postgresql_include=["map_id", "label"]),
-        Index("object_type_id", "id", "type", unique=True, postgresql_include=["map_id", "label"]),
+        Index(
+            "object_type_id",
+            "id",
+            "type",
+            unique=True,
+            postgresql_include=["map_id", "label"],
+            postgresql_where=text("id IS NOT NULL"),
+        ),
     )
 
     map_id: Mapped[int]

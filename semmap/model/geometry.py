@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from geoalchemy2 import Geometry
-from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Integer, UniqueConstraint
+from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Integer, UniqueConstraint, text
 from sqlalchemy.dialects.postgresql import ARRAY
 from sqlalchemy.orm import Mapped, mapped_column
 
@@ -63,7 +63,12 @@ class EntityChunk(Base):
 
     __tablename__ = "entity_chunk"
     __table_args__ = (
-        Index("entity_chunk_entity", "entity_id", postgresql_include=["id"]),
+        Index(
+            "entity_chunk_entity",
+            "entity_id",
+            postgresql_include=["id"],
+            postgresql_where=text("entity_id IS NOT NULL"),
+        ),
         Index("entity_chunk_chunk", "chunk_id"),
     )
 

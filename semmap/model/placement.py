@@ -26,7 +26,14 @@ class Placement(Base):
     """
 
     __tablename__ = "placement"
-    __table_args__ = (Index("placement_holder", "holder_id", postgresql_include=["entity_id"]),)
+    __table_args__ = (
+        Index(
+            "placement_holder",
+            "holder_id",
+            postgresql_include=["entity_id"],
+            postgresql_where=text("holder_id IS NOT NULL"),
+        ),
+    )
 
     entity_id: Mapped[int] = mapped_column(
         ForeignKey("semmap.entity.id", ondelete="CASCADE"), primary_key=True

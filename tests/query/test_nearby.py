@@ -7,14 +7,14 @@ import pytest
 from sqlalchemy import Engine, text
 from sqlalchemy.orm import Session
 
-from semmap.query.nearby import NEAR, nearest_of_type, of_type_near
+from semmap.query.nearby import FAR, nearest_of_type, of_type_near
 
 COUNT = 20_000
 
 
 @pytest.fixture(scope="module")
 def hall(module_engine: Engine) -> Engine:
-    """20,000 things of 41 types, half of them below `ware`, scattered over 100 x 100 x 10 m."""
+    """20,000 things of 40 types, half of them below `ware`, and a relic, in 100 x 100 x 10 m."""
     with module_engine.begin() as connection:
         connection.exec_driver_sql(
             """
@@ -29,6 +29,10 @@ def hall(module_engine: Engine) -> Engine:
             INSERT INTO entity (map_id, kind, name, type)
                 SELECT current_map(), 'object', 'o' || i, 'hall' || 1 + i %% 40
                 FROM generate_series(1, 20000) i;
+            INSERT INTO semantic_type (name) VALUES ('hall_relic');
+            INSERT INTO type_parent VALUES ('hall_relic', 'object');
+            INSERT INTO entity (map_id, kind, name, type)
+                SELECT current_map(), 'object', 'relic', 'hall_relic';
             INSERT INTO placement (entity_id, pose)
                 SELECT id, ARRAY[100 * random(), 100 * random(), 10 * random(), 0, 0, 0, 1]
                 FROM entity WHERE map_id = current_map();
@@ -69,19 +73,38 @@ def test_far_from_everything_there_is_still_a_nearest(hall: Engine) -> None:
         assert nearest_of_type(session, "region", (0, 0, 0)) == []
 
 
-def test_the_plan_stays_on_the_index_after_a_dozen_executions(hall: Engine) -> None:
-    """psycopg prepares a statement after five runs; a generic plan must not lose the index."""
-    asked = {"type": "hall_ware", "x": 50.0, "y": 50.0, "z": 5.0, "distance": 3.0}
-    compiled = NEAR.compile(hall, compile_kwargs={"literal_binds": False})
-    with hall.connect() as connection:
-        driver = connection.connection.driver_connection
-        assert driver is not None
-        parameters = {**compiled.params, **asked}
-        for _ in range(12):
-            driver.execute(str(compiled), parameters)
-        for mode in ("force_custom_plan", "force_generic_plan"):
-            driver.execute(f"SET plan_cache_mode = {mode}")
-            plan = driver.execute(f"EXPLAIN (FORMAT JSON) {compiled}", parameters, prepare=True)
-            said = str(plan.fetchone())
-            assert "world_flat" in said
-            assert "Seq Scan" not in said
+def test_one_plan_on_the_index_serves_all_places(hall: Engine) -> None:
+    """PostgreSQL plans a prepared statement five times, then keeps a plan unless it looks dear."""
+    with Session(hall) as session:
+        for i in range(12):
+            of_type_near(session, "hall_ware", (5.0 * i, 50.0, 5.0), 3.0)
+        name, parameters, kept, anew = session.execute(
+            text(
+                "SELECT name, cardinality(parameter_types), generic_plans, custom_plans "
+                "FROM pg_prepared_statements WHERE statement LIKE '%box_distance%'"
+            )
+        ).one()
+        assert anew <= 5 < kept + anew
+        session.execute(text("SET LOCAL plan_cache_mode = force_generic_plan"))
+        nothing = ", ".join(["NULL"] * parameters)
+        plan = "\n".join(session.scalars(text(f'EXPLAIN EXECUTE "{name}" ({nothing})')))
+        assert "world_flat" in plan
+        assert "Seq Scan" not in plan
+
+
+def test_what_is_rare_and_far_is_not_sought_place_by_place(hall: Engine) -> None:
+    """Where a place is wide, the few of a type are the beginning, however often it was asked."""
+    with Session(hall) as session:
+        for i in range(12):
+            (relic,) = nearest_of_type(session, "hall_relic", (40.0 + i, 50.0, 5.0))
+            assert relic.name == "relic"
+        kept = session.scalars(text("SELECT statement FROM pg_prepared_statements")).all()
+        assert not [statement for statement in kept if "&& semmap.around" in statement]
+
+        asked = {"type": "hall_relic", "x": 50.0, "y": 50.0, "z": 5.0, "distance": 90.0}
+        statement = FAR.params(asked).compile(
+            hall, compile_kwargs={"literal_binds": True, "render_postcompile": True}
+        )
+        plan = "\n".join(session.scalars(text(f"EXPLAIN {statement}")))
+        assert "object_type_pkey" in plan
+        assert "world_flat" not in plan

@@ -1,0 +1,90 @@
+"""What joins cost before they run: Figure 3 is planned from the catalogue alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sqlalchemy import Connection, Engine, text
+
+FIGURE_3 = (Path(__file__).parents[2] / "benchmarks" / "figure3.sql").read_text()
+KEYS = ("object_type_id", "placement_holder", "entity_chunk_entity")
+
+KITCHENS = """
+INSERT INTO map (name) VALUES ('kitchens');
+INSERT INTO model (digest, kind, triangles, closed, hull)
+    SELECT 'unit box', 'box', 12, true, ST_Collect(ST_MakePoint(i %% 2, i / 2 %% 2, i / 4))
+    FROM generate_series(0, 7) i;
+INSERT INTO chunk (model_id, number, geom)
+    SELECT id, 0, prism_tin(ST_MakeEnvelope(0, 0, 1, 1), 0, 1) FROM model WHERE digest = 'unit box';
+INSERT INTO semantic_type (name) VALUES ('muffin'), ('table') ON CONFLICT DO NOTHING;
+INSERT INTO entity (map_id, kind, name, type)
+    SELECT current_map(), CASE kind WHEN 'room' THEN 'room' ELSE 'object' END, kind || i, kind
+    FROM (VALUES ('room', 20), ('table', 400), ('muffin', 4000)) v (kind, n),
+         generate_series(1, n) i;
+INSERT INTO entity_model (entity_id, model_id)
+    SELECT e.id, m.id FROM entity e, model m WHERE e.map_id = current_map() AND e.kind = 'object';
+INSERT INTO placement (entity_id, pose)
+    SELECT id, ARRAY[10 * substr(name, 5)::int, 0, 0, 0, 0, 0, 1] FROM entity WHERE type = 'room';
+INSERT INTO placement (entity_id, holder_id)
+    SELECT id, entity_id('room' || 1 + substr(name, 6)::int %% 20)
+    FROM entity WHERE type = 'table';
+INSERT INTO placement (entity_id, holder_id)
+    SELECT id, entity_id('table' || 1 + substr(name, 7)::int %% 400)
+    FROM entity WHERE type = 'muffin';
+ANALYZE
+"""
+
+
+@pytest.fixture(scope="module")
+def kitchens(module_engine: Engine) -> Engine:
+    """20 rooms, 400 tables in them, and 4,000 muffins on these."""
+    with module_engine.begin() as connection:
+        connection.exec_driver_sql(KITCHENS)
+    return module_engine
+
+
+def pages_to_plan(connection: Connection) -> int:
+    """The pages that planning Figure 3 reads once its catalogue is at hand."""
+    for _ in range(3):
+        (said,) = connection.exec_driver_sql(f"EXPLAIN (BUFFERS, FORMAT JSON) {FIGURE_3}").scalars()
+    planning: dict[str, int] = said[0]["Planning"]
+    return planning["Shared Hit Blocks"] + planning["Shared Read Blocks"]
+
+
+def test_figure_3_is_planned_without_a_look_at_the_tables(kitchens: Engine) -> None:
+    with kitchens.connect() as connection:
+        assert len(connection.exec_driver_sql(FIGURE_3).all()) == 400
+        assert pages_to_plan(connection) == 0
+
+
+@pytest.mark.parametrize("index", KEYS)
+def test_an_index_on_all_rows_would_be_read_to_plan(kitchens: Engine, index: str) -> None:
+    """Why the indexes have a condition that always holds: without it there are pages to read."""
+    with kitchens.connect() as connection:
+        definition = connection.execute(
+            text("SELECT pg_get_indexdef(CAST(:index AS regclass))"), {"index": index}
+        ).scalar_one()
+        whole, _, condition = definition.partition(" WHERE ")
+        assert condition
+        connection.execute(text(f"DROP INDEX {index}"))
+        connection.execute(text(whole))
+        assert pages_to_plan(connection) > 0
+
+
+@pytest.mark.parametrize(
+    "lookup",
+    [
+        "object_type WHERE id = 7 AND type = 'table'",
+        "object_type WHERE id = ANY (ARRAY[1, 2, 3]::bigint[])",
+        "placement WHERE holder_id = 7",
+        "placement WHERE holder_id IN (SELECT generate_series(1, 3))",
+        "entity_chunk WHERE entity_id = 7",
+    ],
+)
+def test_a_lookup_by_a_key_goes_by_its_index(kitchens: Engine, lookup: str) -> None:
+    with kitchens.connect() as connection:
+        connection.execute(text("SET LOCAL enable_seqscan = off"))
+        plan = "\n".join(connection.exec_driver_sql(f"EXPLAIN SELECT * FROM {lookup}").scalars())
+        assert any(index in plan for index in KEYS), plan
+        assert "Seq Scan" not in plan
