@@ -42,7 +42,7 @@ def main() -> None:
     url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
     rows: list[Row] = []
     with psycopg.connect(url, options="-c search_path=semmap,public") as connection:
-        patches = encode_chunks(mesh.triangles)
+        patches = list(encode_chunks(mesh.triangles))
         connection.execute("CREATE TEMP TABLE plain (number int, geom bytea)")
         connection.execute("ALTER TABLE plain ALTER COLUMN geom SET STORAGE EXTENDED")
 

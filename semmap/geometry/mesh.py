@@ -29,12 +29,19 @@ class Mesh:
     @property
     def triangles(self) -> NDArray[np.float64]:
         """(F, 3, 3): the corners of each face."""
-        return self.vertices[self.faces]
+        return np.take(self.vertices, self.faces, axis=0)
+
+    @property
+    def used(self) -> NDArray[np.float64]:
+        """(U, 3): the vertices that faces use, each once."""
+        of_a_face = np.zeros(len(self.vertices), dtype=bool)
+        of_a_face[self.faces.ravel()] = True
+        return self.vertices[of_a_face]
 
     @property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3): lowest and highest corner over the vertices that faces use."""
-        used = self.vertices[np.unique(self.faces)]
+        used = self.used
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
     def digest(self) -> str:

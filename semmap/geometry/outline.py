@@ -18,7 +18,7 @@ def hull_points(mesh: Mesh) -> NDArray[np.float64]:
 
     A flat or straight mesh has no volume; all its extreme points in 66 directions do then.
     """
-    points = mesh.vertices[np.unique(mesh.faces)] if len(mesh.faces) else mesh.vertices
+    points = mesh.used if len(mesh.faces) else mesh.vertices
     if len(points) <= 8:
         return points
     try:

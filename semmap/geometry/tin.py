@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,26 +25,26 @@ _TRIANGLE = np.dtype(
 
 def encode_chunks(
     triangles: NDArray[np.float64], size: int = CHUNK, *, keep_order: bool = False
-) -> list[bytes]:
+) -> Iterator[bytes]:
     """Triangles (F, 3, 3), metres, as EWKB of ``TIN Z`` patches of at most `size` triangles.
 
-    Patches are compact in space (Morton order of the triangles' centres), unless `keep_order`.
+    Patches are compact in space (Morton order of the triangles' centres), unless `keep_order`. Each
+    is made when it is asked for: a database takes one in while the next is made.
     """
-    if not keep_order and len(triangles) > size:
-        triangles = triangles[morton_order(triangles)]
-    records = np.empty(len(triangles), dtype=_TRIANGLE)
+    sorted_ = not keep_order and len(triangles) > size
+    order = morton_order(triangles) if sorted_ else np.arange(len(triangles))
+    records = np.zeros(min(size, len(triangles)), dtype=_TRIANGLE)
     records["order"] = 1
     records["type"] = _TRIANGLE_Z
     records["rings"] = 1
     records["points"] = 4
-    records["ring"][:, :3] = triangles
-    records["ring"][:, 3] = triangles[:, 0]
-    patches = []
     for start in range(0, len(triangles), size):
-        part = records[start : start + size]
+        corners = triangles[order[start : start + size]]
+        part = records[: len(corners)]
+        part["ring"][:, :3] = corners
+        part["ring"][:, 3] = corners[:, 0]
         header = np.array([(1, _TIN_Z, len(part))], dtype=_HEADER)
-        patches.append(header.tobytes() + part.tobytes())
-    return patches
+        yield header.tobytes() + part.tobytes()
 
 
 def decode(patches: Iterable[bytes]) -> NDArray[np.float64]:
@@ -80,7 +80,7 @@ def to_mesh(triangles: NDArray[np.float64]) -> Mesh:
 
 def morton_order(triangles: NDArray[np.float64]) -> NDArray[np.intp]:
     """The order of triangles along a space-filling curve through their centres."""
-    centres = triangles.mean(axis=1)
+    centres = (triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3  # thrice as fast as a mean
     low = centres.min(axis=0)
     span = max(float((centres.max(axis=0) - low).max()), 1e-12)
     cells = ((centres - low) * (1023 / span)).astype(np.uint32)

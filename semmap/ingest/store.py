@@ -260,7 +260,7 @@ def _insert_model(cursor: psycopg.Cursor[Any], digest: str, shape: Shape) -> int
     if mesh is not None:
         if shape.kind == "cloud":
             cloud = shapely.multipoints(shapely.points(mesh.vertices))
-            patches = [shapely.to_wkb(cloud, output_dimension=3)]
+            patches = iter([shapely.to_wkb(cloud, output_dimension=3)])
         else:
             patches = encode_chunks(mesh.triangles)
         with cursor.copy("COPY chunk (model_id, number, geom) FROM STDIN (FORMAT BINARY)") as copy:
