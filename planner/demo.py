@@ -20,7 +20,7 @@ from navgrid.map_file import file_name
 from navgrid.path import grid_path
 from navgrid.storey_grid import StoreyGrid, covered, storey_grid
 from planner.exchange.picture import topology_plan
-from planner.mission.demo import task_demo
+from planner.mission.demo import put_back, task_demo
 from planner.route import NoRouteError, Route
 from planner.source.topology import read_topology
 from planner.topology import OUTSIDE, Topology
@@ -84,12 +84,15 @@ def run_demo(
     """
     began = time.perf_counter()
     files = _files(worlds) or office_files()
-    map_name = files[0].name.split(".")[0] if worlds else "office"
+    ours = not worlds
+    map_name = "office" if ours else files[0].name.split(".")[0]
 
     say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
     with cli.database() as engine:
         for file in files:
             cli.print_summary(import_file(engine, file, map_name=map_name))
+    if ours:
+        put_back(map_name)  # one who ran this before may have stopped halfway
 
     with cli.open_map(map_name) as connection:
         say("\n2. Which tables hold a muffin? (Figure 3)")
@@ -128,14 +131,16 @@ def run_demo(
     with cli.open_map(map_name) as connection:
         pictures += field_demo(connection, folder, say)
 
-    if map_name == "office":
+    if ours:
         say("\n7. A task: fetch a muffin and put it on desk1 (Figure 4)")
         task_demo(map_name, folder, say)
         say("   Which tables hold a muffin now? (Figure 3, again)")
         with cli.open_map(map_name) as connection:
             cli.show_rows(*entries.run_sql(connection, FIGURE_3, write=False), False)
+        if put_back(map_name):
+            say("   Back to desk4 with it, as the example has it")
 
-    say("\n8. Pictures" if map_name == "office" else "\n7. Pictures")
+    say("\n8. Pictures" if ours else "\n7. Pictures")
     shown = []
     for storey in storeys:
         if topology.connectors:
