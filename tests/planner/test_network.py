@@ -350,3 +350,16 @@ def test_where_two_stands_meet_the_robot_turns():
     route = network.route(start, goal)
     assert [s.behaviour for s in route.stages] == ["pass_door", "navigate", "pass_door", "navigate"]
     whole(route, start, goal)
+
+
+@pytest.mark.parametrize(("start", "goal"), [("lab1", "office4"), ("office4", "lab1")])
+def test_a_ride_waits_for_one_call_in_the_time_as_in_the_steps(start, goal):
+    found = {}
+    for call in (0.0, 100.0):
+        network = office().network(RobotClass(), times=Times(call=call))
+        a, b = network.site(start), network.site(goal)
+        found[call] = float(network.times_between([a], [b])[0, 0])
+        steps = network.route(a, b).stages
+        assert sum(s.seconds for s in steps) == pytest.approx(found[call])
+        assert [s.seconds for s in steps if s.behaviour == "call_elevator"] == [call]
+    assert found[100.0] - found[0.0] == pytest.approx(100.0)
