@@ -15,6 +15,8 @@ from semmap.geometry.pose import Pose
 
 __all__ = ["entry", "open_world", "simulated_robot"]
 
+_NOWHERE = "no room holds {}: say where it starts (--from)"
+
 
 def entry(topology: Topology, place: str) -> Pose:
     """Where a robot can stand in a place: before its first door.
@@ -46,20 +48,22 @@ def open_world(
     MissionError
         Nothing says where the robot is, or there is nothing to resume.
     """
+    where = journal.robot(robot)
     if file.is_file():
         truth = Truth(file)
+        if where is None and not truth.has_robot(robot):
+            truth.close()
+            raise MissionError(_NOWHERE.format(robot))
         truth.add_rules(rules)
     elif resume:
         raise MissionError(f"{file}, where the simulated robot is, is gone: name its --world")
+    elif where is None:
+        raise MissionError(_NOWHERE.format(robot))
     else:
         file.parent.mkdir(parents=True, exist_ok=True)
         things = [(t.name, t.place, t.seen) for t in journal.things()]
         truth = Truth.make(file, topology, things, rules)
-    if not truth.has_robot(robot):
-        where = journal.robot(robot)
-        if where is None:
-            truth.close()
-            raise MissionError(f"no room holds {robot}: say where it starts (--from)")
+    if where is not None and not truth.has_robot(robot):
         truth.put_robot(robot, *where)
     return truth
 

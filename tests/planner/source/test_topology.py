@@ -5,17 +5,8 @@ from sqlalchemy import text
 from planner.route import NoRouteError
 from planner.source.topology import read_regions, read_topology
 from planner.topology import OUTSIDE
-from semmap.cli import choose_map
 from semmap.ingest.regions import draw_region
 from tests.planner.office import route
-
-
-@pytest.fixture
-def connection(office_engine):
-    with office_engine.connect() as connection:
-        choose_map(connection, "office")
-        yield connection
-        connection.rollback()
 
 
 def doors(found):
