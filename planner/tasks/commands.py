@@ -18,7 +18,8 @@ from planner.tasks.domain_file import Domain, read_domain
 from planner.tasks.goal import parse_goal
 from planner.tasks.pddl import write_pddl
 from planner.tasks.plan import PATIENCE, plan_task
-from planner.tasks.problem import StandOf, pose_problem
+from planner.tasks.posing import pose_problem
+from planner.tasks.sites import StandOf
 from planner.tasks.source import read_state, read_world
 from planner.tasks.world import Thing
 from semmap import cli

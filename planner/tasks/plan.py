@@ -23,7 +23,9 @@ from planner.plan import Plan
 from planner.tasks.bound import lower_bound
 from planner.tasks.expand import Event, expand
 from planner.tasks.goal import ROBOT, Goal, parse_goal
-from planner.tasks.problem import NoPlanError, Problem, StandOf, milliseconds, pose_problem
+from planner.tasks.posing import pose_problem
+from planner.tasks.problem import NoPlanError, Problem, milliseconds
+from planner.tasks.sites import StandOf
 from planner.tasks.world import State, World
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ import pytest
 
 from planner.tasks import NoPlanError, State, Thing, World, parse_goal, plan_task
 from planner.tasks.domain_file import DomainError, read_domain
-from planner.tasks.problem import pose_problem
+from planner.tasks.posing import pose_problem
 from semmap.geometry.pose import Pose
 from tests.planner.office import office
 from tests.planner.tasks.test_pddl import solved

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 
 from planner.tasks import NoPlanError, State, parse_goal, plan_task
 from planner.tasks.pddl import write_pddl
-from planner.tasks.problem import pose_problem
+from planner.tasks.posing import pose_problem
 from tests.planner.office import office
 from tests.planner.tasks.houses import houses
 from tests.planner.tasks.test_plan import office_world

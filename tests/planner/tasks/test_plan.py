@@ -5,7 +5,7 @@ from benchmarks.plans import furnish, tower
 from planner.robot_class import RobotClass
 from planner.tasks import NoPlanError, State, Thing, World, parse_goal, plan_task
 from planner.tasks.bound import lower_bound
-from planner.tasks.problem import pose_problem
+from planner.tasks.posing import pose_problem
 from planner.tasks.validator import validate
 from semmap.geometry.pose import Pose
 from tests.planner.office import office
