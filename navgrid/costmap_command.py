@@ -19,15 +19,15 @@ from navgrid.headings import collisions
 from navgrid.map_file import file_name
 from navgrid.nav2 import Files, write_nav2
 from navgrid.policy import Policy
+from navgrid.robot_options import MaxSlope, MaxStep, Parts, State, Urdf, parts_of
 from navgrid.scene import MARGIN, Bounds, grid_of
 from navgrid.source import read_scene, read_storey_names
 from navgrid.static_map import map_layer
 from navgrid.terrain import Gait
 from semmap import cli
 from semmap.draw.palette import PART_COLOURS
-from semmap.robot import Part, load_robot, robot_parts
 
-__all__ = ["costmap_command", "draw_costmap", "parts_of", "register"]
+__all__ = ["costmap_command", "draw_costmap", "register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -36,16 +36,12 @@ def register(app: typer.Typer) -> None:
 
 
 def costmap_command(
-    robot: Annotated[Path, typer.Option("--robot", help="The robot's URDF.")],
+    robot: Urdf,
     folder: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for maps, parameters, pictures.")
     ] = None,
-    state: Annotated[
-        str | None, typer.Option(help='Joint positions as JSON, {"arm_1_joint": 0.5}, or a file.')
-    ] = None,
-    parts: Annotated[
-        Path | None, typer.Option(help="YAML that groups links into parts; by default found.")
-    ] = None,
+    state: State = None,
+    parts: Parts = None,
     policy: Annotated[
         Path | None, typer.Option(help="Which entity goes on which layer; YAML.")
     ] = None,
@@ -61,8 +57,8 @@ def costmap_command(
     resolution: Annotated[float, typer.Option(help="Metres a cell.")] = 0.05,
     inflation_radius: Annotated[float, typer.Option(help="Metres, as in costmap_2d.")] = 0.55,
     cost_scaling_factor: Annotated[float, typer.Option(help="1/metre, as in costmap_2d.")] = 3.0,
-    max_step: Annotated[float, typer.Option(help="Metres the robot drives over.")] = 0.02,
-    max_slope: Annotated[float, typer.Option(help="Degrees the robot climbs.")] = 6.0,
+    max_step: MaxStep = 0.02,
+    max_slope: MaxSlope = 6.0,
     laser_height: Annotated[float, typer.Option(help="Of the localisation map, metres.")] = 0.25,
     at: Annotated[
         datetime | None, typer.Option(help="When: regions count while they hold. By default now.")
@@ -128,27 +124,6 @@ def costmap_command(
         print(json.dumps(written))
         return
     show(written)
-
-
-def parts_of(robot: Path, state: str | None = None, parts: Path | None = None) -> list[Part]:
-    """The parts of a URDF's robot for joint positions given as JSON or a file of it."""
-    joints: object = {}
-    if state is not None:
-        said = state
-        if not state.lstrip().startswith("{"):
-            try:
-                said = Path(state).read_text("utf-8")
-            except OSError as error:
-                raise ValueError(f"--state {state}: no JSON and no file: {error}") from None
-        try:
-            joints = json.loads(said)
-        except json.JSONDecodeError as error:
-            raise ValueError(f"--state: no JSON: {error}") from None
-    if not isinstance(joints, dict) or not all(
-        isinstance(v, int | float) and not isinstance(v, bool) for v in joints.values()
-    ):
-        raise ValueError('--state: give joint positions as {"joint": number}')
-    return robot_parts(load_robot(robot), joints, parts)
 
 
 def draw_costmap(costmap: Costmap, folder: Path) -> list[Path]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from navgrid.costmap_command import numbers, parts_of
+from navgrid.costmap_command import numbers
+from navgrid.robot_options import MaxSlope, MaxStep, Parts, State, Urdf, parts_of
 from navgrid.terrain import Gait
 from planner.robot_class import RobotClass
 from planner.source.robot_class import (
@@ -36,16 +36,12 @@ def register(app: typer.Typer) -> None:
 
 def add(
     name: Annotated[str, typer.Argument(help="What to call the class.")],
-    urdf: Annotated[Path, typer.Option("--robot", help="The robot's URDF.")],
-    state: Annotated[
-        str | None, typer.Option(help='Joint positions as JSON, {"arm_1_joint": 0.5}, or a file.')
-    ] = None,
-    parts: Annotated[
-        Path | None, typer.Option(help="YAML that groups links into parts; by default found.")
-    ] = None,
+    urdf: Urdf,
+    state: State = None,
+    parts: Parts = None,
     speed: Annotated[float, typer.Option(help="Metres a second on clear ground.")] = 0.5,
-    max_step: Annotated[float, typer.Option(help="Metres it drives over.")] = 0.02,
-    max_slope: Annotated[float, typer.Option(help="Degrees it climbs.")] = 6.0,
+    max_step: MaxStep = 0.02,
+    max_slope: MaxSlope = 6.0,
     reach: Annotated[
         str, typer.Option(help="How near and how far what it takes may be: MIN,MAX metres.")
     ] = "0.2,0.8",

@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 import navgrid.commands
 import planner.commands
-from navgrid.costmap_command import parts_of
+from navgrid.robot_options import parts_of
 from planner.demo import office_files
 from planner.live import Live
 from planner.robot_class import RobotClass
