@@ -16,12 +16,7 @@ from navgrid.storey_grid import StoreyGrid, storey_grid
 from semmap import cli
 from semmap.draw.view import Occupancy, StoreyView
 
-__all__ = ["register", "with_grid", "write_grid"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("grid")(grid_command)
+__all__ = ["grid_command", "with_grid", "write_grid"]
 
 
 def grid_command(

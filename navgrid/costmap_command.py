@@ -27,12 +27,7 @@ from navgrid.terrain import Gait
 from semmap import cli
 from semmap.draw.palette import PART_COLOURS
 
-__all__ = ["costmap_command", "draw_costmap", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("costmap")(costmap_command)
+__all__ = ["costmap_command", "draw_costmap"]
 
 
 def costmap_command(

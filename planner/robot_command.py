@@ -22,18 +22,12 @@ from planner.source.robot_class import (
 from planner.times import Times
 from semmap import cli
 
-__all__ = ["register"]
+__all__ = ["robot"]
+
+robot = typer.Typer(no_args_is_help=True, help="Classes of robots: their shape and abilities.")
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    group = typer.Typer(no_args_is_help=True, help="Classes of robots: their shape and abilities.")
-    group.command("add")(add)
-    group.command("ls")(ls)
-    group.command("rm")(rm)
-    app.add_typer(group, name="robot")
-
-
+@robot.command()
 def add(
     name: Annotated[str, typer.Argument(help="What to call the class.")],
     urdf: Urdf,
@@ -73,6 +67,7 @@ def add(
     _show([robot], json_)
 
 
+@robot.command()
 def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the classes of robots."""
     with cli.open_map(map_name) as connection:
@@ -81,6 +76,7 @@ def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     _show(found, json_)
 
 
+@robot.command()
 def rm(name: Annotated[str, typer.Argument(help="The class to forget.")]) -> None:
     """Forget a class of robots, and how long its ways are."""
     with cli.database() as engine, engine.begin() as connection:

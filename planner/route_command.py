@@ -23,12 +23,7 @@ from planner.rules import Rules
 from semmap import cli
 from semmap.geometry.pose import Pose
 
-__all__ = ["follow", "register", "route_as_json", "said", "show_route"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("route")(route_command)
+__all__ = ["follow", "route_as_json", "route_command", "said", "show_route"]
 
 
 def route_command(

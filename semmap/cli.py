@@ -6,8 +6,6 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +18,9 @@ from rich.progress import Progress as Bars
 from rich.table import Table
 from sqlalchemy import Connection, Engine
 
-from semmap.database import DatabaseError, commands, connect
+from semmap.commands import Commands
+from semmap.database import DatabaseError, connect
+from semmap.database.commands import app as database_commands
 from semmap.ingest.world import WorldError
 from semmap.query import entries
 
@@ -28,12 +28,13 @@ if TYPE_CHECKING:
     from semmap.ingest.importer import ImportSummary
 
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="One semantic map in PostGIS: what is where, what it means, how to get there.",
 )
-app.add_typer(commands.app, name="db")
+app.add_typer(database_commands, name="db")
 
 out = Console(
     highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 160
@@ -292,16 +293,8 @@ def drop(name: str, yes: Annotated[bool, typer.Option("--yes", help="Don't ask."
     out.print(f"{name}: {n} entities deleted")
 
 
-@cache
-def register_commands() -> None:
-    """Take in the commands of other packages, once."""
-    for entry_point in entry_points(group="semmap.commands"):
-        entry_point.load()(app)
-
-
 def main() -> None:
     """Run the command line; an expected error is one line and exit code 2."""
-    register_commands()
     try:
         app()
     except (WorldError, DatabaseError, LookupError, ValueError) as error:

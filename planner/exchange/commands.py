@@ -24,7 +24,7 @@ from semmap import cli
 from semmap.draw.view import StoreyView
 from semmap.query.maps import current_name
 
-__all__ = ["register", "topology_as_json"]
+__all__ = ["topology_as_json", "topology_command"]
 
 
 class Format(StrEnum):
@@ -41,11 +41,6 @@ ENDINGS = {
     ".geojson": Format.nav2, ".yaml": Format.rmf, ".yml": Format.rmf, ".dot": Format.dot,
     ".gv": Format.dot, ".png": Format.png, ".json": Format.json,
 }  # fmt: skip
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("topology")(topology_command)
 
 
 def topology_command(

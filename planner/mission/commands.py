@@ -21,15 +21,9 @@ from planner.mission.simulation import entry, open_world, simulated_robot
 from planner.tasks.domain_file import read_domain
 from semmap import cli
 
-__all__ = ["register"]
+__all__ = ["missions_command", "run_command"]
 
 WORLDS = Path("out/missions")
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("run")(run_command)
-    app.command("missions")(missions_command)
 
 
 def run_command(

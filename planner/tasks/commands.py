@@ -25,12 +25,7 @@ from planner.tasks.world import Thing
 from semmap import cli
 from semmap.geometry.pose import Pose
 
-__all__ = ["plan_as_json", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("plan")(plan_command)
+__all__ = ["plan_as_json", "plan_command"]
 
 
 def plan_command(

@@ -24,16 +24,11 @@ from semmap.fields.relations import Relations
 from semmap.fields.source import read_names, read_vocabulary_of_map
 from semmap.fields.stored import stored_map
 
-__all__ = ["register"]
+__all__ = ["fields"]
 
 fields = typer.Typer(no_args_is_help=True, help="What fills space, voxel by voxel.")
 
 VoxelSize = Annotated[float, typer.Option(help="Metres.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.add_typer(fields, name="fields")
 
 
 @fields.command()

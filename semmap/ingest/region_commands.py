@@ -23,7 +23,7 @@ from semmap.ingest.regions import (
 )
 from semmap.query import entries
 
-__all__ = ["register"]
+__all__ = ["regions"]
 
 regions = typer.Typer(
     no_args_is_help=True, help="Parts of rooms and things: drawn, or found in the geometry."
@@ -36,11 +36,6 @@ class Sort(StrEnum):
     surfaces = "surfaces"
     floor = "floor"
     observation = "observation"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.add_typer(regions, name="regions")
 
 
 @regions.command()

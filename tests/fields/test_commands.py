@@ -5,50 +5,41 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
-import typer
 from sqlalchemy import Engine, text
-from typer.testing import CliRunner
 
-from semmap import cli
 from semmap.fields.announce import Listener
-from semmap.fields.commands import register
 from semmap.ingest.importer import import_file
+from tests.command_line import semmap
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
 
 @pytest.fixture(scope="module")
-def office(module_engine: Engine) -> Iterator[typer.Typer]:
-    """The commands, on a database that holds the office."""
+def office(module_engine: Engine) -> str:
+    """The URL of a database that holds the office."""
     for name in ("office_rooms.geojson", "office.sdf"):
         import_file(module_engine, OFFICE / name, map_name="office")
-    app = typer.Typer()
-    register(app)
-    before = cli.State.url
-    cli.State.url = module_engine.url.render_as_string(hide_password=False)
-    yield app
-    cli.State.url = before
+    return module_engine.url.render_as_string(hide_password=False)
 
 
-def run(app: typer.Typer, *words: object) -> Any:
-    done = CliRunner().invoke(app, ["fields", *map(str, words), "--json"], catch_exceptions=False)
+def run(office: str, *words: object) -> Any:
+    done = semmap(office, "fields", *words, "--json")
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout)
 
 
-def test_what_is_at_a_point(office: typer.Typer) -> None:
+def test_what_is_at_a_point(office: str) -> None:
     assert {r["name"] for r in run(office, "at", "9.2,0.45,7.73")} == {"desk4"}
     assert run(office, "at", "9.2,2.5,8.5") == []
 
 
-def test_the_desk_has_its_volume(office: typer.Typer) -> None:
+def test_the_desk_has_its_volume(office: str) -> None:
     rows = {r["name"]: r for r in run(office, "ls", "--voxel-size", "0.02")}
     assert {"desk4", "muffin1", "walls-3rd"} <= set(rows)
     desk = 0.8 * 1.6 * 0.03 + 4 * 0.05**2 * 0.71 + 0.02 * 1.4 * 0.3
@@ -56,7 +47,7 @@ def test_the_desk_has_its_volume(office: typer.Typer) -> None:
     assert rows["muffin1"]["voxels"] > 10
 
 
-def test_export(office: typer.Typer, tmp_path: Path) -> None:
+def test_export(office: str, tmp_path: Path) -> None:
     said = run(office, "export", "-o", tmp_path, "--voxel-size", "0.1")
     cloud = trimesh.load(tmp_path / "points.ply")
     assert len(cloud.vertices) == said["voxels"]
@@ -72,7 +63,7 @@ def test_export(office: typer.Typer, tmp_path: Path) -> None:
 PREFIX = "PREFIX : <urn:semmap:ontology#> "
 
 
-def test_query(office: typer.Typer, tmp_path: Path) -> None:
+def test_query(office: str, tmp_path: Path) -> None:
     asked = "SELECT ?thing (COUNT(?v) AS ?n) WHERE { ?v :inRoom :office4 . ?v :occupiedBy ?thing }"
     said = run(
         office, "query", "--voxel-size", "0.1", f"{PREFIX}{asked} GROUP BY ?thing ORDER BY DESC(?n)"
@@ -108,7 +99,7 @@ def test_query(office: typer.Typer, tmp_path: Path) -> None:
     assert (tmp_path / "muffin.vdb").stat().st_size > 100
 
 
-def test_maps_that_are_kept(office: typer.Typer) -> None:
+def test_maps_that_are_kept(office: str) -> None:
     """A map that a query stored is asked again, and as often as it changes it has a version."""
     size = ("--voxel-size", "0.1")
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
@@ -124,14 +115,14 @@ def test_maps_that_are_kept(office: typer.Typer) -> None:
     assert rows["low"]["versions"] == 2
     assert rows["low"]["voxels"] == low["voxels"]
     assert rows["sweet"]["about"] == "muffin1"
-    forgot = CliRunner().invoke(office, ["fields", "forget", "low"], catch_exceptions=False)
+    forgot = semmap(office, "fields", "forget", "low")
     assert forgot.exit_code == 0
     assert [row["name"] for row in run(office, "kept")] == ["sweet"]
     with pytest.raises(LookupError, match="there are: sweet"):
-        CliRunner().invoke(office, ["fields", "forget", "low"], catch_exceptions=False)
+        semmap(office, "fields", "forget", "low")
 
 
-def test_a_kept_map_is_exported(office: typer.Typer, tmp_path: Path) -> None:
+def test_a_kept_map_is_exported(office: str, tmp_path: Path) -> None:
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
     stored = run(office, "query", text, "--voxel-size", "0.1", "--keep", "baked")
     said = run(office, "export", "-o", tmp_path, "--kept", "baked")
@@ -146,25 +137,23 @@ def test_a_kept_map_is_exported(office: typer.Typer, tmp_path: Path) -> None:
         with pytest.raises((ValueError, LookupError), match=says):
             run(office, "export", "-o", tmp_path / "none", *words)
     assert not (tmp_path / "none").exists()
-    CliRunner().invoke(office, ["fields", "forget", "baked"], catch_exceptions=False)
+    semmap(office, "fields", "forget", "baked")
 
 
-def test_readable_rows(office: typer.Typer) -> None:
+def test_readable_rows(office: str) -> None:
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy :muffin1 } ORDER BY :z(?v)"
-    done = CliRunner().invoke(
-        office, ["fields", "query", text, "--limit", "3", "--voxel-size", "0.03"]
-    )
+    done = semmap(office, "fields", "query", text, "--limit", 3, "--voxel-size", 0.03)
     assert done.exit_code == 0
     assert "rows more" in done.stdout
 
 
-def test_watch(office: typer.Typer, module_engine: Engine) -> None:
+def test_watch(office: str, module_engine: Engine) -> None:
     """The muffin is lifted and set down on the floor: said here, and on the channel."""
     told: list[Any] = []
 
     def watch() -> None:
         words = ["fields", "watch", "--seconds", "12", "--voxel-size", "0.05", "--json"]
-        done = CliRunner().invoke(office, words, catch_exceptions=False)
+        done = semmap(office, *words)
         told.extend(json.loads(line) for line in done.stdout.splitlines())
 
     with Listener(module_engine) as listener:
@@ -198,6 +187,6 @@ def test_watch(office: typer.Typer, module_engine: Engine) -> None:
         (("ls", "--voxel-size", "0"), "give metres above 0"),
     ],
 )
-def test_what_cannot_be_done(office: typer.Typer, words: tuple[str, ...], says: str) -> None:
+def test_what_cannot_be_done(office: str, words: tuple[str, ...], says: str) -> None:
     with pytest.raises((ValueError, LookupError), match=says):
         run(office, *words)

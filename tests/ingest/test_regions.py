@@ -13,13 +13,10 @@ import shapely
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.orm import Session
-from typer.testing import CliRunner
 
-from semmap.cli import app
 from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.geometry.pose import Pose
 from semmap.geometry.tin import decode
-from semmap.ingest import region_commands
 from semmap.ingest.importer import import_file
 from semmap.ingest.regions import (
     draw_region,
@@ -33,6 +30,7 @@ from semmap.ingest.types import load_tbox
 from semmap.ingest.world import Entry, Place, Shape, World
 from semmap.model import Region
 from semmap.query.meshes import model_triangles
+from tests.command_line import semmap
 from tests.ingest.worlds_by_hand import room_features
 
 TABLE = join(
@@ -368,8 +366,8 @@ def test_every_room_of_the_office_has_a_floor(module_engine: Engine) -> None:
     for name in ("office_rooms.geojson", "office.sdf"):
         import_file(module_engine, folder / name, map_name="office")
     url = module_engine.url.render_as_string(hide_password=False)
-    floors = semmap(url, "regions", "find", "floor", "--type", "room", "--map", "office")
-    rooms = semmap(url, "ls", "room", "--map", "office")
+    floors = answer(url, "regions", "find", "floor", "--type", "room", "--map", "office")
+    rooms = answer(url, "ls", "room", "--map", "office")
     assert {f["of"] for f in floors} == {r["name"] for r in rooms}
     assert {(f["low"], f["high"]) for f in floors} == {(0.0, 0.01), (7.0, 7.01)}
 
@@ -392,34 +390,30 @@ def flat(module_engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> str
     return module_engine.url.render_as_string(hide_password=False)
 
 
-def semmap(url: str, *words: str) -> Any:
+def answer(url: str, *words: str) -> Any:
     """What `semmap WORDS --json` answers."""
-    if "regions" not in {group.name for group in app.registered_groups}:
-        region_commands.register(app)
-    done = CliRunner().invoke(app, ["--db", url, *words, "--json"])
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
+    done = semmap(url, *words, "--json")
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout)
 
 
 def test_regions_by_command(flat: str) -> None:
-    tops = semmap(flat, "regions", "find", "surfaces", "--type", "table")
+    tops = answer(flat, "regions", "find", "surfaces", "--type", "table")
     assert [(t["name"], t["of"], t["area"], t["low"]) for t in tops] == [
         ("table_1_surface_1", "table_1", 0.8, 0.8),
         ("table_2_surface_1", "table_2", 0.8, 0.8),
     ]
-    (wet,) = semmap(flat, "regions", "draw", "wet", "--polygon", "0,0 1,0 1,1", "--type",
+    (wet,) = answer(flat, "regions", "draw", "wet", "--polygon", "0,0 1,0 1,1", "--type",
                     "blocked_region", "--holder", "kitchen", "--property", "until=2")  # fmt: skip
     assert (wet["area"], wet["high"], wet["type"]) == (0.5, 2.5, "blocked_region")
-    (home,) = semmap(flat, "regions", "draw", "home", "--box", "1,1,0,2,2,0.5", "--type",
+    (home,) = answer(flat, "regions", "draw", "home", "--box", "1,1,0,2,2,0.5", "--type",
                      "home_region")  # fmt: skip
     assert (home["of"], home["high"]) == (None, 0.5)
-    (floor,) = semmap(flat, "regions", "find", "floor", "--type", "room")
+    (floor,) = answer(flat, "regions", "find", "floor", "--type", "room")
     assert (floor["of"], floor["low"], floor["origin"]) == ("kitchen", 0.0, "walkable_floor")
-    (ring,) = semmap(flat, "regions", "find", "observation", "table_1", "--near", "0.3")
+    (ring,) = answer(flat, "regions", "find", "observation", "table_1", "--near", "0.3")
     assert (ring["holder"], ring["type"]) == ("table_1", "observation_area")
-    assert [r["name"] for r in semmap(flat, "regions", "ls")] == [
+    assert [r["name"] for r in answer(flat, "regions", "ls")] == [
         "home", "kitchen_floor", "table_1_observation", "table_1_surface_1", "table_2_surface_1",
         "wet",
     ]  # fmt: skip
@@ -444,4 +438,4 @@ def test_regions_by_command(flat: str) -> None:
 )
 def test_commands_that_cannot_be_done(flat: str, words: tuple[str, ...], says: str) -> None:
     with pytest.raises((ValueError, LookupError), match=says):
-        semmap(flat, "regions", *words)
+        answer(flat, "regions", *words)

@@ -3,45 +3,34 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 from sqlalchemy import Engine
-from typer.testing import CliRunner
 
-from navgrid.costmap_command import register
-from semmap import cli
 from semmap.ingest.importer import import_file
+from tests.command_line import semmap
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
 ROBOT, PARTS = OFFICE / "delivery_robot.urdf", OFFICE / "delivery_robot_parts.yaml"
 
 
 @pytest.fixture(scope="module")
-def office(module_engine: Engine) -> Iterator[typer.Typer]:
-    """The command, on a database that holds the office."""
+def office(module_engine: Engine) -> str:
+    """The URL of a database that holds the office."""
     for name in ("office_rooms.geojson", "office.sdf"):
         import_file(module_engine, OFFICE / name, map_name="office")
-    app = typer.Typer()
-    register(app)
-    app.command("other")(lambda: None)  # one command alone takes no name
-    before = cli.State.url
-    cli.State.url = module_engine.url.render_as_string(hide_password=False)
-    yield app
-    cli.State.url = before
+    return module_engine.url.render_as_string(hide_password=False)
 
 
-def run(app: typer.Typer, *words: object) -> Any:
-    said = [str(w) for w in ("costmap", "--robot", ROBOT, "--parts", PARTS, *words, "--json")]
-    done = CliRunner().invoke(app, said, catch_exceptions=False)
+def run(office: str, *words: object) -> Any:
+    done = semmap(office, "costmap", "--robot", ROBOT, "--parts", PARTS, *words, "--json")
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout)
 
 
-def test_a_folder_a_storey_with_all_that_nav2_loads(office: typer.Typer, tmp_path: Path) -> None:
+def test_a_folder_a_storey_with_all_that_nav2_loads(office: str, tmp_path: Path) -> None:
     written = run(office, "-o", tmp_path, "--resolution", "0.1", "--headings", "4")
     assert [w["storey"] for w in written] == ["floor-1st", "floor-3rd"]
     for said in written:
@@ -56,7 +45,7 @@ def test_a_folder_a_storey_with_all_that_nav2_loads(office: typer.Typer, tmp_pat
     assert "speed_mask" in written[1]["maps"]
 
 
-def test_joints_change_the_arm_and_its_costmap(office: typer.Typer, tmp_path: Path) -> None:
+def test_joints_change_the_arm_and_its_costmap(office: str, tmp_path: Path) -> None:
     near = ("-o", tmp_path, "--rooms", "lab2", "--no-picture")
     (ahead,) = run(office, *near)
     state = tmp_path / "state.json"
@@ -68,7 +57,7 @@ def test_joints_change_the_arm_and_its_costmap(office: typer.Typer, tmp_path: Pa
     assert down["lethal"] != ahead["lethal"], "now it meets the workbenches"
 
 
-def test_why(office: typer.Typer) -> None:
+def test_why(office: str) -> None:
     (said,) = run(office, "--why", "9.2,0.45", "--storey", "floor-3rd")
     assert said["cost"] == 254
     first = said["because"][0]
@@ -76,7 +65,7 @@ def test_why(office: typer.Typer) -> None:
     assert "desk4" in {name for b in said["because"] for name in b["entities"]}
 
 
-def test_a_box_of_the_storey(office: typer.Typer, tmp_path: Path) -> None:
+def test_a_box_of_the_storey(office: str, tmp_path: Path) -> None:
     (said,) = run(office, "-o", tmp_path, "--storey", "floor-3rd", "--box", "5,1,9,3",
                   "--no-picture")  # fmt: skip
     assert said["width"] * said["resolution"] < 4 + 2 * 1.3
@@ -100,7 +89,7 @@ def test_a_box_of_the_storey(office: typer.Typer, tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_done(
-    office: typer.Typer, words: tuple[str, ...], says: str, tmp_path: Path,
+    office: str, words: tuple[str, ...], says: str, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)

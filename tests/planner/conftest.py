@@ -6,32 +6,27 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import typer
 from sqlalchemy import Engine
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-import navgrid.commands
-import planner.commands
 from navgrid.robot_options import parts_of
 from planner.demo import office_files
 from planner.live import Live
 from planner.robot_class import RobotClass
-from semmap import cli
 from semmap.ingest.importer import import_file
+from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 
 
 class Commands:
-    """The commands of navgrid and planner on a database."""
+    """The command line on a database."""
 
-    def __init__(self) -> None:
-        self.app = typer.Typer()
-        navgrid.commands.register(self.app)
-        planner.commands.register(self.app)
+    def __init__(self, url: str) -> None:
+        self.url = url
 
-    def run(self, *arguments: object) -> Result:
+    def run(self, *words: object) -> Result:
         """What a command says; an error is raised."""
-        return CliRunner().invoke(self.app, [str(a) for a in arguments], catch_exceptions=False)
+        return semmap(self.url, *words)
 
 
 @pytest.fixture(scope="session")
@@ -48,11 +43,9 @@ def office_url(make_database: MakeDatabase) -> str:
 
 
 @pytest.fixture
-def commands(office_url: str) -> Iterator[Commands]:
-    """The commands, on the office."""
-    before, cli.State.url = cli.State.url, office_url
-    yield Commands()
-    cli.State.url = before
+def commands(office_url: str) -> Commands:
+    """The command line, on the office."""
+    return Commands(office_url)
 
 
 @pytest.fixture

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import Engine
-from typer.testing import CliRunner
 
-from semmap.cli import app, register_commands
 from semmap.ingest.importer import import_file
+from tests.command_line import semmap
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
@@ -27,8 +26,7 @@ def house(module_engine: Engine, worlds: Path) -> str:
 
 
 def ask(house: str, *words: str) -> list[dict[str, object]]:
-    register_commands()
-    done = CliRunner().invoke(app, ["--db", house, *words, "--json"])
+    done = semmap(house, *words, "--json")
     assert done.exit_code == 0, done.output
     rows: list[dict[str, object]] = json.loads(done.stdout)
     return rows
@@ -55,8 +53,7 @@ def test_what_is_on_the_kitchen_table(house: str) -> None:
 
 
 def test_how_to_get_from_the_bedroom_to_the_kitchen(house: str) -> None:
-    register_commands()
-    done = CliRunner().invoke(app, ["--db", house, "route", "bedroom", "kitchen", "--json"])
+    done = semmap(house, "route", "bedroom", "kitchen", "--json")
     assert done.exit_code == 0, done.output
     answer = json.loads(done.stdout)
     assert [d["name"] for d in answer["doors"]] == ["bedroom-door", "kitchen-door"]

@@ -7,36 +7,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 import yaml
 from PIL import Image
 from sqlalchemy import Engine, text
-from typer.testing import CliRunner
 
-import planner.exchange.commands
 from planner.demo import office_files
 from planner.exchange.stands import ExchangeError
 from planner.source.topology import read_topology
-from semmap import cli
 from semmap.database import connect
 from semmap.ingest.importer import import_file
+from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.planner.exchange.nav2_reader import read
 
 
 @pytest.fixture
-def topology(office_url: str, monkeypatch: pytest.MonkeyPatch) -> object:
-    monkeypatch.setattr(cli.State, "url", office_url)
-    app = typer.Typer()
-    planner.exchange.commands.register(app)
-    app.command("other")(lambda: None)  # with one command, typer takes no name
-
-    def run(*arguments: object) -> str:
-        return CliRunner().invoke(
-            app, ["topology", *(str(a) for a in arguments)], catch_exceptions=False
-        ).stdout  # fmt: skip
-
-    return run
+def topology(office_url: str) -> object:
+    return lambda *words: semmap(office_url, "topology", *words).stdout
 
 
 def test_each_ending_says_its_format(topology, tmp_path: Path) -> None:
@@ -73,18 +60,15 @@ def test_what_is_wrong_says_the_mend(topology, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_map_without_connectors_says_so(
-    topology, engine: Engine, database: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_map_without_connectors_says_so(engine: Engine, database: str, tmp_path: Path) -> None:
     path = tmp_path / "room.geojson"
     corners = [[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]
     geometry = {"type": "Polygon", "coordinates": [corners]}
     room = {"type": "Feature", "geometry": geometry, "properties": {"kind": "room"}}
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [room]}))
     import_file(engine, path)
-    monkeypatch.setattr(cli.State, "url", database)
     with pytest.raises(ExchangeError, match="the map room has no connectors: import"):
-        topology()
+        semmap(database, "topology")
 
 
 def test_the_route_graph_comes_back_as_it_went(

@@ -7,22 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from planner.mission import MissionError, commands
-from semmap import cli
+from planner.mission import MissionError
+from tests.command_line import semmap
 from tests.planner.mission.conftest import World
 
 
 class Commands:
-    def __init__(self, folder: Path) -> None:
-        self.app = typer.Typer()
-        commands.register(self.app)
+    def __init__(self, url: str, folder: Path) -> None:
+        self.url = url
         self.world = folder / "world"
 
     def run(self, *arguments: object) -> Result:
-        return CliRunner().invoke(self.app, [str(a) for a in arguments], catch_exceptions=False)
+        return semmap(self.url, *arguments)
 
     def simulate(self, *arguments: object) -> Result:
         return self.run(
@@ -31,9 +29,8 @@ class Commands:
 
 
 @pytest.fixture
-def said(world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Commands:
-    monkeypatch.setattr(cli.State, "url", world.url)
-    return Commands(tmp_path)
+def said(world: World, tmp_path: Path) -> Commands:
+    return Commands(world.url, tmp_path)
 
 
 def test_figure_4_is_driven_and_the_muffin_lies_on_desk1(said: Commands, world: World) -> None:

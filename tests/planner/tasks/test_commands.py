@@ -1,26 +1,16 @@
 import json
 
 import pytest
-import typer
-from typer.testing import CliRunner
 
-import planner.tasks.commands
 from planner.tasks import NoPlanError
-from semmap import cli
+from tests.command_line import semmap
 from tests.planner.tasks.test_domain_file import TIDY
 from tests.planner.tasks.test_plan import FIGURE_4
 
 
 @pytest.fixture
 def plan(office_url):
-    app = typer.Typer()
-    app.command("other")(lambda: None)
-    planner.tasks.commands.register(app)
-    before, cli.State.url = cli.State.url, office_url
-    yield lambda *said: CliRunner().invoke(
-        app, ["plan", *map(str, said)], catch_exceptions=False
-    ).stdout  # fmt: skip
-    cli.State.url = before
+    return lambda *said: semmap(office_url, "plan", *said).stdout
 
 
 def test_figure_4_comes_out_of_the_office_step_by_step(plan):

@@ -1,4 +1,4 @@
-"""What the planner adds to the command line: `semmap route`, `robot` and `demo`."""
+"""`semmap demo`: the main job, on the office or a world of one's own."""
 
 from __future__ import annotations
 
@@ -7,17 +7,9 @@ from typing import Annotated
 
 import typer
 
-from planner import robot_command, route_command
 from semmap import cli
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the planner's commands."""
-    route_command.register(app)
-    robot_command.register(app)
-    app.command("demo")(demo_command)
+__all__ = ["demo_command"]
 
 
 def demo_command(

@@ -1,0 +1,68 @@
+"""Commands of other packages are loaded when they are asked for."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint, entry_points
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from semmap import cli, commands
+
+HEAVY = ("scipy", "trimesh", "rdflib", "py_trees", "clingo", "networkx")
+
+
+def modules_loaded_by(*words: str) -> set[str]:
+    """The packages that a process has loaded once the command line is done."""
+    call = (
+        f"import sys; sys.argv = ['semmap', *{words!r}]; from semmap.cli import app\n"
+        "try: app()\n"
+        "finally: print('loaded', *{name.partition('.')[0] for name in sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", call], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("command", ["ls", "show", "sql", "maps", "changes"])
+def test_asking_the_map_loads_no_library_of_grids_and_plans(command: str) -> None:
+    assert not modules_loaded_by(command, "--help") & {*HEAVY, "navgrid", "planner"}
+
+
+def test_all_are_listed_each_with_its_help() -> None:
+    said = CliRunner().invoke(cli.app, ["--help"], env={"COLUMNS": "200"}).stdout
+    points = entry_points(group=commands.GROUP)
+    assert {"route", "plan", "costmap", "regions", "fields"} <= {point.name for point in points}
+    rows = [line.strip("│ ").split() for line in said.splitlines() if line.startswith("│")]
+    helps = {row[0]: row[1:] for row in rows if row}
+    for point in points:
+        assert len(helps[point.name]) > 3
+
+
+def test_of_a_typo_what_may_be_meant_is_said() -> None:
+    done = CliRunner().invoke(cli.app, ["topologie"])
+    assert done.exit_code == 2
+    assert "Did you mean 'topology'?" in done.output
+
+
+def test_a_package_adds_a_function_or_a_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    group = typer.Typer()
+    group.command("sing")(lambda: print("la"))
+    group.command("hum")(lambda: print("mm"))
+    added = {"shout": lambda: print("HA"), "voice": group, "odd": 7}
+    monkeypatch.setattr(EntryPoint, "load", lambda point: added[point.name])
+
+    def points(group: str, name: str | None = None) -> list[EntryPoint]:
+        return [EntryPoint(n, "there:it", group) for n in added if name in (None, n)]
+
+    monkeypatch.setattr(commands, "entry_points", points)
+    for words, says in (
+        (["shout"], "HA\n"),
+        (["voice", "sing"], "la\n"),
+        (["voice", "hum"], "mm\n"),
+    ):
+        assert CliRunner().invoke(cli.app, words, catch_exceptions=False).stdout == says
+    with pytest.raises(TypeError, match="odd is 7, neither a function nor"):
+        CliRunner().invoke(cli.app, ["odd"], catch_exceptions=False)
