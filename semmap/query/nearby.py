@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from sqlalchemy import Double, Select, bindparam, func, select
 from sqlalchemy.orm import Session
 from sqlalchemy.types import Text
@@ -12,6 +14,7 @@ __all__ = ["FAR", "NEAR", "nearest_of_type", "of_type_near"]
 
 Point = tuple[float, float, float]
 
+EVERYWHERE = 1e9
 CLOSE = 10.0
 """Within so many metres the spatial index is where to begin, whatever the type."""
 
@@ -22,8 +25,9 @@ def _statement(*, planned_once: bool) -> Select[Entity]:
     Parameters
     ----------
     planned_once : hide the place from the planner, in a subquery, so that one plan serves all.
-        Else it is written into the statement: each is planned by how much lies there, which takes
-        as long as a near answer does, and begins with a rare type where the place is wide.
+        Else it is written into the statement (`float` made its numbers): each is planned by how
+        much lies there, which takes as long as a near answer does, and begins with a rare type
+        where the place is wide.
     """
     x, y, z, reach = (
         bindparam(name, type_=Double, literal_execute=not planned_once)
@@ -54,10 +58,18 @@ def of_type_near(session: Session, type_: str, point: Point, distance: float) ->
     """Entities of the current map, of a type or its subtypes, within `distance` metres of a point.
 
     The distance is to the entity's 3D box, in the map's frame; the nearest come first.
+
+    Raises
+    ------
+    ValueError
+        A coordinate that is no finite number, or a distance that is none; infinity is all there is.
     """
-    x, y, z = point
-    asked = {"type": type_, "x": x, "y": y, "z": z, "distance": distance}
-    return list(session.scalars(NEAR if distance <= CLOSE else FAR, asked))
+    x, y, z = (round(float(value), 9) for value in point)  # a square of less would underflow
+    reach = min(float(distance), EVERYWHERE)
+    if not all(map(math.isfinite, (x, y, z, reach))):
+        raise ValueError(f"near {point}, {distance} m: give finite numbers, metres")
+    asked = {"type": type_, "x": x, "y": y, "z": z, "distance": reach}
+    return list(session.scalars(NEAR if reach <= CLOSE else FAR, asked))
 
 
 def nearest_of_type(session: Session, type_: str, point: Point, count: int = 1) -> list[Entity]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from sqlalchemy import Engine, text
@@ -10,6 +12,8 @@ from sqlalchemy.orm import Session
 from semmap.query.nearby import FAR, nearest_of_type, of_type_near
 
 COUNT = 20_000
+PREPARED_AFTER = 5
+"""Times that psycopg asks before it prepares."""
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +77,27 @@ def test_far_from_everything_there_is_still_a_nearest(hall: Engine) -> None:
         assert nearest_of_type(session, "region", (0, 0, 0)) == []
 
 
+@pytest.mark.parametrize("distance", [3.0, 50.0])
+def test_numbers_of_every_kind_are_taken_and_nothing_else(hall: Engine, distance: float) -> None:
+    with Session(hall) as session:
+        expected = [e.id for e in of_type_near(session, "hall_ware", (50.0, 50.0, 5.0), distance)]
+        for kind in (int, np.float32, np.float64, np.int64):
+            point = (kind(50), kind(50), kind(5))
+            assert [e.id for e in of_type_near(session, "hall_ware", point, kind(distance))] == (
+                expected
+            )
+        for odd in (5e-324, -0.0, -1e-300):
+            near = of_type_near(session, "hall_ware", (odd, odd, odd), distance)
+            assert near == of_type_near(session, "hall_ware", (0.0, 0.0, 0.0), distance)
+        assert of_type_near(session, "hall_ware", (1e20, 0, 0), distance) == []
+        for wrong in (math.nan, math.inf, "(SELECT 1)", "0); DROP TABLE map; --"):
+            with pytest.raises(ValueError, match=r"finite|could not convert"):
+                of_type_near(session, "hall_ware", (wrong, 0.0, 0.0), distance)
+        with pytest.raises(ValueError, match="finite"):
+            of_type_near(session, "hall_ware", (0.0, 0.0, 0.0), math.nan)
+        assert len(of_type_near(session, "hall_ware", (0.0, 0.0, 0.0), math.inf)) == COUNT // 2
+
+
 def test_one_plan_on_the_index_serves_all_places(hall: Engine) -> None:
     """PostgreSQL plans a prepared statement five times, then keeps a plan unless it looks dear."""
     with Session(hall) as session:
@@ -98,8 +123,13 @@ def test_what_is_rare_and_far_is_not_sought_place_by_place(hall: Engine) -> None
         for i in range(12):
             (relic,) = nearest_of_type(session, "hall_relic", (40.0 + i, 50.0, 5.0))
             assert relic.name == "relic"
-        kept = session.scalars(text("SELECT statement FROM pg_prepared_statements")).all()
-        assert not [statement for statement in kept if "&& semmap.around" in statement]
+        kept = session.execute(
+            text("SELECT statement, generic_plans + custom_plans FROM pg_prepared_statements "
+                 "WHERE statement LIKE '%box_distance%'")
+        ).all()  # fmt: skip
+        # at 1 and 4 metres, and no farther
+        assert [asked for _, asked in kept] == [24 - PREPARED_AFTER]
+        assert "&& (SELECT" in kept[0][0]
 
         asked = {"type": "hall_relic", "x": 50.0, "y": 50.0, "z": 5.0, "distance": 90.0}
         statement = FAR.params(asked).compile(
