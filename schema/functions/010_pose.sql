@@ -26,7 +26,7 @@ BEGIN
     IF a[4] = 0 AND a[5] = 0 AND a[6] = 0 THEN
         RETURN ARRAY[a[1] + b[1], a[2] + b[2], a[3] + b[3], b[4], b[5], b[6], b[7]];
     END IF;
-    t := pose_rotate(a, b[1], b[2], b[3]);
+    t := semmap.pose_rotate(a, b[1], b[2], b[3]);
     x := a[7]*b[4] + a[4]*b[7] + a[5]*b[6] - a[6]*b[5];
     y := a[7]*b[5] - a[4]*b[6] + a[5]*b[7] + a[6]*b[4];
     z := a[7]*b[6] + a[4]*b[5] - a[5]*b[4] + a[6]*b[7];
@@ -40,7 +40,7 @@ RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
 -- The outer frame, in the frame a.
 DECLARE
     conjugate double precision[] := ARRAY[0, 0, 0, -a[4], -a[5], -a[6], a[7]];
-    t double precision[] := pose_rotate(conjugate, -a[1], -a[2], -a[3]);
+    t double precision[] := semmap.pose_rotate(conjugate, -a[1], -a[2], -a[3]);
 BEGIN
     RETURN t || conjugate[4:7];
 END $$;

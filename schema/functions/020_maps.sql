@@ -16,13 +16,13 @@ END $$;
 CREATE FUNCTION entity_id(entity_name text)
 RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- The id of the entity of that name in the current map.
-SELECT id FROM entity WHERE map_id = current_map() AND name = entity_name
+SELECT id FROM semmap.entity WHERE map_id = semmap.current_map() AND name = entity_name
 $$;
 
 CREATE FUNCTION drop_map(map_name text)
-RETURNS bigint LANGUAGE plpgsql AS $$
--- Deletes a map and all that is in it, table by table; returns the number of entities. Meshes that
--- no entity of another map uses go, too.
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+-- Deletes a map and all that is in it, what triggers keep among it, table by table; returns the number
+-- of entities. Meshes that no entity of another map uses go, too. For admins (roles.sql).
 DECLARE
     gone integer;
     n bigint;
@@ -50,7 +50,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION drop_unused_models()
-RETURNS bigint LANGUAGE plpgsql AS $$
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
 -- Deletes the meshes that no entity has; returns how many.
 DECLARE
     n bigint;

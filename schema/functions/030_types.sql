@@ -2,14 +2,14 @@
 
 CREATE FUNCTION supertypes(of_type text, of_kind text)
 RETURNS SETOF text LANGUAGE sql STABLE AS $$
-SELECT super FROM type_closure WHERE sub = of_type
-UNION SELECT super FROM type_closure WHERE sub = of_kind
+SELECT super FROM semmap.type_closure WHERE sub = of_type
+UNION SELECT super FROM semmap.type_closure WHERE sub = of_kind
 $$;
 
 CREATE FUNCTION subtypes(of_type text)
 RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- A type and all that it subsumes, as an array: e.type = ANY (subtypes('table')).
-SELECT array_agg(sub) FROM type_closure WHERE super = of_type
+SELECT array_agg(sub) FROM semmap.type_closure WHERE super = of_type
 $$;
 
 CREATE FUNCTION refresh_type_closure()

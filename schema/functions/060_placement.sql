@@ -61,9 +61,9 @@ CREATE FUNCTION holders_of(ids bigint[])
 RETURNS SETOF bigint LANGUAGE sql STABLE AS $$
 -- The chain of holders above the given entities, up to the map.
 WITH RECURSIVE up (id) AS (
-    SELECT holder_id FROM placement WHERE entity_id = ANY (ids) AND holder_id IS NOT NULL
+    SELECT holder_id FROM semmap.placement WHERE entity_id = ANY (ids) AND holder_id IS NOT NULL
   UNION
-    SELECT p.holder_id FROM up JOIN placement p ON p.entity_id = up.id WHERE p.holder_id IS NOT NULL)
+    SELECT p.holder_id FROM up JOIN semmap.placement p ON p.entity_id = up.id WHERE p.holder_id IS NOT NULL)
 SELECT id FROM up
 $$;
 
@@ -71,8 +71,8 @@ CREATE FUNCTION lock_holders(ids bigint[])
 RETURNS void LANGUAGE sql AS $$
 -- Nobody moves a holder while something is put into it: else the world would be computed from a
 -- pose that is already a former one.
-SELECT FROM placement
-WHERE entity_id IN (SELECT holders_of(ids)) AND NOT entity_id = ANY (ids[1:1000])
+SELECT FROM semmap.placement
+WHERE entity_id IN (SELECT semmap.holders_of(ids)) AND NOT entity_id = ANY (ids[1:1000])
 ORDER BY entity_id FOR SHARE
 $$;
 
@@ -82,25 +82,25 @@ DECLARE
     wrong text;
 BEGIN
     SELECT e.name INTO wrong
-    FROM placement p JOIN entity e ON e.id = p.entity_id JOIN entity h ON h.id = p.holder_id
+    FROM semmap.placement p JOIN semmap.entity e ON e.id = p.entity_id JOIN semmap.entity h ON h.id = p.holder_id
     WHERE p.entity_id = ANY (ids) AND h.map_id <> e.map_id LIMIT 1;
     IF wrong IS NOT NULL THEN
         RAISE EXCEPTION 'the holder of % is in another map', wrong
             USING ERRCODE = 'check_violation', HINT = 'A holder is an entity of the same map.';
     END IF;
     SELECT e.name INTO wrong
-    FROM placement p JOIN entity e ON e.id = p.entity_id LEFT JOIN placement h ON h.entity_id = p.holder_id
+    FROM semmap.placement p JOIN semmap.entity e ON e.id = p.entity_id LEFT JOIN semmap.placement h ON h.entity_id = p.holder_id
     WHERE p.entity_id = ANY (ids) AND p.holder_id IS NOT NULL AND h.entity_id IS NULL LIMIT 1;
     IF wrong IS NOT NULL THEN
         RAISE EXCEPTION 'the holder of % has no placement', wrong
             USING ERRCODE = 'check_violation', HINT = 'Place the holder first.';
     END IF;
     WITH RECURSIVE up (start, id) AS (
-        SELECT entity_id, holder_id FROM placement WHERE entity_id = ANY (ids) AND holder_id IS NOT NULL
+        SELECT entity_id, holder_id FROM semmap.placement WHERE entity_id = ANY (ids) AND holder_id IS NOT NULL
       UNION
-        SELECT up.start, p.holder_id FROM up JOIN placement p ON p.entity_id = up.id
+        SELECT up.start, p.holder_id FROM up JOIN semmap.placement p ON p.entity_id = up.id
         WHERE p.holder_id IS NOT NULL AND up.id <> up.start)
-    SELECT e.name INTO wrong FROM up JOIN entity e ON e.id = up.start WHERE up.id = up.start LIMIT 1;
+    SELECT e.name INTO wrong FROM up JOIN semmap.entity e ON e.id = up.start WHERE up.id = up.start LIMIT 1;
     IF wrong IS NOT NULL THEN
         RAISE EXCEPTION '% would hold itself', wrong
             USING ERRCODE = 'check_violation', HINT = 'A holder must not stand in what it holds.';
@@ -189,22 +189,32 @@ CREATE TRIGGER placement_deleted AFTER DELETE ON placement REFERENCING OLD TABLE
     FOR EACH STATEMENT EXECUTE FUNCTION placement_deleted();
 
 CREATE FUNCTION put(thing bigint, into_holder bigint, how text DEFAULT 'in', sure double precision DEFAULT NULL)
-RETURNS void LANGUAGE sql AS $$
+RETURNS void LANGUAGE plpgsql AS $$
 -- Another holder, at the same place in the world (null: the map itself).
-UPDATE placement p
+BEGIN
+UPDATE semmap.placement p
 SET holder_id = into_holder, relation = how, confidence = sure,
     pose = CASE WHEN into_holder IS NULL THEN w.pose
-                ELSE pose_compose(pose_inverse((SELECT h.pose FROM world h WHERE h.entity_id = into_holder)), w.pose) END
-FROM world w
-WHERE p.entity_id = thing AND w.entity_id = thing
-$$;
+                ELSE semmap.pose_compose(semmap.pose_inverse((SELECT h.pose FROM semmap.world h WHERE h.entity_id = into_holder)), w.pose) END
+FROM semmap.world w
+WHERE p.entity_id = thing AND w.entity_id = thing;
+IF NOT FOUND THEN
+    RAISE EXCEPTION 'entity % is not put anywhere: it has no placement, or you may not move it', thing
+        USING ERRCODE = 'insufficient_privilege', HINT = 'A robot moves objects, regions and agents.';
+END IF;
+END $$;
 
 CREATE FUNCTION move_to(thing bigint, x double precision, y double precision, z double precision, yaw double precision DEFAULT NULL)
-RETURNS void LANGUAGE sql AS $$
+RETURNS void LANGUAGE plpgsql AS $$
 -- To a place in the map's frame, in the hands of the same holder; what it holds comes along.
-UPDATE placement p
+BEGIN
+UPDATE semmap.placement p
 SET pose = CASE WHEN p.holder_id IS NULL THEN target
-                ELSE pose_compose(pose_inverse((SELECT h.pose FROM world h WHERE h.entity_id = p.holder_id)), target) END
-FROM world w, LATERAL (SELECT CASE WHEN yaw IS NULL THEN ARRAY[x, y, z] || w.pose[4:7] ELSE planar_pose(x, y, yaw, z) END) t (target)
-WHERE p.entity_id = thing AND w.entity_id = thing
-$$;
+                ELSE semmap.pose_compose(semmap.pose_inverse((SELECT h.pose FROM semmap.world h WHERE h.entity_id = p.holder_id)), target) END
+FROM semmap.world w, LATERAL (SELECT CASE WHEN yaw IS NULL THEN ARRAY[x, y, z] || w.pose[4:7] ELSE semmap.planar_pose(x, y, yaw, z) END) t (target)
+WHERE p.entity_id = thing AND w.entity_id = thing;
+IF NOT FOUND THEN
+    RAISE EXCEPTION 'entity % is not moved: it has no placement, or you may not move it', thing
+        USING ERRCODE = 'insufficient_privilege', HINT = 'A robot moves objects, regions and agents.';
+END IF;
+END $$;

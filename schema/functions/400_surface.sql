@@ -40,15 +40,15 @@ RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- The surface of a model without faces, in its own frame: its outline from the lowest to the highest
 -- point of its hull, else the corners of the hull.
 SELECT CASE WHEN outline IS NULL THEN hull
-            WHEN ST_ZMax(hull) > ST_ZMin(hull) THEN prism_tin(outline, ST_ZMin(hull), ST_ZMax(hull))
+            WHEN ST_ZMax(hull) > ST_ZMin(hull) THEN semmap.prism_tin(outline, ST_ZMin(hull), ST_ZMax(hull))
             ELSE ST_Force3DZ(outline, ST_ZMin(hull)) END
-FROM model WHERE id = of_model
+FROM semmap.model WHERE id = of_model
 $$;
 
 CREATE FUNCTION is_nowhere(thing bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- Whether an entity is a storey, elevator or room without geometry: its pose is a frame, not a place.
-SELECT EXISTS (SELECT FROM entity e JOIN world w ON w.entity_id = e.id
+SELECT EXISTS (SELECT FROM semmap.entity e JOIN semmap.world w ON w.entity_id = e.id
                WHERE e.id = thing AND e.kind IN ('storey', 'elevator', 'room') AND w.footprint IS NULL)
 $$;
 
@@ -68,24 +68,24 @@ DECLARE
     local geometry;
     shaped boolean;
 BEGIN
-    SELECT w.pose, w.footprint IS NOT NULL INTO at_pose, shaped FROM world w WHERE w.entity_id = thing;
+    SELECT w.pose, w.footprint IS NOT NULL INTO at_pose, shaped FROM semmap.world w WHERE w.entity_id = thing;
     IF NOT shaped THEN
         RETURN QUERY SELECT p FROM ST_MakePoint(at_pose[1], at_pose[2], at_pose[3]) p
-            WHERE p &&& zone AND NOT is_nowhere(thing);
+            WHERE p &&& zone AND NOT semmap.is_nowhere(thing);
         RETURN;
     END IF;
-    local := pose_apply(box_corners(zone), pose_inverse(at_pose));
+    local := semmap.pose_apply(semmap.box_corners(zone), semmap.pose_inverse(at_pose));
     RETURN QUERY
         WITH patch AS (
-            SELECT c.geom FROM entity_chunk ec JOIN chunk c ON c.id = ec.chunk_id
+            SELECT c.geom FROM semmap.entity_chunk ec JOIN semmap.chunk c ON c.id = ec.chunk_id
             WHERE ec.entity_id = thing AND c.geom &&& local
           UNION ALL
-            SELECT drawn_surface(em.model_id) FROM entity_model em
-            WHERE em.entity_id = thing AND NOT EXISTS (SELECT FROM chunk c WHERE c.model_id = em.model_id)
+            SELECT semmap.drawn_surface(em.model_id) FROM semmap.entity_model em
+            WHERE em.entity_id = thing AND NOT EXISTS (SELECT FROM semmap.chunk c WHERE c.model_id = em.model_id)
         )
         SELECT placed.geom
         FROM patch CROSS JOIN LATERAL ST_Dump(patch.geom) part
-        CROSS JOIN LATERAL (SELECT pose_apply(part.geom, at_pose) OFFSET 0) placed (geom)
+        CROSS JOIN LATERAL (SELECT semmap.pose_apply(part.geom, at_pose) OFFSET 0) placed (geom)
         WHERE part.geom &&& local AND placed.geom &&& zone;
 END $$;
 
@@ -99,8 +99,8 @@ CREATE FUNCTION is_held_by(a bigint, b bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- b is the holder of a, or holds its holder, and so on: what the placements say, whatever the geometry.
 WITH RECURSIVE up (id) AS (
-    SELECT holder_id FROM placement WHERE entity_id = a
+    SELECT holder_id FROM semmap.placement WHERE entity_id = a
   UNION
-    SELECT p.holder_id FROM up JOIN placement p ON p.entity_id = up.id)
+    SELECT p.holder_id FROM up JOIN semmap.placement p ON p.entity_id = up.id)
 SELECT EXISTS (SELECT FROM up WHERE id = b)
 $$;

@@ -17,17 +17,17 @@ BEGIN
         RETURN false;
     END IF;
     IF n < m THEN
-        RETURN patches_meet(of_b, of_a, reach);
+        RETURN semmap.patches_meet(of_b, of_a, reach);
     END IF;
     SELECT ST_3DExtent(p) INTO box_a FROM unnest(of_a) p;
     SELECT ST_3DExtent(p) INTO box_b FROM unnest(of_b) p;
-    IF box_gap(box_a, box_b) > reach THEN
+    IF semmap.box_gap(box_a, box_b) > reach THEN
         RETURN false;
-    ELSIF box_reach(box_a, box_b) <= reach THEN
+    ELSIF semmap.box_reach(box_a, box_b) <= reach THEN
         RETURN true;
     ELSIF n::bigint * m <= 400 OR n <= 16 THEN
         RETURN EXISTS (
-            SELECT FROM unnest(of_b) q CROSS JOIN LATERAL (SELECT grown(q, reach) OFFSET 0) near (zone)
+            SELECT FROM unnest(of_b) q CROSS JOIN LATERAL (SELECT semmap.grown(q, reach) OFFSET 0) near (zone)
             CROSS JOIN unnest(of_a) p
             WHERE p &&& near.zone AND ST_3DDWithin(p, q, reach));
     END IF;
@@ -39,8 +39,8 @@ BEGIN
         INTO of_a FROM unnest(of_a) p;
     FOR side IN 0..1 LOOP
         half := CASE side WHEN 0 THEN of_a[:n / 2] ELSE of_a[n / 2 + 1:] END;
-        SELECT grown(ST_3DExtent(p), reach) INTO zone FROM unnest(half) p;
-        IF patches_meet(half, ARRAY(SELECT q FROM unnest(of_b) q WHERE q &&& zone), reach) THEN
+        SELECT semmap.grown(ST_3DExtent(p), reach) INTO zone FROM unnest(half) p;
+        IF semmap.patches_meet(half, ARRAY(SELECT q FROM unnest(of_b) q WHERE q &&& zone), reach) THEN
             RETURN true;
         END IF;
     END LOOP;
@@ -56,33 +56,33 @@ DECLARE
     of_a geometry[];
     of_b geometry[];
 BEGIN
-    SELECT wa.box, wb.box INTO box_a, box_b FROM world wa JOIN world wb ON wb.map_id = wa.map_id
+    SELECT wa.box, wb.box INTO box_a, box_b FROM semmap.world wa JOIN semmap.world wb ON wb.map_id = wa.map_id
         WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b;
-    IF NOT FOUND OR box_gap(box_a, box_b) > reach THEN
+    IF NOT FOUND OR semmap.box_gap(box_a, box_b) > reach THEN
         RETURN false;
-    ELSIF box_reach(box_a, box_b) <= reach AND NOT is_nowhere(a) AND NOT is_nowhere(b) THEN
+    ELSIF semmap.box_reach(box_a, box_b) <= reach AND NOT semmap.is_nowhere(a) AND NOT semmap.is_nowhere(b) THEN
         RETURN true;
     END IF;
-    of_a := ARRAY(SELECT surface_within(a, grown(box_b, reach)));
+    of_a := ARRAY(SELECT semmap.surface_within(a, semmap.grown(box_b, reach)));
     IF of_a = '{}' THEN
         RETURN false;
     END IF;
     SELECT ST_3DExtent(p) INTO box_a FROM unnest(of_a) p;
-    of_b := ARRAY(SELECT surface_within(b, grown(box_a, reach)));
-    RETURN patches_meet(of_a, of_b, reach);
+    of_b := ARRAY(SELECT semmap.surface_within(b, semmap.grown(box_a, reach)));
+    RETURN semmap.patches_meet(of_a, of_b, reach);
 END $$;
 
 CREATE FUNCTION is_touching(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 10000 AS $$
 -- The surfaces of a and b are at most `tolerance` metres apart, anywhere, or pass through each other.
 -- What lies free inside of a thing does not touch it. Symmetric; needs no frame.
-SELECT surfaces_meet(a, b, tolerance)
+SELECT semmap.surfaces_meet(a, b, tolerance)
 $$;
 
 CREATE FUNCTION is_space(thing bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- Whether an entity is a room or a region: a piece of space rather than a body.
-SELECT EXISTS (SELECT FROM entity WHERE id = thing AND kind IN ('room', 'region'))
+SELECT EXISTS (SELECT FROM semmap.entity WHERE id = thing AND kind IN ('room', 'region'))
 $$;
 
 CREATE FUNCTION is_near(a bigint, b bigint, distance double precision)

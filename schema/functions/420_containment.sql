@@ -24,22 +24,22 @@ RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE AS $$
 SELECT coalesce(
     w.pose[3] + r.ceiling,
     CASE WHEN ST_ZMax(w.box) > w.pose[3] + r.floor + 0.1 THEN ST_ZMax(w.box) END,
-    (SELECT sw.pose[3] + s.height FROM storey s JOIN world sw ON sw.entity_id = s.entity_id
+    (SELECT sw.pose[3] + s.height FROM semmap.storey s JOIN semmap.world sw ON sw.entity_id = s.entity_id
      WHERE s.entity_id = w.storey_id),
-    (SELECT min(sw.pose[3]) FROM storey s JOIN world sw ON sw.entity_id = s.entity_id
+    (SELECT min(sw.pose[3]) FROM semmap.storey s JOIN semmap.world sw ON sw.entity_id = s.entity_id
      WHERE sw.map_id = w.map_id AND sw.pose[3] > w.pose[3] + r.floor + 0.1),
     'Infinity')
-FROM room r JOIN world w ON w.entity_id = r.entity_id WHERE r.entity_id = place
+FROM semmap.room r JOIN semmap.world w ON w.entity_id = r.entity_id WHERE r.entity_id = place
 $$;
 
 CREATE FUNCTION level_hull(thing bigint, heading double precision)
 RETURNS box3d LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- The 3D box of an entity in the map's frame turned by `heading` about z.
 SELECT coalesce(
-    (SELECT ST_3DExtent(ST_RotateZ(pose_apply(m.hull, w.pose), -heading))
-     FROM entity_model em JOIN model m ON m.id = em.model_id WHERE em.entity_id = thing),
+    (SELECT ST_3DExtent(ST_RotateZ(semmap.pose_apply(m.hull, w.pose), -heading))
+     FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing),
     Box3D(ST_RotateZ(ST_MakePoint(w.pose[1], w.pose[2], w.pose[3]), -heading)))
-FROM world w WHERE w.entity_id = thing
+FROM semmap.world w WHERE w.entity_id = thing
 $$;
 
 CREATE FUNCTION is_enclosed_by(a bigint, b bigint, tolerance double precision)
@@ -51,9 +51,9 @@ RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
 -- its bottom at least, downwards from `tolerance` above its bottom. So a table top bears, but does not
 -- enclose, what has sunk a little into it, and its legs do not enclose what stands between them.
 DECLARE
-    heading double precision := (SELECT pose_yaw(w.pose) FROM world w WHERE w.entity_id = b);
-    of_a box3d := level_hull(a, heading);
-    of_b box3d := level_hull(b, heading);
+    heading double precision := (SELECT semmap.pose_yaw(w.pose) FROM semmap.world w WHERE w.entity_id = b);
+    of_a box3d := semmap.level_hull(a, heading);
+    of_b box3d := semmap.level_hull(b, heading);
     middle double precision := greatest((ST_ZMin(of_a) + ST_ZMax(of_a)) / 2, ST_ZMin(of_a) + tolerance);
     top double precision := greatest(ST_ZMax(of_a), ST_ZMin(of_a) + tolerance);
     rays geometry[];
@@ -61,12 +61,12 @@ DECLARE
     hit boolean[];
     seen boolean[];
 BEGIN
-    IF least(height_share(ST_XMin(of_a), ST_XMax(of_a), ST_XMin(of_b), ST_XMax(of_b)),
-             height_share(ST_YMin(of_a), ST_YMax(of_a), ST_YMin(of_b), ST_YMax(of_b)),
-             height_share(ST_ZMin(of_a), ST_ZMax(of_a), ST_ZMin(of_b), ST_ZMax(of_b))) <= 0
-       OR height_share(ST_XMin(of_a), ST_XMax(of_a), ST_XMin(of_b), ST_XMax(of_b))
-        * height_share(ST_YMin(of_a), ST_YMax(of_a), ST_YMin(of_b), ST_YMax(of_b))
-        * height_share(ST_ZMin(of_a), ST_ZMax(of_a), ST_ZMin(of_b), ST_ZMax(of_b)) <= 0.5 THEN
+    IF least(semmap.height_share(ST_XMin(of_a), ST_XMax(of_a), ST_XMin(of_b), ST_XMax(of_b)),
+             semmap.height_share(ST_YMin(of_a), ST_YMax(of_a), ST_YMin(of_b), ST_YMax(of_b)),
+             semmap.height_share(ST_ZMin(of_a), ST_ZMax(of_a), ST_ZMin(of_b), ST_ZMax(of_b))) <= 0
+       OR semmap.height_share(ST_XMin(of_a), ST_XMax(of_a), ST_XMin(of_b), ST_XMax(of_b))
+        * semmap.height_share(ST_YMin(of_a), ST_YMax(of_a), ST_YMin(of_b), ST_YMax(of_b))
+        * semmap.height_share(ST_ZMin(of_a), ST_ZMax(of_a), ST_ZMin(of_b), ST_ZMax(of_b)) <= 0.5 THEN
         RETURN false;
     END IF;
 
@@ -82,8 +82,8 @@ BEGIN
         (4, ST_MakeLine(ST_MakePoint(x, y, middle), ST_MakePoint(ST_XMax(of_b) + 1, y, middle))),
         (5, ST_MakeLine(ST_MakePoint(x, y, middle), ST_MakePoint(x, ST_YMin(of_b) - 1, middle))),
         (6, ST_MakeLine(ST_MakePoint(x, y, middle), ST_MakePoint(x, ST_YMax(of_b) + 1, middle)))) r (direction, ray);
-    sides := ARRAY(SELECT surface_within(b, ST_Collect(rays[1:10]))
-                   UNION ALL SELECT surface_within(b, ST_Collect(rays[11:30])));
+    sides := ARRAY(SELECT semmap.surface_within(b, ST_Collect(rays[1:10]))
+                   UNION ALL SELECT semmap.surface_within(b, ST_Collect(rays[11:30])));
     SELECT array_agg(EXISTS (SELECT FROM unnest(sides) s WHERE s &&& ray AND ST_3DDWithin(s, ray, 1e-6)) ORDER BY n)
         INTO hit FROM unnest(rays) WITH ORDINALITY r (ray, n);
     SELECT array_agg(count >= 3 ORDER BY direction) INTO seen
@@ -158,12 +158,12 @@ DECLARE
     lowest geometry[];
     flat geometry;
 BEGIN
-    SELECT w.box INTO box FROM world w WHERE w.entity_id = thing;
+    SELECT w.box INTO box FROM semmap.world w WHERE w.entity_id = thing;
     bottom := ST_ZMin(box);
-    lowest := ARRAY(SELECT surface_within(thing, ST_MakeLine(
+    lowest := ARRAY(SELECT semmap.surface_within(thing, ST_MakeLine(
         ST_MakePoint(ST_XMin(box) - 1, ST_YMin(box) - 1, bottom - thickness),
         ST_MakePoint(ST_XMax(box) + 1, ST_YMax(box) + 1, bottom + thickness))));
-    SELECT ST_Union(level_patch(p, bottom - thickness, bottom + thickness)) INTO flat FROM unnest(lowest) p;
+    SELECT ST_Union(semmap.level_patch(p, bottom - thickness, bottom + thickness)) INTO flat FROM unnest(lowest) p;
     IF flat IS NULL OR ST_Area(flat) < 1e-8 THEN
         SELECT ST_Union(ST_Buffer(ST_Force2D(ST_Points(CASE ST_Dimension(p) WHEN 0 THEN p
                    ELSE ST_LocateBetweenElevations(p, bottom - thickness, bottom + thickness) END)), 0.001, 2))

@@ -16,11 +16,11 @@ RETURNS TABLE (spot integer, low double precision, high double precision) LANGUA
 -- The lowest and the highest point of an entity's surface on the vertical line through each of the spots
 -- that has any.
 DECLARE
-    box box3d := (SELECT w.box FROM world w WHERE w.entity_id = thing);
+    box box3d := (SELECT w.box FROM semmap.world w WHERE w.entity_id = thing);
     bottom double precision := ST_ZMin(box) - 1;
     top double precision := ST_ZMax(box) + 1;
     extent box3d := (SELECT ST_3DExtent(s) FROM unnest(spots) s);
-    patches geometry[] := ARRAY(SELECT surface_within(thing, ST_MakeLine(
+    patches geometry[] := ARRAY(SELECT semmap.surface_within(thing, ST_MakeLine(
         ST_MakePoint(ST_XMin(extent), ST_YMin(extent), bottom), ST_MakePoint(ST_XMax(extent), ST_YMax(extent), top))));
 BEGIN
     RETURN QUERY
@@ -66,5 +66,5 @@ END $$;
 CREATE FUNCTION is_under(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 10000 AS $$
 -- b is over a: see is_above. A ball between the legs of a table is under it, and so is the floor.
-SELECT is_above(b, a, tolerance)
+SELECT semmap.is_above(b, a, tolerance)
 $$;

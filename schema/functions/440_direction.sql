@@ -9,8 +9,8 @@
 CREATE FUNCTION middle(thing bigint)
 RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- The centroid of an entity's footprint; without geometry, the point where it is.
-SELECT ST_Centroid(ground_of(w))
-FROM world w WHERE w.entity_id = thing
+SELECT ST_Centroid(semmap.ground_of(w))
+FROM semmap.world w WHERE w.entity_id = thing
 $$;
 
 CREATE FUNCTION side_of(a bigint, b bigint, front double precision, leftward double precision, side text)
@@ -24,13 +24,13 @@ SELECT coalesce((
                      WHEN 'behind' THEN ahead < 0 AND -ahead >= abs(left_out)
                      WHEN 'left' THEN left_out > 0 AND left_out >= abs(ahead)
                      WHEN 'right' THEN left_out < 0 AND -left_out >= abs(ahead) END
-    FROM world wa JOIN world wb ON wb.map_id = wa.map_id AND same_storey(wa.storey_id, wb.storey_id)
-    CROSS JOIN LATERAL (SELECT ground_of(wb)) f (ground)
-    CROSS JOIN LATERAL (SELECT ST_Rotate(f.ground, -front), ST_Rotate(middle(a), -front) OFFSET 0) t (ground, spot)
+    FROM semmap.world wa JOIN semmap.world wb ON wb.map_id = wa.map_id AND semmap.same_storey(wa.storey_id, wb.storey_id)
+    CROSS JOIN LATERAL (SELECT semmap.ground_of(wb)) f (ground)
+    CROSS JOIN LATERAL (SELECT ST_Rotate(f.ground, -front), ST_Rotate(semmap.middle(a), -front) OFFSET 0) t (ground, spot)
     CROSS JOIN LATERAL (SELECT ST_X(t.spot) - least(greatest(ST_X(t.spot), ST_XMin(t.ground)), ST_XMax(t.ground)),
                                sign(sin(leftward - front)) * (ST_Y(t.spot) - least(
                                    greatest(ST_Y(t.spot), ST_YMin(t.ground)), ST_YMax(t.ground)))) o (ahead, left_out)
-    WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b AND NOT is_nowhere(a) AND NOT is_nowhere(b)), false)
+    WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b AND NOT semmap.is_nowhere(a) AND NOT semmap.is_nowhere(b)), false)
 $$;
 
 CREATE FUNCTION side_in_frame(a bigint, b bigint, frame text, side text)
@@ -68,77 +68,77 @@ END $$;
 CREATE FUNCTION is_left_of(a bigint, b bigint, frame text DEFAULT 'object')
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is left of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT side_in_frame(a, b, frame, 'left')
+SELECT semmap.side_in_frame(a, b, frame, 'left')
 $$;
 
 CREATE FUNCTION is_left_of(a bigint, b bigint, observer bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is left of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
-SELECT coalesce(side_as_seen(a, b, (SELECT o.pose FROM world o JOIN world w ON w.map_id = o.map_id
+SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
                                     WHERE o.entity_id = observer AND w.entity_id = b), 'left'), false)
 $$;
 
 CREATE FUNCTION is_left_of(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is left of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
-SELECT side_as_seen(a, b, observer, 'left')
+SELECT semmap.side_as_seen(a, b, observer, 'left')
 $$;
 
 CREATE FUNCTION is_right_of(a bigint, b bigint, frame text DEFAULT 'object')
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is right of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT side_in_frame(a, b, frame, 'right')
+SELECT semmap.side_in_frame(a, b, frame, 'right')
 $$;
 
 CREATE FUNCTION is_right_of(a bigint, b bigint, observer bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is right of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
-SELECT coalesce(side_as_seen(a, b, (SELECT o.pose FROM world o JOIN world w ON w.map_id = o.map_id
+SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
                                     WHERE o.entity_id = observer AND w.entity_id = b), 'right'), false)
 $$;
 
 CREATE FUNCTION is_right_of(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is right of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
-SELECT side_as_seen(a, b, observer, 'right')
+SELECT semmap.side_as_seen(a, b, observer, 'right')
 $$;
 
 CREATE FUNCTION is_in_front_of(a bigint, b bigint, frame text DEFAULT 'object')
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is in front of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT side_in_frame(a, b, frame, 'front')
+SELECT semmap.side_in_frame(a, b, frame, 'front')
 $$;
 
 CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is in front of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
-SELECT coalesce(side_as_seen(a, b, (SELECT o.pose FROM world o JOIN world w ON w.map_id = o.map_id
+SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
                                     WHERE o.entity_id = observer AND w.entity_id = b), 'front'), false)
 $$;
 
 CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is in front of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
-SELECT side_as_seen(a, b, observer, 'front')
+SELECT semmap.side_as_seen(a, b, observer, 'front')
 $$;
 
 CREATE FUNCTION is_behind(a bigint, b bigint, frame text DEFAULT 'object')
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is behind b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT side_in_frame(a, b, frame, 'behind')
+SELECT semmap.side_in_frame(a, b, frame, 'behind')
 $$;
 
 CREATE FUNCTION is_behind(a bigint, b bigint, observer bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is behind b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
-SELECT coalesce(side_as_seen(a, b, (SELECT o.pose FROM world o JOIN world w ON w.map_id = o.map_id
+SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
                                     WHERE o.entity_id = observer AND w.entity_id = b), 'behind'), false)
 $$;
 
 CREATE FUNCTION is_behind(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
 -- a is behind b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
-SELECT side_as_seen(a, b, observer, 'behind')
+SELECT semmap.side_as_seen(a, b, observer, 'behind')
 $$;
 
 CREATE FUNCTION is_between(a bigint, b bigint, c bigint, tolerance double precision DEFAULT 0.01)

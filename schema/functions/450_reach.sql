@@ -6,9 +6,9 @@ RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE AS $$
 WITH RECURSIVE up (id, depth) AS (
     SELECT thing, 0
   UNION ALL
-    SELECT p.holder_id, up.depth + 1 FROM up JOIN placement p ON p.entity_id = up.id
+    SELECT p.holder_id, up.depth + 1 FROM up JOIN semmap.placement p ON p.entity_id = up.id
     WHERE p.holder_id IS NOT NULL)
-SELECT coalesce((SELECT up.id FROM up JOIN room r ON r.entity_id = up.id ORDER BY up.depth LIMIT 1), thing)
+SELECT coalesce((SELECT up.id FROM up JOIN semmap.room r ON r.entity_id = up.id ORDER BY up.depth LIMIT 1), thing)
 $$;
 
 CREATE FUNCTION reachable_from(place bigint)
@@ -17,16 +17,16 @@ RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100 AS $$
 -- not locked, in their direction, and by elevators, whose cabins on all storeys are joined. Outside, of
 -- which the map knows nothing, joins no two doors.
 WITH RECURSIVE reached (id) AS (
-    SELECT place_of(place)
+    SELECT semmap.place_of(place)
   UNION
     SELECT step.id FROM reached r CROSS JOIN LATERAL (
-        SELECT c.place_b FROM connector c
+        SELECT c.place_b FROM semmap.connector c
         WHERE c.place_a = r.id AND c.state <> 'locked' AND c.direction IN ('both', 'forward')
       UNION ALL
-        SELECT c.place_a FROM connector c
+        SELECT c.place_a FROM semmap.connector c
         WHERE c.place_b = r.id AND c.state <> 'locked' AND c.direction IN ('both', 'backward')
       UNION ALL
-        SELECT other.entity_id FROM room cabin JOIN room other ON other.elevator_id = cabin.elevator_id
+        SELECT other.entity_id FROM semmap.room cabin JOIN semmap.room other ON other.elevator_id = cabin.elevator_id
         WHERE cabin.entity_id = r.id) step (id)
     WHERE step.id IS NOT NULL)
 SELECT id FROM reached WHERE id IS NOT NULL
@@ -35,5 +35,5 @@ $$;
 CREATE FUNCTION is_reachable(place_a bigint, place_b bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 10000 AS $$
 -- A way leads from the place of a to the place of b, see reachable_from. From a place to itself, always.
-SELECT coalesce(place_of(place_b) IN (SELECT reachable_from(place_a)), false)
+SELECT coalesce(semmap.place_of(place_b) IN (SELECT semmap.reachable_from(place_a)), false)
 $$;

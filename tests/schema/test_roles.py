@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
-from sqlalchemy import Engine, text
+from sqlalchemy import Engine, create_engine, text
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from semmap.geometry.pose import Pose
+from semmap.ingest.importer import import_file
 from semmap.model import Connector, Placement, Room
 from tests.model.test_placement import new_map, thing
 
+OFFICE = Path(__file__).parents[2] / "examples" / "office"
 READ = "SELECT count(*) FROM entity, placement, world, map, change LIMIT 1"
 FIGURE_3 = "SELECT count(*) FROM object, inventory, face, fa_to_ob"
 SEE = "INSERT INTO entity (map_id, kind, name, type) VALUES ({map}, 'object', 'seen', 'object')"
@@ -42,23 +46,55 @@ PURSUE = (
 )
 FORGET_MISSION = f"{MISSION}; DELETE FROM mission"
 TABLE = "CREATE TABLE semmap.mine (id int)"
+DROP = "SELECT drop_map((SELECT name FROM map WHERE id = {map}))"
+SHAPE = "INSERT INTO entity_model (entity_id, model_id) VALUES ({mug}, {model})"
+SHAPE_ROOM = "INSERT INTO entity_model (entity_id, model_id) VALUES ({room}, {model})"
+MESH = (
+    "INSERT INTO model (digest, kind, triangles, hull) SELECT 'own', 'mesh', triangles, hull "
+    "FROM model WHERE id = {model}; INSERT INTO chunk (model_id, number, geom) "
+    "SELECT currval(pg_get_serial_sequence('semmap.model', 'id')), 0, geom FROM chunk "
+    "WHERE model_id = {model}"
+)
+SPOIL_MESH = "INSERT INTO chunk (model_id, number, geom) SELECT {model}, 9, geom FROM chunk LIMIT 1"
+BOUND = (
+    "INSERT INTO entity (map_id, kind, name) VALUES ({map}, 'region', 'wet'); "
+    "INSERT INTO region (entity_id) SELECT id FROM entity WHERE name = 'wet'; "
+    "UPDATE region SET valid = '[2026-01-01, 2026-01-02)'"
+)
+BOUND_ROOM = "INSERT INTO region (entity_id) VALUES ({room})"
+LINK = "INSERT INTO link VALUES ({mug}, 'belongs_to', {room})"
+LINK_ROOM = "INSERT INTO link VALUES ({room}, 'belongs_to', {mug})"
+MOVE_TO = "SELECT move_to({mug}, 1, 2, 3)"
+MOVE_ROOM_TO = "SELECT move_to({room}, 1, 2, 3)"
+PUT_ROOM = "SELECT put({room}, NULL)"
 
 RIGHTS = {
     "semmap_reader": {READ, FIGURE_3},
     "semmap_robot": {
         READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, KEEP, KEEP_AND_FORGET, PURSUE,
+        SHAPE, MESH, BOUND, LINK, MOVE_TO,
     },
     "semmap_admin": {
         READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, MOVE_ROOM, RENAME, DESCRIBE_ROOM,
         REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, RECOMPUTE, KEEP, KEEP_AND_FORGET,
-        PURSUE, FORGET_MISSION,
+        PURSUE, FORGET_MISSION, DROP, SHAPE, SHAPE_ROOM, MESH, SPOIL_MESH, BOUND, BOUND_ROOM, LINK,
+        LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM,
     },
 }  # fmt: skip
 STATEMENTS = [
     READ, FIGURE_3, SEE, SEE_PLACED, MOVE, MOVE_ROOM, DESCRIBE, RENAME, DESCRIBE_ROOM, CLOSE,
     REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, FORGE_WORLD, FORGE_HISTORY, FORGE_CHANGE,
-    RECOMPUTE, TABLE, KEEP, KEEP_AND_FORGET, PURSUE, FORGET_MISSION,
+    RECOMPUTE, TABLE, KEEP, KEEP_AND_FORGET, PURSUE, FORGET_MISSION, DROP, SHAPE, SHAPE_ROOM, MESH,
+    SPOIL_MESH, BOUND, BOUND_ROOM, LINK, LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM,
 ]  # fmt: skip
+
+
+MODEL = (
+    "WITH made AS (INSERT INTO model (digest, kind, triangles, hull) SELECT 'box', 'box', 12, "
+    "ST_Collect(ST_MakePoint(i % 2, i / 2 % 2, i / 4)) FROM generate_series(0, 7) i RETURNING id), "
+    "meshed AS (INSERT INTO chunk (model_id, number, geom) SELECT id, 0, "
+    "prism_tin(ST_MakeEnvelope(0, 0, 1, 1), 0, 1) FROM made) SELECT id FROM made"
+)
 
 
 @pytest.mark.parametrize("statement", STATEMENTS)
@@ -73,7 +109,10 @@ def test_rights(engine: Engine, role: str, statement: str) -> None:
         door = Connector(map=of, name="door", place_a=room, pose_a=Pose(x=-1), pose_b=Pose(x=1))
         session.add(door)
         session.flush()
-        ids = {"map": of.id, "room": room.id, "mug": mug.id, "door": door.id}
+        model = session.execute(text(MODEL)).scalar_one()
+        session.execute(text("INSERT INTO entity_model VALUES (:id, :model)"),
+                        {"id": door.id, "model": model})  # fmt: skip
+        ids = {"map": of.id, "room": room.id, "mug": mug.id, "door": door.id, "model": model}
         session.execute(text(f"SET LOCAL ROLE {role}"))
         allowed = True
         try:
@@ -86,3 +125,36 @@ def test_rights(engine: Engine, role: str, statement: str) -> None:
             allowed = False
         session.rollback()
     assert allowed == (statement in RIGHTS[role])
+
+
+def as_role(engine: Engine, role: str) -> Engine:
+    """Another engine on the same database, in that role from the first statement on."""
+    options = f"-c role={role} -c search_path=semmap,public"
+    return create_engine(engine.url, connect_args={"options": options})
+
+
+def test_an_admin_imports_changes_and_drops_a_map(engine: Engine) -> None:
+    admin = as_role(engine, "semmap_admin")
+    files = [OFFICE / "office.sdf", OFFICE / "office_rooms.geojson"]
+    for file in files:
+        mine = import_file(admin, file, map_name="mine")
+        theirs = import_file(engine, file, map_name="theirs")
+        assert (mine.added, mine.holders) == (theirs.added, theirs.holders)
+        assert import_file(admin, file, map_name="mine").unchanged == mine.added
+    count = text(
+        "SELECT count(*) FROM entity e JOIN map m ON m.id = e.map_id WHERE m.name = 'mine'"
+    )
+    with admin.begin() as connection:
+        assert connection.execute(count).scalar_one() > 200
+        connection.execute(text("SELECT drop_map('mine')"))
+        assert connection.execute(count).scalar_one() == 0
+    admin.dispose()
+
+
+def test_a_reader_and_a_robot_import_nothing(engine: Engine) -> None:
+    for role in ("semmap_reader", "semmap_robot"):
+        other = as_role(engine, role)
+        with pytest.raises(DBAPIError, match="permission denied") as said:
+            import_file(other, OFFICE / "office.sdf", map_name="theirs")
+        assert getattr(said.value.orig, "sqlstate", None) == "42501"
+        other.dispose()
