@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from navgrid.costmap import Blame, Costmap, Inflation
 from navgrid.headings import collisions
@@ -187,9 +188,11 @@ def show(written: Iterable[Files]) -> None:
             low, high = (round(end, 3) + 0.0 for end in part["interval"])
             radius = part[f"{part['inflate_by']}_radius"]
             cli.out.print(
-                f"  [{PART_COLOURS[k % len(PART_COLOURS)]}]{part['name']}[/]: {low:.2f} to "
-                f"{high:.2f} m, {part['inflate_by']} radius {radius:.2f} m"
-            )
+                Text.assemble(
+                    "  ", (part["name"], PART_COLOURS[k % len(PART_COLOURS)]),
+                    f": {low:.2f} to {high:.2f} m, {part['inflate_by']} radius {radius:.2f} m",
+                )
+            )  # fmt: skip
 
 
 def numbers(said: str, count: int, what: str) -> tuple[float, ...]:

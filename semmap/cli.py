@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 from rich.table import Table
+from rich.text import Text
 from sqlalchemy import Connection, Engine
 
 from semmap.commands import Commands
@@ -36,10 +38,10 @@ app = typer.Typer(
 )
 app.add_typer(database_commands, name="db")
 
-out = Console(
-    highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 160
-)  # a file or pipe has no width to fit
-err = Console(stderr=True, highlight=False, soft_wrap=True)
+# Brackets and colons are parts of names: no markup, no emoji.
+_console = partial(Console, markup=False, emoji=False, highlight=False, soft_wrap=True)
+out = _console(width=None if sys.stdout.isatty() else 160)  # a file or pipe has no width to fit
+err = _console(stderr=True)
 
 MapName = Annotated[
     str | None, typer.Option("--map", envvar="SEMMAP_MAP", help="The map; by default the newest.")
@@ -105,11 +107,16 @@ def choose_map(connection: Connection, name: str | None) -> None:
     )
 
 
+def print_json(value: Any) -> None:
+    """An answer as JSON, what JSON has no form for as PostgreSQL writes it."""
+    print(json.dumps(entries.plain(value), allow_nan=False))
+
+
 def show_rows(columns: list[str], rows: list[tuple[Any, ...]], as_json: bool) -> None:
     """Rows as a table, or as JSON objects; a repeated column becomes label, label_2."""
     names = entries.unique_names(columns)
     if as_json:
-        print(json.dumps([dict(zip(names, row, strict=True)) for row in rows], default=str))
+        print_json([dict(zip(names, row, strict=True)) for row in rows])
         return
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in names:
@@ -174,19 +181,21 @@ def import_(
 def print_summary(s: ImportSummary) -> None:
     """What came in, and what was left out and why."""
     kinds = ", ".join(f"{n} {kind}{'' if n == 1 else 's'}" for kind, n in s.kinds.items())
-    out.print(f"[bold]{Path(s.source).name}[/] -> map [bold]{s.map}[/]: {kinds or 'nothing'}")
+    bold = partial(Text, style="bold")
+    out.print(Text.assemble(bold(Path(s.source).name), " -> map ", bold(s.map), ": ",
+                            kinds or "nothing"))  # fmt: skip
     out.print(
         f"  {s.added} added, {s.changed} changed, {s.removed} removed, {s.unchanged} unchanged; "
         f"{s.models} new meshes, {s.triangles:,} triangles; {s.holders} holders derived; "
         f"{s.seconds:.1f} s"
     )
     for note in s.notes:
-        out.print(f"  note: {note}", style="dim", markup=False)
+        out.print(f"  note: {note}", style="dim")
     if s.skipped:
         out.print(f"  left out: {len(s.skipped)}", style="yellow")
         for skipped in s.skipped:
             text = f"    {skipped.element}: {skipped.problem}. {skipped.mend}"
-            out.print(text, style="yellow", markup=False)
+            out.print(text, style="yellow")
 
 
 @app.command()
@@ -239,7 +248,7 @@ def show(name: str, map_name: MapName = None, at: Annotated[
         choose_map(connection, map_name)
         known = entries.describe(connection, name, at)
     if json_:
-        print(json.dumps(known, default=str))
+        print_json(known)
         return
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_column(style="bold")
@@ -277,7 +286,7 @@ def changes(
         cursor, columns, rows = entries.changes(connection, since)
     if json_:
         rows_ = [dict(zip(columns, row, strict=True)) for row in rows]
-        print(json.dumps({"cursor": cursor, "changes": rows_}, default=str))
+        print_json({"cursor": cursor, "changes": rows_})
         return
     show_rows(columns, rows, False)
     out.print(f"cursor {cursor}")
@@ -299,7 +308,7 @@ def main() -> None:
         app()
     except (WorldError, DatabaseError, LookupError, ValueError) as error:
         message = error.args[0] if isinstance(error, LookupError) and error.args else error
-        err.print(f"error: {message}", style="red", markup=False)
+        err.print(f"error: {message}", style="red")
         sys.exit(2)
     except (sqlalchemy.exc.DBAPIError, psycopg.Error) as error:
         cause = error.orig if isinstance(error, sqlalchemy.exc.DBAPIError) else error
@@ -308,5 +317,5 @@ def main() -> None:
             message = ". ".join(filter(None, (cause.diag.message_primary, cause.diag.message_hint)))
         if isinstance(cause, psycopg.errors.ReadOnlySqlTransaction):
             message += ". Add --write to let the statement change the map"
-        err.print(f"error: {message}", style="red", markup=False)
+        err.print(f"error: {message}", style="red")
         sys.exit(2)

@@ -78,7 +78,7 @@ def find(
                 with connection.begin_nested():
                     made = seek[sort](connection, thing)
             except ValueError as error:  # of many, some may have none
-                cli.err.print(f"left out: {error}", style="yellow", markup=False)
+                cli.err.print(f"left out: {error}", style="yellow")
                 continue
             found += made if isinstance(made, list) else [made]
         answer = listed(connection, found)

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 from dataclasses import dataclass, field
 from datetime import datetime
+from decimal import Decimal
+from itertools import chain, count
 from typing import Any
 
+import psycopg
+from psycopg.abc import Buffer, Loader
+from psycopg.types.datetime import DateLoader, TimestampLoader, TimestamptzLoader
+from psycopg.types.range import Range
 from sqlalchemy import Connection, text
 
 __all__ = [
@@ -17,6 +24,7 @@ __all__ = [
     "find",
     "incomplete",
     "maps",
+    "plain",
     "readable",
     "run_sql",
     "unique_names",
@@ -208,16 +216,61 @@ def describe(connection: Connection, name: str, at: str | None = None) -> dict[s
 
 
 def run_sql(connection: Connection, statement: str, *, write: bool) -> Rows:
-    """Run one statement as it stands; without `write`, in a transaction that can only read."""
+    """Run one statement as it stands; without `write`, in a transaction that can only read.
+
+    A superuser reads as a reader of the map then: a transaction that only reads would still let it
+    write files.
+
+    Raises
+    ------
+    ValueError
+        There is no statement, or it copies from standard input or to standard output.
+    """
     driver = connection.connection.driver_connection
     assert driver is not None
+    if not statement.strip(" \t\r\n;"):
+        raise ValueError("no statement: give one, or - to read it from standard input")
     if not write:
         connection.exec_driver_sql("SET TRANSACTION READ ONLY")
-    # Prepared, so that it is one statement: a COMMIT in it cannot end the read-only transaction.
-    cursor = driver.execute(statement, prepare=None if write else True)
+        if connection.exec_driver_sql(_IS_SUPERUSER).scalar():
+            connection.exec_driver_sql("SET LOCAL ROLE semmap_reader")
+    cursor = driver.cursor()
+    for name, loader in _LENIENT.items():
+        cursor.adapters.register_loader(name, loader)
+    try:
+        # Prepared, so that it is one statement: no COMMIT in it ends the read-only transaction.
+        cursor.execute(statement, prepare=None if write else True)
+    except psycopg.ProgrammingError as error:
+        if "COPY" not in str(error) or error.sqlstate is not None:
+            raise
+        connection.invalidate()  # it waits for data that nobody sends
+        raise ValueError("semmap sql copies nothing to and fro: semmap db psql does") from None
     if cursor.description is None:
         return ["rows"], [(cursor.rowcount,)]
     return [column[0] for column in cursor.description], cursor.fetchall()
+
+
+_IS_SUPERUSER = "SELECT rolsuper FROM pg_roles WHERE rolname = current_user"
+
+
+def _lenient(usual: type[Loader]) -> type[Loader]:
+    """A loader that gives what Python has no time for as text: infinity, years before Christ."""
+
+    class Lenient(usual):  # type: ignore[misc, valid-type]
+        def load(self, data: Buffer) -> Any:
+            try:
+                return super().load(data)
+            except psycopg.DataError:
+                return bytes(data).decode()
+
+    return Lenient
+
+
+_LENIENT = {
+    "timestamptz": _lenient(TimestamptzLoader),
+    "timestamp": _lenient(TimestampLoader),
+    "date": _lenient(DateLoader),
+}
 
 
 def changes(
@@ -241,12 +294,35 @@ def unique_names(columns: list[str]) -> list[str]:
     >>> unique_names(["label", "label", "box3d"])
     ['label', 'label_2', 'box3d']
     """
-    seen: dict[str, int] = {}
-    names = []
+    names: list[str] = []
     for column in columns:
-        seen[column] = seen.get(column, 0) + 1
-        names.append(column if seen[column] == 1 else f"{column}_{seen[column]}")
+        numbered = (f"{column}_{n}" for n in count(2))
+        names.append(next(n for n in chain([column], numbered) if n not in names))
     return names
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it; numbers that it has no form for, and all else, as PostgreSQL says."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(v) for v in value]
+    if isinstance(value, Decimal) and value.is_finite():
+        return int(value) if value == value.to_integral_value() else float(value)
+    if isinstance(value, float | Decimal) and not math.isfinite(value):
+        return "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, bytes | memoryview):
+        return "\\x" + bytes(value).hex()
+    if isinstance(value, Range):
+        return _range(value)
+    return value if isinstance(value, str | int | float | None) else str(value)
+
+
+def _range(value: Range[Any]) -> str:
+    if value.isempty:
+        return "empty"
+    low, high = ("" if end is None else str(end) for end in (value.lower, value.upper))
+    return f"{'[' if value.lower_inc else '('}{low},{high}{']' if value.upper_inc else ')'}"
 
 
 def readable(value: Any) -> str:

@@ -1,0 +1,83 @@
+"""Statements as the command line runs them, and their answers in tables and JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import psycopg
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sqlalchemy import Engine
+
+from semmap.query import entries
+from tests.command_line import semmap
+from tests.ingest.worlds_by_hand import box_world
+
+
+@given(st.lists(st.sampled_from(["a", "a_2", "a_3", "b", "a_2_2"]), max_size=8))
+def test_no_column_is_lost(columns: list[str]) -> None:
+    names = entries.unique_names(columns)
+    assert len({*names}) == len(columns)
+    for name, column in zip(names, columns, strict=True):
+        assert name == column or name.startswith(f"{column}_")
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ("'NaN'::float8", "NaN"), ("'-Infinity'::float8", "-Infinity"), ("1.5::numeric", 1.5),
+        ("7::numeric", 7), ("'NaN'::numeric", "NaN"), ("'\\x00ff'::bytea", "\\x00ff"),
+        ("'[1,)'::int4range", "[1,)"), ("'empty'::int4range", "empty"),
+        ("'infinity'::timestamptz", "infinity"), ("'0044-03-15 BC'::date", "0044-03-15 BC"),
+        ("'{1,NULL}'::int[]", [1, None]), ("""'{"a": [1]}'::jsonb""", {"a": [1]}), ("NULL", None),
+        ("true", True), ("array['NaN'::float8]", ["NaN"]),
+    ],
+)  # fmt: skip
+def test_every_value_has_a_form_in_json(database: str, said: str, expected: object) -> None:
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    answer = semmap(database, "sql", f"SELECT {said} AS v", "--json").stdout
+    assert json.loads(answer, parse_constant=refuse) == [{"v": expected}]
+
+
+def test_brackets_and_colons_are_parts_of_names(database: str, tmp_path: Path) -> None:
+    said = semmap(database, "sql", "SELECT '[/foo]' AS a, 'room:x:1 [bold]b[/bold]' AS b").stdout
+    assert "[/foo]" in said
+    assert "room:x:1 [bold]b[/bold]" in said
+    world = box_world(tmp_path, {"shelf[/a]": (0, 0, 0.4), "cup:x:1": (3, 0, 0.4)})
+    assert "boxes.sdf -> map boxes: 2 objects" in semmap(database, "import", world).stdout
+    listed = semmap(database, "ls").stdout
+    assert "shelf[/a]" in listed
+    assert "cup:x:1" in listed
+    assert "shelf[/a]" in semmap(database, "show", "shelf[/a]").stdout
+
+
+@pytest.mark.parametrize("statement", ["COPY entity TO STDOUT", "COPY map (name) FROM STDIN"])
+@pytest.mark.parametrize("write", [["--write"], []])
+def test_what_copies_to_and_fro_is_refused(database: str, statement: str, write: list[str]) -> None:
+    with pytest.raises((ValueError, psycopg.Error), match=r"db psql|permission denied|read-only"):
+        semmap(database, "sql", statement, *write)
+
+
+def test_no_statement_is_said(database: str) -> None:
+    with pytest.raises(ValueError, match="no statement: give one, or -"):
+        semmap(database, "sql", " ;\n")
+
+
+def test_who_only_reads_writes_no_file(engine: Engine, tmp_path: Path) -> None:
+    """The embedded cluster's owner is a superuser, whom a read-only transaction does not hold."""
+    file = tmp_path / "written"
+    tmp_path.chmod(0o777)
+    with engine.connect() as connection:
+        for statement in (f"COPY (SELECT 1) TO '{file}'", "SELECT pg_read_file('/etc/passwd')",
+                          f"COPY (SELECT 1) TO PROGRAM 'touch {file}'"):  # fmt: skip
+            with pytest.raises(Exception, match=r"permission denied|must be superuser"):
+                entries.run_sql(connection, statement, write=False)
+            connection.rollback()
+        assert entries.run_sql(connection, "SELECT count(*) FROM face", write=False) == (
+            ["count"], [(0,)]
+        )  # fmt: skip
+    assert not file.exists()
