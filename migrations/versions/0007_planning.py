@@ -1,4 +1,4 @@
-"""Joins that are planned faster, as `tables/090_planning.sql` has it; the code anew, for `face`.
+"""Joins that are planned faster, as `tables/090_planning.sql` has it; the code anew; a bound.
 
 Going down keeps them: they change no answer.
 """
@@ -22,12 +22,27 @@ FORGET_HISTOGRAMS = (
 """A column that is given its own type anew loses its statistics, and no row is written."""
 
 
+WITHIN = """
+DO $$
+BEGIN
+    IF NOT EXISTS (SELECT FROM pg_constraint WHERE conrelid = 'placement'::regclass
+                   AND conname = 'placement_pose_is_within_ten_thousand_kilometres')
+       AND NOT EXISTS (SELECT FROM placement
+                       WHERE greatest(abs(pose[1]), abs(pose[2]), abs(pose[3])) > 1e7) THEN
+        ALTER TABLE placement ADD CONSTRAINT placement_pose_is_within_ten_thousand_kilometres
+            CHECK (greatest(abs(pose[1]), abs(pose[2]), abs(pose[3])) <= 1e7);
+    END IF;
+END $$
+"""
+"""What is farther off overflows; a map that has such a thing is left as it is."""
+
+
 def upgrade() -> None:
     """Make the indexes anew, set what the planner goes by, and replace the code."""
     drop_code(op)
     op.execute("SET LOCAL search_path = semmap, public")
     run_sql_files(op, "tables/090_planning.sql")
-    for statement in FORGET_HISTOGRAMS:
+    for statement in (*FORGET_HISTOGRAMS, WITHIN):
         op.execute(statement)
     run_code(op)
 

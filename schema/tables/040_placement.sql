@@ -12,6 +12,8 @@ CREATE TABLE placement (
     CONSTRAINT placement_pose_has_seven_finite_numbers CHECK (
         cardinality(pose) = 7 AND array_position(pose, NULL) IS NULL
         AND 'NaN' <> ALL (pose) AND 'Infinity' <> ALL (pose) AND '-Infinity' <> ALL (pose)),
+    CONSTRAINT placement_pose_is_within_ten_thousand_kilometres CHECK (
+        greatest(abs(pose[1]), abs(pose[2]), abs(pose[3])) <= 1e7),
     CONSTRAINT placement_quaternion_is_unit CHECK (
         abs(pose[4]*pose[4] + pose[5]*pose[5] + pose[6]*pose[6] + pose[7]*pose[7] - 1) < 1e-6)
 ) WITH (fillfactor = 80);

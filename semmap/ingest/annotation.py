@@ -67,6 +67,9 @@ BEHAVIOURS = {
 }
 """What passing a connector of this form needs, where the feature does not say."""
 
+THIN = 1e-6
+"""Metres that a thing is high at least, if it has a height."""
+
 COMMON = {"name", "kind", "type", "label", "storey", "holder", "heading", "heading_deg", "front"}
 TAKEN: dict[Kind, set[str]] = {
     "storey": COMMON | {"elevation", "height"},
@@ -280,7 +283,7 @@ class _Reading:
     def storey(self, draft: _Draft) -> None:
         feature = draft.feature
         level = Level(number(feature, "elevation") or 0.0, number(feature, "height"))
-        if level.height is not None and level.height <= 0:
+        if level.height is not None and level.height < THIN:
             raise Refused(f"its height is {level.height}", "Give the clear height in metres.")
         shapes = []
         if isinstance(feature.geometry, Polygon | MultiPolygon):
@@ -304,7 +307,7 @@ class _Reading:
         ceiling = number(feature, "ceiling")
         if ceiling is None and storey in self.storeys:
             ceiling = self.storeys[storey].height
-        if ceiling is not None and ceiling <= floor:
+        if ceiling is not None and ceiling < floor + THIN:
             raise Refused(f"its ceiling {ceiling} is not above its floor {floor}", "Mend them.")
         place = Place(floor, ceiling, self.elevator_of(feature))
         top = ceiling if ceiling is not None else floor + ROOM_HEIGHT
@@ -351,7 +354,7 @@ class _Reading:
         height = number(feature, "height")
         if height is None and ceiling is not None:
             height = ceiling - floor
-        if height is not None and height <= 0:
+        if height is not None and height < THIN:
             raise Refused("it has no height", "Give height in metres, or ceiling above floor.")
         pose, shapes = self.placed(feature, storey, 0.0, height)
         if pose is not None:
@@ -373,7 +376,7 @@ class _Reading:
         floor, ceiling = number(feature, "floor") or 0.0, number(feature, "ceiling")
         if ceiling is None:
             ceiling = max(room.ceiling if room else ROOM_HEIGHT, floor + LEAF[1])
-        if ceiling <= floor:
+        if ceiling < floor + THIN:
             raise Refused(f"its ceiling {ceiling} is not above its floor {floor}", "Mend them.")
         pose, shapes = self.placed(feature, storey, floor, ceiling)
         holder = self.holder_of(feature) or (room.name if room else storey)

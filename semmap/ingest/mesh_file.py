@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from xml.etree.ElementTree import ParseError
+from zipfile import ZipFile
 
 import numpy as np
 import shapely
@@ -262,6 +263,10 @@ _SIGNATURES: dict[str, re.Pattern[bytes]] = {
 """How a file of each format begins."""
 
 
+MOST_INFLATED = 512 * 2**20
+"""Bytes of XML in a 3MF file: some ten million triangles; more is a mistake, or a trap."""
+
+
 def _check_signature(path: Path) -> None:
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -271,6 +276,14 @@ def _check_signature(path: Path) -> None:
     ending = path.suffix.lower()
     if ending in _SIGNATURES and not _SIGNATURES[ending].match(head.removeprefix(b"\xef\xbb\xbf")):
         raise MeshFileError(f"is not a {ending} file", "Give it the ending of what it is.")
+    if ending == ".3mf":
+        with ZipFile(path) as packed:
+            inflated = sum(member.file_size for member in packed.infolist())
+        if inflated > MOST_INFLATED:
+            raise MeshFileError(
+                f"inflates to {inflated / 2**20:,.0f} MiB, beyond {MOST_INFLATED >> 20:,}",
+                "Export a simpler mesh, or as binary STL.",
+            )
     if ending == ".stl" and len(head) >= 84:
         binary = size == 84 + 50 * int.from_bytes(head[80:84], "little")
         if not binary and not (head.lstrip().startswith(b"solid") and b"endsolid" in tail):

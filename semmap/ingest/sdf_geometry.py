@@ -22,6 +22,9 @@ __all__ = ["LARGEST", "Geometries"]
 LARGEST = 10_000.0
 """Metres; what is larger or further away than this is a mistake in the file."""
 
+SMALLEST = 1e-6
+"""Metres: a film; of less nothing can be computed."""
+
 SECTIONS = 32
 """Corners of the polygon inscribed in the circle of a cylinder, cone or capsule."""
 
@@ -61,6 +64,8 @@ class Geometries:
                 f"<{shape.tag}> is not a surface that is read",
                 f"Use one of mesh, polyline, {', '.join(_SOLIDS)}.",
             )
+        if not len(mesh.faces):
+            raise Unusable(where, "it is too small to have a surface", "Correct size or scale.")
         if not np.isfinite(mesh.vertices).all() or np.abs(mesh.vertices).max() > LARGEST:
             raise Unusable(where, f"it is larger than {LARGEST:,.0f} m", "Correct size or scale.")
         return mesh
@@ -96,8 +101,8 @@ def _size(shape: Element, name: str, where: str) -> float:
 
 
 def _positive(values: tuple[float, ...], where: str) -> tuple[float, ...]:
-    if min(values) <= 0:
-        raise Unusable(where, "sizes must be greater than 0", "Correct the size.")
+    if min(values) < SMALLEST:
+        raise Unusable(where, f"sizes must be at least {SMALLEST:g} m", "Correct the size.")
     if max(values) > LARGEST:
         raise Unusable(where, f"it is larger than {LARGEST:,.0f} m", "Correct the size.")
     return values
@@ -130,7 +135,8 @@ def _cone(shape: Element, where: str) -> Mesh:
 def _capsule(shape: Element, where: str) -> Mesh:
     r, h = _size(shape, "radius", where), _size(shape, "length", where)
     capsule = _of(trimesh.creation.capsule(height=h, radius=r, count=[SECTIONS, SECTIONS]))
-    return Mesh(capsule.vertices - capsule.bounds.mean(axis=0), capsule.faces)
+    ends = np.stack([capsule.vertices.min(axis=0), capsule.vertices.max(axis=0)])
+    return Mesh(capsule.vertices - ends.mean(axis=0), capsule.faces)
 
 
 def _plane(shape: Element, where: str) -> Mesh:
@@ -159,7 +165,7 @@ def _polylines(shapes: list[Element], where: str) -> Mesh:
             )
         outline = shapely.symmetric_difference(outline, ring)
     height = _size(shapes[0], "height", where)
-    polygons = [p for p in shapely.get_parts(outline) if p.geom_type == "Polygon"]
+    polygons = [p for p in shapely.get_parts(outline) if p.geom_type == "Polygon" and p.area > 0]
     if not polygons:
         raise Unusable(where, "its outlines cancel out", "Remove the repeated outline.")
     return join([prism_mesh(polygon, 0.0, height) for polygon in polygons])

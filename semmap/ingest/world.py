@@ -46,6 +46,11 @@ class WorldError(Exception):
         super().__init__(f"{path}: {element}: {problem}. {mend}")
 
 
+def _printable(said: str) -> str:
+    """Text that every terminal and database takes."""
+    return said.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
+
+
 @dataclass(frozen=True)
 class Skipped:
     """An element that cannot be used, left out and named in the summary."""
@@ -53,6 +58,10 @@ class Skipped:
     element: str
     problem: str
     mend: str
+
+    def __post_init__(self) -> None:
+        for name, said in vars(self).items():
+            object.__setattr__(self, name, _printable(said))
 
 
 @dataclass

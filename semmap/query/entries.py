@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import re
 from dataclasses import dataclass, field
 from datetime import datetime
 from decimal import Decimal
@@ -113,6 +114,8 @@ def find(connection: Connection, question: Question) -> Rows:
         parameters[f"where{number}"] = json.dumps({key: _value(value)})
     if question.box is not None:
         corners = _numbers(question.box, 6, "--box")
+        if not all(low <= high for low, high in zip(corners[:3], corners[3:], strict=True)):
+            raise ValueError(f"--box takes its lowest corner, then its highest, not {question.box}")
         parameters |= {f"b{i}": v for i, v in enumerate(corners)}
         conditions.append(
             "w.box &&& ST_MakeLine(ST_MakePoint(:b0, :b1, :b2), ST_MakePoint(:b3, :b4, :b5))"
@@ -122,6 +125,8 @@ def find(connection: Connection, question: Question) -> Rows:
         extra = ", round(CAST(box_distance(w.box, :x, :y, :z) AS numeric), 3) AS distance"
         order = "box_distance(w.box, :x, :y, :z), e.name"
         if question.within is not None:
+            if not 0 <= question.within < math.inf:
+                raise ValueError(f"--within takes metres from 0 on, not {question.within}")
             conditions.append("w.box &&& around(:x, :y, :z, :within)")
             conditions.append("box_distance(w.box, :x, :y, :z) <= :within")
             parameters["within"] = question.within
@@ -198,7 +203,12 @@ def describe(connection: Connection, name: str, at: str | None = None) -> dict[s
     if joins is not None:
         known["joins"] = dict(joins)
     if at is not None:
-        moment = datetime.fromisoformat(at)
+        try:
+            moment = datetime.fromisoformat(at)
+        except ValueError:
+            raise ValueError(
+                f"--at takes a time as ISO 8601 has it, 2026-01-31T10:00, not {at}"
+            ) from None
         if moment.tzinfo is None:
             moment = moment.astimezone()
         pose = connection.execute(
@@ -277,6 +287,10 @@ def changes(
     connection: Connection, since: str | None
 ) -> tuple[str, list[str], list[tuple[Any, ...]]]:
     """Changes after a cursor (all that are kept where None), and the cursor for the next call."""
+    if since is not None and not re.fullmatch(r"\d+:\d+:[\d,]*", since):
+        raise ValueError(
+            f"{since} is no cursor: give the one that an earlier call printed, or none"
+        )
     columns, rows = _rows(
         connection,
         "SELECT c.id, c.at, m.name AS map, c.what, c.entities, c.cursor "
@@ -369,7 +383,7 @@ def _numbers(said: str, count: int, option: str) -> list[float]:
         numbers = [float(v) for v in said.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != count:
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
         raise ValueError(f"{option} takes {count} numbers with commas between, not {said}")
     return numbers
 

@@ -422,6 +422,11 @@ UNUSABLE = [
     (feature(rectangle(0, 0, 1, 1), name="bad"), "no kind"),
     (feature(rectangle(0, 0, 1, 1), kind="spaceship", name="bad"), "spaceship"),
     (feature(rectangle(0, 0, 1, 1), kind="room", name="bad", ceiling=-1), "ceiling"),
+    (feature(rectangle(0, 0, 1, 1), kind="room", name="bad", ceiling=5e-9), "ceiling"),
+    (feature(rectangle(0, 0, 1, 1), kind="storey", name="bad", height=1e-320), "height"),
+    (feature(rectangle(0, 0, 1, 1), kind="object", name="bad", height=1e-9), "no height"),
+    (feature(rectangle(0, 0, 1, 1), kind="room", name="a\x00b"), "character"),
+    (feature(rectangle(0, 0, 1, 1), kind="room", name="\ud800"), "character"),
     (feature(rectangle(0, 0, 1, 1), kind="room", name="bad", floor="low"), "low"),
     (feature(rectangle(0, 0, 1, 1), kind="room", name="bad", ceiling=math.nan), "nan"),
     (feature(rectangle(0, 0, 1, 1), kind="room", name="bad", deep={"x": [math.inf]}), "inf"),
@@ -461,6 +466,7 @@ def test_what_cannot_be_used_is_left_out_by_name(write: Write, bad: Any, problem
     assert sorted(e.name for e in world.entries) == ["door", "hall", "lab"]
     (skipped,) = world.skipped
     assert skipped.element.startswith("features[1]")
+    assert "\0" not in skipped.element.encode().decode()
     assert any(p in skipped.problem for p in problem.split("|")), skipped
     assert skipped.mend
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -58,6 +59,19 @@ def volume(mesh: Mesh) -> float:
 def write(path: Path, text: str) -> Path:
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def test_a_3mf_that_inflates_beyond_measure_is_not_inflated(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.3mf"
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed,
+        packed.open("3D/3dmodel.model", "w", force_zip64=True) as member,
+    ):
+        for _ in range(600):
+            member.write(bytes(2**20))
+    assert path.stat().st_size < 2**20
+    with pytest.raises(MeshFileError, match="inflates to 600 MiB"):
+        read_mesh(path)
 
 
 @pytest.mark.parametrize("ending", ["stl", "obj", "ply", "off", "glb", "3mf", "dae"])

@@ -522,6 +522,10 @@ def test_model_config_names_the_newest_file(tmp_path: Path) -> None:
 
 
 MESH = "<geometry><mesh><uri>{}</uri></mesh></geometry>"
+OUTLINE = (
+    "<polyline><point>0 0</point><point>1 0</point><point>1 1</point><height>1</height></polyline>"
+)
+CAPSULE = "<geometry><capsule><radius>{}</radius><length>{}</length></capsule></geometry>"
 SKIPPED = {
     "missing mesh": (LINK.replace(BOX.format("1 2 3"), MESH.format("model://no.dae")), "not found"),
     "mesh on the network": (
@@ -535,7 +539,25 @@ SKIPPED = {
     "infinite": (LINK.replace("1 2 3", "1 1e999 3"), "3 finite numbers"),
     "too few numbers": (LINK.replace("1 2 3", "1 2"), "3 finite numbers"),
     "no size": (LINK.replace("<size>1 2 3</size>", ""), "missing"),
-    "negative size": (LINK.replace("1 2 3", "1 -2 3"), "greater than 0"),
+    "negative size": (LINK.replace("1 2 3", "1 -2 3"), "at least 1e-06 m"),
+    "two outlines that cancel": (
+        LINK.replace(BOX.format("1 2 3"), "<geometry>" + 2 * OUTLINE + "</geometry>"),
+        "cancel out",
+    ),
+    "flat outline": (
+        LINK.replace(
+            BOX.format("1 2 3"), f"<geometry>{OUTLINE.replace('>1<', '>1e-9<')}</geometry>"
+        ),
+        "at least 1e-06 m",
+    ),
+    "hair-thin capsule": (
+        LINK.replace(BOX.format("1 2 3"), CAPSULE.format("1e-9", "1")),
+        "at least 1e-06 m",
+    ),
+    "speck of a capsule": (
+        LINK.replace(BOX.format("1 2 3"), CAPSULE.format("1e-6", "1e-6")),
+        "too small",
+    ),
     "giant": (LINK.replace("1 2 3", "1 2 1e9"), "larger than"),
     "no geometry": (LINK.replace(BOX.format("1 2 3"), ""), "no geometry"),
     "heightmap": (

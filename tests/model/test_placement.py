@@ -164,6 +164,7 @@ def test_contents_of_a_deleted_holder_stay_where_they_are(engine: Engine) -> Non
         ("UPDATE placement SET pose[1] = 'NaN' WHERE entity_id = :table", "seven_finite_numbers"),
         ("UPDATE placement SET pose[2] = 'Infinity' WHERE entity_id = :table", "finite_numbers"),
         ("UPDATE placement SET pose = '{1,2,3}' WHERE entity_id = :table", "seven_finite_numbers"),
+        ("UPDATE placement SET pose[2] = -1.1e7 WHERE entity_id = :table", "ten_thousand_kilometr"),
         ("UPDATE placement SET pose[7] = 2 WHERE entity_id = :table", "quaternion_is_unit"),
         ("UPDATE entity SET kind = 'room' WHERE id = :table", "keeps its map and its kind"),
     ],

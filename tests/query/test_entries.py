@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import psycopg
@@ -60,6 +61,25 @@ def test_brackets_and_colons_are_parts_of_names(database: str, tmp_path: Path) -
 def test_what_copies_to_and_fro_is_refused(database: str, statement: str, write: list[str]) -> None:
     with pytest.raises((ValueError, psycopg.Error), match=r"db psql|permission denied|read-only"):
         semmap(database, "sql", statement, *write)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("ls", "--near", "nan,0,0"), "--near takes 3 numbers"),
+        (("ls", "--near", "0,0,0", "--within", "nan"), "--within takes metres"),
+        (("ls", "--near", "0,0,0", "--within", "-1"), "--within takes metres"),
+        (("ls", "--box", "5,5,5,0,0,0"), "its lowest corner, then its highest"),
+        (("show", "crate", "--at", "yesterday"), "--at takes a time as ISO 8601 has it"),
+        (("changes", "abc"), "abc is no cursor"),
+    ],
+)
+def test_an_odd_question_is_answered_by_what_to_ask(
+    database: str, tmp_path: Path, words: tuple[str, ...], says: str
+) -> None:
+    semmap(database, "import", box_world(tmp_path, {"crate": (0, 0, 0.4)}))
+    with pytest.raises(ValueError, match=re.escape(says)):
+        semmap(database, *words)
 
 
 def test_no_statement_is_said(database: str) -> None:
