@@ -31,7 +31,9 @@ GRANT INSERT (map_id, kind, name, label, type, properties, front) ON entity TO s
 GRANT UPDATE (label, type, properties, front) ON entity TO semmap_robot;
 GRANT INSERT, UPDATE ON placement TO semmap_robot;
 GRANT INSERT ON entity_model, model, chunk, region, link TO semmap_robot;
-GRANT UPDATE (valid) ON region TO semmap_robot;
+-- A region that it draws anew has another outline; the former one goes.
+GRANT UPDATE ON region TO semmap_robot;
+GRANT DELETE ON entity_model, model TO semmap_robot;
 GRANT UPDATE (state, seen_at) ON connector TO semmap_robot;
 -- Fields are what it works out itself: it keeps them, and old versions make way.
 GRANT INSERT, UPDATE, DELETE ON field, field_version, field_block TO semmap_robot;
@@ -67,7 +69,9 @@ CREATE POLICY robot_shapes ON entity_model FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent'));
 CREATE POLICY robot_bounds ON region FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) = 'region');
-CREATE POLICY robot_dates ON region FOR UPDATE TO semmap_robot
+CREATE POLICY robot_redraws ON region FOR UPDATE TO semmap_robot
+    USING ((SELECT kind FROM entity e WHERE e.id = entity_id) = 'region');
+CREATE POLICY robot_reshapes ON entity_model FOR DELETE TO semmap_robot
     USING ((SELECT kind FROM entity e WHERE e.id = entity_id) = 'region');
 CREATE POLICY robot_links ON link FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = from_id) IN ('object', 'region', 'agent'));

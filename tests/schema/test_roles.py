@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from shapely import box
 from sqlalchemy import Engine, create_engine, text
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.importer import import_file
+from semmap.ingest.regions import draw_region
 from semmap.model import Connector, Placement, Room
 from tests.model.test_placement import new_map, thing
 
@@ -68,6 +70,8 @@ MOVE_TO = "SELECT move_to({mug}, 1, 2, 3)"
 MOVE_ROOM_TO = "SELECT move_to({room}, 1, 2, 3)"
 PUT_ROOM = "SELECT put({room}, NULL)"
 
+UNSHAPE = "DELETE FROM entity_model WHERE entity_id = {door}"
+
 RIGHTS = {
     "semmap_reader": {READ, FIGURE_3},
     "semmap_robot": {
@@ -78,14 +82,14 @@ RIGHTS = {
         READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, MOVE_ROOM, RENAME, DESCRIBE_ROOM,
         REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, RECOMPUTE, KEEP, KEEP_AND_FORGET,
         PURSUE, FORGET_MISSION, DROP, SHAPE, SHAPE_ROOM, MESH, SPOIL_MESH, BOUND, BOUND_ROOM, LINK,
-        LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM,
+        LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM, UNSHAPE,
     },
 }  # fmt: skip
 STATEMENTS = [
     READ, FIGURE_3, SEE, SEE_PLACED, MOVE, MOVE_ROOM, DESCRIBE, RENAME, DESCRIBE_ROOM, CLOSE,
     REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, FORGE_WORLD, FORGE_HISTORY, FORGE_CHANGE,
     RECOMPUTE, TABLE, KEEP, KEEP_AND_FORGET, PURSUE, FORGET_MISSION, DROP, SHAPE, SHAPE_ROOM, MESH,
-    SPOIL_MESH, BOUND, BOUND_ROOM, LINK, LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM,
+    SPOIL_MESH, BOUND, BOUND_ROOM, LINK, LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM, UNSHAPE,
 ]  # fmt: skip
 
 
@@ -158,3 +162,23 @@ def test_a_reader_and_a_robot_import_nothing(engine: Engine) -> None:
             import_file(other, OFFICE / "office.sdf", map_name="theirs")
         assert getattr(said.value.orig, "sqlstate", None) == "42501"
         other.dispose()
+
+
+def test_a_robot_draws_a_region_and_draws_it_anew(engine: Engine) -> None:
+    import_file(engine, OFFICE / "office_rooms.geojson", map_name="theirs")
+    robot = as_role(engine, "semmap_robot")
+    areas = []
+    for side in (1.0, 2.0):
+        with robot.begin() as connection:
+            number = connection.execute(text("SELECT current_map()")).scalar_one()
+            outline = box(12.0, 2.0, 12.0 + side, 3.0)
+            lab = connection.execute(text("SELECT entity_id('lab1')")).scalar_one()
+            draw_region(connection, number, "wet", outline, holder=lab, type="blocked_region")
+        with robot.connect() as connection:
+            areas.append(
+                connection.execute(
+                    text("SELECT ST_Area(footprint) FROM world WHERE entity_id = entity_id('wet')")
+                ).scalar_one()
+            )
+    assert areas == pytest.approx([1.0, 2.0])
+    robot.dispose()
