@@ -20,53 +20,62 @@ GRANT USAGE ON SCHEMA semmap TO semmap_reader, semmap_robot, semmap_admin;
 GRANT SELECT ON ALL TABLES IN SCHEMA semmap TO semmap_reader, semmap_robot, semmap_admin;
 REVOKE EXECUTE ON ALL FUNCTIONS IN SCHEMA semmap FROM PUBLIC;
 GRANT EXECUTE ON ALL FUNCTIONS IN SCHEMA semmap TO semmap_reader, semmap_robot, semmap_admin;
--- Functions that write with their owner's rights are for those who may write.
-REVOKE EXECUTE ON FUNCTION refresh_object_type(bigint[]), refresh_world(bigint[]), reshape(bigint[]),
-    record_change(text, bigint[]), prune_history(), drop_map(text), drop_unused_models()
-    FROM PUBLIC, semmap_reader, semmap_robot;
 
--- A robot observes and moves things: it adds objects, regions and agents, says what they are and where
--- they stand, opens and closes doors. It neither deletes, nor changes the building or the T-Box.
+-- A robot observes and moves things: it adds objects, regions and agents, describes and places them, opens
+-- and closes doors. It neither deletes, nor changes the building or the T-Box. Times are the server's.
 GRANT INSERT (map_id, kind, name, label, type, properties, front) ON entity TO semmap_robot;
 GRANT UPDATE (label, type, properties, front) ON entity TO semmap_robot;
-GRANT INSERT, UPDATE ON placement TO semmap_robot;
+GRANT INSERT (entity_id, holder_id, pose, relation, confidence) ON placement TO semmap_robot;
+GRANT UPDATE (holder_id, pose, relation, confidence) ON placement TO semmap_robot;
 GRANT INSERT ON entity_model, model, chunk, region, link TO semmap_robot;
--- A region that it draws anew has another outline; the former one goes.
+-- A region that it draws again has another outline; the former one goes.
 GRANT UPDATE ON region TO semmap_robot;
 GRANT DELETE ON entity_model, model TO semmap_robot;
 GRANT UPDATE (state, seen_at) ON connector TO semmap_robot;
--- Fields are what it works out itself: it keeps them, and old versions make way.
+-- Fields are its own work: it keeps them, and old versions make way.
 GRANT INSERT, UPDATE, DELETE ON field, field_version, field_block TO semmap_robot;
--- So are its class, how long its ways are and what its behaviours took.
-GRANT INSERT, UPDATE, DELETE ON robot_class, walk, walked_place, walked_map TO semmap_robot;
-GRANT INSERT ON execution TO semmap_robot;
--- And its missions: what came of them is not taken back, but what is planned only may change.
-GRANT INSERT, UPDATE ON mission TO semmap_robot;
-GRANT INSERT, UPDATE, DELETE ON mission_step, reservation TO semmap_robot;
+-- So are travel times, and what its behaviours took. A class is there for all its robots: it stays.
+GRANT INSERT ON robot_class TO semmap_robot;
+GRANT INSERT, UPDATE, DELETE ON walk, walked_place, walked_map TO semmap_robot;
+GRANT INSERT (robot_class_id, behaviour, entity_id, seconds, height, succeeded) ON execution TO semmap_robot;
+-- And its own missions: what came of them is not taken back, but what is only planned may change.
+GRANT INSERT (map_id, robot_id, goal) ON mission TO semmap_robot;
+GRANT UPDATE (state, reason, runner, heartbeat, ended_at) ON mission TO semmap_robot;
+GRANT INSERT, UPDATE, DELETE ON mission_step TO semmap_robot;
+GRANT INSERT (resource_id, robot_id, expires), UPDATE (robot_id, expires), DELETE ON reservation TO semmap_robot;
+
 DO $$
 DECLARE
     name text;
 BEGIN
-    FOREACH name IN ARRAY ARRAY['entity', 'placement', 'entity_model', 'chunk', 'region', 'link'] LOOP
+    FOREACH name IN ARRAY ARRAY['entity', 'placement', 'entity_model', 'model', 'chunk', 'region', 'link',
+                                'mission', 'mission_step', 'reservation'] LOOP
         EXECUTE format('ALTER TABLE %I ENABLE ROW LEVEL SECURITY', name);
         EXECUTE format('CREATE POLICY read_all ON %I FOR SELECT USING (true)', name);
         EXECUTE format('CREATE POLICY admin_all ON %I TO semmap_admin USING (true) WITH CHECK (true)', name);
     END LOOP;
 END $$;
 CREATE POLICY robot_adds ON entity FOR INSERT TO semmap_robot
-    WITH CHECK (kind IN ('object', 'region', 'agent'));
+    WITH CHECK (kind IN ('object', 'region', 'agent') AND fits_kind(type, kind));
 CREATE POLICY robot_describes ON entity FOR UPDATE TO semmap_robot
-    USING (kind IN ('object', 'region', 'agent')) WITH CHECK (kind IN ('object', 'region', 'agent'));
+    USING (kind IN ('object', 'region', 'agent') AND NOT is_other_robot(id))
+    WITH CHECK (kind IN ('object', 'region', 'agent') AND fits_kind(type, kind));
 CREATE POLICY robot_places ON placement FOR INSERT TO semmap_robot
-    WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent'));
+    WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent')
+                AND NOT is_other_robot(entity_id));
 CREATE POLICY robot_moves ON placement FOR UPDATE TO semmap_robot
-    USING ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent'));
+    USING ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent')
+           AND NOT is_other_robot(entity_id));
 
--- A model is made before anybody has it; then its mesh stays as it is.
-CREATE POLICY robot_makes ON chunk FOR INSERT TO semmap_robot
-    WITH CHECK (NOT EXISTS (SELECT FROM entity_model m WHERE m.model_id = chunk.model_id));
+-- A robot makes a model of its own before an entity has it; then its mesh stays as it is.
+CREATE POLICY robot_makes ON model FOR INSERT TO semmap_robot WITH CHECK (true);
+CREATE POLICY robot_drops ON model FOR DELETE TO semmap_robot USING (starts_with(digest, current_user || '/'));
+CREATE POLICY robot_meshes ON chunk FOR INSERT TO semmap_robot
+    WITH CHECK (NOT EXISTS (SELECT FROM entity_model m WHERE m.model_id = chunk.model_id)
+                AND (SELECT starts_with(m.digest, current_user || '/') FROM model m WHERE m.id = chunk.model_id));
 CREATE POLICY robot_shapes ON entity_model FOR INSERT TO semmap_robot
-    WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent'));
+    WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent')
+                AND NOT is_other_robot(entity_id));
 CREATE POLICY robot_bounds ON region FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = entity_id) = 'region');
 CREATE POLICY robot_redraws ON region FOR UPDATE TO semmap_robot
@@ -76,10 +85,52 @@ CREATE POLICY robot_reshapes ON entity_model FOR DELETE TO semmap_robot
 CREATE POLICY robot_links ON link FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = from_id) IN ('object', 'region', 'agent'));
 
--- An admin does all of it, the T-Box and the building among it.
-GRANT INSERT, UPDATE, DELETE, TRUNCATE ON ALL TABLES IN SCHEMA semmap TO semmap_admin;
-GRANT EXECUTE ON ALL FUNCTIONS IN SCHEMA semmap TO semmap_admin;
+-- Missions and claims of other robots are theirs; a claim that has expired is anybody's.
+CREATE POLICY robot_adds ON mission FOR INSERT TO semmap_robot WITH CHECK (is_own_robot(robot_id));
+CREATE POLICY robot_pursues ON mission FOR UPDATE TO semmap_robot
+    USING (is_own_robot(robot_id)) WITH CHECK (is_own_robot(robot_id));
+CREATE POLICY robot_plans ON mission_step FOR INSERT TO semmap_robot WITH CHECK (is_own_mission(mission_id));
+CREATE POLICY robot_steps ON mission_step FOR UPDATE TO semmap_robot
+    USING (is_own_mission(mission_id) AND state IN ('planned', 'started')) WITH CHECK (is_own_mission(mission_id));
+CREATE POLICY robot_replans ON mission_step FOR DELETE TO semmap_robot
+    USING (is_own_mission(mission_id) AND state = 'planned');
+CREATE POLICY robot_claims ON reservation FOR INSERT TO semmap_robot WITH CHECK (is_own_robot(robot_id));
+CREATE POLICY robot_renews ON reservation FOR UPDATE TO semmap_robot
+    USING (is_own_robot(robot_id) OR expires < clock_timestamp()) WITH CHECK (is_own_robot(robot_id));
+CREATE POLICY robot_releases ON reservation FOR DELETE TO semmap_robot USING (is_own_robot(robot_id));
+
+-- An admin does all of it, the T-Box and the building included; views only where they write by triggers.
+DO $$
+DECLARE
+    name regclass;
+BEGIN
+    FOR name IN SELECT oid FROM pg_class WHERE relnamespace = 'semmap'::regnamespace
+                AND (relkind = 'r' OR relkind = 'v' AND relname IN ('gis_room', 'gis_object', 'gis_region', 'gis_connector')) LOOP
+        EXECUTE format('GRANT INSERT, UPDATE, DELETE, TRUNCATE ON %s TO semmap_admin', name);
+    END LOOP;
+END $$;
 GRANT USAGE ON ALL SEQUENCES IN SCHEMA semmap TO semmap_robot, semmap_admin;
 -- What triggers keep is written by triggers alone.
-REVOKE INSERT, UPDATE, DELETE, TRUNCATE ON world, object_type, type_closure, entity_chunk, change,
+REVOKE INSERT, UPDATE, DELETE, TRUNCATE ON world, object_type, type_closure, entity_chunk, change, change_pruned,
     entity_history, placement_history FROM semmap_admin;
+
+-- Functions that write with their owner's rights: triggers call most of them, and a trigger function that
+-- anybody may execute could be attached to a table of his own.
+DO $$
+DECLARE
+    called record;
+BEGIN
+    FOR called IN
+        SELECT p.oid::regprocedure AS name, coalesce(needed.roles, '{}') AS roles
+        FROM pg_proc p LEFT JOIN (VALUES
+            ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
+            ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
+            ('hold_still', ARRAY['semmap_robot', 'semmap_admin'])) needed (name, roles) ON needed.name = p.proname
+        WHERE p.pronamespace = 'semmap'::regnamespace AND (p.prosecdef OR p.prorettype = 'trigger'::regtype)
+    LOOP
+        EXECUTE format('REVOKE EXECUTE ON FUNCTION %s FROM PUBLIC, semmap_reader, semmap_robot, semmap_admin', called.name);
+        IF called.roles <> '{}' THEN
+            EXECUTE format('GRANT EXECUTE ON FUNCTION %s TO %s', called.name, array_to_string(called.roles, ', '));
+        END IF;
+    END LOOP;
+END $$;

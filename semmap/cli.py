@@ -282,7 +282,7 @@ def changes(
     json_: Json = False,
 ) -> None:
     """What changed since a cursor, and the cursor to ask with next time."""
-    with engine().connect() as connection:
+    with engine().begin() as connection:
         cursor, columns, rows = entries.changes(connection, since)
     if json_:
         rows_ = [dict(zip(columns, row, strict=True)) for row in rows]

@@ -397,7 +397,7 @@ class Journal:
                 got = connection.execute(
                     text(_CLAIM), {"name": name, "robot": robot, "seconds": seconds}
                 ).scalar()
-                if got is None:
+                if not got:
                     connection.rollback()
                     return name
         return None
@@ -545,14 +545,7 @@ WHERE id = :mission AND state = 'running'
 _OWN = "SELECT robot_id, state FROM mission WHERE id = :mission AND runner = :runner FOR UPDATE"
 
 _CLAIM = """
-INSERT INTO reservation AS r (resource_id, robot_id, expires)
-SELECT id, :robot, clock_timestamp() + make_interval(secs => :seconds)
-FROM entity WHERE id = entity_id(:name)
-ON CONFLICT (resource_id) DO UPDATE
-SET robot_id = excluded.robot_id, expires = excluded.expires,
-    since = CASE WHEN r.robot_id = excluded.robot_id THEN r.since ELSE clock_timestamp() END
-WHERE r.robot_id = excluded.robot_id OR r.expires < clock_timestamp()
-RETURNING resource_id
+SELECT claim(id, :robot, :seconds) FROM entity WHERE id = entity_id(:name)
 """
 
 _RELEASE = "DELETE FROM reservation WHERE resource_id = entity_id(:name) AND robot_id = :robot"

@@ -113,8 +113,7 @@ class Kept(NamedTuple):
 
 _CLASS = """
 SELECT r.*, md5(r::text) AS state,
-       CASE WHEN pg_visible_in_snapshot((SELECT min(xid) FROM change)::text::xid8,
-                                        w.cursor::pg_snapshot)
+       CASE WHEN reaches_back(w.cursor)
             THEN ARRAY(SELECT unnest(s.entities) FROM changes_since(w.cursor) s
                        WHERE s.map_id = w.map_id) END AS unwalked,
        (SELECT jsonb_agg(jsonb_build_array(l.behaviour, e.name, l.seconds))

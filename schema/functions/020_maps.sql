@@ -20,7 +20,7 @@ SELECT id FROM semmap.entity WHERE map_id = semmap.current_map() AND name = enti
 $$;
 
 CREATE FUNCTION drop_map(map_name text)
-RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Deletes a map and all that is in it, what triggers keep among it, table by table; returns the number
 -- of entities. Meshes that no entity of another map uses go, too. For admins (roles.sql).
 DECLARE
@@ -50,7 +50,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION drop_unused_models()
-RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Deletes the meshes that no entity has; returns how many.
 DECLARE
     n bigint;

@@ -13,32 +13,30 @@ SELECT array_agg(sub) FROM semmap.type_closure WHERE super = of_type
 $$;
 
 CREATE FUNCTION refresh_type_closure()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Recomputes the closure after a change of the types or of their parents, and the rows that follow from it.
 DECLARE
     touched text[];
+    circular text;
 BEGIN
-    CREATE TEMP TABLE fresh_closure ON COMMIT DROP AS
     WITH RECURSIVE up (sub, super) AS (
         SELECT name, name FROM semantic_type
         UNION
-        SELECT up.sub, p.parent FROM up JOIN type_parent p ON p.type = up.super)
-    SELECT sub, super FROM up;
+        SELECT up.sub, p.parent FROM up JOIN type_parent p ON p.type = up.super
+    ), removed AS (
+        DELETE FROM type_closure c WHERE NOT EXISTS (SELECT FROM up WHERE (up.sub, up.super) = (c.sub, c.super))
+        RETURNING sub
+    ), added AS (
+        INSERT INTO type_closure SELECT sub, super FROM up ON CONFLICT DO NOTHING RETURNING sub
+    )
+    SELECT array_agg(sub) INTO touched FROM (SELECT sub FROM removed UNION SELECT sub FROM added) s;
 
-    IF EXISTS (SELECT FROM fresh_closure a JOIN fresh_closure b ON a.sub = b.super AND a.super = b.sub
-               WHERE a.sub <> a.super) THEN
-        RAISE EXCEPTION 'the types % subsume each other', (
-            SELECT string_agg(DISTINCT a.sub, ', ') FROM fresh_closure a
-            JOIN fresh_closure b ON a.sub = b.super AND a.super = b.sub WHERE a.sub <> a.super)
-            USING ERRCODE = 'check_violation', HINT = 'Take one of the rdfs:subClassOf statements out.';
+    SELECT string_agg(DISTINCT a.sub, ', ') INTO circular
+    FROM type_closure a JOIN type_closure b ON a.sub = b.super AND a.super = b.sub WHERE a.sub <> a.super;
+    IF circular IS NOT NULL THEN
+        RAISE EXCEPTION 'the types % subsume each other', circular
+            USING ERRCODE = 'check_violation', HINT = 'Remove one of the rdfs:subClassOf statements.';
     END IF;
-
-    WITH gone AS (DELETE FROM type_closure c
-                  WHERE NOT EXISTS (SELECT FROM fresh_closure f WHERE (f.sub, f.super) = (c.sub, c.super))
-                  RETURNING sub),
-         come AS (INSERT INTO type_closure SELECT sub, super FROM fresh_closure
-                  ON CONFLICT DO NOTHING RETURNING sub)
-    SELECT array_agg(sub) INTO touched FROM (SELECT sub FROM gone UNION SELECT sub FROM come) s;
-    DROP TABLE fresh_closure;
 
     IF touched IS NOT NULL THEN
         PERFORM refresh_object_type(ARRAY(
@@ -48,13 +46,21 @@ BEGIN
 END $$;
 
 CREATE FUNCTION refresh_object_type(ids bigint[])
-RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 DELETE FROM object_type WHERE id = ANY (ids);
 INSERT INTO object_type (map_id, type, id, label)
     SELECT e.map_id, c.super, e.id, e.name
     FROM unnest(ids) AS given (id) JOIN entity e ON e.id = given.id
     JOIN type_closure c ON c.sub IN (e.type, e.kind)
     GROUP BY e.map_id, c.super, e.id, e.name;
+$$;
+
+CREATE FUNCTION fits_kind(of_type text, of_kind text)
+RETURNS boolean LANGUAGE sql STABLE AS $$
+-- Whether an entity of a kind may be of a type without becoming another kind to those who ask by type: an
+-- object of a type below room would be found as a room. The leaf of a door is an object.
+SELECT NOT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type AND super <> of_kind
+                   AND super IN ('room', 'region', 'elevator', 'storey', 'agent'))
 $$;
 
 CREATE TRIGGER type_added AFTER INSERT OR DELETE ON semantic_type

@@ -2,24 +2,30 @@
 -- readers who missed it.
 
 CREATE FUNCTION record_change(kind_of_change text, ids bigint[])
-RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public AS $$
-INSERT INTO change (map_id, what, entities)
-    SELECT e.map_id, kind_of_change, array_agg(e.id ORDER BY e.id)
-    FROM entity e WHERE e.id = ANY (ids) GROUP BY e.map_id
-$$;
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+BEGIN
+    INSERT INTO change (map_id, what, entities)
+        SELECT e.map_id, kind_of_change, array_agg(e.id ORDER BY e.id)
+        FROM entity e WHERE e.id = ANY (ids) GROUP BY e.map_id;
+END $$;
 
 CREATE FUNCTION announce()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- Runs at commit: the first change row of a transaction speaks for all of them, on channel `semmap`.
--- Payloads are limited to 7,999 bytes: ids up to 200, beyond that only how many.
+-- Payloads are limited to 7,999 bytes: up to 200 ids, otherwise only how many. Every thousandth change
+-- applies the retention.
 DECLARE
     this bigint := NEW.xid;
     payload jsonb;
 BEGIN
-    IF current_setting('semmap.announced', true) = this::text THEN
+    IF NEW.id % 1000 = 0 THEN
+        PERFORM apply_retention();
+    END IF;
+    IF EXISTS (SELECT FROM change WHERE xid = this AND id < NEW.id) THEN
         RETURN NULL;
     END IF;
-    PERFORM set_config('semmap.announced', this::text, true);
     SELECT jsonb_object_agg(what, ids) INTO payload FROM (
         SELECT c.what, CASE WHEN sum(cardinality(c.entities)) <= 200
                             THEN (SELECT jsonb_agg(DISTINCT u) FROM change d, unnest(d.entities) u
@@ -30,7 +36,7 @@ BEGIN
         'maps', (SELECT jsonb_agg(DISTINCT m.name) FROM change c JOIN map m ON m.id = c.map_id WHERE c.xid = this))
         || payload;
     IF octet_length(payload::text) > 7900 THEN
-        SELECT payload || jsonb_object_agg(what, n) INTO payload FROM (
+        SELECT jsonb_build_object('xid', this) || jsonb_object_agg(what, n) INTO payload FROM (
             SELECT what, sum(cardinality(entities)) AS n FROM change WHERE xid = this GROUP BY what) s;
     END IF;
     PERFORM pg_notify('semmap', payload::text);
@@ -42,18 +48,33 @@ CREATE CONSTRAINT TRIGGER change_announced AFTER INSERT ON change
 
 CREATE FUNCTION change_cursor()
 RETURNS text LANGUAGE sql STABLE AS $$
--- A cursor that stands at now: what is committed is behind it, all else will come after it.
+-- A cursor at this statement: what is committed is before it, everything else comes after it.
 SELECT pg_current_snapshot()::text
+$$;
+
+CREATE FUNCTION reaches_back(cursor text)
+RETURNS boolean LANGUAGE sql STABLE AS $$
+-- Whether every change after a cursor is still kept: the newest change that was pruned is before it.
+SELECT NOT EXISTS (SELECT FROM semmap.change_pruned p
+                   WHERE NOT pg_visible_in_snapshot(p.xid::text::xid8, cursor::pg_snapshot))
 $$;
 
 CREATE FUNCTION changes_since(after_cursor text)
 RETURNS TABLE (id bigint, at timestamptz, map_id integer, what text, entities bigint[], cursor text)
-LANGUAGE sql STABLE SET search_path = semmap, public AS $$
--- The changes whose transactions the cursor did not see, and the cursor to ask with next time.
--- By transaction snapshot: one that began early and committed late is not skipped.
-SELECT c.id, c.at, c.map_id, c.what, c.entities, pg_current_snapshot()::text
-FROM change c
-WHERE c.xid >= pg_snapshot_xmin(after_cursor::pg_snapshot)::text::bigint
-  AND NOT pg_visible_in_snapshot(c.xid::text::xid8, after_cursor::pg_snapshot)
-ORDER BY c.id
-$$;
+LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The changes whose transactions the cursor did not see, and the cursor of this statement. By transaction
+-- snapshot: one that began early and committed late is not skipped. All changes that are kept for a null
+-- cursor. A result without rows has no cursor: select change_cursor() in the same statement.
+BEGIN
+    IF NOT reaches_back(after_cursor) THEN
+        RAISE EXCEPTION 'the changes after the cursor % are not all kept', after_cursor
+            USING ERRCODE = 'object_not_in_prerequisite_state',
+                  HINT = 'Read the map again and go on from change_cursor(); the table retention says how long changes are kept.';
+    END IF;
+    RETURN QUERY
+        SELECT c.id, c.at, c.map_id, c.what, c.entities, pg_current_snapshot()::text
+        FROM change c
+        WHERE c.xid >= coalesce(pg_snapshot_xmin(after_cursor::pg_snapshot)::text::bigint, 0)
+          AND (after_cursor IS NULL OR NOT pg_visible_in_snapshot(c.xid::text::xid8, after_cursor::pg_snapshot))
+        ORDER BY c.id;
+END $$;

@@ -9,7 +9,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_inserted()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     INSERT INTO object_type (map_id, type, id, label)
         SELECT n.map_id, s.super, n.id, n.name
@@ -23,7 +23,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_updated()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 DECLARE
     changed bigint[];
     retyped bigint[];
@@ -44,6 +44,9 @@ BEGIN
     INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during)
         SELECT o.id, o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front, tstzrange(o.since, n.since)
         FROM former o JOIN fresh n USING (id) WHERE o.id = ANY (changed);
+    DELETE FROM entity_history h USING former o JOIN retention r ON r.kind = o.kind
+        WHERE h.entity_id = o.id AND o.id = ANY (changed)
+          AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for;
     IF retyped IS NOT NULL THEN
         PERFORM refresh_object_type(retyped);
     END IF;
@@ -52,12 +55,12 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_deleted()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     DELETE FROM object_type t USING former o WHERE t.id = o.id;
-    INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during)
+    INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during, ended)
         SELECT id, map_id, kind, name, label, type, properties, front,
-               tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond'))
+               tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond')), true
         FROM former;
     INSERT INTO change (map_id, what, entities)
         SELECT o.map_id, 'removed', array_agg(o.id ORDER BY o.id)
@@ -66,7 +69,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_empties()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- What a deleted entity held is handed to its own holder and stays where it is in the world.
 BEGIN
     IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
@@ -79,7 +82,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION properties_changed()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A room's heights or a connector's state are the entity's, too: say that it changed.
 BEGIN
     PERFORM record_change('changed', ARRAY(SELECT entity_id FROM fresh));

@@ -2,10 +2,15 @@
 -- it holds; former placements; the announcement.
 
 CREATE FUNCTION refresh_world(ids bigint[])
-RETURNS bigint[] LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS bigint[] LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- World coordinates of the given entities and of what they hold, from the top down. An entity
 -- that is reached twice (itself given, and below another given one) counts where it was reached
--- from the highest start: only there was its holder fresh. Returns all that moved.
+-- from the highest start: only there was its holder fresh. Returns all that moved. In PL/pgSQL, which keeps
+-- the plan: planning takes ten times as long as a move.
+DECLARE
+    moved bigint[];
+BEGIN
 WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
     SELECT p.entity_id, e.map_id, CASE e.kind WHEN 'storey' THEN e.id ELSE h.storey_id END,
            CASE WHEN p.holder_id IS NULL THEN p.pose ELSE pose_compose(h.pose, p.pose) END, 0
@@ -53,9 +58,10 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
     ON CONFLICT (entity_id) DO UPDATE
     SET map_id = excluded.map_id, storey_id = excluded.storey_id, pose = excluded.pose,
         box = excluded.box, footprint = excluded.footprint
-    RETURNING entity_id)
-SELECT array_agg(entity_id) FROM kept
-$$;
+    RETURNING w.entity_id)
+SELECT array_agg(entity_id) INTO moved FROM kept;
+RETURN moved;
+END $$;
 
 CREATE FUNCTION holders_of(ids bigint[])
 RETURNS SETOF bigint LANGUAGE sql STABLE AS $$
@@ -67,17 +73,75 @@ WITH RECURSIVE up (id) AS (
 SELECT id FROM up
 $$;
 
-CREATE FUNCTION lock_holders(ids bigint[])
-RETURNS void LANGUAGE sql AS $$
--- Nobody moves a holder while something is put into it: else the world would be computed from a
--- pose that is already a former one.
-SELECT FROM semmap.placement
-WHERE entity_id IN (SELECT semmap.holders_of(ids)) AND NOT entity_id = ANY (ids[1:1000])
-ORDER BY entity_id FOR SHARE
-$$;
+-- How concurrent transactions keep `world` equal to `placement`. Whoever writes the world coordinates of an
+-- entity holds a lock on its row in `placement`, or on that of an entity above it, and keeps the chain of
+-- holders above it where it is by share locks: the new chain and the one that the entity left, since a
+-- transaction that moves the former holder does not see yet that the entity is gone. Only then are the
+-- coordinates computed, by a statement that sees all that was committed before. Locks are taken from the
+-- entity upwards, along one chain in the order of ids.
+
+CREATE FUNCTION lock_holders(holders bigint[])
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Keeps the given holders and all above them where they are until the transaction ends.
+DECLARE
+    locked bigint[] := '{}';
+    chain bigint[];
+BEGIN
+    LOOP
+        chain := ARRAY(
+            WITH RECURSIVE up (id) AS (
+                SELECT unnest(holders)
+              UNION
+                SELECT p.holder_id FROM up JOIN placement p ON p.entity_id = up.id)
+            SELECT id FROM up WHERE id IS NOT NULL);
+        EXIT WHEN chain <@ locked;  -- another transaction may have moved a holder while this one waited
+        PERFORM FROM placement WHERE entity_id = ANY (chain) ORDER BY entity_id FOR SHARE;
+        locked := chain;
+    END LOOP;
+END $$;
+
+CREATE FUNCTION queue_writer()
+RETURNS void LANGUAGE plpgsql AS $$
+-- Lets one transaction at a time move entities: two that move several in different orders would run into
+-- deadlocks. It waits as long as the transactions before it end; when one of them takes longer than a second,
+-- it goes on nevertheless: the row locks keep the world right, and the server resolves a deadlock. It does not
+-- wait where the setting `semmap.queue` is off.
+DECLARE
+    patience text := current_setting('lock_timeout');
+    key integer := hashtext('semmap.placement');
+    holder text;
+    former_holder text;
+BEGIN
+    IF current_setting('semmap.queue', true) = 'off' OR pg_try_advisory_xact_lock(0, key) THEN
+        RETURN;
+    END IF;
+    LOOP
+        BEGIN
+            PERFORM set_config('lock_timeout', '1s', true);
+            PERFORM pg_advisory_xact_lock(0, key);
+            PERFORM set_config('lock_timeout', patience, true);
+            RETURN;
+        EXCEPTION WHEN lock_not_available THEN
+            SELECT l.virtualtransaction INTO holder FROM pg_locks l
+                WHERE l.locktype = 'advisory' AND l.granted AND l.classid = 0 AND l.objid::bigint = key::bigint & 4294967295
+                  AND l.objsubid = 2 AND l.database = (SELECT oid FROM pg_database WHERE datname = current_database());
+        END;
+        EXIT WHEN holder = former_holder;
+        former_holder := holder;
+    END LOOP;
+END $$;
+
+CREATE FUNCTION placement_queued()
+RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    PERFORM semmap.queue_writer();
+    RETURN NULL;
+END $$;
 
 CREATE FUNCTION check_holders(ids bigint[])
-RETURNS void LANGUAGE plpgsql AS $$
+RETURNS void LANGUAGE plpgsql
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 DECLARE
     wrong text;
 BEGIN
@@ -108,7 +172,8 @@ BEGIN
 END $$;
 
 CREATE FUNCTION placement_inserted()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 DECLARE
     ids bigint[];
 BEGIN
@@ -116,8 +181,8 @@ BEGIN
     IF ids IS NULL THEN
         RETURN NULL;
     END IF;
+    PERFORM lock_holders(ARRAY(SELECT DISTINCT holder_id FROM fresh));
     PERFORM check_holders(ids);
-    PERFORM lock_holders(ids);
     PERFORM record_change('moved', refresh_world(ids));
     RETURN NULL;
 END $$;
@@ -130,7 +195,8 @@ BEGIN
 END $$;
 
 CREATE FUNCTION placement_updated()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 DECLARE
     moved bigint[];
     rehung bigint[];
@@ -142,15 +208,15 @@ BEGIN
     IF moved IS NULL THEN
         RETURN NULL;
     END IF;
+    PERFORM lock_holders(ARRAY(SELECT holder_id FROM former UNION SELECT holder_id FROM fresh));
     IF rehung IS NOT NULL THEN
         PERFORM check_holders(rehung);
     END IF;
-    PERFORM lock_holders(moved);
     PERFORM record_change('moved', refresh_world(moved));
 
     -- Former placements, thinned: within `keep_every` of the last one kept, that one lasts on.
     WITH version AS (
-        SELECT o.*, n.since AS until, r.keep_every
+        SELECT o.*, n.since AS until, e.kind, r.keep_every
         FROM former o JOIN fresh n USING (entity_id)
         JOIN entity e ON e.id = o.entity_id
         LEFT JOIN retention r ON r.kind = e.kind
@@ -161,6 +227,9 @@ BEGIN
         WHERE v.keep_every IS NOT NULL AND h.entity_id = v.entity_id
           AND lower(h.during) > v.since - v.keep_every AND upper(h.during) = v.since
         RETURNING h.entity_id
+    ), expired AS (
+        DELETE FROM placement_history h USING version v JOIN retention r ON r.kind = v.kind
+        WHERE h.entity_id = v.entity_id AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for
     )
     INSERT INTO placement_history (entity_id, holder_id, pose, relation, confidence, during)
         SELECT entity_id, holder_id, pose, relation, confidence, tstzrange(since, until)
@@ -169,7 +238,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION placement_deleted()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     INSERT INTO placement_history (entity_id, holder_id, pose, relation, confidence, during)
         SELECT entity_id, holder_id, pose, relation, confidence,
@@ -179,6 +248,20 @@ BEGIN
     RETURN NULL;
 END $$;
 
+CREATE FUNCTION placement_leaves()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Before a placement goes: a transaction that moves its holder must not write the entity's world again.
+BEGIN
+    PERFORM lock_holders(ARRAY[OLD.holder_id]);
+    RETURN OLD;
+END $$;
+
+CREATE TRIGGER placement_queued BEFORE UPDATE OR DELETE ON placement
+    FOR EACH STATEMENT EXECUTE FUNCTION placement_queued();
+CREATE TRIGGER placement_queued BEFORE DELETE ON entity
+    FOR EACH STATEMENT EXECUTE FUNCTION placement_queued();
+CREATE TRIGGER placement_leaves BEFORE DELETE ON placement
+    FOR EACH ROW WHEN (OLD.holder_id IS NOT NULL) EXECUTE FUNCTION placement_leaves();
 CREATE TRIGGER placement_stamp BEFORE UPDATE ON placement
     FOR EACH ROW WHEN (OLD IS DISTINCT FROM NEW) EXECUTE FUNCTION placement_stamp();
 CREATE TRIGGER placement_inserted AFTER INSERT ON placement REFERENCING NEW TABLE AS fresh
@@ -188,10 +271,23 @@ CREATE TRIGGER placement_updated AFTER UPDATE ON placement REFERENCING OLD TABLE
 CREATE TRIGGER placement_deleted AFTER DELETE ON placement REFERENCING OLD TABLE AS former
     FOR EACH STATEMENT EXECUTE FUNCTION placement_deleted();
 
+CREATE FUNCTION hold_still(thing bigint, into_holder bigint)
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Before a pose relative to a holder is computed from world coordinates: nobody moves the holder meanwhile.
+BEGIN
+    PERFORM queue_writer();
+    PERFORM lock_holders(ARRAY[into_holder, (SELECT holder_id FROM placement WHERE entity_id = thing)]);
+END $$;
+
 CREATE FUNCTION put(thing bigint, into_holder bigint, how text DEFAULT 'in', sure double precision DEFAULT NULL)
 RETURNS void LANGUAGE plpgsql AS $$
 -- Another holder, at the same place in the world (null: the map itself).
 BEGIN
+PERFORM semmap.hold_still(thing, into_holder);
+IF into_holder IS NOT NULL AND NOT EXISTS (SELECT FROM semmap.world WHERE entity_id = into_holder) THEN
+    RAISE EXCEPTION 'the holder % is not in the map, or has no placement', into_holder
+        USING ERRCODE = 'check_violation', HINT = 'Place the holder first.';
+END IF;
 UPDATE semmap.placement p
 SET holder_id = into_holder, relation = how, confidence = sure,
     pose = CASE WHEN into_holder IS NULL THEN w.pose
@@ -208,6 +304,7 @@ CREATE FUNCTION move_to(thing bigint, x double precision, y double precision, z 
 RETURNS void LANGUAGE plpgsql AS $$
 -- To a place in the map's frame, in the hands of the same holder; what it holds comes along.
 BEGIN
+PERFORM semmap.hold_still(thing, NULL);
 UPDATE semmap.placement p
 SET pose = CASE WHEN p.holder_id IS NULL THEN target
                 ELSE semmap.pose_compose(semmap.pose_inverse((SELECT h.pose FROM semmap.world h WHERE h.entity_id = p.holder_id)), target) END

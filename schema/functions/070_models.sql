@@ -1,7 +1,7 @@
 -- What follows a change of an entity's models: its patches of faces, its world box and footprint.
 
 CREATE FUNCTION models_given()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     INSERT INTO entity_chunk (entity_id, chunk_id)
         SELECT n.entity_id, c.id FROM fresh n JOIN chunk c ON c.model_id = n.model_id
@@ -12,7 +12,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION models_taken()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     DELETE FROM entity_chunk e USING former o, chunk c
         WHERE e.entity_id = o.entity_id AND c.id = e.chunk_id AND c.model_id = o.model_id;
@@ -21,12 +21,16 @@ BEGIN
 END $$;
 
 CREATE FUNCTION reshape(ids bigint[])
-RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- World box and footprint of entities whose models changed, where they are placed.
 DECLARE
     placed bigint[];
+    holders bigint[];
 BEGIN
-    SELECT array_agg(w.entity_id) INTO placed FROM world w WHERE w.entity_id = ANY (ids);
+    SELECT array_agg(entity_id), array_agg(DISTINCT holder_id) INTO placed, holders
+        FROM (SELECT entity_id, holder_id FROM placement WHERE entity_id = ANY (ids)
+              ORDER BY entity_id FOR NO KEY UPDATE) locked;
+    PERFORM lock_holders(holders);
     IF placed IS NOT NULL THEN
         PERFORM refresh_world(placed);
         PERFORM record_change('reshaped', placed);

@@ -1,8 +1,15 @@
 -- Where things were.
 
+CREATE FUNCTION is_latest(since timestamptz, moment timestamptz)
+RETURNS boolean LANGUAGE sql STABLE AS $$
+-- Whether a version that begins at `since` and has no successor holds at a moment. After the server's clock
+-- was set back, the latest version can begin in the future: it holds from now on.
+SELECT since <= moment OR since > statement_timestamp() AND moment >= now()
+$$;
+
 CREATE FUNCTION placement_at(thing bigint, moment timestamptz, OUT holder_id bigint, OUT pose double precision[])
-LANGUAGE sql STABLE SET search_path = semmap, public AS $$
-SELECT p.holder_id, p.pose FROM placement p WHERE p.entity_id = thing AND p.since <= moment
+LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+SELECT p.holder_id, p.pose FROM placement p WHERE p.entity_id = thing AND is_latest(p.since, moment)
 UNION ALL
 (SELECT h.holder_id, h.pose FROM placement_history h
  WHERE h.entity_id = thing AND lower(h.during) <= moment AND upper(h.during) > moment
@@ -11,7 +18,7 @@ LIMIT 1
 $$;
 
 CREATE FUNCTION pose_at(thing bigint, moment timestamptz)
-RETURNS double precision[] LANGUAGE plpgsql STABLE SET search_path = semmap, public AS $$
+RETURNS double precision[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- Where a thing was in the map's frame at a moment; null where it was not in the map then.
 DECLARE
     at_pose double precision[] := NULL;
@@ -30,17 +37,67 @@ BEGIN
     RETURN at_pose;
 END $$;
 
-CREATE FUNCTION prune_history()
-RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
--- Drops former placements beyond their kind's `keep_for`; returns how many.
+CREATE FUNCTION prune_history(most bigint DEFAULT NULL)
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Deletes former placements and versions that are older than their kind's `keep_for`, at most so many
+-- (all where null); returns how many. Moves and changes do the same for what they concern, so this is for
+-- what is gone or rests.
 DECLARE
     n bigint;
+    deleted bigint;
 BEGIN
-    DELETE FROM placement_history h
-    USING retention r
-    WHERE r.keep_for IS NOT NULL AND upper(h.during) < now() - r.keep_for
-      AND r.kind = coalesce((SELECT kind FROM entity e WHERE e.id = h.entity_id),
-                            (SELECT kind FROM entity_history e WHERE e.entity_id = h.entity_id LIMIT 1));
+    DELETE FROM placement_history WHERE ctid IN (
+        SELECT h.ctid FROM placement_history h
+        JOIN (SELECT id, kind FROM entity
+              UNION ALL SELECT entity_id, kind FROM entity_history WHERE ended) e ON e.id = h.entity_id
+        JOIN retention r ON r.kind = e.kind AND upper(h.during) < now() - r.keep_for LIMIT most);
     GET DIAGNOSTICS n = ROW_COUNT;
+    DELETE FROM entity_history WHERE ctid IN (
+        SELECT h.ctid FROM entity_history h
+        JOIN retention r ON r.kind = h.kind AND upper(h.during) < now() - r.keep_for
+        WHERE NOT EXISTS (SELECT FROM placement_history p WHERE p.entity_id = h.entity_id AND h.ended) LIMIT most - n);
+    GET DIAGNOSTICS deleted = ROW_COUNT;
+    RETURN n + deleted;
+END $$;
+
+CREATE FUNCTION prune_changes(most bigint DEFAULT NULL)
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Deletes changes that are older than the `keep_for` of the retention 'change', at most so many (all where
+-- null), and keeps the number of the newest transaction among them; returns how many.
+DECLARE
+    n bigint;
+    newest bigint;
+BEGIN
+    WITH oldest AS (
+        SELECT id FROM change ORDER BY id LIMIT most
+    ), gone AS (
+        DELETE FROM change c USING oldest o
+        WHERE c.id = o.id AND c.at < now() - (SELECT keep_for FROM retention WHERE kind = 'change')
+        RETURNING c.xid
+    )
+    SELECT count(*), max(xid) INTO n, newest FROM gone;
+    IF n > 0 THEN
+        INSERT INTO change_pruned (xid) VALUES (newest)
+            ON CONFLICT (id) DO UPDATE SET xid = greatest(change_pruned.xid, excluded.xid);
+    END IF;
     RETURN n;
+END $$;
+
+CREATE FUNCTION apply_retention()
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- A bounded part of what is due, by one transaction at a time.
+DECLARE
+    ended record;
+BEGIN
+    IF NOT pg_try_advisory_xact_lock(hashtext('semmap.retention')) THEN
+        RETURN;
+    END IF;
+    PERFORM prune_changes(5000);
+    FOR ended IN
+        SELECT h.entity_id FROM entity_history h JOIN retention r ON r.kind = h.kind
+        WHERE h.ended AND upper(h.during) < now() - r.keep_for ORDER BY upper(h.during) LIMIT 100
+    LOOP
+        DELETE FROM placement_history WHERE entity_id = ended.entity_id;
+        DELETE FROM entity_history WHERE entity_id = ended.entity_id;
+    END LOOP;
 END $$;

@@ -20,7 +20,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION prism_tin(outline geometry, low double precision, high double precision)
-RETURNS geometry LANGUAGE plpgsql IMMUTABLE SET search_path = semmap, public AS $$
+RETURNS geometry LANGUAGE plpgsql IMMUTABLE SET search_path = semmap, public, pg_temp AS $$
 -- The closed surface of a polygon from z `low` to `high`: floor and ceiling triangulated, walls upright,
 -- normals outward.
 DECLARE
@@ -53,15 +53,34 @@ BEGIN
     RETURN tin;
 END $$;
 
+CREATE FUNCTION kept_digest(digest text)
+RETURNS text LANGUAGE sql STABLE AS $$
+-- The digest under which a model of the current role is stored. Equal digests share one model, so what a
+-- robot says of a mesh must not stand in for what an admin imports: its models are under its own name.
+SELECT CASE WHEN pg_has_role((SELECT relowner FROM pg_class WHERE oid = 'semmap.model'::regclass), 'MEMBER')
+              OR pg_has_role('semmap_admin', 'MEMBER') THEN digest
+            ELSE current_user || '/' || digest END
+$$;
+
+CREATE FUNCTION model_digest()
+RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    NEW.digest := semmap.kept_digest(NEW.digest);
+    RETURN NEW;
+END $$;
+
+CREATE TRIGGER model_digest BEFORE INSERT OR UPDATE OF digest ON model
+    FOR EACH ROW EXECUTE FUNCTION model_digest();
+
 CREATE FUNCTION drawn_model(outline geometry, low double precision, high double precision)
-RETURNS bigint LANGUAGE plpgsql SET search_path = semmap, public AS $$
+RETURNS bigint LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- The model of a polygon between two heights, in its own frame; made if it is not there.
 DECLARE
     made bigint;
     mark text := 'drawn:' || md5(ST_AsBinary(outline)) || ':' || low || ':' || high;
     tin geometry;
 BEGIN
-    SELECT id INTO made FROM model WHERE digest = mark;
+    SELECT id INTO made FROM model WHERE digest IN (mark, kept_digest(mark)) LIMIT 1;
     IF made IS NULL THEN
         tin := prism_tin(outline, low, high);
         INSERT INTO model (digest, kind, triangles, closed, hull, outline)

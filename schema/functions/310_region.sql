@@ -1,7 +1,7 @@
 -- Regions: the triangles of those that are faces of a model, and their end with what they are a part of.
 
 CREATE FUNCTION model_faces(of_model bigint, wanted integer[])
-RETURNS geometry LANGUAGE sql STABLE STRICT PARALLEL SAFE SET search_path = semmap, public AS $$
+RETURNS geometry LANGUAGE sql STABLE STRICT PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- Triangles of a model, in its own frame, by their numbers in the order of its chunks, from 0.
 WITH patch AS (
     SELECT id, sum(ST_NumGeometries(geom)) OVER (ORDER BY number) AS upto, ST_NumGeometries(geom) AS n
@@ -18,7 +18,7 @@ WHERE part.path[1] = ANY (a.places)
 $$;
 
 CREATE FUNCTION region_gone()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A region goes with the room or object that it is a part of: its row by the foreign key, its entry here.
 BEGIN
     DELETE FROM entity e USING former o WHERE e.id = o.entity_id;

@@ -86,7 +86,7 @@ SELECT EXISTS (SELECT FROM semmap.entity WHERE id = thing AND kind IN ('room', '
 $$;
 
 CREATE FUNCTION is_near(a bigint, b bigint, distance double precision)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- The surfaces of a and b are at most `distance` metres apart, straight through whatever is between
 -- them, walls too; or one of them is a room or region that the other is in. Symmetric; needs no frame.
 BEGIN

@@ -96,7 +96,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION is_in(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 5000 SET search_path = semmap, public AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 5000 SET search_path = semmap, public, pg_temp AS $$
 -- b contains a, in the map's frame.
 -- A room: more than half of a's footprint lies in the room's outline, and half of its height between
 -- floor and ceiling (`tolerance` metres more on either end): a muffin on a desk is in the office.
@@ -173,7 +173,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION is_on(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- a rests on b, in the map's frame: b has surface within `tolerance` metres, up or down, of a's lowest
 -- height, beneath a's underside (its lowest `tolerance` metres): at least 2 % of that, or of b's surface
 -- there. b reaches lower than a does, by `tolerance` or half of its own height: two things that stand on

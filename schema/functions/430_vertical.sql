@@ -34,7 +34,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION is_above(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- a is over b, in the map's frame (z up), on the same storey, at any height: their footprints share ground
 -- (2 % of the smaller one at least), and on the plumb lines there (up to 26) on which both have surface,
 -- all of a is higher than all of b, or `tolerance` metres lower at most, and a reaches higher on average (as

@@ -34,7 +34,7 @@ SELECT coalesce((
 $$;
 
 CREATE FUNCTION side_in_frame(a bigint, b bigint, frame text, side text)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- side_of in the frame 'map' or 'object'.
 DECLARE
     heading double precision;
@@ -53,7 +53,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION side_as_seen(a bigint, b bigint, observer double precision[], side text)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- side_of as seen by an observer whose pose (of which x and y count) is given.
 DECLARE
     target geometry := middle(b);
@@ -142,7 +142,7 @@ SELECT semmap.side_as_seen(a, b, observer, 'behind')
 $$;
 
 CREATE FUNCTION is_between(a bigint, b bigint, c bigint, tolerance double precision DEFAULT 0.01)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- a is between b and c, in the map's frame, on one storey. Side by side: the middle of a lies within the
 -- convex hull of both footprints (`tolerance` metres more), but in neither of them, and a's heights
 -- meet theirs. Or stacked: a is above one and under the other.

@@ -27,7 +27,8 @@ CREATE TABLE entity (
                CHECK (front > '-Infinity' AND front < 'Infinity'),
     source     text,                                           -- the file it was imported from, if any,
     digest     text,                                           -- and the state in which that file had it
-    since      timestamptz NOT NULL DEFAULT statement_timestamp(),
+    since      timestamptz NOT NULL DEFAULT statement_timestamp()
+               CONSTRAINT entity_since_is_finite CHECK (isfinite(since)),
     UNIQUE (map_id, name)
 ) WITH (fillfactor = 90);
 CREATE INDEX entity_type ON entity (type);

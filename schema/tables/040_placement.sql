@@ -7,7 +7,8 @@ CREATE TABLE placement (
     pose       double precision[] NOT NULL DEFAULT '{0,0,0,0,0,0,1}',
     relation   text NOT NULL DEFAULT 'in' CHECK (relation IN ('in', 'on')),
     confidence double precision CHECK (confidence BETWEEN 0 AND 1),  -- of a holder derived from geometry; null: said
-    since      timestamptz NOT NULL DEFAULT statement_timestamp(),
+    since      timestamptz NOT NULL DEFAULT statement_timestamp()
+               CONSTRAINT placement_since_is_finite CHECK (isfinite(since)),
     CONSTRAINT placement_not_in_itself CHECK (holder_id <> entity_id),
     CONSTRAINT placement_pose_has_seven_finite_numbers CHECK (
         cardinality(pose) = 7 AND array_position(pose, NULL) IS NULL

@@ -9,8 +9,10 @@ CREATE TABLE entity_history (
     type       text,
     properties jsonb NOT NULL,
     front      double precision NOT NULL,
-    during     tstzrange NOT NULL
+    during     tstzrange NOT NULL,
+    ended      boolean NOT NULL DEFAULT false                  -- the last version of an entity that was deleted
 );
+CREATE INDEX entity_history_ended ON entity_history (upper(during)) WHERE ended;
 CREATE INDEX entity_history_entity ON entity_history (entity_id, lower(during));
 CREATE INDEX entity_history_name ON entity_history (map_id, name);
 
@@ -24,13 +26,15 @@ CREATE TABLE placement_history (
 );
 CREATE INDEX placement_history_entity ON placement_history (entity_id, lower(during));
 
--- Former placements of a kind: at most one kept per `keep_every`, none older than `keep_for`.
+-- Former placements and versions of a kind of entity: at most one placement is kept per `keep_every`, none
+-- that ended longer than `keep_for` ago; `change`: the rows of the table of that name. Writers apply it.
 CREATE TABLE retention (
     kind       text PRIMARY KEY,
-    keep_every interval,
-    keep_for   interval
+    keep_every interval CHECK (keep_every > '0'),
+    keep_for   interval CHECK (keep_for > '0')
 );
-INSERT INTO retention (kind, keep_every, keep_for) VALUES ('agent', '1 second', '30 days');
+INSERT INTO retention (kind, keep_every, keep_for) VALUES
+    ('agent', '1 second', '30 days'), ('object', NULL, '1 year'), ('change', NULL, '7 days');
 
 -- One row a changing statement. A reader catches up by transaction snapshot, not by id: ids can
 -- commit out of order.
@@ -43,6 +47,12 @@ CREATE TABLE change (
     entities bigint[] NOT NULL
 );
 CREATE INDEX change_xid ON change (xid);
+
+-- The newest transaction of which a change was pruned: a cursor that did not see it has missed changes.
+CREATE TABLE change_pruned (
+    id  integer PRIMARY KEY DEFAULT 1 CHECK (id = 1),
+    xid bigint NOT NULL
+);
 
 -- What was imported: repeating an import of the same file changes nothing.
 CREATE TABLE import (

@@ -42,8 +42,8 @@ CREATE TABLE mission_step (
 -- One step at a time.
 CREATE UNIQUE INDEX mission_step_started ON mission_step (mission_id) WHERE state = 'started';
 
--- A narrow connector or an elevator that one robot uses: the primary key keeps a second one out. A
--- claim that is not renewed expires, and then another robot may take it over.
+-- A narrow connector or an elevator that one robot uses: the primary key keeps a second one out. A claim
+-- that is not renewed expires, after an hour at most, and then another robot may take it over.
 CREATE TABLE reservation (
     resource_id bigint PRIMARY KEY REFERENCES entity ON DELETE CASCADE,
     robot_id    bigint NOT NULL REFERENCES entity ON DELETE CASCADE,

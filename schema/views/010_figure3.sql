@@ -28,3 +28,16 @@ END $$;
 -- A patch of triangles in world coordinates: transformed on read.
 CREATE VIEW face AS
     SELECT id, placed_chunk(entity_id, chunk_id) AS triangle FROM entity_chunk;
+
+CREATE FUNCTION view_derived()
+RETURNS trigger LANGUAGE plpgsql AS $$
+-- PostgreSQL would write through such a view with the rights of its owner.
+BEGIN
+    RAISE EXCEPTION 'the view % is derived and cannot be written', TG_TABLE_NAME
+        USING ERRCODE = 'object_not_in_prerequisite_state', HINT = 'Write the tables entity, placement and entity_model.';
+END $$;
+
+CREATE TRIGGER view_derived INSTEAD OF INSERT OR UPDATE OR DELETE ON object FOR EACH ROW EXECUTE FUNCTION view_derived();
+CREATE TRIGGER view_derived INSTEAD OF INSERT OR UPDATE OR DELETE ON inventory FOR EACH ROW EXECUTE FUNCTION view_derived();
+CREATE TRIGGER view_derived INSTEAD OF INSERT OR UPDATE OR DELETE ON fa_to_ob FOR EACH ROW EXECUTE FUNCTION view_derived();
+CREATE TRIGGER view_derived INSTEAD OF INSERT OR UPDATE OR DELETE ON face FOR EACH ROW EXECUTE FUNCTION view_derived();

@@ -39,7 +39,7 @@ CREATE VIEW gis_connector AS
     LEFT JOIN LATERAL (SELECT pose_compose(w.pose, c.pose_b)) pb (pose) ON true;
 
 CREATE FUNCTION gis_changed()
-RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- What a GIS client writes to a layer, written to the map. Attributes that are derived (map, storey,
 -- holder, low, high of a mesh) are taken for a new feature and left alone afterwards.
 DECLARE

@@ -1,7 +1,7 @@
 -- Maps with a georeference, on the earth: the same footprints in longitude and latitude.
 
 CREATE FUNCTION on_earth(geom geometry, of_map integer)
-RETURNS geometry LANGUAGE sql STABLE SET search_path = semmap, public AS $$
+RETURNS geometry LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- A geometry of the map's frame in WGS 84; null where the map has no georeference.
 SELECT ST_Transform(ST_SetSRID(ST_Translate(ST_Rotate(ST_Force2D(geom), m.rotation), m.easting, m.northing), m.crs), 4326)
 FROM map m WHERE m.id = of_map AND m.crs IS NOT NULL

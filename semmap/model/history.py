@@ -13,7 +13,7 @@ from semmap.geometry.pose import Pose
 from semmap.model.base import Base, PoseColumn
 from semmap.model.entity import Map
 
-__all__ = ["Change", "EntityHistory", "Import", "PlacementHistory", "Retention"]
+__all__ = ["Change", "ChangePruned", "EntityHistory", "Import", "PlacementHistory", "Retention"]
 
 
 class EntityHistory(Base):
@@ -23,6 +23,7 @@ class EntityHistory(Base):
     __table_args__ = (
         Index("entity_history_entity", "entity_id", text("lower(during)")),
         Index("entity_history_name", "map_id", "name"),
+        Index("entity_history_ended", text("upper(during)"), postgresql_where=text("ended")),
     )
     __mapper_args__ = {"primary_key": ["entity_id", "during"]}  # noqa: RUF012
 
@@ -35,6 +36,7 @@ class EntityHistory(Base):
     properties: Mapped[dict[str, Any]]
     front: Mapped[float]
     during: Mapped[Range[datetime]] = mapped_column(TSTZRANGE)
+    ended: Mapped[bool] = mapped_column(server_default="false", default=False)
 
 
 class PlacementHistory(Base):
@@ -53,7 +55,10 @@ class PlacementHistory(Base):
 
 
 class Retention(Base):
-    """How many former placements of a kind are kept: one per `keep_every`, up to `keep_for`."""
+    """How much history of a kind of entity is kept: a placement per `keep_every`, up to `keep_for`.
+
+    The kind ``change`` is for rows of `Change`. Writers apply it as they go.
+    """
 
     __tablename__ = "retention"
 
@@ -76,6 +81,15 @@ class Change(Base):
     map_id: Mapped[int]
     what: Mapped[str]
     entities: Mapped[list[int]]
+
+
+class ChangePruned(Base):
+    """The newest transaction of which a change was pruned: older cursors have missed changes."""
+
+    __tablename__ = "change_pruned"
+
+    id: Mapped[int] = mapped_column(primary_key=True, server_default="1", autoincrement=False)
+    xid: Mapped[int] = mapped_column(BigInteger)
 
 
 class Import(Base):

@@ -45,13 +45,5 @@ def settle(connection: Connection) -> None:
 
 
 def reaches_back(connection: Connection, since: str) -> bool:
-    """Whether the history still holds a change that a cursor has seen: then it lacks none since."""
-    return bool(
-        connection.execute(
-            text(
-                "SELECT pg_visible_in_snapshot(min(xid)::text::xid8, CAST(:since AS pg_snapshot)) "
-                "FROM change"
-            ),
-            {"since": since},
-        ).scalar()
-    )
+    """Whether all changes after a cursor are still kept."""
+    return bool(connection.execute(text("SELECT reaches_back(:since)"), {"since": since}).scalar())

@@ -18,6 +18,8 @@ from psycopg.types.datetime import DateLoader, TimestampLoader, TimestamptzLoade
 from psycopg.types.range import Range
 from sqlalchemy import Connection, text
 
+from semmap.query.changes import settle
+
 __all__ = [
     "Question",
     "changes",
@@ -286,20 +288,25 @@ _LENIENT = {
 def changes(
     connection: Connection, since: str | None
 ) -> tuple[str, list[str], list[tuple[Any, ...]]]:
-    """Changes after a cursor (all that are kept where None), and the cursor for the next call."""
+    """Changes after a cursor (all that are kept where None), and the cursor for the next call.
+
+    Commit the transaction before the cursor leaves this process: then it survives a crash of the
+    server.
+    """
     if since is not None and not re.fullmatch(r"\d+:\d+:[\d,]*", since):
         raise ValueError(
             f"{since} is no cursor: give the one that an earlier call printed, or none"
         )
+    # One statement, so that cursor and rows are of one snapshot.
     columns, rows = _rows(
         connection,
-        "SELECT c.id, c.at, m.name AS map, c.what, c.entities, c.cursor "
-        "FROM changes_since(coalesce(:since, '3:3:')) c "
-        "JOIN map m ON m.id = c.map_id ORDER BY c.id",
+        "SELECT change_cursor(), c.id, c.at, m.name AS map, c.what, c.entities "
+        "FROM (SELECT) once LEFT JOIN changes_since(:since) c ON true "
+        "LEFT JOIN map m ON m.id = c.map_id ORDER BY c.id",
         {"since": since},
     )
-    cursor = rows[-1][-1] if rows else connection.execute(text("SELECT change_cursor()")).scalar()
-    return str(cursor), columns[:-1], [row[:-1] for row in rows]
+    settle(connection)
+    return str(rows[0][0]), columns[1:], [row[1:] for row in rows if row[1] is not None]
 
 
 def unique_names(columns: list[str]) -> list[str]:

@@ -12,9 +12,10 @@ import psycopg
 import pytest
 from sqlalchemy import create_engine
 
-from semmap.database import Cluster
+from semmap.database import Cluster, connect
 from semmap.database.account import server_account
 from semmap.database.leftovers import _processes_in
+from semmap.query import entries
 from tests.database.conftest import python, query, said
 from tests.database.test_embedded import ENSURE
 
@@ -49,6 +50,29 @@ def test_committed_rows_outlive_the_server(own: Cluster) -> None:
     open_transaction.invalidate()
     engine.dispose()
     assert query(own, "SELECT array_agg(value ORDER BY value) FROM kept") == list(range(20))
+
+
+def test_a_cursor_outlives_the_server(own: Cluster) -> None:
+    """A crashed server gives the number of a transaction that was undone to another one."""
+    engine = connect(own.ensure())
+    with engine.begin() as connection:
+        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('m')")
+    with engine.connect() as connection:
+        connection.exec_driver_sql("SELECT pg_current_xact_id()")
+        connection.rollback()
+    with engine.begin() as connection:
+        cursor, _, _ = entries.changes(connection, None)
+    kill_server(own)
+    engine.dispose()
+    engine = connect(own.ensure())
+    with engine.begin() as connection:
+        connection.exec_driver_sql(
+            "INSERT INTO entity (map_id, kind, name) SELECT id, 'object', 'mug' FROM map"
+        )
+    with engine.begin() as connection:
+        _, _, rows = entries.changes(connection, cursor)
+    assert [row[3] for row in rows] == ["added"]
+    engine.dispose()
 
 
 def test_orphans_make_way(own: Cluster) -> None:

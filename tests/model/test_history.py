@@ -13,7 +13,7 @@ from sqlalchemy import Engine, func, select, text
 from sqlalchemy.orm import Session
 
 from semmap.geometry.pose import Pose
-from semmap.model import Agent, Map, Object, Placement, PlacementHistory
+from semmap.model import Agent, EntityHistory, Map, Object, Placement, PlacementHistory
 from tests.model.test_placement import new_map, thing
 
 
@@ -140,6 +140,69 @@ def test_old_poses_of_agents_are_pruned(engine: Engine) -> None:
         left = session.scalars(select(PlacementHistory.entity_id)).all()
         assert mug.id in left
         assert robot.id not in left
+
+
+def test_a_move_prunes_what_is_older_than_the_retention(engine: Engine) -> None:
+    with Session(engine) as session:
+        of = new_map(session)
+        mug = thing(session, of, "mug", None, Pose())
+        for x in (1, 2, 3):
+            session.get_one(Placement, mug.id).pose = Pose(x=x)
+            mug.label = f"{x}"
+            session.commit()
+        for table, back in (("placement_history", 366), ("entity_history", 366)):
+            session.execute(
+                text(
+                    f"UPDATE {table} SET during = tstzrange(lower(during) - make_interval(days => "
+                    ":back), upper(during) - make_interval(days => :back)) WHERE entity_id = :id "
+                    f"AND upper(during) < (SELECT max(upper(during)) FROM {table})"
+                ),
+                {"back": back, "id": mug.id},
+            )
+        session.get_one(Placement, mug.id).pose = Pose(x=4)
+        mug.label = "4"
+        session.commit()
+        for table in (PlacementHistory, EntityHistory):
+            spans = session.scalars(select(table.during).where(table.entity_id == mug.id)).all()
+            assert len(spans) == 2, table
+            assert all(span.lower > now(session) - timedelta(days=1) for span in spans)
+
+
+def test_what_is_gone_for_longer_than_the_retention_is_pruned_by_writers(engine: Engine) -> None:
+    with Session(engine) as session:
+        of = new_map(session)
+        mug, lamp = (thing(session, of, name, None, Pose()) for name in ("mug", "lamp"))
+        session.get_one(Placement, mug.id).pose = Pose(x=1)
+        session.commit()
+        session.delete(mug)
+        session.delete(lamp)
+        session.commit()
+        for table in ("placement_history", "entity_history"):
+            session.execute(
+                text(f"UPDATE {table} SET during = tstzrange('2001-01-01', '2001-01-02') "
+                     "WHERE entity_id = :id"), {"id": mug.id}
+            )  # fmt: skip
+        session.execute(text("SELECT apply_retention()"))
+        for table in (PlacementHistory, EntityHistory):
+            assert {*session.scalars(select(table.entity_id))} == {lamp.id}, table
+
+
+def test_after_the_clock_was_set_back_the_latest_pose_is_the_one_now(engine: Engine) -> None:
+    with Session(engine) as session:
+        of = new_map(session)
+        mug = Object(map=of, name="mug", type="object")
+        session.add(mug)
+        session.flush()
+        tomorrow = now(session) + timedelta(days=1)  # as the clock was before
+        session.add(Placement(entity=mug, pose=Pose(x=1), since=tomorrow))
+        session.commit()
+        session.get_one(Placement, mug.id).pose = Pose(x=2)
+        session.commit()
+        session.get_one(Placement, mug.id).pose = Pose(x=3)
+        session.commit()
+        latest = session.execute(text("SELECT (pose_at(:id, now()))[1]"), {"id": mug.id})
+        assert latest.scalar_one() == 3
+        assert pose_at(session, mug.id, now(session) - timedelta(days=1)) is None
 
 
 @pytest.fixture

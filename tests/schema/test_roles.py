@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -41,12 +42,62 @@ KEEP = (
     "VALUES ({map}, 'space', 'urn:x', 'bool', 0.05, 32)"
 )
 KEEP_AND_FORGET = KEEP + "; DELETE FROM field"
-MISSION = "INSERT INTO mission (map_id, robot_id, goal) VALUES ({map}, {mug}, 'on(mug, desk)')"
+MISSION = "INSERT INTO mission (map_id, robot_id, goal) VALUES ({map}, {own}, 'on(mug, desk)')"
 PURSUE = (
-    f"{MISSION}; INSERT INTO reservation (resource_id, robot_id, expires) "
-    "VALUES ({door}, {mug}, 'infinity'); DELETE FROM reservation"
+    f"{MISSION}; SELECT 1 / claim({{door}}, {{own}}, 30)::int; "
+    "UPDATE mission SET state = 'done', ended_at = now() WHERE robot_id = {own}; "
+    "DELETE FROM reservation WHERE robot_id = {own}"
 )
 FORGET_MISSION = f"{MISSION}; DELETE FROM mission"
+THEIR_MISSION = (
+    "INSERT INTO mission (map_id, robot_id, goal) VALUES ({map}, {other}, 'on(mug, desk)')"
+)
+CANCEL_THEIRS = "UPDATE mission SET state = 'cancelled', ended_at = now() WHERE robot_id = {other}"
+TAKE_THEIRS = "UPDATE mission SET robot_id = {own} WHERE robot_id = {other}"
+FAIL_THEIR_STEP = "UPDATE mission_step SET cause = 'x' WHERE mission_id = {mission}"
+ADD_THEIR_STEP = (
+    "INSERT INTO mission_step (mission_id, number, action, arguments, stage) "
+    "VALUES ({mission}, 9, 'x', '{{}}', '{{}}')"
+)
+FORGET_THEIR_STEP = "DELETE FROM mission_step WHERE mission_id = {mission}"
+CLAIM_FOR_THEM = "SELECT 1 / claim({door}, {other}, 30)::int"
+RENEW_THEIRS = "UPDATE reservation SET expires = now() + '1 minute' WHERE robot_id = {other}"
+OWN_THEIRS = "UPDATE reservation SET robot_id = {own} WHERE robot_id = {other}"
+RELEASE_THEIRS = "DELETE FROM reservation WHERE robot_id = {other}"
+MOVE_THEM = "SELECT move_to({other}, 1, 2, 3)"
+MOVE_ITSELF = "SELECT move_to({own}, 1, 2, 3)"
+BACKDATE = "INSERT INTO placement (entity_id, since) VALUES ({lost}, '2000-01-01')"
+BACKDATE_ENTITY = (
+    "INSERT INTO entity (map_id, kind, name, since) VALUES ({map}, 'object', 'x', '2000-01-01')"
+)
+BACKDATE_MOVE = "UPDATE placement SET since = '2000-01-01' WHERE entity_id = {mug}"
+BACKDATE_EXECUTION = (
+    "INSERT INTO execution (behaviour, entity_id, at, seconds, succeeded) "
+    "VALUES ('pass_door', {door}, '2000-01-01', 1, true)"
+)
+EXECUTED = (
+    "INSERT INTO execution (behaviour, entity_id, seconds, succeeded) "
+    "VALUES ('pass_door', {door}, 1, true)"
+)
+INTO_ROOM = "UPDATE entity SET type = 'kitchen' WHERE id = {mug}"
+SEE_ROOM = "INSERT INTO entity (map_id, kind, name, type) VALUES ({map}, 'object', 'x', 'kitchen')"
+NEW_CLASS = (
+    "INSERT INTO robot_class (name, max_step, max_slope, speed, reach, heights, capacity, "
+    "call_seconds, ride_seconds, ride_seconds_per_metre, open_seconds, unlock_seconds, "
+    "pickup_seconds, place_seconds) VALUES ('own', 0, 0, 1, '{{0,1}}', '{{0,1}}', 1, "
+    "1, 1, 1, 1, 1, 1, 1)"
+)
+DELETE_CLASS = "DELETE FROM robot_class WHERE name = 'all'"
+SLOW_CLASS = "UPDATE robot_class SET speed = 0.001 WHERE name = 'all'"
+FORGE_BY_FUNCTION = "SELECT record_change('moved', '{{1}}')"
+DELETE_TYPES = "DELETE FROM object"
+EMPTY_INVENTORY = "DELETE FROM inventory"
+FORGET_HISTORY = "SELECT prune_history()"
+LOCK = "SELECT lock_holders('{{1}}')"
+SPOIL_UNUSED = (
+    "INSERT INTO chunk (model_id, number, geom) SELECT {spare}, 9, geom FROM chunk LIMIT 1"
+)
+DROP_UNUSED = "DELETE FROM model WHERE id = {spare}"
 TABLE = "CREATE TABLE semmap.mine (id int)"
 DROP = "SELECT drop_map((SELECT name FROM map WHERE id = {map}))"
 SHAPE = "INSERT INTO entity_model (entity_id, model_id) VALUES ({mug}, {model})"
@@ -76,13 +127,17 @@ RIGHTS = {
     "semmap_reader": {READ, FIGURE_3},
     "semmap_robot": {
         READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, KEEP, KEEP_AND_FORGET, PURSUE,
-        SHAPE, MESH, BOUND, LINK, MOVE_TO,
+        SHAPE, MESH, BOUND, LINK, MOVE_TO, MOVE_ITSELF, EXECUTED, NEW_CLASS,
     },
     "semmap_admin": {
         READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, MOVE_ROOM, RENAME, DESCRIBE_ROOM,
-        REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, RECOMPUTE, KEEP, KEEP_AND_FORGET,
+        REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, KEEP, KEEP_AND_FORGET,
         PURSUE, FORGET_MISSION, DROP, SHAPE, SHAPE_ROOM, MESH, SPOIL_MESH, BOUND, BOUND_ROOM, LINK,
-        LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM, UNSHAPE,
+        LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM, UNSHAPE, THEIR_MISSION, CANCEL_THEIRS,
+        TAKE_THEIRS, FAIL_THEIR_STEP, ADD_THEIR_STEP, FORGET_THEIR_STEP, RENEW_THEIRS, OWN_THEIRS,
+        RELEASE_THEIRS, CLAIM_FOR_THEM, MOVE_THEM, MOVE_ITSELF, BACKDATE, BACKDATE_ENTITY,
+        BACKDATE_MOVE, BACKDATE_EXECUTION, EXECUTED, INTO_ROOM, SEE_ROOM, NEW_CLASS, DELETE_CLASS,
+        SLOW_CLASS, FORGET_HISTORY, SPOIL_UNUSED, DROP_UNUSED,
     },
 }  # fmt: skip
 STATEMENTS = [
@@ -90,6 +145,11 @@ STATEMENTS = [
     REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, FORGE_WORLD, FORGE_HISTORY, FORGE_CHANGE,
     RECOMPUTE, TABLE, KEEP, KEEP_AND_FORGET, PURSUE, FORGET_MISSION, DROP, SHAPE, SHAPE_ROOM, MESH,
     SPOIL_MESH, BOUND, BOUND_ROOM, LINK, LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM, UNSHAPE,
+    THEIR_MISSION, CANCEL_THEIRS, TAKE_THEIRS, FAIL_THEIR_STEP, ADD_THEIR_STEP, FORGET_THEIR_STEP,
+    CLAIM_FOR_THEM, RENEW_THEIRS, OWN_THEIRS, RELEASE_THEIRS, MOVE_THEM, MOVE_ITSELF, BACKDATE,
+    BACKDATE_ENTITY, BACKDATE_MOVE, BACKDATE_EXECUTION, EXECUTED, INTO_ROOM, SEE_ROOM, NEW_CLASS,
+    DELETE_CLASS, SLOW_CLASS, FORGE_BY_FUNCTION, DELETE_TYPES, EMPTY_INVENTORY, FORGET_HISTORY,
+    LOCK, SPOIL_UNUSED, DROP_UNUSED,
 ]  # fmt: skip
 
 
@@ -103,8 +163,11 @@ MODEL = (
 
 @pytest.mark.parametrize("statement", STATEMENTS)
 @pytest.mark.parametrize("role", RIGHTS)
-def test_rights(engine: Engine, role: str, statement: str) -> None:
-    with Session(engine) as session:
+def test_rights(module_engine: Engine, role: str, statement: str) -> None:
+    own, other = f"own_{os.getpid()}", f"other_{os.getpid()}"  # roles are the whole server's
+    with Session(module_engine) as session:
+        for name in (own, other):
+            session.execute(text(f"CREATE ROLE {name} IN ROLE semmap_robot"))
         of = new_map(session)
         room = Room(map=of, name="room", type="room", placement=Placement())
         session.add(room)
@@ -117,7 +180,8 @@ def test_rights(engine: Engine, role: str, statement: str) -> None:
         session.execute(text("INSERT INTO entity_model VALUES (:id, :model)"),
                         {"id": door.id, "model": model})  # fmt: skip
         ids = {"map": of.id, "room": room.id, "mug": mug.id, "door": door.id, "model": model}
-        session.execute(text(f"SET LOCAL ROLE {role}"))
+        ids |= others(session, of.id, own, other)
+        session.execute(text(f"SET LOCAL ROLE {own if role == 'semmap_robot' else role}"))
         allowed = True
         try:
             for part in statement.format(**ids).split("; "):
@@ -129,6 +193,37 @@ def test_rights(engine: Engine, role: str, statement: str) -> None:
             allowed = False
         session.rollback()
     assert allowed == (statement in RIGHTS[role])
+
+
+def others(session: Session, of: int, own: str, other: str) -> dict[str, int]:
+    """Two robots, what the other one pursues and has claimed, a class, an unused model."""
+
+    def made(statement: str, **values: object) -> int:
+        return int(session.execute(text(statement + " RETURNING id"), values).scalar_one())
+
+    ids = {
+        key: made("INSERT INTO entity (map_id, kind, name) VALUES (:of, :kind, :name)",
+                  of=of, kind=kind, name=name)
+        for key, kind, name in [("own", "agent", own), ("other", "agent", other),
+                                ("lost", "object", "lost"), ("gate", "connector", "gate")]
+    }  # fmt: skip
+    for key in ("own", "other"):
+        session.execute(text(f"INSERT INTO placement (entity_id) VALUES ({ids[key]})"))
+    ids["mission"] = made(
+        "INSERT INTO mission (map_id, robot_id, goal) VALUES (:of, :other, 'x')",
+        of=of, other=ids["other"],
+    )  # fmt: skip
+    session.execute(
+        text("INSERT INTO mission_step (mission_id, number, action, arguments, stage) "
+             "VALUES (:mission, 1, 'x', '{}', '{}')"), ids)  # fmt: skip
+    session.execute(text("SELECT claim(:gate, :other, 30)"), ids)
+    session.execute(text("INSERT INTO semantic_type (name) VALUES ('kitchen')"))
+    session.execute(text("INSERT INTO type_parent VALUES ('kitchen', 'room')"))
+    session.execute(text(NEW_CLASS.format().replace("'own'", "'all'")))
+    ids["spare"] = session.execute(
+        text(MODEL.replace("'box', 'box'", "'spare', 'box'"))
+    ).scalar_one()
+    return ids
 
 
 def as_role(engine: Engine, role: str) -> Engine:

@@ -1,0 +1,80 @@
+"""A cursor skips no change, and says when what follows it is not kept any more."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from sqlalchemy import Engine, text
+from sqlalchemy.exc import DBAPIError
+
+from semmap.query import entries
+
+
+def write(engine: Engine, number: int, name: str) -> None:
+    """Some transactions of one to three statements each, some of them undone."""
+    with engine.connect() as connection:
+        for i in range(number):
+            for j in range(1 + i % 3):
+                connection.execute(
+                    text("INSERT INTO entity (map_id, kind, name) "
+                         "SELECT id, 'object', :name FROM map"),
+                    {"name": f"{name}{i}.{j}"},
+                )  # fmt: skip
+            if i % 5 == 4:
+                connection.rollback()
+            connection.commit()
+
+
+def test_who_polls_beside_writers_misses_nothing(engine: Engine) -> None:
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
+    writers = [threading.Thread(target=write, args=(engine, 150, name)) for name in "ab"]
+    for writer in writers:
+        writer.start()
+    seen: list[int] = []
+    cursor = None
+    while True:
+        alive = any(writer.is_alive() for writer in writers)
+        with engine.begin() as connection:
+            cursor, columns, rows = entries.changes(connection, cursor)
+        assert columns == ["id", "at", "map", "what", "entities"]
+        seen += [row[0] for row in rows]
+        if not alive:
+            break
+    with engine.connect() as connection:
+        assert sorted(seen) == sorted(connection.execute(text("SELECT id FROM change")).scalars())
+
+
+def test_a_cursor_before_pruned_changes_is_refused(engine: Engine) -> None:
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
+    write(engine, 2, "old")
+    with engine.begin() as connection:
+        before, _, _ = entries.changes(connection, None)
+    write(engine, 1, "older than the retention")
+    with engine.begin() as connection:
+        after, _, rows = entries.changes(connection, before)
+        assert [row[3] for row in rows] == ["added"]
+        connection.execute(text("UPDATE change SET at = at - interval '8 days'"))
+        assert connection.execute(text("SELECT prune_changes()")).scalar_one() > 0
+    write(engine, 1, "new")
+    with engine.begin() as connection:
+        assert [row[3] for row in entries.changes(connection, after)[2]] == ["added"]
+    with (
+        engine.begin() as connection,
+        pytest.raises(DBAPIError, match=r"the changes after the cursor .* are not all kept"),
+    ):
+        entries.changes(connection, before)
+
+
+def test_changes_are_pruned_by_whoever_writes(engine: Engine) -> None:
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
+    write(engine, 10, "old")
+    with engine.begin() as connection:
+        connection.execute(text("UPDATE change SET at = at - interval '8 days'"))
+        connection.execute(text("SELECT setval(pg_get_serial_sequence('change', 'id'), 999)"))
+    write(engine, 1, "new")
+    with engine.connect() as connection:
+        assert connection.execute(text("SELECT id FROM change")).scalars().all() == [1000]
