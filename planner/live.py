@@ -145,10 +145,11 @@ class Live:
 
     def _look(self, connection: Connection, heard: Callable[[Changed], None] | None) -> Changed:
         now, moment = now_at(connection)
-        if self._since is None:
+        ids = None if self._since is None else changed_since(connection, self._since)
+        if ids is None:
             changed = self._load(connection)
         else:
-            ids = changed_since(connection, self._since) | self._expired(moment)
+            ids |= self._expired(moment)
             changed = self._take_in(connection, ids) if ids else Changed()
         if changed:
             if heard is not None:

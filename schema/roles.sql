@@ -34,8 +34,9 @@ GRANT DELETE ON entity_model, model TO semmap_robot;
 GRANT UPDATE (state, seen_at) ON connector TO semmap_robot;
 -- Fields are its own work: it keeps them, and old versions make way.
 GRANT INSERT, UPDATE, DELETE ON field, field_version, field_block TO semmap_robot;
--- So are travel times, and what its behaviours took. A class is there for all its robots: it stays.
-GRANT INSERT ON robot_class TO semmap_robot;
+-- So are travel times, and what its behaviours took. A class is there for all its robots: it stays as it is,
+-- but is locked while travel times are stored for it.
+GRANT INSERT, UPDATE ON robot_class TO semmap_robot;
 GRANT INSERT, UPDATE, DELETE ON walk, walked_place, walked_map TO semmap_robot;
 GRANT INSERT (robot_class_id, behaviour, entity_id, seconds, height, succeeded) ON execution TO semmap_robot;
 -- And its own missions: what came of them is not taken back, but what is only planned may change.
@@ -49,7 +50,7 @@ DECLARE
     name text;
 BEGIN
     FOREACH name IN ARRAY ARRAY['entity', 'placement', 'entity_model', 'model', 'chunk', 'region', 'link',
-                                'mission', 'mission_step', 'reservation'] LOOP
+                                'mission', 'mission_step', 'reservation', 'robot_class'] LOOP
         EXECUTE format('ALTER TABLE %I ENABLE ROW LEVEL SECURITY', name);
         EXECUTE format('CREATE POLICY read_all ON %I FOR SELECT USING (true)', name);
         EXECUTE format('CREATE POLICY admin_all ON %I TO semmap_admin USING (true) WITH CHECK (true)', name);
@@ -84,6 +85,9 @@ CREATE POLICY robot_reshapes ON entity_model FOR DELETE TO semmap_robot
     USING ((SELECT kind FROM entity e WHERE e.id = entity_id) = 'region');
 CREATE POLICY robot_links ON link FOR INSERT TO semmap_robot
     WITH CHECK ((SELECT kind FROM entity e WHERE e.id = from_id) IN ('object', 'region', 'agent'));
+
+CREATE POLICY robot_defines ON robot_class FOR INSERT TO semmap_robot WITH CHECK (true);
+CREATE POLICY robot_locks ON robot_class FOR UPDATE TO semmap_robot USING (true) WITH CHECK (false);
 
 -- Missions and claims of other robots are theirs; a claim that has expired is anybody's.
 CREATE POLICY robot_adds ON mission FOR INSERT TO semmap_robot WITH CHECK (is_own_robot(robot_id));

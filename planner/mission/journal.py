@@ -267,10 +267,22 @@ class Journal:
             ]
 
     def cancel(self, mission: int) -> bool:
-        """Let a mission be cancelled; its runner stops the robot. False where it has ended."""
+        """Cancel a mission; its runner stops the robot. False where it has ended.
+
+        Raises
+        ------
+        MissionError
+            It is another robot's, and this login is not that robot.
+        """
         with self._begin() as connection:
-            found = connection.execute(text(_CANCEL), {"mission": mission})
-            return bool(found.rowcount)
+            if connection.execute(text(_CANCEL), {"mission": mission}).rowcount:
+                return True
+            row = connection.execute(text(_MISSION), {"mission": mission}).one_or_none()
+            if row is not None and row.state in ("waiting", "running"):
+                raise MissionError(
+                    f"mission {mission} is {row.robot}'s: cancel it as that robot or as an admin"
+                )
+            return False
 
     # -- steps ----------------------------------------------------------------------------------
 

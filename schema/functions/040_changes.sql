@@ -53,7 +53,7 @@ SELECT pg_current_snapshot()::text
 $$;
 
 CREATE FUNCTION reaches_back(cursor text)
-RETURNS boolean LANGUAGE sql STABLE AS $$
+RETURNS boolean LANGUAGE sql STABLE STRICT AS $$
 -- Whether every change after a cursor is still kept: the newest change that was pruned is before it.
 SELECT NOT EXISTS (SELECT FROM semmap.change_pruned p
                    WHERE NOT pg_visible_in_snapshot(p.xid::text::xid8, cursor::pg_snapshot))

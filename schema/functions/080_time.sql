@@ -63,25 +63,39 @@ END $$;
 CREATE FUNCTION prune_changes(most bigint DEFAULT NULL)
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Deletes changes that are older than the `keep_for` of the retention 'change', at most so many (all where
--- null), and keeps the number of the newest transaction among them; returns how many.
+-- null); returns how many.
 DECLARE
     n bigint;
+BEGIN
+    DELETE FROM change c USING (SELECT id FROM change ORDER BY id LIMIT most) oldest
+        WHERE c.id = oldest.id AND c.at < now() - (SELECT keep_for FROM retention WHERE kind = 'change');
+    GET DIAGNOSTICS n = ROW_COUNT;
+    RETURN n;
+END $$;
+
+CREATE FUNCTION change_deleted()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Keeps the number of the newest transaction of which a change is not kept any more; those of a dropped map
+-- concern nobody.
+DECLARE
     newest bigint;
 BEGIN
-    WITH oldest AS (
-        SELECT id FROM change ORDER BY id LIMIT most
-    ), gone AS (
-        DELETE FROM change c USING oldest o
-        WHERE c.id = o.id AND c.at < now() - (SELECT keep_for FROM retention WHERE kind = 'change')
-        RETURNING c.xid
-    )
-    SELECT count(*), max(xid) INTO n, newest FROM gone;
-    IF n > 0 THEN
+    IF TG_OP = 'TRUNCATE' THEN
+        newest := pg_current_xact_id()::text::bigint;
+    ELSIF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
+        SELECT max(xid) INTO newest FROM former;
+    END IF;
+    IF newest IS NOT NULL THEN
         INSERT INTO change_pruned (xid) VALUES (newest)
             ON CONFLICT (id) DO UPDATE SET xid = greatest(change_pruned.xid, excluded.xid);
     END IF;
-    RETURN n;
+    RETURN NULL;
 END $$;
+
+CREATE TRIGGER change_deleted AFTER DELETE ON change REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION change_deleted();
+CREATE TRIGGER change_truncated AFTER TRUNCATE ON change
+    FOR EACH STATEMENT EXECUTE FUNCTION change_deleted();
 
 CREATE FUNCTION apply_retention()
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$

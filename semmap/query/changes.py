@@ -20,8 +20,13 @@ def now_at(connection: Connection) -> tuple[str, datetime]:
     return cursor, moment
 
 
-def changed_since(connection: Connection, since: str) -> set[int]:
-    """The entities of the current map that changed after a cursor, those that are gone included."""
+def changed_since(connection: Connection, since: str) -> set[int] | None:
+    """The entities of the current map that changed after a cursor, deleted ones included.
+
+    None where the changes after the cursor are not all kept: read the whole map again.
+    """
+    if not reaches_back(connection, since):
+        return None
     rows = connection.execute(
         text("SELECT entities FROM changes_since(:since) WHERE map_id = current_map()"),
         {"since": since},

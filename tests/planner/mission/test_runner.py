@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 from sqlalchemy import create_engine
 
@@ -9,7 +11,7 @@ from planner.mission import MissionError, Seen
 from planner.mission.journal import LostMissionError
 from planner.mission.runner import Event
 from semmap.geometry.pose import Pose
-from tests.planner.mission.conftest import World
+from tests.planner.mission.conftest import START, World
 
 
 def test_the_muffin_of_figure_4_is_brought_to_desk1(world: World) -> None:
@@ -198,10 +200,14 @@ def test_who_lost_a_mission_writes_nothing(world: World) -> None:
 
 
 def test_a_robot_role_has_the_rights(world: World) -> None:
+    name = f"robot_{os.getpid()}"  # roles are the whole server's
+    with world.engine.begin() as connection:
+        connection.exec_driver_sql(f"CREATE ROLE {name} IN ROLE semmap_robot")
+    world.add_robot(name, "lab1", START)
     world.engine.dispose()
     world.engine = create_engine(
-        world.url, connect_args={"options": "-c role=semmap_robot -c search_path=semmap,public"}
+        world.url, connect_args={"options": f"-c role={name} -c search_path=semmap,public"}
     )
     world.fail("door6 locked", "drop fails once")
-    assert world.run().state == "done"
-    world.check()
+    assert world.run(robot=name).state == "done"
+    world.check(name)
