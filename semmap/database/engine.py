@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from psycopg.errors import ConnectionTimeout
 from sqlalchemy import URL, Engine, create_engine, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
 
 from semmap.database import revisions
 from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
+from semmap.database.patience import BUSY_SECONDS, Patience
 
 __all__ = ["connect", "database_url"]
 
@@ -21,12 +23,12 @@ CONNECT_TIMEOUT = "10"
 """Seconds after which a server that does not answer is given up."""
 
 
-def database_url(url: str | URL | None = None) -> URL:
+def database_url(url: str | URL | Cluster | None = None) -> URL:
     """Which database is meant: `url`, else ``$SEMMAP_DB``, else the embedded cluster, started.
 
     Parameters
     ----------
-    url : ``postgresql://user:password@host:port/name``, as psql takes it
+    url : ``postgresql://user:password@host:port/name``, as psql takes it, or an embedded cluster
 
     Raises
     ------
@@ -37,7 +39,9 @@ def database_url(url: str | URL | None = None) -> URL:
     if url is None and os.environ.get("SEMMAP_DB"):
         url, source = os.environ["SEMMAP_DB"], "SEMMAP_DB"
     if url is None:
-        return Cluster().ensure()
+        url = Cluster()
+    if isinstance(url, Cluster):
+        return url.ensure()
     try:
         parsed = make_url(url)
     except (ArgumentError, ValueError) as error:
@@ -53,15 +57,18 @@ def database_url(url: str | URL | None = None) -> URL:
     return parsed.set(drivername="postgresql+psycopg")
 
 
-def connect(url: str | URL | None = None, *, migrate: bool = True) -> Engine:
+def connect(url: str | URL | Cluster | None = None, *, migrate: bool = True) -> Engine:
     """An engine for the map's database, which is made, started and brought up to date at need.
+
+    A server that starts, recovers from a crash or stops is waited for, a minute at most; one that
+    does not answer, five seconds.
 
     Every connection has the search path ``semmap, public``, the time zone UTC and the application
     name ``semmap`` (unless the URL gives another).
 
     Parameters
     ----------
-    url : the database; by default ``$SEMMAP_DB``, else the embedded cluster
+    url : the database, or an embedded cluster; by default ``$SEMMAP_DB``, else the user's cluster
     migrate : bring the schema to the newest revision where it is behind
 
     Raises
@@ -76,10 +83,8 @@ def connect(url: str | URL | None = None, *, migrate: bool = True) -> Engine:
     ...     connection.exec_driver_sql("SELECT count(*) FROM entity").scalar()
     0
     """
-    address = database_url(url)
-    engine = _engine(address)
+    address, engine, version = _reach(url)
     try:
-        version = revisions.installed(engine)
         if migrate and version != revisions.newest():
             _upgrade(engine, version)
     except OperationalError as error:
@@ -89,6 +94,24 @@ def connect(url: str | URL | None = None, *, migrate: bool = True) -> Engine:
         engine.dispose()
         raise
     return engine
+
+
+def _reach(url: str | URL | Cluster | None) -> tuple[URL, Engine, str | None]:
+    """The database's URL, an engine on it, and its revision; a server that starts is waited for."""
+    patience = Patience()
+    while True:
+        address = database_url(url)  # an embedded server that died meanwhile is started again
+        engine = _engine(address)
+        try:
+            return address, engine, revisions.installed(engine)
+        except OperationalError as error:
+            engine.dispose()
+            hopeless = isinstance(error.orig, ConnectionTimeout) or _lost_folder(address)
+            if hopeless or not patience.allows_another(engine):
+                raise DatabaseError(_unreachable(address, error, patience.busy)) from error
+        except BaseException:
+            engine.dispose()
+            raise
 
 
 def _upgrade(engine: Engine, version: str | None) -> None:
@@ -117,12 +140,24 @@ def _options() -> list[str]:
     return [f"-c {name}={value}" for name, value in SETTINGS.items()]
 
 
-def _unreachable(url: URL, error: DBAPIError) -> str:
+def _unreachable(url: URL, error: DBAPIError, busy: bool = False) -> str:
     where = url.render_as_string(hide_password=True)
     cause = str(error.orig).strip().splitlines()
-    host = url.query.get("host", url.host)
-    if isinstance(host, str) and host.startswith("/") and not Path(host).exists():
-        hint = f"There is no socket directory {host}."
+    if folder := _lost_folder(url):
+        hint = f"There is no socket directory {folder}."
+    elif busy:
+        hint = (
+            f"The server is still starting, recovering or stopping after {BUSY_SECONDS:g} s: "
+            "call again later."
+        )
     else:
         hint = "Is the server running, and are user, password and database name right?"
     return f"no connection to {where}: {cause[-1] if cause else error}. {hint}"
+
+
+def _lost_folder(url: URL) -> str | None:
+    """The folder of the URL's Unix socket, if it does not exist."""
+    host = url.query.get("host", url.host)
+    if isinstance(host, str) and host.startswith("/") and not Path(host).exists():
+        return host
+    return None

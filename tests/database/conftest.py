@@ -17,6 +17,7 @@ import pytest
 from sqlalchemy import create_engine, text
 
 from semmap.database import Cluster
+from semmap.database.account import server_account
 
 ROOT = Path(__file__).parents[2]
 
@@ -81,6 +82,12 @@ def query(cluster: Cluster, statement: str) -> Any:
             return result.scalar() if result.returns_rows else None
     finally:
         engine.dispose()
+
+
+def as_owner(cluster: Cluster) -> dict[str, Any]:
+    """What lets a process run as the user that the server runs as."""
+    owner = server_account(cluster.data)
+    return {} if owner.is_caller else {"user": owner.uid, "group": owner.gid, "extra_groups": []}
 
 
 def python(code: str, *arguments: object, **options: Any) -> subprocess.Popen[str]:
