@@ -12,7 +12,7 @@ from typing import Any
 
 from semmap.database.error import DatabaseError
 
-__all__ = ["Account", "server_account"]
+__all__ = ["Account", "caller", "server_account", "user_name"]
 
 SUBSTITUTES = ("postgres", "nobody")
 """Who runs the server for root, whom PostgreSQL refuses; the first that exists."""
@@ -75,34 +75,30 @@ class Account:
 
 
 def server_account(data: Path) -> Account:
-    """Who runs the server on a data folder: its owner if it is there, else the caller or, for root,
-    ``postgres`` or ``nobody``.
+    """Who runs the server on a data folder: its owner if it is there, else the caller; for root,
+    whose folder it is to be made in, and in root's own ``postgres`` or ``nobody``.
 
     Raises
     ------
     DatabaseError
-        The folder is another user's, or the caller has no name on this machine.
+        The folder is another user's, or its user has no name on this machine.
     """
     caller = os.geteuid()
     if data.exists():
         owner = data.stat().st_uid
         if caller not in (0, owner):
             raise DatabaseError(
-                f"{data} belongs to {_name(owner)}. Set SEMMAP_DATA to a folder of your own, or "
-                "name a database: SEMMAP_DB, --db"
-            )
-        return _account(pwd.getpwuid(owner))
-    if caller != 0:
-        try:
-            return _account(pwd.getpwuid(caller))
-        except KeyError:
-            raise DatabaseError(
-                f"the user {caller} has no name in /etc/passwd, which PostgreSQL needs. Add one, "
+                f"{data} belongs to {user_name(owner)}. Set SEMMAP_DATA to a folder of your own, "
                 "or name a database: SEMMAP_DB, --db"
-            ) from None
+            )
+        return _account(owner)
+    if caller != 0:
+        return _account(caller)
+    if data.parent.exists() and (owner := data.parent.stat().st_uid) != 0:
+        return _account(owner)
     for name in SUBSTITUTES:
         try:
-            return _account(pwd.getpwnam(name))
+            return _account(pwd.getpwnam(name).pw_uid)
         except KeyError:
             continue
     raise DatabaseError(
@@ -111,12 +107,25 @@ def server_account(data: Path) -> Account:
     )
 
 
-def _account(entry: pwd.struct_passwd) -> Account:
-    return Account(entry.pw_name, entry.pw_uid, entry.pw_gid)
+def caller() -> Account:
+    """Who runs this process."""
+    return Account(user_name(os.geteuid()), os.geteuid(), os.getegid())
 
 
-def _name(uid: int) -> str:
+def user_name(uid: int) -> str:
+    """The name of a user; the number of one that has none."""
     try:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
         return str(uid)
+
+
+def _account(uid: int) -> Account:
+    try:
+        entry = pwd.getpwuid(uid)
+    except KeyError:
+        raise DatabaseError(
+            f"the user {uid} has no name in /etc/passwd, which PostgreSQL needs. Add one, "
+            "or name a database: SEMMAP_DB, --db"
+        ) from None
+    return Account(entry.pw_name, entry.pw_uid, entry.pw_gid)

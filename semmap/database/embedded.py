@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
-import shutil
-import tempfile
+import secrets
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,16 +13,21 @@ from pathlib import Path
 from sqlalchemy import URL
 
 from semmap.database import configuration
-from semmap.database.account import Account, server_account
+from semmap.database.account import Account, caller, server_account
 from semmap.database.error import DatabaseError
-from semmap.database.leftovers import clear_leftovers
+from semmap.database.folder import Folder, check_home, open_folder, read_file
+from semmap.database.leftovers import clear_leftovers, remove_stale, servers_in
+from semmap.database.patience import BUSY_SECONDS
+from semmap.database.pid_file import read_pid_file
 from semmap.database.programs import Programs, find_programs
-from semmap.database.sockets import PORT, answers, make_socket_folder
+from semmap.database.sockets import PORT, answers, lock_file, make_socket_folder
 
 __all__ = ["Cluster", "default_home"]
 
 DATABASE = "semmap"
-START_SECONDS = 60
+
+INCLUDES = "include '../semmap.conf'\ninclude_if_exists '../local.conf'\n"
+"""The end of ``postgresql.conf``: what each start writes anew, and what the user wrote."""
 
 
 def default_home() -> Path:
@@ -74,21 +78,19 @@ class Cluster:
         Raises
         ------
         DatabaseError
-            The cluster is another user's.
+            The cluster is another user's, or its folder is unsafe for root.
         """
+        check_home(self.home)
         if not self.exists:
             return None
         try:
-            lines = (self.data / "postmaster.pid").read_text().splitlines()
-        except FileNotFoundError:
-            return None
+            file = read_pid_file(self.data)
         except PermissionError:
             server_account(self.data)  # says whose it is
             raise
-        if len(lines) < 8 or lines[7].strip() != "ready":
+        if file is None or file.state != "ready" or not answers(file.socket_folder):
             return None
-        folder = Path(lines[4])
-        return folder if answers(folder) else None
+        return file.socket_folder
 
     def ensure(self) -> URL:
         """The URL of the map's database; the cluster is made and started at need.
@@ -103,12 +105,12 @@ class Cluster:
         folder = self.running()
         if folder is None:
             server_account(self.data)  # before anything is touched
-            with self._locked():
+            with self._locked() as home:
                 folder = self.running()
                 if folder is None:
                     if not self.exists:
-                        self._create()
-                    folder = self._start()
+                        self._create(home)
+                    folder = self._start(home)
         return self.url(folder)
 
     def url(self, socket_folder: Path) -> URL:
@@ -138,48 +140,62 @@ class Cluster:
         return True
 
     @contextlib.contextmanager
-    def _locked(self) -> Iterator[None]:
-        """While it lasts, no other process makes, starts or stops this cluster."""
-        try:
-            if not self.home.is_dir():
-                self.home.mkdir(parents=True, exist_ok=True)
-                self.home.chmod(0o755)  # the data directory in it is closed
-            lock = os.open(self.home / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        except OSError as error:
-            raise DatabaseError(
-                f"the folder of the embedded database, {self.home}, cannot be used: {error}. "
-                "Set SEMMAP_DATA to another one, or name a database: SEMMAP_DB, --db"
-            ) from error
-        try:
+    def _locked(self) -> Iterator[Folder]:
+        """The cluster's folder; while it lasts, no other process makes, starts or stops it."""
+        with contextlib.ExitStack() as stack:
+            try:
+                if not self.home.is_dir():
+                    self._make_home()
+                home = stack.enter_context(open_folder(self.home))
+                lock = home.open_lock("lock")
+            except OSError as error:
+                raise DatabaseError(
+                    f"the folder of the embedded database, {self.home}, cannot be used: {error}. "
+                    "Set SEMMAP_DATA to another one, or name a database: SEMMAP_DB, --db"
+                ) from error
+            stack.callback(os.close, lock)
             fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
-        finally:
-            os.close(lock)
+            yield home
+
+    def _make_home(self) -> None:
+        """Make the folder, which all may enter: the data directory in it is closed."""
+        self.home.parent.mkdir(parents=True, exist_ok=True)
+        with open_folder(self.home.parent) as parent, contextlib.suppress(FileExistsError):
+            parent.make_folder(self.home.name, caller(), 0o755)
 
     def _programs(self) -> Programs:
         """PostgreSQL in the version that the cluster was made with."""
-        return find_programs(int((self.data / "PG_VERSION").read_text()))
+        try:
+            version = int(read_file(self.data / "PG_VERSION"))
+        except (FileNotFoundError, ValueError):
+            raise DatabaseError(
+                f"{self.data} is not a PostgreSQL data directory: it has no version in PG_VERSION. "
+                "Move it away, and a new one is made; or set SEMMAP_DATA to another folder"
+            ) from None
+        return find_programs(version)
 
-    def _create(self) -> None:
+    def _create(self, home: Folder) -> None:
         """Make the cluster aside and move it into its place, so that half of one is never there."""
         programs = find_programs()
         owner = server_account(self.data)
         self._check_entry(owner)
-        for abandoned in self.home.glob("new-*"):
-            shutil.rmtree(abandoned, ignore_errors=True)
-        new = Path(tempfile.mkdtemp(prefix="new-", dir=self.home))
-        os.chown(new, owner.uid, owner.gid)
+        for abandoned in home.names():
+            if abandoned.startswith("new-"):
+                home.remove_tree(abandoned)
+        new = f"new-{secrets.token_hex(4)}"
+        home.make_folder(new, owner)
         try:
-            self._initialise(new, programs, owner)
-            new.rename(self.data)
+            self._initialise(self.home / new, programs, owner)
+            home.rename(new, self.data.name)
         finally:
-            shutil.rmtree(new, ignore_errors=True)
+            home.remove_tree(new)
 
     def _initialise(self, new: Path, programs: Programs, owner: Account) -> None:
         made = owner.run(
             [
                 programs["initdb"], "--pgdata", str(new), "--username", configuration.SUPERUSER,
-                "--encoding=UTF8", "--locale=C.UTF-8", "--auth=peer", "--no-instructions",
+                "--encoding=UTF8", "--locale=C.UTF-8", "--auth=peer",
+                "--no-instructions",
             ],
             self.home,
         )  # fmt: skip
@@ -189,25 +205,27 @@ class Cluster:
                 self.home,
                 input=f"CREATE DATABASE {DATABASE}\n",
             )
+        if made.returncode == 0 and "ERROR:" not in made.stderr:
+            # by the owner: root would follow what that user puts in its own folder
+            made = owner.run(["tee", "-a", str(new / "postgresql.conf")], self.home, input=INCLUDES)
         if made.returncode or "ERROR:" in made.stderr:
             raise DatabaseError(f"the embedded database cannot be made: {made.stderr.strip()}")
-        with (new / "postgresql.conf").open("a") as file:
-            file.write("include '../semmap.conf'\ninclude_if_exists '../local.conf'\n")
 
-    def _start(self) -> Path:
+    def _start(self, home: Folder) -> Path:
         programs = self._programs()
         owner = server_account(self.data)
         self._check_entry(owner)
-        if clear_leftovers(self.data):
+        while clear_leftovers(self.data):
             if (folder := self.running()) is not None:
                 return folder
             self._stop(programs, owner)  # nobody reaches it: its socket is gone
         folder = make_socket_folder(self.home, owner)
-        self._configure(programs, owner, folder)
+        remove_stale(lock_file(folder))
+        self._configure(home, programs, owner, folder)
         started = owner.run(
             [
                 programs["pg_ctl"], "start", "-D", str(self.data), "-l", str(self.log),
-                "-w", "-t", str(START_SECONDS), "-s",
+                "-w", "-t", f"{BUSY_SECONDS:.0f}", "-s",
             ],
             self.home,
             configuration.ALLOCATOR,
@@ -223,10 +241,12 @@ class Cluster:
         done = owner.run(
             [programs["pg_ctl"], "stop", "-D", str(self.data), "-m", "fast", "-w"], self.home
         )
-        if done.returncode:
+        if done.returncode and servers_in(self.data):  # else it ended meanwhile
             raise DatabaseError(f"the embedded database does not stop: {done.stderr.strip()}")
 
-    def _configure(self, programs: Programs, owner: Account, socket_folder: Path) -> None:
+    def _configure(
+        self, home: Folder, programs: Programs, owner: Account, socket_folder: Path
+    ) -> None:
         """Write the settings for this machine as it now is."""
         settings = configuration.server_settings(programs, socket_folder, self.home)
         for name, text in {
@@ -234,8 +254,7 @@ class Cluster:
             "hba.conf": configuration.access_rules(),
             "ident.conf": configuration.user_map(owner.name),
         }.items():
-            (self.home / name).write_text(text)
-            (self.home / name).chmod(0o644)
+            home.write(name, text)
 
     def _check_entry(self, owner: Account) -> None:
         if not owner.can_enter(self.home):
@@ -248,6 +267,6 @@ class Cluster:
 
 def _tail(log: Path, lines: int = 5) -> str:
     try:
-        return "\n".join(log.read_text(errors="replace").splitlines()[-lines:])
-    except OSError:
+        return "\n".join(read_file(log, last=lines * 1000).splitlines()[-lines:])
+    except (OSError, DatabaseError):
         return ""

@@ -1,4 +1,4 @@
-"""What a server that was killed leaves behind: orphaned processes, and a file with its number."""
+"""What a server that was killed leaves behind: orphaned processes, and its ``postmaster.pid``."""
 
 from __future__ import annotations
 
@@ -10,23 +10,26 @@ from pathlib import Path
 
 from semmap.database.account import server_account
 from semmap.database.error import DatabaseError
+from semmap.database.patience import BUSY_SECONDS
+from semmap.database.pid_file import NAME, read_pid_file
+from semmap.database.sockets import answers
 
-__all__ = ["clear_leftovers"]
+__all__ = ["clear_leftovers", "remove_stale", "servers_in"]
 
 GRACE = 0.5
 """Seconds in which orphans may end by themselves, as idle ones do at once."""
 
-PATIENCE = 60.0
-"""Seconds for a server that is starting, recovering or stopping to be done."""
+STUBBORN = 5.0
+"""Seconds after which orphans are killed, as PostgreSQL itself does after a crash."""
+
+SERVER_PROGRAMS = ("postgres", "postmaster")
 
 
 def clear_leftovers(data: Path) -> bool:
     """Make way for a new server on a data directory on which none answers.
 
-    Orphans of a killed server are told to quit, which loses nothing that was committed. A server
-    that is starting, recovering or stopping is waited for. PostgreSQL itself replaces a stale
-    ``postmaster.pid``, except where another process has by now got the number in it: then it is
-    removed.
+    Orphans of a killed server are ended, which loses nothing that was committed. A server that is
+    starting, recovering or stopping is waited for. Then ``postmaster.pid`` is removed.
 
     Returns
     -------
@@ -35,54 +38,63 @@ def clear_leftovers(data: Path) -> bool:
     Raises
     ------
     DatabaseError
-        Processes hold on to the directory.
+        Processes still use the directory after `BUSY_SECONDS`.
     """
     begin = time.monotonic()
-    told = False
-    while users := _processes_in(data):
+    signals = [(STUBBORN, signal.SIGKILL), (GRACE, signal.SIGQUIT)]
+    while servers := servers_in(data):
         waited = time.monotonic() - begin
-        number, state = _postmaster(data)
-        if number in users:
-            if state == "ready":
+        file = read_pid_file(data)
+        if file is not None and file.pid in servers:
+            # A killed one is still seen for a moment, ready as it was.
+            if file.state == "ready" and (waited > GRACE or answers(file.socket_folder)):
                 return True
-        elif waited > GRACE and not told:
-            for pid in users:
+        elif signals and waited > signals[-1][0]:
+            _, kind = signals.pop()
+            for pid in servers:
                 with contextlib.suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGQUIT)
-            told = True
-        if waited > PATIENCE:
+                    os.kill(pid, kind)
+        if waited > BUSY_SECONDS:
             raise DatabaseError(
-                f"the processes {users} hold on to {data}, but no server answers there; "
-                f"{data / 'server.log'} may say why. End them and call again"
+                f"the processes {servers} use {data}, but no server answers there after "
+                f"{BUSY_SECONDS:g} s. It may still be recovering, then call again later; "
+                f"{data / 'server.log'} says more"
             )
         time.sleep(0.02)
-    number, _ = _postmaster(data)
-    if number is not None and Path(f"/proc/{number}").exists():
-        (data / "postmaster.pid").unlink(missing_ok=True)
+    remove_stale(data / NAME)
     return False
 
 
-def _postmaster(data: Path) -> tuple[int | None, str]:
-    """Number and state of the server, as ``postmaster.pid`` has it."""
-    try:
-        lines = (data / "postmaster.pid").read_text().splitlines()
-        return int(lines[0]), lines[7].strip() if len(lines) > 7 else ""
-    except (FileNotFoundError, ValueError, IndexError):
-        return None, ""
+def remove_stale(lock_file: Path) -> None:
+    """Remove a file in which a server that is gone states its number, as the user that it ran as.
 
-
-def _processes_in(folder: Path) -> list[int]:
-    """The processes whose working directory is `folder`, as a server's is its data directory.
-
-    The folder's owner is asked: without the capability to trace, as in a container, even root does
-    not see where another's process works.
+    PostgreSQL replaces it by itself, but not if another process of the user has got the number
+    since, if the killed server is still a zombie, or if the file is empty.
     """
-    if not folder.exists():
+    if Path("/proc/self").exists():  # elsewhere no process is seen: PostgreSQL decides alone
+        server_account(lock_file.parent).run(["rm", "-f", str(lock_file)], cwd=Path("/"))
+
+
+def servers_in(data: Path) -> list[int]:
+    """The PostgreSQL processes that work in a data directory; a zombie does not.
+
+    The directory's owner is asked: without the capability to trace, as in a container, even root
+    does not see where another user's process works.
+    """
+    if not data.exists():
         return []
-    listing = server_account(folder).run(
+    listing = server_account(data).run(
         ["find", "/proc", "-maxdepth", "2", "-path", "/proc/[0-9]*/cwd", "-printf", "%h\\t%l\\0"],
         cwd=Path("/"),
     )
     entries = (line.partition("\t") for line in listing.stdout.split("\0"))
-    resolved = str(folder.resolve())
-    return [int(Path(entry).name) for entry, _, target in entries if target == resolved]
+    resolved = str(data.resolve())
+    found = [Path(entry) for entry, _, target in entries if target == resolved]
+    return [int(process.name) for process in found if _program(process) in SERVER_PROGRAMS]
+
+
+def _program(process: Path) -> str:
+    try:
+        return (process / "comm").read_text().strip()
+    except OSError:  # it has ended
+        return ""

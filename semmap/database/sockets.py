@@ -13,8 +13,9 @@ from pathlib import Path
 
 from semmap.database.account import Account
 from semmap.database.error import DatabaseError
+from semmap.database.folder import open_folder
 
-__all__ = ["PORT", "answers", "make_socket_folder"]
+__all__ = ["PORT", "answers", "lock_file", "make_socket_folder"]
 
 PORT = 5432
 
@@ -42,9 +43,8 @@ def make_socket_folder(home: Path, owner: Account) -> Path:
         folder = Path(tempfile.gettempdir()) / f"semmap-{owner.uid}-{key}"
         if not _fits(folder):
             folder = Path("/tmp") / folder.name
-    with contextlib.suppress(FileExistsError):
-        folder.mkdir(mode=0o700)
-        os.chown(folder, owner.uid, owner.gid)
+    with contextlib.suppress(FileExistsError), open_folder(folder.parent) as parent:
+        parent.make_folder(folder.name, owner)
     found = folder.lstat()
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != owner.uid or found.st_mode & 0o077:
         raise DatabaseError(
@@ -62,6 +62,11 @@ def answers(folder: Path) -> bool:
         except OSError:
             return False
     return True
+
+
+def lock_file(folder: Path) -> Path:
+    """The file in which the server that made the socket in `folder` states its number."""
+    return folder / f".s.PGSQL.{PORT}.lock"
 
 
 def _socket(folder: Path) -> Path:

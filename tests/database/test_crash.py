@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import psycopg
@@ -13,11 +15,41 @@ import pytest
 from sqlalchemy import create_engine
 
 from semmap.database import Cluster, connect
-from semmap.database.account import server_account
-from semmap.database.leftovers import _processes_in
+from semmap.database.leftovers import servers_in
 from semmap.query import entries
-from tests.database.conftest import python, query, said
+from tests.database.conftest import as_owner, python, query, said
 from tests.database.test_embedded import ENSURE
+
+COMMAND = """
+import sys
+sys.argv = ["semmap", "maps"]
+from semmap.cli import main
+main()
+"""
+
+ZOMBIE = """
+import ctypes, json, os, signal, sys, time
+from pathlib import Path
+from semmap.database import Cluster, connect
+
+def state(pid):
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+PR_SET_CHILD_SUBREAPER = 36
+assert ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) == 0
+cluster = Cluster(Path(sys.argv[1]))
+cluster.ensure()
+killed = int((cluster.data / "postmaster.pid").read_text().split()[0])
+os.kill(killed, signal.SIGKILL)
+while state(killed) != "Z":
+    time.sleep(0.01)
+running = cluster.running()
+cluster.ensure()
+after = int((cluster.data / "postmaster.pid").read_text().split()[0])
+print(json.dumps([running, state(killed), state(after) in "SRD", killed != after]))
+cluster.stop()
+"""
+"""A server whose parent is this process, which does not wait for it: killed, it stays a zombie."""
 
 BUSY = b"SELECT count(*) FROM generate_series(1, 1000000000000) a"
 """It never looks whether its server still lives."""
@@ -33,7 +65,7 @@ def kill_server(cluster: Cluster) -> int:
 
 
 def wait_until_gone(cluster: Cluster) -> None:
-    while _processes_in(cluster.data):
+    while servers_in(cluster.data):
         time.sleep(0.01)
 
 
@@ -84,9 +116,9 @@ def test_orphans_make_way(own: Cluster) -> None:
     time.sleep(0.2)
     kill_server(own)
     time.sleep(0.2)
-    assert orphan in _processes_in(own.data)
+    assert orphan in servers_in(own.data)
     assert query(own, "SELECT value FROM kept") == 7
-    assert orphan not in _processes_in(own.data)
+    assert orphan not in servers_in(own.data)
     busy.close()
 
 
@@ -94,15 +126,79 @@ def test_number_that_another_process_has_got(own: Cluster) -> None:
     query(own, "CREATE TABLE kept AS SELECT 7 AS value")
     kill_server(own)
     wait_until_gone(own)
-    owner = server_account(own.data)
-    user = {} if owner.is_caller else {"user": owner.uid}
-    with subprocess.Popen(["sleep", "60"], **user) as sleeper:  # type: ignore[call-overload]
+    with subprocess.Popen(["sleep", "60"], **as_owner(own)) as sleeper:
         file = own.data / "postmaster.pid"
         lines = file.read_text().splitlines()
         file.write_text("\n".join([str(sleeper.pid), *lines[1:]]) + "\n")
         assert query(own, "SELECT value FROM kept") == 7
         assert sleeper.poll() is None
         sleeper.kill()
+
+
+@pytest.fixture
+def sleeper(own: Cluster) -> Iterator[int]:
+    """The number of a process of the user that the server runs as."""
+    with subprocess.Popen(["sleep", "600"], **as_owner(own)) as process:
+        yield process.pid
+        assert process.poll() is None
+        process.kill()
+
+
+@pytest.mark.parametrize("content", ["{sleeper}\n{rest}", "", "{sleeper}", "0\n", "nonsense\n"])
+@pytest.mark.parametrize("name", ["data/postmaster.pid", "run/.s.PGSQL.5432.lock"])
+def test_stale_lock_file(own: Cluster, sleeper: int, name: str, content: str) -> None:
+    query(own, "CREATE TABLE kept AS SELECT 7 AS value")
+    kill_server(own)
+    wait_until_gone(own)
+    file = own.home / name
+    rest = file.read_text().partition("\n")[2]
+    file.write_text(content.format(sleeper=sleeper, rest=rest))
+    assert query(own, "SELECT value FROM kept") == 7
+
+
+def test_zombie_is_no_server(own: Cluster) -> None:
+    process = python(ZOMBIE, own.home)
+    assert said(process) == [None, "Z", True, True]
+
+
+def test_shell_in_the_data_directory_is_left_alone(own: Cluster) -> None:
+    own.ensure()
+    kill_server(own)
+    shell = subprocess.Popen(["sleep", "600"], cwd=own.data, **as_owner(own))
+    assert query(own, "SELECT 7") == 7
+    assert shell.poll() is None
+    shell.kill()
+    shell.wait()
+
+
+def test_orphan_that_hears_nothing(own: Cluster) -> None:
+    url = own.ensure().set(drivername="postgresql").render_as_string()
+    with closing(psycopg.connect(url)) as stopped:
+        os.kill(stopped.info.backend_pid, signal.SIGSTOP)
+        kill_server(own)
+        assert query(own, "SELECT 7") == 7
+
+
+@pytest.mark.parametrize("time_", range(5))
+def test_command_at_once_after_kill_9(
+    own: Cluster, monkeypatch: pytest.MonkeyPatch, time_: int
+) -> None:
+    monkeypatch.setenv("SEMMAP_DATA", str(own.home))
+    url = own.ensure().set(drivername="postgresql").render_as_string()
+    with ExitStack() as backends:
+        for _ in range(5):
+            backends.enter_context(closing(psycopg.connect(url)))
+        os.kill(int((own.data / "postmaster.pid").read_text().split()[0]), signal.SIGKILL)
+        connect(migrate=False).dispose()
+
+
+def test_command_line_at_once_after_kill_9(own: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SEMMAP_DATA", str(own.home))
+    connect().dispose()
+    os.kill(int((own.data / "postmaster.pid").read_text().split()[0]), signal.SIGKILL)
+    process = python(COMMAND)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, out + err
 
 
 def test_lost_socket(own: Cluster) -> None:
