@@ -49,7 +49,7 @@ def start() -> None:
     """Start the embedded database; it is made at first use."""
     cluster = Cluster()
     before, new = time.perf_counter(), not cluster.exists
-    connect(cluster.ensure()).dispose()
+    connect(cluster).dispose()
     print(f"{cluster.home}: {'made and ' if new else ''}ready "
           f"after {time.perf_counter() - before:.1f} s")  # fmt: skip
 
@@ -82,9 +82,10 @@ def status(context: typer.Context, db: Db = None) -> None:
         postgis = connection.exec_driver_sql(
             "SELECT extversion FROM pg_extension WHERE extname = 'postgis'"
         ).scalar()
+        checksums = connection.exec_driver_sql("SHOW data_checksums").scalar()
     have, newest = revisions.installed(engine), revisions.newest()
     engine.dispose()
-    print(f"PostgreSQL {server}, PostGIS {postgis or 'not yet'}")
+    print(f"PostgreSQL {server}, PostGIS {postgis or 'not yet'}, data checksums {checksums}")
     print(f"schema at revision {have or 'none'}"
           + ("" if have == newest else f", the newest is {newest}: semmap db upgrade"))  # fmt: skip
 

@@ -194,7 +194,7 @@ class Cluster:
         made = owner.run(
             [
                 programs["initdb"], "--pgdata", str(new), "--username", configuration.SUPERUSER,
-                "--encoding=UTF8", "--locale=C.UTF-8", "--auth=peer",
+                "--encoding=UTF8", "--locale=C.UTF-8", "--data-checksums", "--auth=peer",
                 "--no-instructions",
             ],
             self.home,

@@ -43,6 +43,7 @@ def test_life_of_the_embedded_database(own: Cluster) -> None:
     status = out("db", "status", SEMMAP_DATA=home)
     assert f"schema at revision {revisions.newest()}\n" in status
     assert "PostGIS 3." in status
+    assert "data checksums on" in status
     assert out("db", "url", SEMMAP_DATA=home).startswith("postgresql://semmap@/semmap?host=")
     assert "stopped" in out("db", "stop", SEMMAP_DATA=home)
     assert own.running() is None

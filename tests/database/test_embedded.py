@@ -53,6 +53,7 @@ def test_settings_of_a_cluster_as_made(own: Cluster) -> None:
         "fsync": "on",
         "synchronous_commit": "on",
         "full_page_writes": "on",
+        "data_checksums": "on",
         "server_encoding": "UTF8",
         "lc_collate": "C.UTF-8",
         "TimeZone": "UTC",
