@@ -21,7 +21,7 @@ from rich.text import Text
 from sqlalchemy import Connection, Engine
 
 from semmap.commands import Commands
-from semmap.database import DatabaseError, connect
+from semmap.database import DatabaseError, as_reader, connect
 from semmap.database.commands import app as database_commands
 from semmap.ingest.world import WorldError
 from semmap.query import entries
@@ -259,6 +259,23 @@ def show(name: str, map_name: MapName = None, at: Annotated[
     out.print(table)
 
 
+SUPERUSER_NOTE = (
+    "note: this login is a superuser, and a hostile statement could take that right back; "
+    "to read what others wrote, log in as a reader (docs/semmap.md)"
+)
+
+
+def _reading() -> Engine:
+    """The database that the user chose; an embedded one by a login that can only read."""
+    chosen = engine()
+    reader = as_reader(chosen)
+    if reader is None:
+        return chosen
+    if State.context is not None:
+        State.context.call_on_close(reader.dispose)
+    return reader
+
+
 @app.command()
 def sql(
     statement: Annotated[str, typer.Argument(help="SQL, or - for standard input.")],
@@ -266,10 +283,12 @@ def sql(
     write: Annotated[bool, typer.Option(help="Let the statement change the map.")] = False,
     json_: Json = False,
 ) -> None:
-    """Run a SQL statement; read-only unless --write is given."""
+    """Run a SQL statement; one that reads, unless --write is given."""
     if statement == "-":
         statement = sys.stdin.read()
-    with engine().begin() as connection:
+    with (engine() if write else _reading()).begin() as connection:
+        if not write and entries.is_superuser(connection):
+            err.print(SUPERUSER_NOTE, style="dim")
         if connection.exec_driver_sql("SELECT EXISTS (SELECT FROM map)").scalar() or map_name:
             choose_map(connection, map_name)
         columns, rows = entries.run_sql(connection, statement, write=write)

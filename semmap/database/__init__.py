@@ -3,5 +3,6 @@
 from semmap.database.embedded import Cluster
 from semmap.database.engine import connect, database_url
 from semmap.database.error import DatabaseError
+from semmap.database.reader import as_reader
 
-__all__ = ["Cluster", "DatabaseError", "connect", "database_url"]
+__all__ = ["Cluster", "DatabaseError", "as_reader", "connect", "database_url"]

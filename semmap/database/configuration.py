@@ -9,10 +9,13 @@ from pathlib import Path
 
 from semmap.database.programs import Programs
 
-__all__ = ["ALLOCATOR", "SUPERUSER", "access_rules", "server_settings", "user_map"]
+__all__ = ["ALLOCATOR", "READER", "SUPERUSER", "access_rules", "server_settings", "user_map"]
 
 SUPERUSER = "semmap"
 """The database role that the cluster's owner has."""
+
+READER = "semmap_read"
+"""The login of those who only read: a member of ``semmap_reader`` and of no other role."""
 
 MB = 1 << 20
 ALLOCATOR = {
@@ -83,8 +86,9 @@ def access_rules() -> str:
 
 
 def user_map(owner: str) -> str:
-    """``pg_ident.conf``: the cluster's owner, and root, are its superuser."""
-    return "".join(f'semmap "{name}" {SUPERUSER}\n' for name in dict.fromkeys((owner, "root")))
+    """``pg_ident.conf``: the cluster's owner, and root, are its superuser, or its reader."""
+    users = dict.fromkeys((owner, "root"))
+    return "".join(f'semmap "{user}" {role}\n' for user in users for role in (SUPERUSER, READER))
 
 
 def _memory() -> float:

@@ -20,6 +20,7 @@ from semmap.database.leftovers import clear_leftovers, remove_stale, servers_in
 from semmap.database.patience import BUSY_SECONDS
 from semmap.database.pid_file import read_pid_file
 from semmap.database.programs import Programs, find_programs
+from semmap.database.rights import LIMIT_RIGHTS
 from semmap.database.sockets import PORT, answers, lock_file, make_socket_folder
 
 __all__ = ["Cluster", "default_home"]
@@ -199,12 +200,18 @@ class Cluster:
             ],
             self.home,
         )  # fmt: skip
-        if made.returncode == 0:
-            made = owner.run(
-                [programs["postgres"], "--single", "-D", str(new), "postgres"],
-                self.home,
-                input=f"CREATE DATABASE {DATABASE}\n",
-            )
+        # databases that are made later have the rights of template1, but not its TEMPORARY
+        for database, statement in (
+            ("template1", LIMIT_RIGHTS),
+            ("postgres", f"CREATE DATABASE {DATABASE};"),
+            (DATABASE, LIMIT_RIGHTS),
+        ):
+            if made.returncode == 0 and "ERROR:" not in made.stderr:
+                made = owner.run(
+                    [programs["postgres"], "--single", "-j", "-D", str(new), database],
+                    self.home,
+                    input=f"{statement.strip()}\n\n",
+                )
         if made.returncode == 0 and "ERROR:" not in made.stderr:
             # by the owner: root would follow what that user puts in its own folder
             made = owner.run(["tee", "-a", str(new / "postgresql.conf")], self.home, input=INCLUDES)
@@ -255,6 +262,12 @@ class Cluster:
             "ident.conf": configuration.user_map(owner.name),
         }.items():
             home.write(name, text)
+
+    def write_user_map(self) -> None:
+        """Write ``ident.conf``, which says who logs in as whom; the server reads it when told."""
+        owner = server_account(self.data)
+        with self._locked() as home:
+            home.write("ident.conf", configuration.user_map(owner.name))
 
     def _check_entry(self, owner: Account) -> None:
         if not owner.can_enter(self.home):

@@ -14,7 +14,7 @@ from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
 from semmap.database.patience import BUSY_SECONDS, Patience
 
-__all__ = ["connect", "database_url"]
+__all__ = ["connect", "database_url", "make_engine"]
 
 SETTINGS = {"search_path": "semmap,public", "timezone": "UTC"}
 """What every session is opened with."""
@@ -101,7 +101,7 @@ def _reach(url: str | URL | Cluster | None) -> tuple[URL, Engine, str | None]:
     patience = Patience()
     while True:
         address = database_url(url)  # an embedded server that died meanwhile is started again
-        engine = _engine(address)
+        engine = make_engine(address)
         try:
             return address, engine, revisions.installed(engine)
         except OperationalError as error:
@@ -125,7 +125,8 @@ def _upgrade(engine: Engine, version: str | None) -> None:
     upgrade(engine)
 
 
-def _engine(url: URL) -> Engine:
+def make_engine(url: URL) -> Engine:
+    """An engine whose connections have what `connect` says; it reaches for no server."""
     query = dict(url.query)
     given = query.pop("options", "")
     options = " ".join([*([given] if isinstance(given, str) else given), *_options()]).strip()

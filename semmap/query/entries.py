@@ -14,11 +14,13 @@ from typing import Any
 
 import psycopg
 from psycopg.abc import Buffer, Loader
+from psycopg.pq import ExecStatus
 from psycopg.types.datetime import DateLoader, TimestampLoader, TimestamptzLoader
 from psycopg.types.range import Range
 from sqlalchemy import Connection, text
 
 from semmap.query.changes import settle
+from semmap.query.statements import READING, kind
 
 __all__ = [
     "Question",
@@ -26,6 +28,7 @@ __all__ = [
     "describe",
     "find",
     "incomplete",
+    "is_superuser",
     "maps",
     "plain",
     "readable",
@@ -228,23 +231,26 @@ def describe(connection: Connection, name: str, at: str | None = None) -> dict[s
 
 
 def run_sql(connection: Connection, statement: str, *, write: bool) -> Rows:
-    """Run one statement as it stands; without `write`, in a transaction that can only read.
+    """Run one statement as it stands; without `write`, one that reads, and can only read.
 
-    A superuser reads as a reader of the map then: a transaction that only reads would still let it
-    write files.
+    Without `write`, the transaction is read-only, and a superuser has the role ``semmap_reader``
+    in it. That role is left by a function such as ``set_config``: only a login that is not a
+    superuser keeps a hostile statement from it (`semmap.database.as_reader`).
 
     Raises
     ------
     ValueError
-        There is no statement, or it copies from standard input or to standard output.
+        There is no statement, or it copies from standard input or to standard output, or it does
+        not read while `write` is not given.
     """
     driver = connection.connection.driver_connection
-    assert driver is not None
+    assert isinstance(driver, psycopg.Connection)
     if not statement.strip(" \t\r\n;"):
         raise ValueError("no statement: give one, or - to read it from standard input")
     if not write:
+        _check_that_it_reads(driver, statement)
         connection.exec_driver_sql("SET TRANSACTION READ ONLY")
-        if connection.exec_driver_sql(_IS_SUPERUSER).scalar():
+        if is_superuser(connection):
             connection.exec_driver_sql("SET LOCAL ROLE semmap_reader")
     cursor = driver.cursor()
     for name, loader in _LENIENT.items():
@@ -262,7 +268,26 @@ def run_sql(connection: Connection, statement: str, *, write: bool) -> Rows:
     return [column[0] for column in cursor.description], cursor.fetchall()
 
 
-_IS_SUPERUSER = "SELECT rolsuper FROM pg_roles WHERE rolname = current_user"
+def is_superuser(connection: Connection) -> bool:
+    """Whether a connection has the rights of a superuser."""
+    return bool(
+        connection.exec_driver_sql(
+            "SELECT rolsuper FROM pg_roles WHERE rolname = current_user"
+        ).scalar()
+    )
+
+
+def _check_that_it_reads(driver: psycopg.Connection[Any], statement: str) -> None:
+    word = kind(statement)
+    if word in READING:
+        return
+    parsed = driver.pgconn.prepare(b"", statement.encode())
+    if parsed.status != ExecStatus.COMMAND_OK:  # not a statement, or several
+        raise psycopg.errors.error_from_result(parsed)
+    raise ValueError(
+        f"permission denied for {word}: without --write, semmap sql runs {', '.join(READING[:-1])} "
+        f"and {READING[-1]}. Add --write to run it with all your rights, or use semmap db psql"
+    )
 
 
 def _lenient(usual: type[Loader]) -> type[Loader]:
