@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import psycopg
 import sqlalchemy.exc
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 from rich.table import Table
@@ -25,6 +24,7 @@ from semmap.database import DatabaseError, as_reader, connect
 from semmap.database.commands import app as database_commands
 from semmap.ingest.world import WorldError
 from semmap.query import entries
+from semmap.terminal import SafeConsole, guard_streams
 
 if TYPE_CHECKING:
     from semmap.ingest.importer import ImportSummary
@@ -39,7 +39,7 @@ app = typer.Typer(
 app.add_typer(database_commands, name="db")
 
 # Brackets and colons are parts of names: no markup, no emoji.
-_console = partial(Console, markup=False, emoji=False, highlight=False, soft_wrap=True)
+_console = partial(SafeConsole, markup=False, emoji=False, highlight=False, soft_wrap=True)
 out = _console(width=None if sys.stdout.isatty() else 160)  # a file or pipe has no width to fit
 err = _console(stderr=True)
 
@@ -65,6 +65,7 @@ def _main(
     ] = None,
 ) -> None:
     State.url, State.context = db, context
+    guard_streams()
 
 
 def engine() -> Engine:
@@ -323,6 +324,7 @@ def drop(name: str, yes: Annotated[bool, typer.Option("--yes", help="Don't ask."
 
 def main() -> None:
     """Run the command line; an expected error is one line and exit code 2."""
+    guard_streams()
     try:
         app()
     except (WorldError, DatabaseError, LookupError, ValueError) as error:

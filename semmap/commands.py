@@ -12,6 +12,8 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from semmap.terminal import visible
+
 __all__ = ["GROUP", "Commands"]
 
 GROUP = "semmap.commands"
@@ -31,6 +33,15 @@ class Commands(TyperGroup):
             for point in entry_points(group=GROUP, name=cmd_name) or entry_points(group=GROUP):
                 self.commands.setdefault(point.name, _command(point.name, point.load()))
         return super().get_command(ctx, cmd_name)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; the message of a usage error, in which names are, is shown, not obeyed."""
+        try:
+            return super().invoke(ctx)
+        except Exception as error:  # Typer's usage errors, which it prints by itself
+            if isinstance(message := getattr(error, "message", None), str):
+                error.message = visible(message)  # type: ignore[attr-defined]
+            raise
 
 
 def _command(name: str, said: object) -> Any:
