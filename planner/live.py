@@ -213,11 +213,17 @@ class Live:
                     self._since = None
 
     def _is_idle(self, told: psycopg.Notify) -> bool:
-        """Whether it tells of nothing but agents that moved."""
-        said = json.loads(told.payload or "{}")
-        moved = said.get("moved")
-        only = not {"added", "changed", "removed", "reshaped"} & {*said}
-        return only and isinstance(moved, list) and self._agents.issuperset(moved)
+        """Whether it tells of nothing but agents that moved.
+
+        Anybody can send on the channel: what is not such a message tells of any change.
+        """
+        try:
+            said = json.loads(told.payload)
+            only = not {"added", "changed", "removed", "reshaped"} & said.keys()
+            moved = said["moved"]
+            return only and isinstance(moved, list) and self._agents.issuperset(moved)
+        except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+            return False
 
     def _tell(self, heard: Callable[[Changed], None] | None) -> None:
         self.catch_up(heard)

@@ -370,6 +370,37 @@ def test_a_change_is_heard_soon_after_its_commit(changing, live, robot, capsys):
     check(live, changing, robot)
 
 
+FOREIGN = [
+    "", " ", "x", "null", "true", "7", "1e999", "NaN", '"moved"', "[]", '["moved"]', "{}",
+    '{"moved": {}}', '{"moved": {"1": 2}}', '{"moved": "12"}', '{"moved": ["1", "2"]}',
+    '{"moved": [[1]]}', '{"moved": [{}]}', '{"moved": [null, true, 1e400]}', '{"moved": 7}',
+    '{"moved": null, "added": null}', '{"xid": [], "maps": 7, "moved": [1.5]}', '{"moved": [',
+    "[" * 7999, '{"moved":' * 888, "9" * 7999, '{"moved": [' + "9" * 7986 + "]}",
+    '{"moved": ["' + "x" * 7984 + '"]}', "\u202e\x1b[2J\x07", "\\ud800", '{"moved": ["\\ud800"]}',
+]  # fmt: skip
+
+
+def test_a_follower_survives_what_others_send(changing, live):
+    """Anybody may send on the channel of the map, up to 7,999 bytes of anything."""
+    stop, event = threading.Event(), threading.Event()
+    following = threading.Thread(target=live.follow, args=(stop, lambda c: event.set()))
+    following.start()
+    try:
+        time.sleep(0.5)
+        for payload in FOREIGN:
+            with changing.begin() as connection:
+                connection.execute(text("SELECT pg_notify('semmap', :p)"), {"p": payload})
+            time.sleep(0.02)
+        for state in ("closed", "open"):
+            event.clear()
+            set_state(changing, "door2", state)
+            assert event.wait(10.0)
+    finally:
+        stop.set()
+        following.join(10.0)
+    assert not following.is_alive()
+
+
 def test_a_follower_gives_its_connection_back_as_it_was(changing, live):
     stop = threading.Event()
     following = threading.Thread(target=live.follow, args=(stop,))
