@@ -70,7 +70,7 @@ def run(url: str, *words: str) -> subprocess.CompletedProcess[str]:
         ("show", f"object{HOSTILE}x"), ("ls", HOSTILE), ("ls", "--map", HOSTILE + "x"),
         ("sql", f"SELECT '{HOSTILE}'::int"), ("import", HOSTILE), ("ls", "--near", HOSTILE),
         (HOSTILE,), ("ls", f"--{HOSTILE}"), ("drop", HOSTILE + "x", "--yes"),
-        ("route", HOSTILE, HOSTILE), ("topology", "--format", "dot"), ("regions", "ls"),
+        ("route", HOSTILE, HOSTILE), ("topology", "--format", "dot"),
     ],
 )  # fmt: skip
 def test_no_name_controls_the_terminal(office: str, words: tuple[str, ...]) -> None:
