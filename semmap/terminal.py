@@ -46,10 +46,10 @@ class SafeConsole(Console):
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
-        """The parts of what is printed, each of them harmless."""
-        for segment in super().render(renderable, options):
-            safe = segment.control or segment.text.isprintable()
-            yield segment if safe else segment._replace(text=visible(segment.text))
+        """The parts of what is printed; a text that has control characters loses its styles."""
+        if isinstance(renderable, Text) and _CONTROL.search(renderable.plain):
+            renderable = renderable.blank_copy(visible(renderable.plain))
+        return super().render(renderable, options)
 
 
 class SafeStream(FileProxy):
