@@ -10,7 +10,7 @@ from semmap.database.configuration import READER
 __all__ = ["LIMIT_RIGHTS", "excess_rights", "limit_rights"]
 
 FOR_WRITERS = (
-    "pg_notify", "pg_logical_emit_message",
+    "pg_notify",
     "pg_advisory_lock", "pg_advisory_lock_shared",
     "pg_advisory_xact_lock", "pg_advisory_xact_lock_shared",
     "pg_try_advisory_lock", "pg_try_advisory_lock_shared",

@@ -68,7 +68,6 @@ WAYS_OUT = {
     "pg_advisory_lock": "SELECT pg_advisory_lock(126879278428528)",
     "pg_advisory_xact_lock": "SELECT pg_advisory_xact_lock(1)",
     "pg_try_advisory_lock": "SELECT pg_try_advisory_lock(1, 2)",
-    "pg_logical_emit_message": "SELECT pg_logical_emit_message(false, 'x', 'y')",
     "PREPARE": "PREPARE x AS SELECT 1",
     "DECLARE": "DECLARE x CURSOR WITH HOLD FOR SELECT 1",
     "SAVEPOINT": "SAVEPOINT x",

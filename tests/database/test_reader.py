@@ -144,3 +144,9 @@ def test_reader_of_another_database_is_not_warned(embedded: Cluster) -> None:
     done = semmap(reader.render_as_string(hide_password=False), "sql", WHO, "--json")
     assert json.loads(done.stdout) == AS_READER
     assert "superuser" not in done.stderr
+
+
+def test_a_reader_follows_the_changes(embedded: Cluster) -> None:
+    reader = embedded.ensure().set(username="semmap_read")
+    done = semmap(reader.render_as_string(hide_password=False), "changes", "--json")
+    assert json.loads(done.stdout)["changes"] == []
