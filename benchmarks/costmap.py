@@ -23,7 +23,7 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.store import store_world
 from semmap.ingest.types import load_tbox
 from semmap.ingest.world import Entry, Shape, World
-from semmap.query.changes import changed_since, cursor
+from semmap.query.change_feed import changed_since, cursor
 from semmap.robot import Group, load_robot, robot_parts
 
 __all__ = ["main"]

@@ -23,7 +23,7 @@ from planner.source.walks import Walk, keep_walked_until, keep_walks
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
-from semmap.query.changes import cursor
+from semmap.query.change_feed import cursor
 from tests.planner.stored import store
 
 __all__ = ["main"]

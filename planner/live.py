@@ -16,10 +16,9 @@ from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 import numpy as np
-import psycopg
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine
-from sqlalchemy.exc import DBAPIError, IntegrityError, OperationalError
+from sqlalchemy.exc import IntegrityError, OperationalError
 
 from navgrid.scene import Scene
 from planner.ask import Asker
@@ -49,8 +48,7 @@ from planner.target import Target
 from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Topology
 from semmap.geometry.pose import Pose
-from semmap.query.changes import changed_since, now_at
-from semmap.query.maps import see_map, snapshot
+from semmap.query.change_feed import ChangeFeed
 
 __all__ = ["Changed", "Live"]
 
@@ -95,11 +93,10 @@ class Live:
         progress: Progress | None = None,
     ) -> None:
         self._engine = engine
-        self._map_name = map_name
         self._robot = robot
         self._rules = rules or Rules.default()
         self._progress = progress
-        self._since: str | None = None
+        self._feed = ChangeFeed(engine, map_name, durable=False)
         self._id: int | None = None
         self._class_state: str | None = None
         self._agents: set[int] = set()
@@ -120,7 +117,7 @@ class Live:
     def asker(self, robot: str | RobotClass | None = None) -> Asker:
         """What answers questions about routes, for this class of robots or another."""
         if robot is not None and robot not in (self._robot, self.network.robot):
-            return Live(self._engine, self._map_name, robot, rules=self._rules).asker()
+            return Live(self._engine, self._feed.map_name, robot, rules=self._rules).asker()
         network = self.network  # with its ground, though another thread may load anew
         ground = network.walks if isinstance(network.walks, Ground) else None
         return Asker(
@@ -135,32 +132,22 @@ class Live:
         heard : called with what changed as soon as the network has it, before walks are kept
         """
         with self._lock:
-            try:
-                with self._snapshot() as connection:
-                    return self._look(connection, heard)
-            except DBAPIError as error:
-                if error.connection_invalidated:
-                    self._since = None  # a server that crashed gives numbers that we saw again
-                raise
-
-    def _look(self, connection: Connection, heard: Callable[[Changed], None] | None) -> Changed:
-        now, moment = now_at(connection)
-        ids = None if self._since is None else changed_since(connection, self._since)
-        if ids is None:
-            changed = self._load(connection)
-        else:
-            ids |= self._expired(moment)
-            changed = self._take_in(connection, ids) if ids else Changed()
-        if changed:
-            if heard is not None:
-                heard(changed)
-            if not changed.all or self._owed or self._compared:
-                self._keep(connection, now)
-        connection.commit()
-        self._since, self._looked = now, moment
-        if self._warm:
-            self.warm()
-        return changed
+            with self._feed.look() as look:
+                if look.changed is None:
+                    changed = self._load(look.connection)
+                else:
+                    ids = look.changed | self._expired(look.moment)
+                    changed = self._take_in(look.connection, ids) if ids else Changed()
+                if changed:
+                    if heard is not None:
+                        heard(changed)
+                    if not changed.all or self._owed or self._compared:
+                        self._keep(look.connection, look.cursor)
+            self._feed.take_in(look)
+            self._looked = look.moment
+            if self._warm:
+                self.warm()
+            return changed
 
     def _expired(self, moment: datetime) -> set[int]:
         """The regions that began or ceased to hold since the last look."""
@@ -193,40 +180,28 @@ class Live:
         heard : called with what changed, after it is taken in
         patience : seconds between looks whether to stop, and before another try to connect
         """
-        while not stop.is_set():
-            try:
-                self.warm()
-                with self._engine.connect() as connection:
-                    driver = connection.connection.driver_connection
-                    connection.detach()  # closed in the end: no other user of the pool listens
-                    assert isinstance(driver, psycopg.Connection)
-                    driver.autocommit = True
-                    driver.execute("LISTEN semmap")
-                    self._tell(heard)
-                    while not stop.is_set():
-                        told = [*driver.notifies(timeout=patience, stop_after=1)]
-                        if self._expired(datetime.now(UTC)) or not all(map(self._is_idle, told)):
-                            self._tell(heard)
-            except (psycopg.OperationalError, DBAPIError):
-                stop.wait(patience)  # the server is away
-                with self._lock:
-                    self._since = None
 
-    def _is_idle(self, told: psycopg.Notify) -> bool:
-        """Whether it tells of nothing but agents that moved.
+        def wake(payloads: tuple[str, ...] | None) -> None:
+            if payloads is None:
+                self.warm()
+                self.catch_up(heard)
+            elif self._expired(datetime.now(UTC)) or not all(map(self._is_idle, payloads)):
+                self.catch_up(heard)
+
+        self._feed.follow(stop, wake, patience=patience)
+
+    def _is_idle(self, payload: str) -> bool:
+        """Whether a message tells of nothing but agents that moved.
 
         Anybody can send on the channel: what is not such a message tells of any change.
         """
         try:
-            said = json.loads(told.payload)
+            said = json.loads(payload)
             only = not {"added", "changed", "removed", "reshaped"} & said.keys()
             moved = said["moved"]
             return only and isinstance(moved, list) and self._agents.issuperset(moved)
         except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
             return False
-
-    def _tell(self, heard: Callable[[Changed], None] | None) -> None:
-        self.catch_up(heard)
 
     # -- loading --------------------------------------------------------------------------------
 
@@ -378,27 +353,20 @@ class Live:
     # -- the database ---------------------------------------------------------------------------
 
     def _read_scene(self, storey: str) -> Scene:
-        with self._snapshot() as connection:
+        with self._feed.snapshot() as connection:
             return scene_of(connection, storey)
 
     def _look_up(self, said: str) -> list[Target]:
-        with self._snapshot() as connection:
+        with self._feed.snapshot() as connection:
             return read_targets(connection, said)
 
     def _names_like(self, said: str) -> list[str]:
-        with self._snapshot() as connection:
+        with self._feed.snapshot() as connection:
             return read_names_like(connection, said)
 
     def _place_at(self, pose: Pose) -> str | None:
-        with self._snapshot() as connection:
+        with self._feed.snapshot() as connection:
             return read_place_at(connection, pose)
-
-    @contextmanager
-    def _snapshot(self) -> Iterator[Connection]:
-        """A transaction on the map that sees one state of the database."""
-        with snapshot(self._engine) as connection:
-            self._map_name = see_map(connection, self._map_name)
-            yield connection
 
 
 @contextmanager

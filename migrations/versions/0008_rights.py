@@ -63,9 +63,7 @@ def upgrade() -> None:
         op.execute(statement)
     for table, name, condition, value in CHECKS:
         repair = f"UPDATE {table} SET {value} WHERE NOT {condition};" if value else ""
-        op.execute(
-            ADD_CHECK.format(table=table, name=name, condition=condition, repair=repair)
-        )
+        op.execute(ADD_CHECK.format(table=table, name=name, condition=condition, repair=repair))
     run_code(op)
 
 

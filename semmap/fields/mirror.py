@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 
-import psycopg
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
@@ -28,8 +27,8 @@ from semmap.fields.source import (
     server,
 )
 from semmap.fields.sources import Zones, ZoneSource
-from semmap.query.changes import changed_since, cursor, reaches_back, settle
-from semmap.query.maps import see_map, snapshot
+from semmap.query.change_feed import ChangeFeed, reaches_back
+from semmap.query.maps import see_map
 from semmap_vdb import Int32Grid
 
 __all__ = ["Mirror"]
@@ -67,8 +66,7 @@ class Mirror:
         self.maps = Maps()
         self._zones = ZoneSource(read_vocabulary_of_map(), voxel_size=voxel_size)
         self._engine = engine
-        self._map_name = map_name
-        self._since: str | None = None
+        self._feed = ChangeFeed(engine, map_name)
         self._has_zones = False
         self._unsaved = False
         self._lock = threading.Lock()  # regions, names and cursor change together
@@ -84,7 +82,7 @@ class Mirror:
         begins.
         """
         mirror = cls(engine, map_name, voxel_size)
-        with mirror._snapshot() as connection:
+        with mirror._feed.snapshot() as connection:
             try:
                 kept = keep.load(connection, mirror._field)
                 state = kept.state or {}
@@ -97,7 +95,7 @@ class Mirror:
             except (LookupError, ValueError):
                 return mirror
         mirror.names = {int(number): name for number, name in state["names"].items()}
-        mirror._since = state["cursor"]
+        mirror._feed.cursor = state["cursor"]
         return mirror
 
     def save(self) -> int:
@@ -109,14 +107,14 @@ class Mirror:
             It has not looked yet, or its map is gone.
         """
         with self._lock:
-            if self._since is None:
+            if self._feed.cursor is None:
                 raise LookupError("a mirror that has not looked has no state: catch_up first")
             grid, sets = self.regions.state()
-            names, since = dict(self.names), self._since
+            names, since = dict(self.names), self._feed.cursor
             self._unsaved = False
         try:
             with self._engine.begin() as connection:
-                self._map_name = see_map(connection, self._map_name)
+                self._feed.map_name = see_map(connection, self._feed.map_name)
                 state = {"by": _by(connection), "cursor": since, "names": names}
                 number = keep.save(
                     connection, self._field, grid, property=PROPERTY, legend=sets, state=state
@@ -133,14 +131,11 @@ class Mirror:
         A look that fails changes nothing: the next one sees the same changes again.
         """
         with self._lock:
-            with self._snapshot() as connection:
-                now = cursor(connection)
-                changed = None if self._since is None else changed_since(connection, self._since)
+            with self._feed.look() as look:
+                changed = None if look.changed is None else set(look.changed)
                 nothing = changed is not None and not changed
-                things = [] if nothing else read_occupants(connection, changed)
-                zones = None if nothing and self._has_zones else tuple(read_zones(connection))
-                settle(connection)
-                connection.commit()
+                things = [] if nothing else read_occupants(look.connection, changed)
+                zones = None if nothing and self._has_zones else tuple(read_zones(look.connection))
             regions = {thing.id: thing.regions(self.regions.voxel_size) for thing in things}
             gone = set(self.names) - set(regions) if changed is None else changed - set(regions)
             for number in (gone | set(regions)) & set(self.names):
@@ -155,7 +150,7 @@ class Mirror:
                 if drawn != list(self.maps.now()):
                     self.maps.put("zones", drawn)
                 self._has_zones = True
-            self._since = now
+            self._feed.take_in(look)
             self._unsaved = self._unsaved or not nothing
             return gone | set(regions)
 
@@ -176,47 +171,29 @@ class Mirror:
         save_every : seconds between saves at least, where something changed; never if not given
         """
         saved = -float("inf")
-        while not stop.is_set():
-            try:
-                with self._engine.connect() as connection:
-                    driver = connection.connection.driver_connection
-                    assert isinstance(driver, psycopg.Connection)
-                    driver.autocommit = True
-                    driver.execute("LISTEN semmap")
-                    self._tell(heard)
-                    while not stop.is_set():
-                        due = save_every is not None and time.monotonic() >= saved + save_every
-                        if due and self._unsaved:
-                            self._save_if_there_is_a_map()
-                            saved = time.monotonic()
-                        if any(True for _ in driver.notifies(timeout=patience, stop_after=1)):
-                            self._tell(heard)
-                    if save_every is not None and self._unsaved:
-                        self._save_if_there_is_a_map()
-                    driver.execute("UNLISTEN semmap")
-                    driver.autocommit = False
-            except (psycopg.OperationalError, DBAPIError):
-                stop.wait(patience)  # the server is away; the cursor knows where we were
+
+        def wake(payloads: tuple[str, ...] | None) -> None:
+            nonlocal saved
+            if payloads is None or payloads:
+                changed = self.catch_up()
+                if changed and heard is not None:
+                    heard(changed)
+            if save_every is not None and self._unsaved and time.monotonic() >= saved + save_every:
+                self._save_if_there_is_a_map()
+                saved = time.monotonic()
+
+        self._feed.follow(stop, wake, patience=patience)
+        if save_every is not None and self._unsaved:
+            with suppress(DBAPIError):  # the server is away; the next process begins anew
+                self._save_if_there_is_a_map()
 
     def _save_if_there_is_a_map(self) -> None:
         with suppress(LookupError):  # it was dropped, and may be imported again
             self.save()
 
-    def _tell(self, heard: Heard | None) -> None:
-        changed = self.catch_up()
-        if changed and heard is not None:
-            heard(changed)
-
     @property
     def _field(self) -> str:
         return f"occupied {self.regions.voxel_size} m"
-
-    @contextmanager
-    def _snapshot(self) -> Iterator[Connection]:
-        """A transaction on its map that sees one state of the database, and its cursor."""
-        with snapshot(self._engine) as connection:
-            self._map_name = see_map(connection, self._map_name)
-            yield connection
 
 
 def _by(connection: Connection) -> list[str]:

@@ -19,7 +19,7 @@ from psycopg.types.datetime import DateLoader, TimestampLoader, TimestamptzLoade
 from psycopg.types.range import Range
 from sqlalchemy import Connection, text
 
-from semmap.query.changes import settle
+from semmap.query.change_feed import settle
 from semmap.query.statements import READING, kind
 
 __all__ = [

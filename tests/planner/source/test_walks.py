@@ -15,7 +15,7 @@ from planner.source.walks import (
     read_walks,
     walked_digests,
 )
-from semmap.query.changes import cursor
+from semmap.query.change_feed import cursor
 
 OFFICES = {"office4", "office2"}
 """Where desk4 stands, and what lies below: of a thing's storey nothing is taken for granted."""

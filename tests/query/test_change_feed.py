@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import queue
 import threading
 
 import pytest
@@ -9,6 +11,7 @@ from sqlalchemy import Engine, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.query import entries
+from semmap.query.change_feed import ChangeFeed
 
 
 def write(engine: Engine, number: int, name: str) -> None:
@@ -78,3 +81,60 @@ def test_changes_are_pruned_by_whoever_writes(engine: Engine) -> None:
     write(engine, 1, "new")
     with engine.connect() as connection:
         assert connection.execute(text("SELECT id FROM change")).scalars().all() == [1000]
+
+
+def test_a_look_that_is_not_taken_in_is_seen_again(engine: Engine) -> None:
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
+    feed = ChangeFeed(engine)
+    with feed.look() as look:
+        assert look.changed is None
+    feed.take_in(look)
+    write(engine, 1, "a")
+    for _ in range(2):
+        with feed.look() as look:
+            assert look.changed is not None
+            assert len(look.changed) == 1
+    feed.take_in(look)
+    with feed.look() as look:
+        assert look.changed == frozenset()
+
+
+def test_a_follower_is_woken_and_survives_a_lost_connection(engine: Engine) -> None:
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
+    woken: queue.Queue[tuple[str, ...] | None] = queue.Queue()
+    stop = threading.Event()
+    lose = threading.Event()
+
+    def wake(payloads: tuple[str, ...] | None) -> None:
+        if payloads is None or payloads:
+            woken.put(payloads)
+        if lose.is_set():
+            lose.clear()
+            with engine.connect() as connection:
+                connection.execute(text("SELECT pg_terminate_backend(pg_backend_pid())"))
+
+    feed = ChangeFeed(engine, durable=False)
+    follower = threading.Thread(target=feed.follow, args=(stop, wake), kwargs={"patience": 0.05})
+    follower.start()
+    try:
+        assert woken.get(timeout=10) is None
+        write(engine, 1, "a")
+        (payload,) = woken.get(timeout=10) or ()
+        assert json.loads(payload)["maps"] == ["m"]
+        feed.cursor = "1:1:"
+        lose.set()
+        assert woken.get(timeout=10) is None, "what it did when the connection was lost, it repeats"
+        assert feed.cursor is None
+        with engine.begin() as connection:
+            listening = "SELECT pid FROM pg_stat_activity WHERE query LIKE 'LISTEN%'"
+            for pid in connection.execute(text(listening)).scalars().all():
+                connection.execute(text("SELECT pg_terminate_backend(:pid)"), {"pid": pid})
+        assert woken.get(timeout=10) is None, "it listens again"
+        write(engine, 1, "b")
+        assert woken.get(timeout=10)
+    finally:
+        stop.set()
+        follower.join(10)
+    assert not follower.is_alive()

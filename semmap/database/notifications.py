@@ -1,0 +1,45 @@
+"""Notifications of a channel, through restarts of the server."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import psycopg
+from sqlalchemy import Engine
+from sqlalchemy.exc import DBAPIError
+
+__all__ = ["notifications"]
+
+
+def notifications(
+    engine: Engine, channel: str, stop: threading.Event, *, patience: float = 0.2
+) -> Iterator[tuple[str, ...] | None]:
+    """Listen on a channel of `NOTIFY` until `stop` is set.
+
+    The connection is the generator's own. It connects again where the server was away.
+
+    Parameters
+    ----------
+    patience : seconds, after which it yields where nothing was sent, and between two attempts to
+        connect
+
+    Yields
+    ------
+    None after each connect: what was sent before is lost. Otherwise the payloads that were sent,
+    none after `patience` seconds. Anybody who may connect can send on a channel.
+    """
+    while not stop.is_set():
+        try:
+            with engine.connect() as connection:
+                driver = connection.connection.driver_connection
+                connection.detach()  # closed at the end: no other user of the pool listens
+                assert isinstance(driver, psycopg.Connection)
+                driver.autocommit = True
+                driver.execute(psycopg.sql.SQL("LISTEN {}").format(psycopg.sql.Identifier(channel)))
+                yield None
+                while not stop.is_set():
+                    sent = driver.notifies(timeout=patience, stop_after=1)
+                    yield tuple(notice.payload for notice in sent)
+        except (psycopg.OperationalError, DBAPIError):
+            stop.wait(patience)

@@ -1,0 +1,179 @@
+"""The change feed of a map: what wakes a follower, and what changed since it last looked.
+
+A notification only wakes. What changed is read from the table `change` by a cursor, a transaction
+snapshot: no change is skipped, whenever its transaction was committed.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+
+import psycopg
+from sqlalchemy import Connection, Engine, text
+from sqlalchemy.exc import DBAPIError
+
+from semmap.database.notifications import notifications
+from semmap.query.maps import see_map, snapshot
+
+__all__ = ["CHANNEL", "ChangeFeed", "Look", "changed_since", "cursor", "reaches_back", "settle"]
+
+CHANNEL = "semmap"
+"""Where each transaction that changes a map announces it."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """One state of a map, and what changed since the last one that was taken in.
+
+    Attributes
+    ----------
+    connection : sees that state; a transaction, committed at the end of the look
+    changed : ids of the entities that changed, deleted ones included; None where the whole map is
+        to be read: at the first look, or where changes since the last one are not kept
+    cursor : where the state lies in the history
+    moment : when the transaction began
+    """
+
+    connection: Connection
+    changed: frozenset[int] | None
+    cursor: str
+    moment: datetime
+
+
+class ChangeFeed:
+    """Follows a map, for one thread at a time.
+
+    Parameters
+    ----------
+    map_name : the current map if not given, and that one from the first look on
+    cursor : where a former feed came to; without one, the first look sees the whole map
+    durable : make each cursor survive a crash of the server, at the price of a write to its disk.
+        Else forget the cursor when the server was away: a server that crashed assigns transaction
+        numbers again that the feed has seen
+
+    Attributes
+    ----------
+    cursor : of the last look that was taken in; None before the first
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        map_name: str | None = None,
+        cursor: str | None = None,
+        *,
+        durable: bool = True,
+    ) -> None:
+        self.map_name = map_name
+        self.cursor = cursor
+        self._engine = engine
+        self._durable = durable
+
+    @contextmanager
+    def snapshot(self) -> Iterator[Connection]:
+        """A transaction that sees one state of the map, whatever changed."""
+        with snapshot(self._engine) as connection:
+            self.map_name = see_map(connection, self.map_name)
+            yield connection
+
+    @contextmanager
+    def look(self) -> Iterator[Look]:
+        """Look at the map. `take_in` the look when it is done: until then the next one sees the
+        same changes.
+
+        Raises
+        ------
+        LookupError
+            There is no such map.
+        """
+        try:
+            with self.snapshot() as connection:
+                now, moment = connection.execute(text("SELECT change_cursor(), now()")).one()
+                changed = None
+                if self.cursor is not None:
+                    changed = changed_since(connection, self.cursor)
+                yield Look(connection, changed, now, moment)
+                if self._durable:
+                    settle(connection)
+                connection.commit()
+        except DBAPIError as error:
+            if error.connection_invalidated:
+                self._server_was_away()
+            raise
+
+    def take_in(self, look: Look) -> None:
+        """The follower has what a look showed: the next one begins there."""
+        self.cursor = look.cursor
+
+    def follow(
+        self,
+        stop: threading.Event,
+        wake: Callable[[tuple[str, ...] | None], None],
+        *,
+        patience: float = 0.2,
+    ) -> None:
+        """Call `wake` whenever there may be something new, until `stop` is set.
+
+        Parameters
+        ----------
+        wake : gets the payloads that were sent on the channel, none every `patience` seconds, and
+            None where anything may have changed. Where it loses the server, it is called again
+        patience : seconds between calls, and before another attempt to connect
+        """
+        again = False
+        for payloads in notifications(self._engine, CHANNEL, stop, patience=patience):
+            try:
+                wake(None if again else payloads)
+                again = False
+            except (psycopg.OperationalError, DBAPIError):
+                again = True
+                self._server_was_away()
+                stop.wait(patience)
+
+    def _server_was_away(self) -> None:
+        if not self._durable:
+            self.cursor = None
+
+
+def cursor(connection: Connection) -> str:
+    """The cursor of this transaction's snapshot."""
+    return str(connection.execute(text("SELECT change_cursor()")).scalar_one())
+
+
+def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
+    """The entities of the current map that changed after a cursor, deleted ones included.
+
+    None where the changes after the cursor are not all kept: read the whole map again.
+    """
+    if not reaches_back(connection, since):
+        return None
+    rows = connection.execute(
+        text("SELECT entities FROM changes_since(:since) WHERE map_id = current_map()"),
+        {"since": since},
+    )
+    return frozenset(number for (numbers,) in rows for number in numbers)
+
+
+def settle(connection: Connection) -> None:
+    """Write what a cursor of this transaction saw to disk when it commits.
+
+    A server that crashes assigns numbers of transactions again that it had not written yet, such as
+    that of one which was rolled back; a cursor that saw the first would take the second for seen.
+    Needed where a cursor is stored outside of the database: one that is stored in it is as safe as
+    the database.
+    """
+    connection.execute(
+        text(
+            "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
+            "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
+        )
+    )
+
+
+def reaches_back(connection: Connection, since: str) -> bool:
+    """Whether all changes after a cursor are still kept."""
+    return bool(connection.execute(text("SELECT reaches_back(:since)"), {"since": since}).scalar())
