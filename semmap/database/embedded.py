@@ -131,6 +131,7 @@ class Cluster:
         DatabaseError
             It does not stop, or is another user's.
         """
+        check_home(self.home)
         if not self.exists:
             return False
         owner = server_account(self.data)
@@ -248,7 +249,8 @@ class Cluster:
         done = owner.run(
             [programs["pg_ctl"], "stop", "-D", str(self.data), "-m", "fast", "-w"], self.home
         )
-        if done.returncode and servers_in(self.data):  # else it ended meanwhile
+        file = read_pid_file(self.data)
+        if done.returncode and file and file.pid in servers_in(self.data):  # else it just ended
             raise DatabaseError(f"the embedded database does not stop: {done.stderr.strip()}")
 
     def _configure(

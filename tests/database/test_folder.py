@@ -131,8 +131,9 @@ def test_home_that_others_can_write(folder: Path, mode: int) -> None:
     home = folder / "home"
     home.mkdir()
     home.chmod(mode)
-    with pytest.raises(DatabaseError, match=f"chmod go-w {home}"):
-        Cluster(home).ensure()
+    for use in (Cluster(home).ensure, Cluster(home).stop, Cluster(home).running):
+        with pytest.raises(DatabaseError, match=f"chmod go-w {home}"):
+            use()
     assert not list(home.iterdir())
 
 
