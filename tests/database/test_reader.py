@@ -148,5 +148,6 @@ def test_reader_of_another_database_is_not_warned(embedded: Cluster) -> None:
 
 def test_a_reader_follows_the_changes(embedded: Cluster) -> None:
     reader = embedded.ensure().set(username="semmap_read")
-    done = semmap(reader.render_as_string(hide_password=False), "changes", "--json")
-    assert json.loads(done.stdout)["changes"] == []
+    url = reader.render_as_string(hide_password=False)
+    cursor = json.loads(semmap(url, "changes", "--json").stdout)["cursor"]
+    assert json.loads(semmap(url, "changes", cursor, "--json").stdout)["changes"] == []
