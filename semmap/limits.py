@@ -1,0 +1,98 @@
+"""Limits on input: one table, checked where input enters.
+
+The defaults are ample for a building. An environment variable changes each of them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = ["EXTENT", "LIMITS", "MESH_BYTES", "NESTING", "PARTS", "TRIANGLES", "Limit"]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The most of something that input may have.
+
+    Attributes
+    ----------
+    name : lower case; `variable` is made from it
+    default : used where `variable` is not set
+    unit : as messages write it after a number
+    covers : what is counted, for the documentation
+
+    Examples
+    --------
+    >>> limit = Limit("wheels", 4, "wheels", "wheels of a robot")
+    >>> limit.variable, limit.value, limit.exceeded_by(5)
+    ('SEMMAP_MAX_WHEELS', 4, True)
+    """
+
+    name: str
+    default: float
+    unit: str
+    covers: str
+
+    @property
+    def variable(self) -> str:
+        """The environment variable that changes the limit."""
+        return f"SEMMAP_MAX_{self.name.upper()}"
+
+    @property
+    def value(self) -> float:
+        """The limit as it is now.
+
+        Raises
+        ------
+        ValueError
+            The variable holds something else than a number above 0.
+        """
+        text = os.environ.get(self.variable, "").strip()
+        if not text:
+            return self.default
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not number > 0:
+            raise ValueError(f"{self.variable} is {text!r}: give a number above 0, or unset it")
+        return int(number) if number.is_integer() else number
+
+    def exceeded_by(self, found: float) -> bool:
+        """True where `found` is more than the limit, or is NaN."""
+        return not found <= self.value
+
+    def check(
+        self, found: float, error: Callable[[str, str], Exception], fix: str, verb: str = "has"
+    ) -> None:
+        """Raise an error where the limit is exceeded.
+
+        Parameters
+        ----------
+        found : how much there is
+        error : makes the exception from the problem and from how to fix it
+        fix : what the user can do, as a sentence
+        verb : stands before `found` in the problem
+        """
+        if self.exceeded_by(found):
+            raise error(f"{verb} {self.text(found)}, the limit is {self.text(self.value)}",
+                        f"{fix} {self.variable} raises the limit.")  # fmt: skip
+
+    def text(self, number: float) -> str:
+        """A number with the unit: bytes as MiB, others with thousands separated."""
+        if self.unit == "bytes":
+            return f"{number / 2**20:,.0f} MiB"
+        return f"{number:,.0f} {self.unit}" if abs(number) >= 1000 else f"{number:g} {self.unit}"
+
+
+MESH_BYTES = Limit("mesh_bytes", 512 * 2**20, "bytes", "a mesh file, unpacked")
+TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model with all it nests")
+PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")
+NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")
+EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file")
+
+LIMITS: tuple[Limit, ...] = (MESH_BYTES, TRIANGLES, PARTS, NESTING, EXTENT)
+"""All limits, in the order of the documentation."""
