@@ -10,7 +10,17 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["EXTENT", "LIMITS", "MESH_BYTES", "NESTING", "PARTS", "TRIANGLES", "Limit"]
+__all__ = [
+    "EXTENT",
+    "LIMITS",
+    "LINKS",
+    "MESH_BYTES",
+    "NESTING",
+    "PARTS",
+    "TEXT_BYTES",
+    "TRIANGLES",
+    "Limit",
+]
 
 
 @dataclass(frozen=True)
@@ -85,14 +95,20 @@ class Limit:
         """A number with the unit: bytes as MiB, others with thousands separated."""
         if self.unit == "bytes":
             return f"{number / 2**20:,.0f} MiB"
-        return f"{number:,.0f} {self.unit}" if abs(number) >= 1000 else f"{number:g} {self.unit}"
+        plain = f"{number:,.0f}" if 1000 <= abs(number) < 1e15 else f"{number:g}"
+        return f"{plain} {self.unit}"
 
 
+TEXT_BYTES = Limit(
+    "text_bytes", 64 * 2**20, "bytes", "a world, robot, annotation, policy or domain file as text"
+)
 MESH_BYTES = Limit("mesh_bytes", 512 * 2**20, "bytes", "a mesh file, unpacked")
 TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model with all it nests")
 PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")
 NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")
 EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file")
 
-LIMITS: tuple[Limit, ...] = (MESH_BYTES, TRIANGLES, PARTS, NESTING, EXTENT)
+LINKS = Limit("links", 500, "links", "a robot")
+
+LIMITS: tuple[Limit, ...] = (TEXT_BYTES, MESH_BYTES, TRIANGLES, PARTS, NESTING, EXTENT, LINKS)
 """All limits, in the order of the documentation."""
