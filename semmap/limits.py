@@ -17,6 +17,8 @@ __all__ = [
     "MESH_BYTES",
     "NESTING",
     "PARTS",
+    "REGION_BLOCKS",
+    "REGION_VOXELS",
     "TEXT_BYTES",
     "TRIANGLES",
     "Limit",
@@ -108,7 +110,21 @@ PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, neste
 NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")
 EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file")
 
+REGION_VOXELS = Limit("region_voxels", 2**30, "voxels", "a region, or a shape of an entity")
+REGION_BLOCKS = Limit(
+    "region_blocks", 2**18, "blocks", "blocks of 8 x 8 x 8 voxels on the border of a region"
+)
 LINKS = Limit("links", 500, "links", "a robot")
 
-LIMITS: tuple[Limit, ...] = (TEXT_BYTES, MESH_BYTES, TRIANGLES, PARTS, NESTING, EXTENT, LINKS)
+LIMITS: tuple[Limit, ...] = (
+    TEXT_BYTES,
+    MESH_BYTES,
+    TRIANGLES,
+    PARTS,
+    NESTING,
+    EXTENT,
+    LINKS,
+    REGION_VOXELS,
+    REGION_BLOCKS,
+)
 """All limits, in the order of the documentation."""

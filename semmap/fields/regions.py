@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semmap_vdb import Shape
+from semmap.limits import REGION_BLOCKS, REGION_VOXELS
+from semmap_vdb import Shape, limit_regions
 
 __all__ = [
     "Box",
@@ -281,7 +282,8 @@ Region = Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage | 
 
 
 def shape_of(region: Region) -> Shape:
-    """A region as the native code takes it."""
+    """A region as the native code takes it, which is told the limits of `semmap.limits`."""
+    limit_regions(int(REGION_VOXELS.value), int(REGION_BLOCKS.value))
     if isinstance(region, Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage):
         return region.shape
     return Shape.points(_points(region, "a region of points"))

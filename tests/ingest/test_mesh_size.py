@@ -89,14 +89,22 @@ LARGE: dict[str, tuple[str, Write, str]] = {
     ),
     "an accessor of no buffer view": (
         "a.glb",
-        lambda p: glb(p, accessors=[{k: v for k, v in ACCESSOR.items() if k != "bufferView"}
-                                    | {"count": 60_000_000}]),
+        lambda p: glb(
+            p,
+            accessors=[
+                {k: v for k, v in ACCESSOR.items() if k != "bufferView"} | {"count": 60_000_000}
+            ],
+        ),
         "accessor 0 is sparse or compressed",
     ),
     "a sparse accessor": (
         "a.glb",
-        lambda p: glb(p, accessors=[{"componentType": 5126, "count": 60_000_000, "type": "VEC3",
-                                     "sparse": {"count": 1}}]),
+        lambda p: glb(
+            p,
+            accessors=[
+                {"componentType": 5126, "count": 60_000_000, "type": "VEC3", "sparse": {"count": 1}}
+            ],
+        ),
         "accessor 0 is sparse or compressed",
     ),
     "a stride below the item": (
@@ -105,7 +113,9 @@ LARGE: dict[str, tuple[str, Write, str]] = {
         "accessor 0 exceeds its buffer view",
     ),
     "a count below 0": (
-        "a.glb", lambda p: glb(p, accessors=[{**ACCESSOR, "count": -3}]), "accessor 0 exceeds",
+        "a.glb",
+        lambda p: glb(p, accessors=[{**ACCESSOR, "count": -3}]),
+        "accessor 0 exceeds",
     ),
     "one accessor in many primitives": (
         "a.glb",
@@ -123,17 +133,20 @@ LARGE: dict[str, tuple[str, Write, str]] = {
         "nests 5,000 levels, the limit is 64 levels.*SEMMAP_MAX_NESTING",
     ),
     "components that double": (
-        "a.3mf", lambda p: three_mf(p, doubled(60), 61), "parts, the limit is 20,000 parts",
+        "a.3mf",
+        lambda p: three_mf(p, doubled(60), 61),
+        "parts, the limit is 20,000 parts",
     ),
     "components that contain each other": (
         "a.3mf",
-        lambda p: three_mf(p, '<object id="2"><components><component objectid="2"/></components>'
-                              "</object>", 2),
+        lambda p: three_mf(
+            p, '<object id="2"><components><component objectid="2"/></components></object>', 2
+        ),
         "contain each other",
     ),
     "instances that double": ("a.dae", lambda p: dae(p, 60), "parts, the limit is 20,000 parts"),
     "instances of nothing that double": ("a.dae", lambda p: dae(p, 60, ""), "SEMMAP_MAX_PARTS"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", LARGE)
