@@ -17,6 +17,9 @@ __all__ = [
     "MESH_BYTES",
     "NESTING",
     "PARTS",
+    "QUERY_ROWS",
+    "QUERY_SECONDS",
+    "REGEX_SECONDS",
     "REGION_BLOCKS",
     "REGION_VOXELS",
     "TEXT_BYTES",
@@ -69,7 +72,7 @@ class Limit:
             number = float(text)
         except ValueError:
             number = math.nan
-        if not number > 0:
+        if not 0 < number < math.inf:
             raise ValueError(f"{self.variable} is {text!r}: give a number above 0, or unset it")
         return int(number) if number.is_integer() else number
 
@@ -90,8 +93,10 @@ class Limit:
         verb : stands before `found` in the problem
         """
         if self.exceeded_by(found):
-            raise error(f"{verb} {self.text(found)}, the limit is {self.text(self.value)}",
-                        f"{fix} {self.variable} raises the limit.")  # fmt: skip
+            raise error(
+                f"{verb} {self.text(found)}, the limit is {self.text(self.value)}",
+                f"{fix} {self.variable} raises the limit.",
+            )
 
     def text(self, number: float) -> str:
         """A number with the unit: bytes as MiB, others with thousands separated."""
@@ -116,6 +121,10 @@ REGION_BLOCKS = Limit(
 )
 LINKS = Limit("links", 500, "links", "a robot")
 
+QUERY_ROWS = Limit("query_rows", 2**26, "rows", "solutions of a part of a query on fields")
+QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query on fields")
+REGEX_SECONDS = Limit("regex_seconds", 1, "s", "matching one name in REGEX of a query on fields")
+
 LIMITS: tuple[Limit, ...] = (
     TEXT_BYTES,
     MESH_BYTES,
@@ -126,5 +135,8 @@ LIMITS: tuple[Limit, ...] = (
     LINKS,
     REGION_VOXELS,
     REGION_BLOCKS,
+    QUERY_ROWS,
+    QUERY_SECONDS,
+    REGEX_SECONDS,
 )
 """All limits, in the order of the documentation."""

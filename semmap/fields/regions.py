@@ -32,6 +32,9 @@ __all__ = [
     "voxels_of",
 ]
 
+MOST_VOXELS, MOST_BLOCKS = 2**36, 2**27
+"""To which the limits of a region can be raised: indices and memory do not reach further."""
+
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -283,7 +286,9 @@ Region = Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage | 
 
 def shape_of(region: Region) -> Shape:
     """A region as the native code takes it, which is told the limits of `semmap.limits`."""
-    limit_regions(int(REGION_VOXELS.value), int(REGION_BLOCKS.value))
+    limit_regions(
+        min(int(REGION_VOXELS.value), MOST_VOXELS), min(int(REGION_BLOCKS.value), MOST_BLOCKS)
+    )
     if isinstance(region, Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage):
         return region.shape
     return Shape.points(_points(region, "a region of points"))
