@@ -1,4 +1,5 @@
-// The Python face of semmap_native. navgrid checks what arrays say; here they only have to fit.
+// The Python face of semmap_native. Arguments are checked here, so that no call can crash; navgrid
+// and planner check them first, in the words of their callers.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -12,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "checks.hpp"
 #include "semmap/graph.hpp"
 #include "semmap/inflation.hpp"
 #include "semmap/occupancy.hpp"
@@ -21,8 +23,7 @@ namespace py = pybind11;
 
 namespace {
 
-template <typename T>
-using Array = py::array_t<T, py::array::c_style>;
+using namespace semmap::checks;
 
 using Solids = std::optional<Array<std::int32_t>>;
 using Marks = std::optional<Array<bool>>;
@@ -46,36 +47,68 @@ void say(semmap::Flaw flaw, const Array<double>& vertices) {
     }
 }
 
+// One result has no more numbers than that: 2 GB of doubles.
+constexpr double kMostResults = 268435456.0;
+
 template <typename Index>
 semmap::MeshView<Index> view(const Array<double>& vertices, const Array<Index>& faces,
-                             const Solids& solids) {
+                             const Solids& solids, std::int64_t solid_count) {
+    expect_shape(vertices, "vertices", {kAny, 3}, "an (V, 3) array");
+    expect_shape(faces, "faces", {kAny, 3}, "an (F, 3) array");
+    // A byte a solid, interval and thread.
+    within(solid_count, solids ? 0 : 1, 1 << 24, "solid_count");
+    if (solids) {
+        expect_shape(*solids, "solids", {faces.shape(0)}, "an (F,) array, one number a face");
+        expect_indices(*solids, "solids", solid_count);
+    }
     return {vertices.data(), static_cast<std::size_t>(vertices.shape(0)), faces.data(),
             static_cast<std::size_t>(faces.shape(0)), solids ? solids->data() : nullptr};
 }
 
-semmap::Fill filling(bool any, const Marks& filled, std::size_t solid_count) {
+semmap::Fill filling(bool any, const Marks& filled, std::int64_t solid_count) {
+    if (filled) expect_shape(*filled, "filled", {solid_count}, "an (S,) array, one a solid");
     const auto* marks = filled ? reinterpret_cast<const std::uint8_t*>(filled->data()) : nullptr;
-    return {any, marks, solid_count};
+    return {any, marks, static_cast<std::size_t>(solid_count)};
 }
 
 std::vector<semmap::Interval> intervals_of(const Ends& ends) {
     std::vector<semmap::Interval> intervals;
-    for (const auto& [low, high] : ends) intervals.push_back({low, high});
+    for (const auto& [low, high] : ends) {
+        finite(low, "intervals");
+        finite(high, "intervals");
+        expect(low <= high, "intervals: an interval ends below its lower end: turn it round");
+        intervals.push_back({low, high});
+    }
     return intervals;
+}
+
+semmap::GridFrame frame(double origin_x, double origin_y, double resolution, std::int64_t rows,
+                        std::int64_t columns, std::size_t layers) {
+    finite(origin_x, "origin_x");
+    finite(origin_y, "origin_y");
+    positive(resolution, "resolution");
+    within(rows, 0, 1 << 24, "rows");
+    within(columns, 0, 1 << 24, "columns");
+    const double cells = static_cast<double>(rows) * static_cast<double>(columns);
+    expect(cells * static_cast<double>(std::max<std::size_t>(layers, 1)) <= kMostNumbers,
+           "rows, columns and intervals make more than 2^34 cells: take a coarser resolution");
+    return {origin_x, origin_y, resolution, static_cast<std::int32_t>(rows),
+            static_cast<std::int32_t>(columns)};
 }
 
 template <typename Index>
 Array<bool> occupancy(const Array<double>& vertices, const Array<Index>& faces, const Ends& ends,
-                      double origin_x, double origin_y, double resolution, std::int32_t rows,
-                      std::int32_t columns, const Solids& solids, std::size_t solid_count,
-                      bool fill, const Marks& filled, unsigned threads) {
-    const semmap::GridFrame grid{origin_x, origin_y, resolution, rows, columns};
+                      double origin_x, double origin_y, double resolution, std::int64_t rows,
+                      std::int64_t columns, const Solids& solids, std::int64_t solid_count,
+                      bool fill, const Marks& filled, std::int64_t thread_count) {
     const std::vector<semmap::Interval> intervals = intervals_of(ends);
-    Array<bool> cells({static_cast<py::ssize_t>(intervals.size()), static_cast<py::ssize_t>(rows),
-                       static_cast<py::ssize_t>(columns)});
-    auto* data = reinterpret_cast<std::uint8_t*>(cells.mutable_data());
-    const auto mesh = view(vertices, faces, solids);
+    const auto grid = frame(origin_x, origin_y, resolution, rows, columns, intervals.size());
+    const auto mesh = view(vertices, faces, solids, solid_count);
     const semmap::Fill inside = filling(fill, filled, solid_count);
+    const unsigned team = threads(thread_count);
+    Array<bool> cells({static_cast<py::ssize_t>(intervals.size()), py::ssize_t{grid.rows},
+                       py::ssize_t{grid.columns}});
+    auto* data = reinterpret_cast<std::uint8_t*>(cells.mutable_data());
     semmap::Flaw flaw = semmap::Flaw::none;
     {
         const py::gil_scoped_release release;
@@ -84,7 +117,7 @@ Array<bool> occupancy(const Array<double>& vertices, const Array<Index>& faces, 
             const auto first = intervals.begin() + static_cast<std::ptrdiff_t>(i);
             const std::size_t count = std::min(semmap::kMostIntervals, intervals.size() - i);
             flaw = semmap::occupancy(mesh, {first, first + static_cast<std::ptrdiff_t>(count)},
-                                     grid, inside, threads, data + i * grid.cells());
+                                     grid, inside, team, data + i * grid.cells());
         }
     }
     say(flaw, vertices);
@@ -94,21 +127,22 @@ Array<bool> occupancy(const Array<double>& vertices, const Array<Index>& faces, 
 template <typename Index>
 Array<std::int32_t> occupancy_solids(const Array<double>& vertices, const Array<Index>& faces,
                                      const Ends& ends, double origin_x, double origin_y,
-                                     double resolution, std::int32_t rows, std::int32_t columns,
-                                     const Solids& solids, std::size_t solid_count, bool fill,
-                                     const Marks& filled, unsigned threads) {
-    const semmap::GridFrame grid{origin_x, origin_y, resolution, rows, columns};
+                                     double resolution, std::int64_t rows, std::int64_t columns,
+                                     const Solids& solids, std::int64_t solid_count, bool fill,
+                                     const Marks& filled, std::int64_t thread_count) {
     const std::vector<semmap::Interval> intervals = intervals_of(ends);
-    Array<std::int32_t> cells({static_cast<py::ssize_t>(intervals.size()),
-                               static_cast<py::ssize_t>(rows), static_cast<py::ssize_t>(columns)});
-    std::int32_t* data = cells.mutable_data();
-    const auto mesh = view(vertices, faces, solids);
+    const auto grid = frame(origin_x, origin_y, resolution, rows, columns, 4 * intervals.size());
+    const auto mesh = view(vertices, faces, solids, solid_count);
     const semmap::Fill inside = filling(fill, filled, solid_count);
+    const unsigned team = threads(thread_count);
+    Array<std::int32_t> cells({static_cast<py::ssize_t>(intervals.size()), py::ssize_t{grid.rows},
+                               py::ssize_t{grid.columns}});
+    std::int32_t* data = cells.mutable_data();
     semmap::Flaw flaw = semmap::Flaw::none;
     {
         const py::gil_scoped_release release;
         for (std::size_t i = 0; i < intervals.size() && flaw == semmap::Flaw::none; ++i) {
-            flaw = semmap::lowest_solids(mesh, intervals[i], grid, inside, threads,
+            flaw = semmap::lowest_solids(mesh, intervals[i], grid, inside, team,
                                          data + i * grid.cells());
         }
     }
@@ -118,26 +152,32 @@ Array<std::int32_t> occupancy_solids(const Array<double>& vertices, const Array<
 
 template <typename Index>
 Array<bool> closed_solids(const Array<double>& vertices, const Array<Index>& faces,
-                          const Solids& solids, std::size_t solid_count, unsigned threads) {
+                          const Solids& solids, std::int64_t solid_count,
+                          std::int64_t thread_count) {
+    const auto mesh = view(vertices, faces, solids, solid_count);
+    const unsigned team = threads(thread_count);
     Array<bool> closed(static_cast<py::ssize_t>(solid_count));
     auto* data = reinterpret_cast<std::uint8_t*>(closed.mutable_data());
-    const auto mesh = view(vertices, faces, solids);
     semmap::Flaw flaw;
     {
         const py::gil_scoped_release release;
-        flaw = semmap::closed_solids(mesh, solid_count, threads, data);
+        flaw = semmap::closed_solids(mesh, static_cast<std::size_t>(solid_count), team, data);
     }
     say(flaw, vertices);
     return closed;
 }
 
-Array<std::uint8_t> inflate(const Array<bool>& occupied, int radius,
+Array<std::uint8_t> inflate(const Array<bool>& occupied, std::int64_t radius,
                             const Array<std::uint8_t>& costs,
                             const std::optional<std::string>& variant) {
     const auto found = semmap::inflation_variant(variant.value_or(""));
     if (!found) throw py::value_error("this processor has no variant " + *variant);
+    expect_shape(occupied, "occupied", {kAny, kAny}, "a (rows, columns) array");
+    within(radius, 0, 8192, "radius");
+    expect_shape(costs, "costs", {radius * radius + 1},
+                 "a cost for each squared distance from 0 to radius^2");
     Array<std::uint8_t> inflated({occupied.shape(0), occupied.shape(1)});
-    const semmap::CostsByDistance table{radius, costs.data()};
+    const semmap::CostsByDistance table{static_cast<int>(radius), costs.data()};
     const auto* source = reinterpret_cast<const std::uint8_t*>(occupied.data());
     std::uint8_t* target = inflated.mutable_data();
     const auto rows = static_cast<std::size_t>(occupied.shape(0));
@@ -148,34 +188,50 @@ Array<std::uint8_t> inflate(const Array<bool>& occupied, int radius,
 }
 
 semmap::Terrain terrain(const Array<std::uint8_t>& costs, double resolution, double slow) {
+    expect_shape(costs, "costs", {kAny, kAny}, "a (rows, columns) array");
+    positive(resolution, "resolution");
+    expect(slow >= 0 && slow <= 1e6, "slow is " + std::to_string(slow) + ": give 0 to 1e6");
     return {costs.data(), static_cast<std::size_t>(costs.shape(0)),
             static_cast<std::size_t>(costs.shape(1)), resolution, slow};
 }
 
-std::vector<semmap::Cell> cells_of(const Array<std::int64_t>& array) {
+std::vector<semmap::Cell> cells_of(const Array<std::int64_t>& array, const char* name,
+                                   const semmap::Terrain& ground) {
+    expect_shape(array, name, {kAny, 2}, "rows and columns, an (N, 2) array");
     std::vector<semmap::Cell> cells;
-    for (py::ssize_t i = 0; i < array.shape(0); ++i)
-        cells.push_back({array.at(i, 0), array.at(i, 1)});
+    for (py::ssize_t i = 0; i < array.shape(0); ++i) {
+        const semmap::Cell cell{array.at(i, 0), array.at(i, 1)};
+        expect(cell.row >= 0 && cell.column >= 0 &&
+                   static_cast<std::size_t>(cell.row) < ground.rows &&
+                   static_cast<std::size_t>(cell.column) < ground.columns,
+               std::string(name) + ": (" + std::to_string(cell.row) + ", " +
+                   std::to_string(cell.column) + ") is outside of costs: leave it out");
+        cells.push_back(cell);
+    }
     return cells;
 }
 
 std::pair<Array<double>, Array<double>> travel(const Array<std::uint8_t>& costs, double resolution,
                                                const Array<std::int64_t>& cells, double slow,
                                                const std::optional<Array<std::int64_t>>& targets,
-                                               unsigned threads) {
+                                               std::int64_t thread_count) {
     const semmap::Terrain ground = terrain(costs, resolution, slow);
-    const std::vector<semmap::Cell> starts = cells_of(cells);
-    const std::vector<semmap::Cell> goals = targets ? cells_of(*targets) : starts;
+    const std::vector<semmap::Cell> starts = cells_of(cells, "cells", ground);
+    const std::vector<semmap::Cell> goals =
+        targets ? cells_of(*targets, "targets", ground) : starts;
+    const unsigned team = threads(thread_count);
     const py::ssize_t k = cells.shape(0);
     const py::ssize_t m = targets ? targets->shape(0) : k;
+    expect(static_cast<double>(k) * static_cast<double>(m) <= kMostResults,
+           "cells and targets make more than 2^28 pairs: ask for parts of them");
     Array<double> prices({k, m}), metres({k, m});
     double* price = prices.mutable_data();
     double* metre = metres.mutable_data();
     bool done;
     {
         const py::gil_scoped_release release;
-        done = targets ? semmap::travel(ground, starts, goals, threads, price, metre)
-                       : semmap::travel(ground, starts, threads, price, metre);
+        done = targets ? semmap::travel(ground, starts, goals, team, price, metre)
+                       : semmap::travel(ground, starts, team, price, metre);
     }
     if (!done) throw std::bad_alloc();
     return {prices, metres};
@@ -184,7 +240,8 @@ std::pair<Array<double>, Array<double>> travel(const Array<std::uint8_t>& costs,
 Array<std::int64_t> way(const Array<std::uint8_t>& costs, double resolution,
                         const Array<std::int64_t>& ends, double slow) {
     const semmap::Terrain ground = terrain(costs, resolution, slow);
-    const std::vector<semmap::Cell> cells = cells_of(ends);
+    expect_shape(ends, "ends", {2, 2}, "the cells of both ends, a (2, 2) array");
+    const std::vector<semmap::Cell> cells = cells_of(ends, "ends", ground);
     std::vector<semmap::Cell> found;
     {
         const py::gil_scoped_release release;
@@ -202,13 +259,23 @@ Array<std::int64_t> way(const Array<std::uint8_t>& costs, double resolution,
 using Ids = std::vector<std::uint32_t>;
 using EndList = std::vector<std::pair<std::int64_t, double>>;
 
-Ids ids_of(const Array<std::int64_t>& array) { return {array.data(), array.data() + array.size()}; }
-
-std::vector<double> numbers_of(const Array<double>& array) {
+Ids ids_of(const Array<std::int64_t>& array, const char* name, std::int64_t count) {
+    expect_shape(array, name, {kAny}, "a list of numbers");
+    expect_indices(array, name, count);
     return {array.data(), array.data() + array.size()};
 }
 
-// Checked here: the lists are short, and one route is to take microseconds.
+// One for each edge.
+std::vector<double> weights_of(const Array<double>& array, const char* name, py::ssize_t edges) {
+    expect_shape(array, name, {edges}, "one number an edge");
+    std::vector<double> weights(array.data(), array.data() + array.size());
+    for (const double weight : weights) {
+        expect(weight >= 0, std::string(name) + " holds " + std::to_string(weight) +
+                                ": give numbers of at least 0");
+    }
+    return weights;
+}
+
 std::vector<semmap::End> ends_of(const semmap::Graph& graph, const EndList& list,
                                  const char* name) {
     std::vector<semmap::End> ends;
@@ -238,10 +305,14 @@ void define_graph(py::module_& module) {
     py::class_<Graph>(module, "Graph")
         .def(py::init([](const Array<std::int64_t>& tails, const Array<std::int64_t>& heads,
                          const Array<double>& weights, const Array<double>& least,
-                         std::uint32_t nodes) {
-                 return std::make_unique<Graph>(
-                     semmap::Edges{ids_of(tails), ids_of(heads), numbers_of(weights)},
-                     numbers_of(least), nodes);
+                         std::int64_t nodes) {
+                 within(nodes, 0, 1 << 26, "nodes");
+                 semmap::Edges edges{ids_of(tails, "tails", nodes), ids_of(heads, "heads", nodes),
+                                     weights_of(weights, "weights", tails.size())};
+                 expect(tails.size() == heads.size(), "tails and heads differ in length");
+                 return std::make_unique<Graph>(std::move(edges),
+                                                weights_of(least, "least", tails.size()),
+                                                static_cast<std::uint32_t>(nodes));
              }),
              py::arg("tails").noconvert(), py::arg("heads").noconvert(),
              py::arg("weights").noconvert(), py::arg("least").noconvert(), py::arg("nodes"))
@@ -258,8 +329,8 @@ void define_graph(py::module_& module) {
         .def(
             "set_weights",
             [](Graph& graph, const Array<std::int64_t>& edges, const Array<double>& weights) {
-                const Ids ids = ids_of(edges);
-                const std::vector<double> numbers = numbers_of(weights);
+                const Ids ids = ids_of(edges, "edges", graph.edges());
+                const std::vector<double> numbers = weights_of(weights, "weights", edges.size());
                 const py::gil_scoped_release release;
                 graph.set_weights(ids, numbers);
             },
@@ -282,13 +353,14 @@ void define_graph(py::module_& module) {
         .def(
             "alternatives",
             [](const Graph& graph, const EndList& sources, const EndList& targets,
-               std::size_t count) {
+               std::int64_t count) {
+                within(count, 0, 1 << 20, "count");
                 const auto from = ends_of(graph, sources, "sources");
                 const auto to = ends_of(graph, targets, "targets");
                 std::vector<semmap::Route> routes;
                 {
                     const py::gil_scoped_release release;
-                    routes = graph.alternatives(from, to, count);
+                    routes = graph.alternatives(from, to, static_cast<std::size_t>(count));
                 }
                 py::list answers;
                 for (const semmap::Route& route : routes) answers.append(answer(route));
@@ -298,15 +370,19 @@ void define_graph(py::module_& module) {
         .def(
             "distances",
             [](const Graph& graph, const Array<std::int64_t>& sources,
-               const Array<std::int64_t>& targets, unsigned threads) {
-                const Ids from = ids_of(sources);
-                const Ids to = ids_of(targets);
+               const Array<std::int64_t>& targets, std::int64_t thread_count) {
+                const Ids from = ids_of(sources, "sources", graph.nodes());
+                const Ids to = ids_of(targets, "targets", graph.nodes());
+                const unsigned team = threads(thread_count);
+                expect(static_cast<double>(from.size()) * static_cast<double>(to.size()) <=
+                           kMostResults,
+                       "sources and targets make more than 2^28 pairs: ask for parts of them");
                 Array<double> costs({sources.size(), targets.size()});
                 double* data = costs.mutable_data();
                 bool done;
                 {
                     const py::gil_scoped_release release;
-                    done = graph.distances(from, to, threads, data);
+                    done = graph.distances(from, to, team, data);
                 }
                 if (!done) throw std::bad_alloc();
                 return costs;

@@ -1,4 +1,5 @@
-// The Python face of semmap_vdb. semmap.fields checks what arrays say; here they only have to fit.
+// The Python face of semmap_vdb. Arguments are checked here, so that no call can crash;
+// semmap.fields checks them first, in the words of its callers.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -12,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "checks.hpp"
 #include "family.hpp"
 #include "semmap/fields/blocks.hpp"
 #include "semmap/fields/grid.hpp"
@@ -24,58 +26,84 @@ namespace fields = semmap::fields;
 
 namespace {
 
-template <typename T>
-using Array = py::array_t<T, py::array::c_style>;
+using namespace semmap::checks;
 
-void expect_columns(const py::array& array, const char* name) {
-    if (array.ndim() != 2 || array.shape(1) != 3) {
-        throw py::value_error(std::string(name) + " is an (N, 3) array");
-    }
+template <typename T>
+void expect_columns(const Array<T>& array, const char* name) {
+    expect_shape(array, name, {kAny, 3}, "an (N, 3) array");
 }
+
+fields::Vector vector(const fields::Vector& v, const char* name) {
+    for (const double at : v) finite(at, name);
+    return v;
+}
+
+fields::Vector direction(const fields::Vector& v, const char* name) {
+    vector(v, name);
+    const double length = std::hypot(v[0], v[1], v[2]);
+    expect(std::abs(length - 1) < 1e-6, std::string(name) + " has the length " +
+                                            std::to_string(length) + ": give a unit vector");
+    return v;
+}
+
+// Below it indices of voxels are beyond their range within metres.
+double voxel(double size) { return positive(size, "voxel_size", 1e-9, 1e9); }
 
 std::vector<fields::Vector> vectors(const Array<double>& rows, const char* name) {
     expect_columns(rows, name);
+    expect_finite(rows, name);
     const auto* data = reinterpret_cast<const fields::Vector*>(rows.data());
     return {data, data + rows.shape(0)};
 }
 
 std::vector<fields::Triangle> triangles(const Array<std::int32_t>& rows, std::size_t vertices) {
     expect_columns(rows, "faces");
-    for (py::ssize_t i = 0; i < 3 * rows.shape(0); ++i) {
-        if (rows.data()[i] < 0 || static_cast<std::size_t>(rows.data()[i]) >= vertices) {
-            throw py::value_error("faces name vertices 0 to " + std::to_string(vertices) +
-                                  " (exclusive)");
-        }
-    }
+    expect_indices(rows, "faces", static_cast<std::int64_t>(vertices));
     const auto* data = reinterpret_cast<const fields::Triangle*>(rows.data());
     return {data, data + rows.shape(0)};
 }
 
+void expect_listed(std::int64_t voxels) {
+    expect(voxels <= fields::kMostListed, std::to_string(voxels) + " voxels are more than " +
+                                              std::to_string(fields::kMostListed) +
+                                              ", which can be listed: take larger voxels");
+}
+
 // Released last, so that the interpreter is held again where NumPy makes the array.
 Array<std::int32_t> rows_of(const fields::Voxels& voxels) {
+    expect_listed(voxels.size());
     Array<std::int32_t> rows({static_cast<py::ssize_t>(voxels.size()), py::ssize_t{3}});
     voxels.write(rows.mutable_data());
     return rows;
 }
 
 fields::Shape ball(const fields::Vector& center, double radius) {
-    return fields::Ball{center, radius};
+    return fields::Ball{vector(center, "center"), positive(radius, "radius")};
 }
 
 fields::Shape cylinder(const fields::Vector& center, const fields::Vector& axis, double radius,
                        double height) {
-    return fields::Cylinder{center, axis, radius, height};
+    expect(height >= 0, "height is " + std::to_string(height) + ": give at least 0");
+    return fields::Cylinder{vector(center, "center"), direction(axis, "axis"),
+                            positive(radius, "radius"), finite(height, "height")};
 }
 
 fields::Shape cone(const fields::Vector& apex, const fields::Vector& axis, double half_angle,
                    double height) {
-    return fields::Cone{apex, axis, half_angle, height};
+    positive(half_angle, "half_angle");
+    expect(half_angle < M_PI / 2,
+           "half_angle is " + std::to_string(half_angle) + ": give radians below pi / 2");
+    return fields::Cone{vector(apex, "apex"), direction(axis, "axis"), half_angle,
+                        positive(height, "height")};
 }
 
 fields::Shape polytope(const Array<double>& corners, const Array<double>& normals,
                        const Array<double>& edges) {
-    return fields::Polytope{vectors(corners, "corners"), vectors(normals, "normals"),
-                            vectors(edges, "edges")};
+    fields::Polytope made{vectors(corners, "corners"), vectors(normals, "normals"),
+                          vectors(edges, "edges")};
+    expect(!made.corners.empty(), "corners is empty: give at least one");
+    for (const fields::Vector& normal : made.normals) direction(normal, "normals");
+    return made;
 }
 
 fields::Shape points(const Array<double>& rows) { return fields::Points{vectors(rows, "points")}; }
@@ -104,6 +132,7 @@ fields::Shape surface(const Array<double>& vertices, const Array<std::int32_t>& 
 }
 
 Array<std::int32_t> voxels_of(const fields::Shape& shape, double voxel_size) {
+    voxel(voxel_size);
     fields::Voxels voxels;
     {
         const py::gil_scoped_release release;
@@ -127,30 +156,64 @@ Array<std::int32_t> voxels_in(const fields::RegionMap& map, std::int32_t entity)
     return rows_of(map.voxels(entity));
 }
 
-void insert_many(fields::RegionMap& map, const std::vector<std::int32_t>& entities,
-                 const std::vector<const fields::Shape*>& shapes, int threads) {
-    if (entities.size() != shapes.size()) throw py::value_error("one shape an entity");
-    const py::gil_scoped_release release;
-    map.insert_many(entities, shapes, threads);
-}
-
 // std::variant would be taken apart by pybind11; a shape stays one object.
 struct ShapeHolder {
     fields::Shape shape;
 };
 
+std::vector<std::string> insert_many(fields::RegionMap& map,
+                                     const std::vector<std::int32_t>& entities,
+                                     const std::vector<const ShapeHolder*>& holders,
+                                     std::int64_t thread_count, bool others) {
+    expect(entities.size() == holders.size(), "entities and shapes differ in length");
+    const auto team = static_cast<int>(threads(thread_count));
+    std::vector<const fields::Shape*> shapes;
+    for (const ShapeHolder* holder : holders) {
+        expect(holder != nullptr, "shapes holds None");
+        shapes.push_back(&holder->shape);
+    }
+    for (const std::int32_t entity : entities) {
+        within(entity, 0, fields::kMostEntities - 1, "entities");
+    }
+    const py::gil_scoped_release release;
+    return map.insert_many(entities, shapes, team, others);
+}
+
 using Matrix = std::array<std::array<double, 4>, 3>;
+
+fields::Camera camera_of(const std::array<double, 4>& intrinsics, const Matrix& pose) {
+    for (const double number : intrinsics) finite(number, "intrinsics");
+    positive(intrinsics[0], "fx");
+    positive(intrinsics[1], "fy");
+    for (const auto& row : pose) {
+        for (const double number : row) finite(number, "pose");
+    }
+    return {intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], pose};
+}
+
+// A rotation and a shift.
+fields::Placement rigid(const fields::Placement& placement) {
+    for (std::size_t i = 0; i < 3; ++i) {
+        for (const double number : placement[i]) finite(number, "placement", 1e12);
+        for (std::size_t j = 0; j < 3; ++j) {
+            double product = 0;
+            for (std::size_t k = 0; k < 3; ++k) product += placement[i][k] * placement[j][k];
+            expect(std::abs(product - (i == j ? 1 : 0)) < 1e-6,
+                   "placement: its first three columns are no rotation");
+        }
+    }
+    return placement;
+}
 
 ShapeHolder depth_image(const Array<float>& depth, const std::optional<Array<bool>>& mask,
                         const std::array<double, 4>& intrinsics, const Matrix& pose,
                         double farthest) {
-    if (depth.ndim() != 2) throw py::value_error("depth is an (H, W) array");
-    if (mask && (mask->ndim() != 2 || mask->shape(0) != depth.shape(0) ||
-                 mask->shape(1) != depth.shape(1))) {
-        throw py::value_error("mask is of the shape of depth");
+    expect_shape(depth, "depth", {kAny, kAny}, "an (H, W) array");
+    if (mask) {
+        expect_shape(*mask, "mask", {depth.shape(0), depth.shape(1)}, "the shape of depth");
     }
-    const fields::Camera camera{intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], pose};
-    const bool* pixels = mask ? mask->data() : nullptr;
+    const fields::Camera camera = camera_of(intrinsics, pose);
+    const auto* pixels = mask ? reinterpret_cast<const std::uint8_t*>(mask->data()) : nullptr;
     const float* data = depth.data();
     const auto rows = static_cast<std::size_t>(depth.shape(0));
     const auto columns = static_cast<std::size_t>(depth.shape(1));
@@ -174,9 +237,7 @@ template <typename Value>
 void grid_set(fields::Grid<Value>& grid, const Array<std::int32_t>& voxels,
               const Array<Value>& values) {
     expect_columns(voxels, "voxels");
-    if (values.ndim() != 1 || values.shape(0) != voxels.shape(0)) {
-        throw py::value_error("one value a voxel");
-    }
+    expect_shape(values, "values", {voxels.shape(0)}, "one value a voxel");
     const std::int32_t* at = voxels.data();
     const Value* data = values.data();
     const auto count = static_cast<std::size_t>(voxels.shape(0));
@@ -187,6 +248,7 @@ void grid_set(fields::Grid<Value>& grid, const Array<std::int32_t>& voxels,
 template <typename Value>
 std::pair<Array<std::int32_t>, Array<Value>> grid_read(const fields::Grid<Value>& grid) {
     const auto count = static_cast<py::ssize_t>(grid.size());
+    expect_listed(count);
     Array<std::int32_t> voxels({count, py::ssize_t{3}});
     Array<Value> values(count);
     std::int32_t* at = voxels.mutable_data();
@@ -201,9 +263,14 @@ std::pair<Array<std::int32_t>, Array<Value>> grid_read(const fields::Grid<Value>
 template <typename Value>
 Array<Value> grid_read_box(const fields::Grid<Value>& grid, const std::array<std::int32_t, 3>& low,
                            const std::array<std::int32_t, 3>& shape) {
-    for (const std::int32_t side : shape) {
-        if (side < 0) throw py::value_error("a box has sides of at least 0 voxels");
+    double voxels = 1;
+    for (std::size_t k = 0; k < 3; ++k) {
+        within(shape[k], 0, fields::kFarthestVoxel, "shape");
+        within(low[k], -fields::kFarthestVoxel, fields::kFarthestVoxel, "low");
+        voxels *= std::max(shape[k], 1);
     }
+    expect(voxels <= 4.0 * static_cast<double>(fields::kMostListed),
+           "shape holds too many voxels: read parts of the box");
     Array<Value> values({shape[0], shape[1], shape[2]});
     Value* data = values.mutable_data();
     const py::gil_scoped_release release;
@@ -233,12 +300,10 @@ fields::Join join_named(const std::string& name) {
 fields::Grid<std::int32_t> labelled(const Array<float>& depth, const Array<std::int32_t>& labels,
                                     const std::array<double, 4>& intrinsics, const Matrix& pose,
                                     double farthest, double voxel_size) {
-    if (depth.ndim() != 2) throw py::value_error("depth is an (H, W) array");
-    if (labels.ndim() != 2 || labels.shape(0) != depth.shape(0) ||
-        labels.shape(1) != depth.shape(1)) {
-        throw py::value_error("labels are of the shape of depth");
-    }
-    const fields::Camera camera{intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3], pose};
+    expect_shape(depth, "depth", {kAny, kAny}, "an (H, W) array");
+    expect_shape(labels, "labels", {depth.shape(0), depth.shape(1)}, "the shape of depth");
+    voxel(voxel_size);
+    const fields::Camera camera = camera_of(intrinsics, pose);
     const float* data = depth.data();
     const std::int32_t* of_pixels = labels.data();
     const auto rows = static_cast<std::size_t>(depth.shape(0));
@@ -274,8 +339,15 @@ void define_operators(py::class_<fields::Grid<Value>>& grid) {
         .def("between", &fields::between<Value>, arg("low"), arg("high"), Release())
         .def("cropped", &fields::cropped<Value>, arg("low"), arg("high"), Release())
         .def("bounds", &fields::bounds<Value>, Release())
-        .def("resampled", &fields::resampled<Value>, arg("voxel_size"), arg("placement"),
-             Release());
+        .def(
+            "resampled",
+            [](const Grid& self, double voxel_size, const fields::Placement& placement) {
+                voxel(voxel_size);
+                rigid(placement);
+                const py::gil_scoped_release release;
+                return fields::resampled(self, voxel_size, placement);
+            },
+            arg("voxel_size"), arg("placement"));
     if constexpr (std::is_same_v<Value, std::int32_t>) {
         grid.def("among", &fields::among, arg("values"), Release())
             .def("renumbered", &fields::renumbered, arg("pairs"), Release())
@@ -316,12 +388,23 @@ void define_grid(py::module_& module, const char* name) {
     using Grid = fields::Grid<Value>;
     py::class_<Grid> grid(module, name);
     define_operators(grid);
-    grid.def(py::init<double, Value>(), arg("voxel_size"), arg("background"))
+    grid.def(py::init([](double voxel_size, Value background) {
+                 return Grid(voxel(voxel_size), background);
+             }),
+             arg("voxel_size"), arg("background"))
         .def_property_readonly("voxel_size", &Grid::voxel_size)
         .def_property_readonly("background", &Grid::background)
         .def_property_readonly("placement", &Grid::placement)
-        .def("place", &Grid::place, arg("placement"))
-        .def("placed", &Grid::placed, arg("placement"))
+        .def(
+            "place",
+            [](Grid& self, const fields::Placement& placement) { self.place(rigid(placement)); },
+            arg("placement"))
+        .def(
+            "placed",
+            [](const Grid& self, const fields::Placement& placement) {
+                return self.placed(rigid(placement));
+            },
+            arg("placement"))
         .def(
             "fill",
             [](Grid& self, const ShapeHolder& shape, Value value) {
@@ -338,14 +421,7 @@ void define_grid(py::module_& module, const char* name) {
         .def("prune", &Grid::prune, Release())
         .def("bytes", &Grid::bytes, Release())
         .def("__len__", &Grid::size, Release())
-        .def("write", &Grid::write, arg("path"), arg("name"), Release())
-        .def("serialised", [](const Grid& self) { return py::bytes(self.serialised()); })
-        .def_static(
-            "from_serialised",
-            [](const py::bytes& data) {
-                return Grid::from_serialised(static_cast<std::string>(data));
-            },
-            arg("data"));
+        .def("write", &Grid::write, arg("path"), arg("name"), Release());
     grid.def("blocks", &grid_blocks<Value>, arg("edge"))
         .def("put_blocks", &grid_put_blocks<Value>, arg("blocks"), arg("edge"));
 }
@@ -353,6 +429,15 @@ void define_grid(py::module_& module, const char* name) {
 }  // namespace
 
 PYBIND11_MODULE(semmap_vdb, module) {
+    py::register_exception_translator([](std::exception_ptr thrown) {
+        try {
+            if (thrown) std::rethrow_exception(thrown);
+        } catch (const openvdb::IoError& error) {
+            py::set_error(PyExc_OSError, error.what());
+        } catch (const openvdb::Exception& error) {
+            py::set_error(PyExc_ValueError, error.what());
+        }
+    });
     module.doc() = "Regions of space as voxels, and the grid of sets of entities, over OpenVDB.";
     using py::arg;
     using Release = py::call_guard<py::gil_scoped_release>;
@@ -413,7 +498,10 @@ PYBIND11_MODULE(semmap_vdb, module) {
         .def_readonly("set_count", &fields::Memory::set_count);
 
     py::class_<fields::RegionMap>(module, "RegionMap")
-        .def(py::init<double>(), arg("voxel_size"))
+        .def(py::init([](double voxel_size) {
+                 return std::make_unique<fields::RegionMap>(voxel(voxel_size));
+             }),
+             arg("voxel_size"))
         .def(
             "insert",
             [](fields::RegionMap& self, std::int32_t entity, const ShapeHolder& region) {
@@ -427,15 +515,8 @@ PYBIND11_MODULE(semmap_vdb, module) {
                 self.move(entity, region.shape);
             },
             arg("entity"), arg("shape"), Release())
-        .def(
-            "insert_many",
-            [](fields::RegionMap& self, const std::vector<std::int32_t>& entities,
-               const std::vector<const ShapeHolder*>& holders, int threads) {
-                std::vector<const fields::Shape*> shapes;
-                for (const ShapeHolder* holder : holders) shapes.push_back(&holder->shape);
-                insert_many(self, entities, shapes, threads);
-            },
-            arg("entities"), arg("shapes"), arg("threads"))
+        .def("insert_many", &insert_many, arg("entities"), arg("shapes"), arg("threads"),
+             arg("others") = false)
         .def("set_numbers_at", &look_up, arg("points"))
         .def("members", &fields::RegionMap::members, arg("numbers"), Release())
         .def("voxels", &voxels_in, arg("entity"))
@@ -451,6 +532,8 @@ PYBIND11_MODULE(semmap_vdb, module) {
         .def(
             "neighbours",
             [](const fields::RegionMap& self, std::int32_t entity, std::int64_t farthest) {
+                // -1: those that share a voxel.
+                within(farthest, -1, 1 << 20, "farthest");
                 std::vector<std::array<std::int64_t, 3>> rows;
                 for (const fields::Neighbour& each : self.neighbours(entity, farthest)) {
                     rows.push_back({each.entity, each.shared, each.gap});
@@ -471,6 +554,15 @@ PYBIND11_MODULE(semmap_vdb, module) {
         .def("state", &fields::RegionMap::state, Release())
         .def("restore", &fields::RegionMap::restore, arg("grid"), arg("sets"), Release());
 
+    module.def(
+        "limit_regions",
+        [](std::int64_t voxels, std::int64_t blocks) {
+            within(voxels, 512, std::int64_t{1} << 36, "voxels");
+            within(blocks, 1, std::int64_t{1} << 27, "blocks");
+            fields::region_limits().voxels = voxels;
+            fields::region_limits().blocks = blocks;
+        },
+        arg("voxels"), arg("blocks"));
     module.def("variants", &fields::family_names);
     module.def("choose_variant", &fields::choose_family, arg("name"));
 

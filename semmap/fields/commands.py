@@ -57,7 +57,7 @@ def ls(voxel_size: VoxelSize = 0.05, map_name: cli.MapName = None, json_: cli.Js
     mirror = mirrored(map_name, voxel_size)
     rows: list[tuple[Any, ...]] = []
     for number, name in sorted(mirror.names.items(), key=lambda item: item[1]):
-        count = len(mirror.regions.voxels(number))
+        count = mirror.regions.size(number)
         rows.append((name, count, round(count * voxel_size**3, 6)))
     cli.show_rows(["name", "voxels", "volume"], rows, json_)
 
@@ -285,4 +285,6 @@ def _mirror(engine: Any, map_name: str | None, voxel_size: float) -> Mirror:
         cli.choose_map(connection, map_name)  # an error names the maps that there are
     mirror = Mirror.resume(engine, map_name, voxel_size)
     mirror.catch_up()
+    for name, reason in mirror.left_out.items():
+        cli.err.print(f"left out: {name}: {reason}", style="yellow")
     return mirror

@@ -63,6 +63,7 @@ class Mirror:
     ) -> None:
         self.regions = RegionMap(voxel_size)
         self.names: dict[int, str] = {}
+        self._left_out: dict[int, tuple[str, str]] = {}  # name and reason by id
         self.maps = Maps()
         self._zones = ZoneSource(read_vocabulary_of_map(), voxel_size=voxel_size)
         self._engine = engine
@@ -95,6 +96,10 @@ class Mirror:
             except (LookupError, ValueError):
                 return mirror
         mirror.names = {int(number): name for number, name in state["names"].items()}
+        mirror._left_out = {
+            int(number): (name, reason)
+            for number, (name, reason) in state.get("left_out", {}).items()
+        }
         mirror._feed.cursor = state["cursor"]
         return mirror
 
@@ -111,11 +116,17 @@ class Mirror:
                 raise LookupError("a mirror that has not looked has no state: catch_up first")
             grid, sets = self.regions.state()
             names, since = dict(self.names), self._feed.cursor
+            left_out = dict(self._left_out)
             self._unsaved = False
         try:
             with self._engine.begin() as connection:
                 self._feed.map_name = see_map(connection, self._feed.map_name)
-                state = {"by": _by(connection), "cursor": since, "names": names}
+                state = {
+                    "by": _by(connection),
+                    "cursor": since,
+                    "names": names,
+                    "left_out": left_out,
+                }
                 number = keep.save(
                     connection, self._field, grid, property=PROPERTY, legend=sets, state=state
                 )
@@ -124,6 +135,11 @@ class Mirror:
             self._unsaved = True
             raise
         return number
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """By name, why an entity has no voxels: it would have more than limits allow."""
+        return dict(self._left_out.values()) | self._zones.left_out
 
     def catch_up(self) -> set[int]:
         """Take in what changed since the last time, all the first time; the ids that did.
@@ -138,13 +154,18 @@ class Mirror:
                 zones = None if nothing and self._has_zones else tuple(read_zones(look.connection))
             regions = {thing.id: thing.regions(self.regions.voxel_size) for thing in things}
             gone = set(self.names) - set(regions) if changed is None else changed - set(regions)
-            for number in (gone | set(regions)) & set(self.names):
+            for number in gone | set(regions):
                 self.regions.remove(number)
-                del self.names[number]
-            self.names |= {thing.id: thing.name for thing in things}
-            self.regions.insert_many(
+                self.names.pop(number, None)
+                self._left_out.pop(number, None)
+            reasons = self.regions.insert_possible(
                 [(number, region) for number, each in regions.items() for region in each]
             )
+            for thing in things:
+                if thing.id in reasons:
+                    self._left_out[thing.id] = (thing.name, reasons[thing.id])
+                else:
+                    self.names[thing.id] = thing.name
             if zones is not None:
                 drawn = self._zones(Zones(zones, datetime.now(UTC)))  # anew, what is not as it was
                 if drawn != list(self.maps.now()):

@@ -140,28 +140,64 @@ class RegionMap:
             return set(self._number)
 
     def insert(self, entity: Hashable, region: Region) -> None:
-        """Add a region to what the entity has."""
+        """Add a region to what the entity has.
+
+        Raises
+        ------
+        ValueError
+            The region has more voxels than `semmap.limits` allow; the map is as before.
+        """
         shape = shape_of(region)
         with self._lock:
             number = self._hand_out(entity)
             try:
                 self._native.insert(number, shape)
+            except ValueError as error:
+                raise ValueError(f"{entity}: {error}") from None
             finally:
                 self._forget_if_empty(entity)
 
     def insert_many(
         self, regions: Mapping[Hashable, Region] | Iterable[tuple[Hashable, Region]]
     ) -> None:
-        """Add many regions in one pass; an entity may be named more than once."""
+        """Add many regions in one pass; an entity may be named more than once.
+
+        Raises
+        ------
+        ValueError
+            As by `insert`, of the first such region; none is added.
+        """
+        left_out = self._insert_many(regions, others=False)
+        for entity, reason in left_out.items():
+            raise ValueError(f"{entity}: {reason}")
+
+    def insert_possible(
+        self, regions: Mapping[Hashable, Region] | Iterable[tuple[Hashable, Region]]
+    ) -> dict[Hashable, str]:
+        """Add many regions; why an entity is left out whose regions have too many voxels."""
+        pairs = list(regions.items() if isinstance(regions, Mapping) else regions)
+        left_out = self._insert_many(pairs, others=True)
+        for entity in left_out:
+            self.remove(entity)
+        return left_out
+
+    def _insert_many(
+        self,
+        regions: Mapping[Hashable, Region] | Iterable[tuple[Hashable, Region]],
+        *,
+        others: bool,
+    ) -> dict[Hashable, str]:
         pairs = list(regions.items() if isinstance(regions, Mapping) else regions)
         shapes = [shape_of(region) for _, region in pairs]
         with self._lock:
             numbers = [self._hand_out(entity) for entity, _ in pairs]
             try:
-                self._native.insert_many(numbers, shapes, self._threads)
+                reasons = self._native.insert_many(numbers, shapes, self._threads, others)
             finally:
                 for entity, _ in pairs:
                     self._forget_if_empty(entity)
+        found = zip((entity for entity, _ in pairs), reasons, strict=True)
+        return {entity: reason for entity, reason in found if reason}
 
     def remove(self, entity: Hashable) -> None:
         """Take an entity out; an unknown one is not there to take out."""
@@ -178,6 +214,8 @@ class RegionMap:
             number = self._hand_out(entity)
             try:
                 self._native.move(number, shape)
+            except ValueError as error:
+                raise ValueError(f"{entity}: {error}") from None
             finally:
                 self._forget_if_empty(entity)
 

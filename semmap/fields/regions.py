@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semmap_vdb import Shape
+from semmap.limits import REGION_BLOCKS, REGION_VOXELS
+from semmap_vdb import Shape, limit_regions
 
 __all__ = [
     "Box",
@@ -30,6 +31,9 @@ __all__ = [
     "Surface",
     "voxels_of",
 ]
+
+MOST_VOXELS, MOST_BLOCKS = 2**36, 2**27
+"""To which the limits of a region can be raised: indices and memory do not reach further."""
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -281,7 +285,10 @@ Region = Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage | 
 
 
 def shape_of(region: Region) -> Shape:
-    """A region as the native code takes it."""
+    """A region as the native code takes it, which is told the limits of `semmap.limits`."""
+    limit_regions(
+        min(int(REGION_VOXELS.value), MOST_VOXELS), min(int(REGION_BLOCKS.value), MOST_BLOCKS)
+    )
     if isinstance(region, Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage):
         return region.shape
     return Shape.points(_points(region, "a region of points"))

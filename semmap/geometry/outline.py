@@ -13,32 +13,57 @@ from semmap.geometry.mesh import Mesh
 __all__ = ["hull_points", "outline", "silhouette"]
 
 
-def hull_points(mesh: Mesh) -> NDArray[np.float64]:
-    """The corners (N, 3) of the mesh's convex hull: its exact extents under any rotation.
+MANY = 2000
+"""Points of which Qhull merges facets; of more on a circle or a plane that takes minutes."""
 
-    A flat or straight mesh has no volume; all its extreme points in 66 directions do then.
+
+def hull_points(mesh: Mesh) -> NDArray[np.float64]:
+    """The corners (N, 3) of the mesh's convex hull: its extents under any rotation.
+
+    They are exact for up to `MANY` vertices, and to 1e-9 of the mesh's size for more. A flat or
+    straight mesh has no volume; the corners are those of its hull in its plane, or its two ends.
+
+    Raises
+    ------
+    ValueError
+        A vertex is not finite.
     """
     points = mesh.used if len(mesh.faces) else mesh.vertices
+    if not np.isfinite(points).all():
+        raise ValueError("a mesh with vertices that are not finite has no hull: leave them out")
     if len(points) <= 8:
         return points
+    middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
+    scale = np.abs(points - middle).max()
+    if scale == 0:
+        return points[:1]
+    at = (points - middle) / scale  # Qhull squares lengths
+    if len(points) > MANY:
+        chosen = _corners(at, "QJ")  # moves points a little instead of merging facets
+        if chosen is not None:
+            points, at = points[chosen], at[chosen]
+        if len(points) > MANY:
+            return points
+    chosen = _corners(at)
+    return _flat_hull(points, at) if chosen is None else points[chosen]
+
+
+def _corners(points: NDArray[np.float64], options: str | None = None) -> NDArray[np.intp] | None:
+    """Which points are corners of their hull; None where they have no volume."""
     try:
-        corners: NDArray[np.float64] = points[ConvexHull(points).vertices]
-        return corners
+        return np.asarray(ConvexHull(points, qhull_options=options).vertices, np.intp)
     except QhullError:
-        return _flat_hull(points)
+        return None
 
 
-def _flat_hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Hull corners of points that lie in a plane, on a line or in one place."""
-    centred = points - points.mean(axis=0)
-    _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
-    flat = centred @ axes.T
-    if sizes[1] > 1e-9 * max(sizes[0], 1e-12):
-        try:
-            ring: NDArray[np.float64] = points[ConvexHull(flat[:, :2]).vertices]
-            return ring
-        except QhullError:
-            pass
+def _flat_hull(points: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Hull corners of points that lie in a plane or on a line; `at` has them of size 1."""
+    _, sizes, axes = np.linalg.svd(at - at.mean(axis=0), full_matrices=False)
+    flat = at @ axes.T
+    if sizes[1] > 1e-9 * sizes[0]:
+        chosen = _corners(flat[:, :2])
+        if chosen is not None:
+            return points[chosen]
     return points[[flat[:, 0].argmin(), flat[:, 0].argmax()]]
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from xml.etree.ElementTree import ParseError
-from zipfile import ZipFile
 
 import numpy as np
 import shapely
@@ -20,8 +19,10 @@ from defusedxml.ElementTree import iterparse
 from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.mesh import Mesh, join
+from semmap.ingest.mesh_size import check_size
 from semmap.ingest.naming import guess_type
 from semmap.ingest.world import Entry, Place, Shape, World, WorldError
+from semmap.limits import EXTENT, PARTS, TRIANGLES
 
 __all__ = ["MeshFileError", "other_case", "read_mesh", "read_mesh_world"]
 
@@ -30,9 +31,6 @@ Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 """Turns coordinates with x up (COLLADA: right -y, towards the viewer z) into such with z up."""
-
-LARGEST = 10_000.0
-"""Metres; a mesh that reaches further from its origin is a mistake in unit or scale."""
 
 
 class MeshFileError(Exception):
@@ -164,6 +162,7 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
 
     data = path.read_bytes()
     unit, up = _dae_asset(data)
+    check_size(path, MeshFileError)
     # pycollada takes a comment inside <mesh> for an unknown primitive and drops the whole geometry
     document = collada.Collada(
         io.BytesIO(re.sub(rb"<!--.*?-->", b"", data, flags=re.DOTALL)),
@@ -178,12 +177,13 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
     turn = {"Y_UP": Y_UP, "X_UP": X_UP}.get(up, np.eye(3)) if up_axis else np.eye(3)
     placed: list[tuple[set[str], object, NDArray[np.float64]]] = []
     if document.scene is not None:
-        for bound in document.scene.objects("geometry"):
+        for number, bound in enumerate(document.scene.objects("geometry"), 1):
+            PARTS.check(number, MeshFileError, "Export a simpler mesh.")
             placed.append(({bound.original.name, bound.original.id}, bound.original, bound.matrix))
         names = _dae_node_names(document)
         for names_of, geometry, _ in placed:
             names_of.update(names.get(geometry.id, ()))  # type: ignore[attr-defined]
-    parts = []
+    parts, faces = [], 0
     for names_of, geometry, matrix in placed:
         for primitive in geometry.primitives:  # type: ignore[attr-defined]
             if isinstance(primitive, collada.polylist.Polylist):
@@ -191,6 +191,8 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
             if not isinstance(primitive, collada.triangleset.TriangleSet) or not len(primitive):
                 continue
             mesh = _placed(primitive.vertex, primitive.vertex_index, np.asarray(matrix, float))
+            faces += len(mesh.faces)
+            TRIANGLES.check(faces, MeshFileError, "Export a simpler mesh.")
             vertices = unit * mesh.vertices @ turn.T
             parts.append(_Part(frozenset(n for n in names_of if n), Mesh(vertices, mesh.faces)))
     return parts
@@ -235,16 +237,19 @@ def _read_any(path: Path, up_axis: bool) -> list[_Part]:
     import trimesh
 
     _check_signature(path)
-    scene = trimesh.load_scene(path, process=False)
+    check_size(path, MeshFileError)
+    scene = trimesh.load_scene(path, process=False, skip_materials=True)
     unit = 1.0
     if scene.units is not None:
         unit = float(trimesh.units.unit_conversion(scene.units, "meters"))
     turn = Y_UP if path.suffix.lower() in (".gltf", ".glb") else np.eye(3)
-    parts = []
+    parts, faces = [], 0
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
         geometry = scene.geometry[name]
         if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+            faces += len(geometry.faces)
+            TRIANGLES.check(faces, MeshFileError, "Export a simpler mesh.")
             mesh = _placed(geometry.vertices, geometry.faces, np.asarray(matrix, float))
             names = frozenset({str(node), str(name)})
             parts.append(_Part(names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
@@ -263,10 +268,6 @@ _SIGNATURES: dict[str, re.Pattern[bytes]] = {
 """How a file of each format begins."""
 
 
-MOST_INFLATED = 512 * 2**20
-"""Bytes of XML in a 3MF file: some ten million triangles; more is a mistake, or a trap."""
-
-
 def _check_signature(path: Path) -> None:
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -276,14 +277,6 @@ def _check_signature(path: Path) -> None:
     ending = path.suffix.lower()
     if ending in _SIGNATURES and not _SIGNATURES[ending].match(head.removeprefix(b"\xef\xbb\xbf")):
         raise MeshFileError(f"is not a {ending} file", "Give it the ending of what it is.")
-    if ending == ".3mf":
-        with ZipFile(path) as packed:
-            inflated = sum(member.file_size for member in packed.infolist())
-        if inflated > MOST_INFLATED:
-            raise MeshFileError(
-                f"inflates to {inflated / 2**20:,.0f} MiB, beyond {MOST_INFLATED >> 20:,}",
-                "Export a simpler mesh, or as binary STL.",
-            )
     if ending == ".stl" and len(head) >= 84:
         binary = size == 84 + 50 * int.from_bytes(head[80:84], "little")
         if not binary and not (head.lstrip().startswith(b"solid") and b"endsolid" in tail):
@@ -315,11 +308,8 @@ def _tidy(mesh: Mesh, scale: float) -> Mesh:
 def _checked(mesh: Mesh) -> Mesh:
     if not np.isfinite(mesh.vertices).all():
         raise MeshFileError("some of its coordinates are not finite numbers", "Export it again.")
-    reach = np.abs(mesh.vertices).max()
-    if reach > LARGEST:
-        raise MeshFileError(
-            f"it reaches {reach:,.0f} m from its origin", "Correct its unit or scale."
-        )
+    reach = float(np.abs(mesh.vertices).max())
+    EXTENT.check(reach, MeshFileError, "Correct its unit or scale.", "reaches")
     return mesh
 
 

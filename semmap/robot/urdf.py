@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
 from semmap.ingest.mesh_file import MeshFileError, read_mesh
+from semmap.limits import EXTENT, LINKS, PARTS, TEXT_BYTES, TRIANGLES
 from semmap.robot.error import RobotError
 
 __all__ = ["Joint", "Robot", "load_robot"]
@@ -133,7 +134,7 @@ class Robot:
             if joint.mimics is not None:
                 raise RobotError(f"{self.name}: joint {name} follows {joint.mimics}: set that one")
             low, high = joint.limits
-            if not low - 1e-6 <= value <= high + 1e-6:
+            if not (math.isfinite(value) and low - 1e-6 <= value <= high + 1e-6):
                 raise RobotError(
                     f"{self.name}: joint {name} goes from {low:g} to {high:g}, not to {value:g}"
                 )
@@ -160,38 +161,102 @@ def load_robot(path: Path | str) -> Robot:
     path = Path(path)
     if not path.is_file():
         raise RobotError(f"{path}: is not there. Name a URDF (of a xacro: xacro FILE > robot.urdf)")
-    logging.getLogger("yourdfpy").setLevel(logging.ERROR)
+    _check_file(path)
+    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
+    lean: dict[str, Any] = {"load_meshes": False, "filename_handler": lambda name: name}
     try:
-        urdf = yourdfpy.URDF.load(
-            str(path), load_meshes=False, load_collision_meshes=False,
-            filename_handler=lambda name: name,
-        )  # fmt: skip
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused below
+            read = yourdfpy.URDF.load(str(path), build_scene_graph=False, **lean).robot
+        joints = [_joint(joint, path) for joint in read.joints]
+        urdf = yourdfpy.URDF(read, **lean)
         base = str(urdf.base_link)
+        ordered = _ordered(joints, base)
+    except RobotError:
+        raise
     except Exception as error:
         raise RobotError(f"{path}: is no URDF that can be used: {error}") from error
-    joints = _ordered([_joint(j) for j in urdf.robot.joints], base)
-    meshes = {}
-    for link in urdf.robot.links:
-        parts = [_shape(item, path, link.name) for item in link.collisions or link.visuals]
-        parts = [part for part in parts if len(part.faces)]
-        if parts:
-            meshes[link.name] = join(parts)
-    if not meshes:
+    shapes = [(k.name, item) for k in read.links for item in k.collisions or k.visuals]
+    PARTS.check(len(shapes), _error(path, "robot"), "Join its shapes.")
+    parts: dict[str, list[Mesh]] = {}
+    faces = 0
+    for link, item in shapes:
+        part = _shape(item, path, link)
+        faces += len(part.faces)
+        TRIANGLES.check(faces, _error(path, f"link {link}"), "Give simpler collision geometry.")
+        if len(part.faces):
+            parts.setdefault(link, []).append(part)
+    if not parts:
         raise RobotError(f"{path}: no link has geometry. Give its links collision geometry")
-    names = {base, *(joint.child for joint in joints)}
-    return Robot(
-        urdf.robot.name or path.stem, GROUND if GROUND in names else base, joints, meshes, urdf
-    )
+    meshes = {link: join(each) for link, each in parts.items()}
+    names = {base, *(joint.child for joint in ordered)}
+    return Robot(read.name or path.stem, GROUND if GROUND in names else base, ordered, meshes, urdf)
 
 
-def _joint(said: Any) -> Joint:
-    axis = (1.0, 0.0, 0.0) if said.axis is None else tuple(float(v) for v in said.axis)
+def _error(path: Path, element: str) -> Callable[[str, str], RobotError]:
+    """Makes an error of a problem of an element and how to fix it."""
+    return lambda problem, fix: RobotError(f"{path}: {element}: {problem}. {fix}")
+
+
+def _check_file(path: Path) -> None:
+    """Refuse what would take minutes to parse."""
+    error = _error(path, "file")
+    TEXT_BYTES.check(path.stat().st_size, error, "Is it a URDF?")
+    text = path.read_bytes()
+    if b"<!DOCTYPE" in text:
+        raise error("declares a document type", "Remove the <!DOCTYPE ...> declaration.")
+    LINKS.check(text.count(b"<link"), error, "Leave out links that do not matter.")
+
+
+def _numbers(
+    value: Any, count: int, where: Callable[[str, str], RobotError], what: str
+) -> NDArray[np.float64]:
+    """(count,) numbers of an attribute, finite and within the extent of a map."""
+    found = np.asarray(value, dtype=np.float64).reshape(-1)
+    if len(found) != count or not np.isfinite(found).all():
+        numbers = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise where(f"its {what} is {value}", f"Give {numbers}.")
+    EXTENT.check(float(np.abs(found).max()), where, "Correct it.", f"its {what} reaches")
+    return found
+
+
+def _sizes(
+    value: Any, count: int, where: Callable[[str, str], RobotError], what: str
+) -> NDArray[np.float64]:
+    sizes = _numbers(value, count, where, what)
+    if (sizes < 0).any():
+        raise where(f"its {what} is {value}", "Give sizes of at least 0 m.")
+    return sizes
+
+
+def _origin(value: Any, where: Callable[[str, str], RobotError]) -> NDArray[np.float64]:
+    """(4, 4) a pose that is finite."""
+    if value is None:
+        return np.eye(4)
+    pose: NDArray[np.float64] = np.asarray(value, dtype=np.float64)
+    _numbers(pose[:3, 3], 3, where, "origin xyz")
+    _numbers(pose[:3, :3], 9, where, "origin rpy")
+    return pose
+
+
+def _joint(read: Any, path: Path) -> Joint:
+    error = _error(path, f"joint {read.name}")
+    _origin(read.origin, error)
+    axis = np.array((1.0, 0.0, 0.0)) if read.axis is None else _numbers(read.axis, 3, error, "axis")
+    length = float(np.linalg.norm(axis))
+    if read.type in MOVING and length < 1e-6:
+        raise error("its axis has no length", 'Give a direction: <axis xyz="0 0 1"/>.')
     limits = (-math.inf, math.inf)
-    if said.type in ("revolute", "prismatic") and said.limit is not None:
-        limits = (float(said.limit.lower or 0.0), float(said.limit.upper or 0.0))
-    mimics = None if said.mimic is None else str(said.mimic.joint)
-    x, y, z = axis
-    return Joint(said.name, said.type, said.parent, said.child, (x, y, z), limits, mimics)
+    if read.type in ("revolute", "prismatic") and read.limit is not None:
+        limits = (float(read.limit.lower or 0.0), float(read.limit.upper or 0.0))
+        if not limits[0] <= limits[1]:
+            raise error(f"its limits are {limits[0]:g} and {limits[1]:g}", "Give lower <= upper.")
+        _numbers(min(max(0.0, limits[0]), limits[1]), 1, error, "position at rest")
+    mimics = None
+    if read.mimic is not None:
+        mimics = str(read.mimic.joint)
+        _numbers((read.mimic.multiplier, read.mimic.offset), 2, error, "mimic")
+    x, y, z = axis.tolist()
+    return Joint(read.name, read.type, read.parent, read.child, (x, y, z), limits, mimics)
 
 
 def _ordered(joints: list[Joint], base: str) -> tuple[Joint, ...]:
@@ -211,41 +276,52 @@ def _shape(item: Any, file: Path, link: str) -> Mesh:
     """A link's shape in the link's frame."""
     import trimesh  # slow to load, and most commands need no robot
 
+    error = _error(file, f"link {link}")
+    origin = _origin(item.origin, error)
     geometry = item.geometry
+    if geometry is None:
+        return Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))
     if geometry.box is not None:
-        shape = trimesh.creation.box(extents=geometry.box.size)
+        size = _sizes(geometry.box.size, 3, error, "box size")
+        shape = trimesh.creation.box(extents=size)
     elif geometry.cylinder is not None:
         c = geometry.cylinder
-        around = c.radius / math.cos(math.pi / SECTIONS)  # none of the round one is left outside
-        shape = trimesh.creation.cylinder(radius=around, height=c.length, sections=SECTIONS)
+        radius, height = _sizes((c.radius, c.length), 2, error, "cylinder radius and length")
+        around = radius / math.cos(math.pi / SECTIONS)  # none of the round one is left outside
+        shape = trimesh.creation.cylinder(radius=around, height=height, sections=SECTIONS)
     elif geometry.sphere is not None:
+        (radius,) = _sizes(geometry.sphere.radius, 1, error, "sphere radius")
         shape = trimesh.creation.icosphere(subdivisions=3)
         deepest = float(np.linalg.norm(shape.triangles_center, axis=1).min())
-        shape.apply_scale(geometry.sphere.radius / deepest)
+        shape = Mesh(np.asarray(shape.vertices) * (radius / deepest), np.asarray(shape.faces))
     elif geometry.mesh is not None:
-        shape = _mesh(geometry.mesh, file, link)
+        shape = _mesh(geometry.mesh, file, error)
     else:
         return Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))
-    origin = np.eye(4) if item.origin is None else np.asarray(item.origin, dtype=np.float64)
     vertices = np.asarray(shape.vertices, np.float64) @ origin[:3, :3].T + origin[:3, 3]
     return Mesh(vertices, np.asarray(shape.faces, np.int32))
 
 
-def _mesh(said: Any, file: Path, link: str) -> Mesh:
-    found = _find(str(said.filename), file)
+def _mesh(read: Any, file: Path, error: Callable[[str, str], RobotError]) -> Mesh:
+    found = _find(str(read.filename), file)
     if found is None:
-        raise RobotError(
-            f"{file}: link {link}: its mesh {said.filename} is not found. Put its package beside "
-            "the file or above it, or name the packages' folder in ROS_PACKAGE_PATH"
+        raise error(
+            f"its mesh {read.filename} is not found",
+            "Put its package beside the file or above it, or name the packages' folder in "
+            "ROS_PACKAGE_PATH",
         )
     try:
         # RViz and Gazebo scale by COLLADA's unit, and do not turn by its up axis.
         shape = read_mesh(found, dae_up_axis=False)
-    except MeshFileError as error:
-        raise RobotError(f"{file}: link {link}: {found.name}: {error}") from error
-    if said.scale is not None:
-        return Mesh(shape.vertices * np.asarray(said.scale, dtype=float), shape.faces)
-    return shape
+    except MeshFileError as problem:
+        raise error(f"{found.name}: {problem.problem}", problem.mend) from problem
+    if read.scale is None:
+        return shape
+    scale = np.ravel(read.scale)
+    factors = _numbers(scale, 1 if len(scale) == 1 else 3, error, "mesh scale")
+    mesh = Mesh(shape.vertices * factors, shape.faces)
+    _numbers(np.abs(mesh.vertices).max(), 1, error, "scaled mesh")
+    return mesh
 
 
 def _find(uri: str, file: Path) -> Path | None:

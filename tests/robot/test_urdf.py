@@ -163,6 +163,55 @@ def test_files_that_are_no_robot(tmp_path: Path, text: str, says: str) -> None:
         load_robot(by_hand(tmp_path, text))
 
 
+HEAD = '<sphere radius="0.1"/>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('<origin xyz="0 0 0.2"/>', '<origin xyz="1e308 0 0"/>',
+         r"joint ground: its origin xyz reaches 1e\+308 m, the limit is 10,000 m"),
+        ('<origin xyz="0.2 0 0"/>', '<origin xyz="0.2 0 -1e308"/>', "link upper: its origin xyz"),
+        ('<origin xyz="0.2 0 0"/>', '<origin xyz="0.2 0 nan"/>', "link upper: its origin xyz is"),
+        ('<origin xyz="0.2 0 0"/>', '<origin rpy="0 inf 0"/>', "link upper: its origin rpy is"),
+        ('size="0.1 0.1 0.8"', 'size="0.1 0.1"', r"link column: its box size is .*3 finite"),
+        ('size="0.1 0.1 0.8"', 'size="0.1 0.1 -1"', "link column: its box size .* at least 0"),
+        ('size="0.1 0.1 0.8"', 'size="0.1 0.1 1e300"', "link column: its box size reaches"),
+        (HEAD, '<sphere radius="nan"/>', "link head_link: its sphere radius is nan"),
+        (HEAD, '<sphere radius="-1"/>', "link head_link: its sphere radius is -1"),
+        (HEAD, '<cylinder radius="1e9" length="1"/>', "its cylinder radius and length reaches"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "joint elbow: its axis has no length"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>', "joint elbow: its axis is"),
+        ('lower="-1" upper="1"', 'lower="1" upper="-1"', "joint pan: its limits are 1 and -1"),
+        ('lower="-1" upper="1"', 'lower="nan" upper="1"', "joint pan: its limits are nan and 1"),
+        ('lower="0" upper="0.4"', 'lower="1e300" upper="1e301"', "lift: its position at rest"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="lift" multiplier="1e308"/>',
+         "joint elbow: its mimic reaches"),
+        ("<robot ", "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot ", "declares a document type"),
+        ("</robot>", "".join(f"<link name='l{i}'/>" for i in range(1000)) + "</robot>",
+         "has 1,007 links, the limit is 500 links.*SEMMAP_MAX_LINKS raises the limit"),
+    ],
+)  # fmt: skip
+def test_numbers_and_sizes_of_no_robot(tmp_path: Path, old: str, new: str, says: str) -> None:
+    assert old in BY_HAND
+    with pytest.raises(RobotError, match=says):
+        load_robot(by_hand(tmp_path, BY_HAND.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize("scale", ["1 2", "nan", "1e308 1 1"])
+def test_scales_of_no_mesh(tmp_path: Path, scale: str) -> None:
+    trimesh.creation.box().export(tmp_path / "box.stl")
+    mesh = f'<mesh filename="box.stl" scale="{scale}"/>'
+    with pytest.raises(RobotError, match="link head_link: its mesh scale"):
+        load_robot(by_hand(tmp_path, BY_HAND.replace(HEAD, mesh)))
+
+
+def test_a_state_is_finite(tmp_path: Path) -> None:
+    robot = load_robot(by_hand(tmp_path))
+    with pytest.raises(RobotError, match="joint roll goes from -inf to inf, not to inf"):
+        robot.hulls({"roll": np.inf})
+
+
 def test_no_file(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"is not there\. Name a URDF"):
         load_robot(tmp_path / "robot.urdf")

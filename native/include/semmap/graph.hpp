@@ -42,6 +42,7 @@ class Graph {
     ~Graph();
 
     std::uint32_t nodes() const { return nodes_; }
+    std::int64_t edges() const { return static_cast<std::int64_t>(edges_.tails.size()); }
 
     void set_weights(const std::vector<std::uint32_t>& edges, const std::vector<double>& weights);
     std::vector<double> weights() const;

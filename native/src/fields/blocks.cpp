@@ -15,6 +15,8 @@
 #include <stdexcept>
 #include <vector>
 
+#include "spread.hpp"
+
 namespace semmap::fields {
 namespace {
 
@@ -256,9 +258,15 @@ Blocks blocks_of(const Grid<Value>& grid, int edge) {
         return static_cast<std::uint16_t>((in.x() * side + in.y()) * side + in.z());
     };
     std::vector<Record<Value>> records;
+    const auto add = [&records](const Record<Value>& record) {
+        if (static_cast<std::int64_t>(records.size()) == kMostBlocks) {
+            throw BadRegion("the grid has too many blocks to be kept: crop it");
+        }
+        records.push_back(record);
+    };
     for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
         const openvdb::Coord at = leaf->origin();
-        records.push_back({cube_of(at), number_of(at), 1, &*leaf, Value{}, false});
+        add({cube_of(at), number_of(at), 1, &*leaf, Value{}, false});
     }
     auto tile = grid.tree().cbeginValueAll();
     tile.setMaxDepth(Grid<Value>::Tree::ValueAllCIter::LEAF_DEPTH - 1);
@@ -273,8 +281,8 @@ Blocks blocks_of(const Grid<Value>& grid, int edge) {
             for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += step) {
                 for (openvdb::Int32 z = box.min().z(); z <= box.max().z(); z += step) {
                     const openvdb::Coord at(x, y, z);
-                    records.push_back({cube_of(at), number_of(at), small ? std::uint16_t{1} : whole,
-                                       nullptr, value, active});
+                    add({cube_of(at), number_of(at), small ? std::uint16_t{1} : whole, nullptr,
+                         value, active});
                 }
             }
         }
@@ -296,7 +304,12 @@ Blocks blocks_of(const Grid<Value>& grid, int edge) {
 template <typename Value>
 void put_blocks(Grid<Value>& grid, const Blocks& blocks, int edge) {
     expect_edge(edge);
+    Spread spread(grid.tree());
     for (const auto& [cube, bytes] : blocks) {
+        for (const std::int32_t at : {cube.x, cube.y, cube.z}) {
+            if (at < -kFarthestVoxel || at >= kFarthestVoxel) Reader::refuse();
+        }
+        spread.add(coord(cube));
         if (((cube.x | cube.y | cube.z) & (edge - 1)) != 0) Reader::refuse();
         put_block(grid, cube, bytes, edge);
     }

@@ -9,11 +9,10 @@
 namespace semmap::fields {
 namespace {
 
-constexpr double kMostVoxel = 1 << 30;
+constexpr double kMostVoxel = kFarthestVoxel;
 constexpr const char* kTooFar =
     "a region or a point lies beyond 2^30 voxels from the origin: take larger voxels, or a nearer "
     "frame";
-constexpr double kMostBlocks = 1 << 27;
 constexpr double kRoundness = 0.01;  // voxels by which a prism around a circle exceeds it
 constexpr std::size_t kMostEdgePairs = 64;
 
@@ -303,24 +302,12 @@ void general_columns(const Convex& solid, std::int32_t x, std::int32_t y, Ends& 
     }
 }
 
-std::size_t block_count(const Bounds& bounds) {
-    double blocks = 1;
-    for (std::size_t k = 0; k < 3; ++k) {
-        if (bounds.high[k] < bounds.low[k]) return 0;
-        const std::int64_t low = block_floor(bounds.low[k]);
-        blocks *= static_cast<double>((bounds.high[k] - low) / kBlock + 1);
-    }
-    if (blocks > kMostBlocks) {
-        throw BadRegion(
-            "the region spans more than 2^36 voxels: take larger voxels, or parts of it");
-    }
-    return static_cast<std::size_t>(blocks);
-}
-
 template <typename Sink>
 void walk(const Convex& solid, Sink&& sink) {
     const Bounds& bounds = solid.bounds;
-    if (block_count(bounds) == 0) return;
+    const double work = work_of(solid);
+    if (work == 0) return;
+    expect_little(work);
     const Kernels kernel = kernels();
     for (std::int32_t x = block_floor(bounds.low[0]); x <= bounds.high[0]; x += kBlock) {
         for (std::int32_t y = block_floor(bounds.low[1]); y <= bounds.high[1]; y += kBlock) {
@@ -369,6 +356,26 @@ void walk(const Convex& solid, Sink&& sink) {
 }
 
 }  // namespace
+
+double work_of(const Convex& solid) {
+    double columns = 1;
+    for (std::size_t k = 0; k < 3; ++k) {
+        if (solid.bounds.high[k] < solid.bounds.low[k]) return 0;
+        if (k == 2) continue;
+        columns *= static_cast<double>(solid.bounds.high[k]) - solid.bounds.low[k] + 1;
+    }
+    return columns * static_cast<double>(solid.half_spaces.size() + 1);
+}
+
+void expect_little(double work) {
+    const auto most =
+        2 * static_cast<double>(region_limits().voxels.load(std::memory_order_relaxed));
+    if (work > most) {
+        throw BadRegion(
+            "the region spans too many columns of voxels: take larger voxels, or a smaller region "
+            "(SEMMAP_MAX_REGION_VOXELS raises the limit)");
+    }
+}
 
 std::int32_t checked_index(double voxel) {
     if (!(std::abs(voxel) < kMostVoxel)) throw BadRegion(kTooFar);
@@ -527,10 +534,10 @@ Polytope pyramid_around(const Cone& cone, double voxel_size) {
 
 Voxels rasterise_convex(const Convex& solid) {
     Voxels voxels;
-    const std::size_t blocks = std::min(block_count(solid.bounds), std::size_t{1} << 16);
-    voxels.origins.reserve(blocks);
-    voxels.words.reserve(blocks);
-    walk(solid, [&](const Origin& origin, const Words& words) { voxels.append(origin, words); });
+    walk(solid, [&](const Origin& origin, const Words& words) {
+        expect_few(voxels.blocks());
+        voxels.append(origin, words);
+    });
     return voxels;
 }
 

@@ -53,6 +53,11 @@ Polytope pyramid_around(const Cone& cone, double voxel_size);
 Voxels rasterise_convex(const Convex& solid);
 void rasterise_convex(const Convex& solid, VoxelCollector& into);
 
+// How many steps rasterising takes: columns of voxels, times the half-spaces that clip them.
+double work_of(const Convex& solid);
+// Throws BadRegion where that is more than a region of the largest size may take.
+void expect_little(double work);
+
 // In voxels, checked against what a grid can hold.
 std::int32_t checked_index(double voxel);
 // floor(p / voxel_size) of each of `count` numbers.

@@ -1,13 +1,10 @@
 #include "semmap/fields/grid.hpp"
 
-#include <openvdb/io/Stream.h>
-
 #include <algorithm>
 #include <cmath>
-#include <sstream>
-#include <stdexcept>
 
 #include "convex.hpp"
+#include "spread.hpp"
 
 namespace semmap::fields {
 namespace {
@@ -62,6 +59,7 @@ Grid<Value> Grid<Value>::placed(const Placement& placement) const {
 template <typename Value>
 void Grid<Value>::fill(const Shape& shape, Value value) {
     const Voxels voxels = rasterise(shape, voxel_size_);
+    Spread(grid_->constTree()).add(voxels);
     auto accessor = grid_->getAccessor();
     for (std::size_t i = 0; i < voxels.blocks(); ++i) {
         const openvdb::Coord origin = coord(voxels.origins[i]);
@@ -108,6 +106,15 @@ void Grid<Value>::clear(const Shape& shape) {
 
 template <typename Value>
 void Grid<Value>::set(const std::int32_t* voxels, const Value* values, std::size_t count) {
+    Spread spread(grid_->constTree());
+    for (std::size_t i = 0; i < 3 * count; ++i) {
+        if (voxels[i] <= -kFarthestVoxel || voxels[i] >= kFarthestVoxel) {
+            throw BadRegion("a voxel lies beyond 2^30 voxels from the origin: take a nearer frame");
+        }
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+        spread.add({voxels[3 * i], voxels[3 * i + 1], voxels[3 * i + 2]});
+    }
     auto accessor = grid_->getAccessor();
     for (std::size_t i = 0; i < count; ++i) {
         accessor.setValueOn({voxels[3 * i], voxels[3 * i + 1], voxels[3 * i + 2]}, values[i]);
@@ -178,42 +185,6 @@ void Grid<Value>::write(const std::string& path, const std::string& name) const 
     named->setName(name);
     openvdb::io::File file(path);
     file.write({named});
-}
-
-template <typename Value>
-std::string Grid<Value>::serialised() const {
-    std::ostringstream out(std::ios::binary);
-    openvdb::io::Stream stream(out);
-    stream.setCompression(openvdb::io::COMPRESS_ACTIVE_MASK);
-    stream.write({openvdb::GridBase::ConstPtr(grid_)});
-    return out.str();
-}
-
-template <typename Value>
-Grid<Value> Grid<Value>::from_serialised(const std::string& data) {
-    openvdb::initialize();
-    openvdb::GridPtrVecPtr grids;
-    try {
-        std::istringstream in(data, std::ios::binary);
-        openvdb::io::Stream stream(in, false);
-        grids = stream.getGrids();
-    } catch (const std::exception& error) {
-        throw std::invalid_argument(std::string("these bytes are no grid: ") + error.what());
-    }
-    const auto found = grids && grids->size() == 1 ? openvdb::gridPtrCast<VdbGrid>(grids->front())
-                                                   : typename VdbGrid::Ptr();
-    if (!found || !(*found)[kVoxelSize] || !(*found)[kPlacement]) {
-        throw std::invalid_argument("these bytes are no grid of this type that semmap wrote");
-    }
-    Grid grid(found->template metaValue<double>(kVoxelSize), found->background());
-    const auto m = found->template metaValue<openvdb::Mat4d>(kPlacement);
-    for (std::size_t i = 0; i < 3; ++i) {
-        for (std::size_t j = 0; j < 4; ++j) {
-            grid.placement_[i][j] = m(static_cast<int>(j), static_cast<int>(i));
-        }
-    }
-    grid.grid_ = found;
-    return grid;
 }
 
 template class Grid<bool>;

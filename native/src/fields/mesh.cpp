@@ -12,7 +12,8 @@
 namespace semmap::fields {
 namespace {
 
-constexpr std::size_t kMostColumns = std::size_t{1} << 30;
+constexpr double kHitsAtOnce = 1 << 22;
+constexpr double kStepsOfHit = 128;
 
 std::vector<Vector> scaled(const std::vector<Vector>& vertices, double voxel_size) {
     std::vector<Vector> v = vertices;
@@ -145,19 +146,47 @@ bool is_thin_part(const std::vector<Vector>& corners) {
     return is_thin(box) || is_thin(principal_widths(corners));
 }
 
-void add_surface(const std::vector<Vector>& v, const Triangle& face, VoxelCollector& into) {
-    const auto at = [&](int k) {
-        return v[static_cast<std::size_t>(face[static_cast<std::size_t>(k)])];
-    };
-    rasterise_convex(meeting(polytope_of(at(0), at(1), at(2))), into);
+Polytope polytope_of(const std::vector<Vector>& v, const Triangle& face) {
+    const auto at = [&](std::size_t k) { return v[static_cast<std::size_t>(face[k])]; };
+    return polytope_of(at(0), at(1), at(2));
 }
 
+void add_surface(const std::vector<Vector>& v, const Triangle& face, VoxelCollector& into) {
+    rasterise_convex(meeting(polytope_of(v, face)), into);
+}
+
+// Steps that drawing triangles takes, as `work_of` counts them: they have 20 half-spaces.
+double work_of(const std::vector<Vector>& v, const Triangle& face) {
+    double columns = 1;
+    for (std::size_t k = 0; k < 2; ++k) {
+        const auto [low, high] = std::minmax({v[static_cast<std::size_t>(face[0])][k],
+                                              v[static_cast<std::size_t>(face[1])][k],
+                                              v[static_cast<std::size_t>(face[2])][k]});
+        columns *= high - low + 1;
+    }
+    return 21 * columns;
+}
+
+// How often the surface of a solid crosses columns of voxels, about.
+double crossings(const std::vector<Vector>& v, const std::vector<Triangle>& faces) {
+    double total = 0;
+    for (const Triangle& face : faces) {
+        const Vector& a = v[static_cast<std::size_t>(face[0])];
+        const Vector& b = v[static_cast<std::size_t>(face[1])];
+        const Vector& c = v[static_cast<std::size_t>(face[2])];
+        const double area =
+            std::abs((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])) / 2;
+        total += area + std::max({a[0], b[0], c[0]}) - std::min({a[0], b[0], c[0]});
+    }
+    return total;
+}
+
+// The voxels of x = first .. last whose centres the surface encloses.
 void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces,
-                VoxelCollector& into) {
+                std::int32_t first_x, std::int32_t last_x, VoxelCollector& into) {
     double low_y = std::numeric_limits<double>::infinity();
     double high_y = -low_y;
     for (const Vector& p : v) {
-        for (const double at : p) checked_index(std::floor(at));
         low_y = std::min(low_y, p[1]);
         high_y = std::max(high_y, p[1]);
     }
@@ -171,7 +200,7 @@ void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces
         const Vector& c = v[static_cast<std::size_t>(face[2])];
         const auto from = static_cast<std::int32_t>(std::floor(std::min({a[0], b[0], c[0]}) - 0.5));
         const auto to = static_cast<std::int32_t>(std::ceil(std::max({a[0], b[0], c[0]}) - 0.5));
-        for (std::int32_t x = from; x <= to; ++x) {
+        for (std::int32_t x = std::max(from, first_x); x <= std::min(to, last_x); ++x) {
             const double cx = x + 0.5;
             Crossing ends[3];
             int turns[3];
@@ -194,9 +223,6 @@ void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces
                     static_cast<std::uint64_t>(x - static_cast<std::int64_t>(least)) * rows +
                     static_cast<std::uint64_t>(y - first_y);
                 hits.push_back({column, low.z + part * (high.z - low.z), turns[swap ? 1 : 0]});
-                if (hits.size() > kMostColumns) {
-                    throw BadRegion("the mesh has too many voxels: take larger voxels");
-                }
             }
         }
     }
@@ -218,6 +244,26 @@ void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces
             const auto high = static_cast<std::int32_t>(std::floor(hits[i].z - 0.5 + kTolerance));
             if (low <= high) into.add_column(x, y, low, high);
         }
+    }
+}
+
+// In strips along x, so that the hits of a strip fit into memory.
+void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces, double hits,
+                VoxelCollector& into) {
+    double low = std::numeric_limits<double>::infinity();
+    double high = -low;
+    for (const Vector& p : v) {
+        for (const double at : p) checked_index(std::floor(at));
+        low = std::min(low, p[0]);
+        high = std::max(high, p[0]);
+    }
+    if (!(low <= high)) return;
+    const auto first = static_cast<std::int32_t>(std::floor(low)) - 1;
+    const auto last = static_cast<std::int32_t>(std::ceil(high)) + 1;
+    const double strips = std::max(1.0, std::ceil(hits / kHitsAtOnce));
+    const auto width = std::max(1, static_cast<std::int32_t>((last - first + 1) / strips));
+    for (std::int32_t x = first; x <= last; x += width) {
+        add_inside(v, faces, x, std::min(x + width - 1, last), into);
     }
 }
 
@@ -265,6 +311,9 @@ std::size_t weld(std::vector<Vector>& vertices, std::vector<Triangle>& faces) {
 
 Voxels surface_voxels(const Surface& surface, double voxel_size) {
     const std::vector<Vector> v = scaled(surface.vertices, voxel_size);
+    double work = 0;
+    for (const Triangle& face : surface.faces) work += work_of(v, face);
+    expect_little(work);
     VoxelCollector collector;
     for (const Triangle& face : surface.faces) add_surface(v, face, collector);
     return collector.finish();
@@ -272,13 +321,16 @@ Voxels surface_voxels(const Surface& surface, double voxel_size) {
 
 Voxels solid_voxels(const Solid& solid, double voxel_size) {
     std::vector<Vector> v = scaled(solid.vertices, voxel_size);
+    const double hits = crossings(v, solid.faces);
+    expect_little(kStepsOfHit * hits);
     VoxelCollector collector;
-    add_inside(v, solid.faces, collector);
+    add_inside(v, solid.faces, hits, collector);
     const std::vector<std::int32_t> part = components(v.size(), solid.faces);
     std::vector<std::size_t> order(part.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
     std::stable_sort(order.begin(), order.end(),
                      [&](std::size_t a, std::size_t b) { return part[a] < part[b]; });
+    double work = 0;
     for (std::size_t i = 0; i < order.size();) {
         std::size_t past = i;
         std::vector<Vector> corners;
@@ -287,10 +339,13 @@ Voxels solid_voxels(const Solid& solid, double voxel_size) {
                 corners.push_back(v[static_cast<std::size_t>(vertex)]);
             }
         }
-        const bool thin = is_thin_part(corners);
-        for (; i < past; ++i) {
-            if (thin) add_surface(v, solid.faces[order[i]], collector);
+        if (!is_thin_part(corners)) {
+            i = past;
+            continue;
         }
+        for (std::size_t k = i; k < past; ++k) work += work_of(v, solid.faces[order[k]]);
+        expect_little(work);
+        for (; i < past; ++i) add_surface(v, solid.faces[order[i]], collector);
     }
     return collector.finish();
 }

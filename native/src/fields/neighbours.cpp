@@ -109,6 +109,9 @@ std::vector<Origin> dilated(const std::vector<Origin>& blocks, std::int32_t reac
                 origin.*axis = middle + step * kBlock;
                 index.number(origin);
             }
+            if (static_cast<std::int64_t>(index.origins().size()) > kMostBlocks) {
+                throw BadRegion("so many blocks lie within reach: take a shorter one");
+            }
         }
         all = index.origins();
     }

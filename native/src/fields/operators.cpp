@@ -6,6 +6,7 @@
 #include <unordered_set>
 
 #include "convex.hpp"
+#include "spread.hpp"
 
 namespace semmap::fields {
 namespace {
@@ -86,12 +87,24 @@ class Reader {
 // Calls found(origin) for each block that has something active, larger tiles taken apart.
 template <typename Value, typename Found>
 void each_origin(const Grid<Value>& grid, Found&& found) {
+    const auto tiles = [&grid] {
+        auto tile = grid.tree().cbeginValueOn();
+        tile.setMaxDepth(Grid<Value>::Tree::ValueOnCIter::LEAF_DEPTH - 1);
+        return tile;
+    };
+    auto blocks = static_cast<std::int64_t>(grid.tree().leafCount());
+    for (auto tile = tiles(); tile; ++tile) {
+        blocks += static_cast<std::int64_t>(tile.getVoxelCount() / kVoxels);
+    }
+    if (blocks > kMostBlocks) {
+        throw BadRegion("the grid has " + std::to_string(blocks) +
+                        " blocks of 8 x 8 x 8 voxels, more than are combined: crop it, or take "
+                        "larger voxels");
+    }
     for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) {
         if (!leaf->isEmpty()) found(leaf->origin());
     }
-    auto tile = grid.tree().cbeginValueOn();
-    tile.setMaxDepth(Grid<Value>::Tree::ValueOnCIter::LEAF_DEPTH - 1);
-    for (; tile; ++tile) {
+    for (auto tile = tiles(); tile; ++tile) {
         const openvdb::CoordBBox box = tile.getBoundingBox();
         for (openvdb::Int32 x = box.min().x(); x <= box.max().x(); x += kBlock) {
             for (openvdb::Int32 y = box.min().y(); y <= box.max().y(); y += kBlock) {
@@ -135,6 +148,12 @@ class Writer {
             }
         }
         accessor_.addLeaf(leaf);
+    }
+
+    // Throws BadRegion where blocks lie too far apart.
+    void expect_near(const std::vector<Origin>& origins) {
+        Spread spread(grid_.tree());
+        for (const Origin& origin : origins) spread.add(coord(origin));
     }
 
     Grid<Value> finish() {
@@ -302,7 +321,13 @@ Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
 
 template <typename Value>
 Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high) {
-    const openvdb::CoordBBox box({low[0], low[1], low[2]}, {high[0], high[1], high[2]});
+    Index from;
+    Index to;
+    for (std::size_t k = 0; k < 3; ++k) {
+        from[k] = std::max(low[k], -kFarthestVoxel);
+        to[k] = std::min(high[k], kFarthestVoxel);
+    }
+    const openvdb::CoordBBox box({from[0], from[1], from[2]}, {to[0], to[1], to[2]});
     Writer<Value> out(grid, grid.background());
     Reader<Value> reader(grid);
     Block<Value> block;
@@ -332,9 +357,9 @@ Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high
         each_origin(grid, at);
         return out.finish();
     }
-    for (openvdb::Int32 x = block_floor(low[0]); x <= high[0]; x += kBlock) {
-        for (openvdb::Int32 y = block_floor(low[1]); y <= high[1]; y += kBlock) {
-            for (openvdb::Int32 z = block_floor(low[2]); z <= high[2]; z += kBlock) {
+    for (openvdb::Int32 x = block_floor(from[0]); x <= to[0]; x += kBlock) {
+        for (openvdb::Int32 y = block_floor(from[1]); y <= to[1]; y += kBlock) {
+            for (openvdb::Int32 z = block_floor(from[2]); z <= to[2]; z += kBlock) {
                 at(openvdb::Coord(x, y, z));
             }
         }
@@ -386,6 +411,14 @@ Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placemen
             low[j] = block_floor(checked_index(std::floor(q - reach)));
             high[j] = checked_index(std::floor(q + reach));
         }
+        double blocks = 1;
+        for (std::size_t j = 0; j < 3; ++j) {
+            blocks *= (static_cast<double>(high[j]) - low[j]) / kBlock + 1;
+        }
+        blocks += static_cast<double>(candidates.origins().size());
+        if (blocks > static_cast<double>(kMostBlocks)) {
+            throw BadRegion("the grid has too many voxels of that size: take larger ones");
+        }
         for (std::int32_t x = low[0]; x <= high[0]; x += kBlock) {
             for (std::int32_t y = low[1]; y <= high[1]; y += kBlock) {
                 for (std::int32_t z = low[2]; z <= high[2]; z += kBlock) {
@@ -395,6 +428,7 @@ Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placemen
         }
     });
     Writer<Value> out(frame, grid.background());
+    out.expect_near(candidates.origins());
     auto accessor = openvdb::tree::ValueAccessor<const typename Grid<Value>::Tree>(grid.tree());
     Block<Value> block;
     block.uniform = false;
@@ -408,7 +442,7 @@ Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placemen
             for (std::size_t k = 0; k < 3; ++k) {
                 const double p =
                     turn[k][0] * q[0] + turn[k][1] * q[1] + turn[k][2] * q[2] + shift[k];
-                at[static_cast<int>(k)] = static_cast<std::int32_t>(std::floor(p));
+                at[static_cast<int>(k)] = checked_index(std::floor(p));
             }
             Value value;
             if (!accessor.probeValue(at, value)) continue;
@@ -458,7 +492,13 @@ Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std:
             const std::int32_t* v = &voxels[3 * i];
             const std::size_t block =
                 index.number({block_floor(v[0]), block_floor(v[1]), block_floor(v[2])});
-            if (block == votes.size()) votes.emplace_back();
+            if (block == votes.size()) {
+                // Each block takes 4 kB here.
+                if (static_cast<std::int64_t>(block) >= region_limits().blocks / 4) {
+                    throw BadRegion("the image shows too many voxels: take larger ones");
+                }
+                votes.emplace_back();
+            }
             Vote& vote =
                 votes[block]
                      [static_cast<std::size_t>((v[0] & 7) << 6 | (v[1] & 7) << 3 | (v[2] & 7))];
@@ -473,6 +513,7 @@ Grid<std::int32_t> labelled(const float* depth, const std::int32_t* labels, std:
     }
     const Grid<std::int32_t> frame(voxel_size, 0);
     Writer<std::int32_t> out(frame, 0);
+    out.expect_near(index.origins());
     Block<std::int32_t> block;
     block.uniform = false;
     for (std::size_t b = 0; b < votes.size(); ++b) {

@@ -15,6 +15,7 @@
 
 #include "convex.hpp"
 #include "retag.hpp"
+#include "spread.hpp"
 
 namespace semmap::fields {
 namespace {
@@ -243,7 +244,10 @@ const Voxels& RegionMap::region(std::int32_t entity) const {
 }
 
 Voxels& RegionMap::region_to_change(std::int32_t entity) {
-    if (entity < 0) throw std::invalid_argument("entities are numbers from 0");
+    if (entity < 0 || entity >= kMostEntities) {
+        throw std::invalid_argument("entity is " + std::to_string(entity) + ": give 0 to " +
+                                    std::to_string(kMostEntities - 1));
+    }
     const auto i = static_cast<std::size_t>(entity);
     if (i >= regions_.size()) regions_.resize(i + 1);
     return regions_[i];
@@ -252,6 +256,7 @@ Voxels& RegionMap::region_to_change(std::int32_t entity) {
 void RegionMap::insert(std::int32_t entity, const Shape& shape) {
     Voxels voxels = rasterise(shape, voxel_size_);
     const std::unique_lock lock(mutex_);
+    Spread(grid_->tree()).add(voxels);
     Voxels& has = region_to_change(entity);
     if (has.blocks() == 0) {
         apply({entity, &voxels});
@@ -275,6 +280,7 @@ void RegionMap::remove(std::int32_t entity) {
 void RegionMap::move(std::int32_t entity, const Shape& shape) {
     Voxels voxels = rasterise(shape, voxel_size_);
     const std::unique_lock lock(mutex_);
+    Spread(grid_->tree()).add(voxels);
     Voxels& has = region_to_change(entity);
     const Voxels left = without(has, voxels);
     const Voxels entered = without(voxels, has);
@@ -284,11 +290,30 @@ void RegionMap::move(std::int32_t entity, const Shape& shape) {
     prune();
 }
 
-void RegionMap::insert_many(const std::vector<std::int32_t>& entities,
-                            const std::vector<const Shape*>& shapes, int threads) {
+std::vector<std::string> RegionMap::insert_many(const std::vector<std::int32_t>& entities,
+                                                const std::vector<const Shape*>& shapes,
+                                                int threads, bool others) {
     std::vector<Voxels> voxels(shapes.size());
-    in_parallel(shapes.size(), threads,
-                [&](std::size_t i) { voxels[i] = rasterise(*shapes[i], voxel_size_); });
+    std::vector<std::string> reasons(shapes.size());
+    in_parallel(shapes.size(), threads, [&](std::size_t i) {
+        try {
+            voxels[i] = rasterise(*shapes[i], voxel_size_);
+        } catch (const BadRegion& bad) {
+            reasons[i] = bad.what();
+        }
+    });
+    const std::unique_lock lock(mutex_);
+    Spread spread(grid_->tree());
+    for (std::size_t i = 0; i < voxels.size(); ++i) {
+        try {
+            spread.add(voxels[i]);
+        } catch (const BadRegion& bad) {
+            reasons[i] = bad.what();
+            voxels[i] = {};
+        }
+    }
+    const auto given = [](const std::string& reason) { return !reason.empty(); };
+    if (!others && std::any_of(reasons.begin(), reasons.end(), given)) return reasons;
     // An entity named twice is one edit.
     std::map<std::int32_t, std::size_t> first;
     std::vector<std::size_t> once;
@@ -300,7 +325,6 @@ void RegionMap::insert_many(const std::vector<std::int32_t>& entities,
             voxels[found->second] = united(voxels[found->second], voxels[i]);
         }
     }
-    const std::unique_lock lock(mutex_);
     for (const std::size_t i : once) region_to_change(entities[i]);
     in_parallel(once.size(), threads, [&](std::size_t n) {
         const std::size_t i = once[n];
@@ -314,6 +338,7 @@ void RegionMap::insert_many(const std::vector<std::int32_t>& entities,
         Voxels& has = region_to_change(entities[i]);
         has = has.blocks() == 0 ? std::move(voxels[i]) : united(has, voxels[i]);
     }
+    return reasons;
 }
 
 void RegionMap::make_tile(Accessor& accessor, const Origin& origin, std::int32_t value) {
@@ -638,6 +663,7 @@ void RegionMap::restore(const Grid<std::int32_t>& grid, const Sets& sets) {
         throw std::invalid_argument("a region map that has entities cannot be restored");
     }
     if (grid.voxel_size() != voxel_size_ || grid.background() != 0) refuse();
+    if (grid.size() > static_cast<std::size_t>(kMostBlocks) * 512) refuse();
     for (const auto& [set, members] : sets) {
         if (!sets_.restore(set, members)) refuse();
     }

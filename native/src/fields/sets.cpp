@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "semmap/fields/limits.hpp"
+
 namespace semmap::fields {
 namespace {
 
@@ -102,7 +104,8 @@ void Register::free_if_unused(std::int32_t set) {
 }
 
 bool Register::restore(std::int32_t set, const std::vector<std::int32_t>& members) {
-    if (set <= 0 || members.empty() || members.front() < 0) return false;
+    if (set <= 0 || set >= kMostSets || members.empty()) return false;
+    if (members.front() < 0 || members.back() >= kMostEntities) return false;
     for (std::size_t i = 1; i < members.size(); ++i) {
         if (members[i - 1] >= members[i]) return false;
     }

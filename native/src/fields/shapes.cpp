@@ -82,11 +82,21 @@ struct Rasteriser {
 }  // namespace
 
 Voxels rasterise(const Shape& shape, double voxel_size) {
-    return std::visit(Rasteriser{voxel_size}, shape);
+    Voxels voxels = std::visit(Rasteriser{voxel_size}, shape);
+    const auto part = std::count_if(voxels.words.begin(), voxels.words.end(),
+                                    [](const Words& w) { return !is_full(w); });
+    const std::int64_t most = region_limits().blocks.load(std::memory_order_relaxed);
+    if (part > most) {
+        throw BadRegion("the region's border passes through " + std::to_string(part) +
+                        " blocks of 8 x 8 x 8 voxels, more than " + std::to_string(most) +
+                        ": take larger voxels, or a smaller region "
+                        "(SEMMAP_MAX_REGION_BLOCKS raises the limit)");
+    }
+    return voxels;
 }
 
-Points points_of_depth(const float* depth, const bool* mask, std::size_t rows, std::size_t columns,
-                       const Camera& camera, double farthest) {
+Points points_of_depth(const float* depth, const std::uint8_t* mask, std::size_t rows,
+                       std::size_t columns, const Camera& camera, double farthest) {
     Points all;
     if (mask == nullptr) all.points.reserve(rows * columns);
     for (std::size_t row = 0; row < rows; ++row) {
@@ -94,7 +104,8 @@ Points points_of_depth(const float* depth, const bool* mask, std::size_t rows, s
         for (std::size_t column = 0; column < columns; ++column) {
             const std::size_t i = row * columns + column;
             const double d = depth[i];
-            if ((mask != nullptr && !mask[i]) || !(d > 0 && d <= farthest && d < 1e30)) continue;
+            if ((mask != nullptr && mask[i] == 0) || !(d > 0 && d <= farthest && d < 1e30))
+                continue;
             const double x = (static_cast<double>(column) - camera.cx) / camera.fx;
             Vector p;
             for (std::size_t k = 0; k < 3; ++k) {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "semmap/fields/limits.hpp"
+
 namespace semmap::fields {
 namespace {
 
@@ -105,6 +107,21 @@ std::int64_t common(const Voxels& a, const Voxels& b) {
         }
     }
     return total;
+}
+
+RegionLimits& region_limits() {
+    static RegionLimits limits;
+    return limits;
+}
+
+void expect_few(std::size_t blocks) {
+    constexpr std::int64_t kVoxels = kBlock * kBlock * kBlock;
+    const std::int64_t most = region_limits().voxels.load(std::memory_order_relaxed);
+    if (static_cast<std::int64_t>(blocks) * kVoxels > most) {
+        throw BadRegion("the region has more than " + std::to_string(most) +
+                        " voxels: take larger voxels, or a smaller region "
+                        "(SEMMAP_MAX_REGION_VOXELS raises the limit)");
+    }
 }
 
 OriginIndex::OriginIndex() : slots_(64, kNone) {}

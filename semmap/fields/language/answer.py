@@ -17,7 +17,7 @@ from semmap.fields.language.evaluate import evaluate
 from semmap.fields.language.expressions import centres, word
 from semmap.fields.language.grammar import EVERYTHING, Parsed, parse_query
 from semmap.fields.language.plan import Context
-from semmap.fields.language.table import Column, ColumnKind, Table, TooManyRowsError, unbound
+from semmap.fields.language.table import Column, ColumnKind, LimitError, Table, unbound
 from semmap.fields.property import Property
 from semmap.fields.statements import (
     Catalogue,
@@ -139,7 +139,7 @@ def query(catalogue: Catalogue, text: str, now: datetime | None = None) -> Rows 
     context = Context(catalogue.voxel_size)
     try:
         table = evaluate(plan, context)
-    except TooManyRowsError as error:
+    except LimitError as error:
         raise parsed.error(str(error), 0) from None
     if parsed.form == "AskQuery":
         return table.rows > 0

@@ -79,6 +79,7 @@ def _filtered(context: Context, conditions: tuple[Expression, ...], table: Table
 
 def evaluate(plan: Plan, context: Context, limits: Limits | None = None) -> Table:
     """The solutions of a plan."""
+    context.expect_time()
     return _evaluate(plan, context, limits or {})
 
 
@@ -100,6 +101,7 @@ def _basic(
         pattern = min(left, key=lambda each: _cost(each, table))
         left.remove(pattern)
         table = join(table, _stated(pattern, table, context, limits))
+        context.expect_time()
         ready = [each for each in waiting if each.variables <= table.columns.keys()]
         waiting = [each for each in waiting if each not in ready]
         table = _filtered(context, tuple(ready), table)
@@ -368,6 +370,7 @@ def exists(
             rows = pairs(some, other)
             both = merge(some, other, rows)
             passed = np.ones(both.rows, np.bool_)
+            context.expect_time()
             for condition in correlated:
                 passed &= holds(context, condition, both)
             found[begin + rows.left[passed]] = True

@@ -12,14 +12,16 @@ from typing import Any, Protocol
 
 import numpy as np
 import rdflib
+import regex
 from numpy.typing import NDArray
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.fields.language.error import QueryError
 from semmap.fields.language.grammar import place
 from semmap.fields.language.plan import Context
-from semmap.fields.language.table import Column, ColumnKind, Table, unbound
+from semmap.fields.language.table import Column, ColumnKind, LimitError, Table, unbound
 from semmap.fields.statements import voxels_of_keys
+from semmap.limits import REGEX_SECONDS
 
 __all__ = [
     "Expression",
@@ -226,6 +228,7 @@ def _of_names(kind: ColumnKind, function: Callable[[str], Any], of: Expression) 
     """A function of names, worked out once for each."""
 
     def run(context: Context, table: Table) -> Column:
+        context.expect_time()
         column = of.run(context, table)
         codes, places = np.unique(column.values, return_inverse=True)
         names = context.names.names
@@ -473,17 +476,30 @@ def _text_and(function: Callable[[str, str], bool]) -> Any:
 
 def _regex(tree: Any, scope: Scope) -> Expression:
     letters = _constant_text(tree.flags, scope) if tree.flags is not None else ""
-    flags = 0
+    flags = regex.V0
     for letter in letters:
         if letter not in "imsx":
             raise scope.error(f"the flag {letter} is not one of i, m, s, x", tree.flags)
-        flags |= {"i": re.I, "m": re.M, "s": re.S, "x": re.X}[letter]
+        flags |= {"i": regex.I, "m": regex.M, "s": regex.S, "x": regex.X}[letter]
+    written = _constant_text(tree.pattern, scope)
     try:
-        pattern = re.compile(_constant_text(tree.pattern, scope), flags)
-    except re.error as error:
+        pattern = regex.compile(written, flags)
+    except (regex.error, ValueError, OverflowError, RecursionError) as error:
         raise scope.error(f"no regular expression: {error}", tree.pattern) from None
     of = _text(_operand(tree.text, scope), scope)
-    return _of_names("boolean", lambda name: pattern.search(name) is not None, of)
+    return _of_names("boolean", lambda name: _found(pattern, name), of)
+
+
+def _found(pattern: regex.Pattern[str], name: str) -> bool:
+    """Whether a pattern occurs in a name; some patterns take exponential time."""
+    try:
+        return pattern.search(name, timeout=REGEX_SECONDS.value) is not None
+    except TimeoutError:
+        raise LimitError(
+            f"the regular expression {pattern.pattern[:40]!r} takes longer than "
+            f"{REGEX_SECONDS.value:g} s for one name: nest no repetitions, or set "
+            f"{REGEX_SECONDS.variable}"
+        ) from None
 
 
 def centres(keys: NDArray[np.int64], voxel_size: float) -> NDArray[Any]:

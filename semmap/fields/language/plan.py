@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from semmap.fields.language.table import ColumnKind, Names, Table
+from semmap.fields.language.table import ColumnKind, LimitError, Names, Table
 from semmap.fields.statements import Relation
+from semmap.limits import QUERY_SECONDS
 
 if TYPE_CHECKING:
     from semmap.fields.language.expressions import Expression
@@ -27,6 +29,15 @@ class Context:
 
     voxel_size: float
     names: Names = field(default_factory=Names)
+    began: float = field(default_factory=time.monotonic)
+
+    def expect_time(self) -> None:
+        """Raise a LimitError where the query has taken too long."""
+        if QUERY_SECONDS.exceeded_by(time.monotonic() - self.began):
+            raise LimitError(
+                f"this takes longer than {QUERY_SECONDS.value:g} s: ask for less, or set "
+                f"{QUERY_SECONDS.variable}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,14 +12,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.limits import QUERY_ROWS
+
 __all__ = [
-    "MOST_ROWS",
     "Column",
     "ColumnKind",
+    "LimitError",
     "Names",
     "Pairs",
     "Table",
-    "TooManyRowsError",
     "ascending",
     "codes_of",
     "join",
@@ -32,17 +33,14 @@ __all__ = [
 ColumnKind = Literal["voxel", "thing", "number", "boolean", "text"]
 """What a variable stands for; no variable stands for two."""
 
-MOST_ROWS = 1 << 26
-"""The largest table that is made, in rows."""
-
 MERGED = 8
 """Two ascending columns are merged unless one is so many times as long: then it is searched."""
 
 Rows = NDArray[np.intp]
 
 
-class TooManyRowsError(Exception):
-    """A join of things that have little in common."""
+class LimitError(Exception):
+    """A query that makes too many rows or takes too long; how to fix it."""
 
 
 class Names:
@@ -253,10 +251,10 @@ def _intersection(a: NDArray[Any], b: NDArray[Any]) -> Pairs:
 
 
 def _limit(rows: int) -> None:
-    if rows > MOST_ROWS:
-        raise TooManyRowsError(
+    if QUERY_ROWS.exceeded_by(rows):
+        raise LimitError(
             f"this would have {rows:,} solutions: connect its patterns by variables, or add a "
-            "narrower one"
+            f"narrower one; {QUERY_ROWS.variable} raises the limit of {QUERY_ROWS.value:,}"
         )
 
 

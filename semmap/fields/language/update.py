@@ -22,7 +22,7 @@ from semmap.fields.language.expressions import centres, thing_named, word
 from semmap.fields.language.grammar import Parsed, parse_update, place
 from semmap.fields.language.plan import Context
 from semmap.fields.language.region_text import read_region
-from semmap.fields.language.table import UNIT, Table, TooManyRowsError
+from semmap.fields.language.table import UNIT, LimitError, Table
 from semmap.fields.property import Property
 from semmap.fields.region_map import RegionMap
 from semmap.fields.regions import Region, voxels_of
@@ -208,7 +208,7 @@ class _Work:
         plan = checker.plan(where)
         try:
             return evaluate(plan, context)
-        except TooManyRowsError as error:
+        except LimitError as error:
             raise self.parsed.error(str(error), 0) from None
 
     def take_back(self) -> None:

@@ -23,30 +23,44 @@ class ZoneSource:
     Parameters
     ----------
     voxel_size : metres
+
+    Attributes
+    ----------
+    left_out : dict
+        By name, why a zone has no map: it would have more voxels than `semmap.limits` allow.
     """
 
     def __init__(self, vocabulary: Vocabulary, *, voxel_size: float = 0.05) -> None:
         self._property = {"room": vocabulary["inRoom"], "region": vocabulary["inZone"]}
         self._voxel_size = _above_0(voxel_size, "voxel_size")
-        self._known: dict[str, tuple[Zone, RepresentationMap]] = {}
+        self.left_out: dict[str, str] = {}
+        self._known: dict[str, tuple[Zone, RepresentationMap | None]] = {}
 
     def __call__(self, percept: Zones) -> list[RepresentationMap]:
         known = {}
+        left_out = {}
         for zone in percept.zones:
             before = self._known.get(zone.name)
             if before is not None and before[0] == zone:
                 known[zone.name] = before
+                if before[1] is None:
+                    left_out[zone.name] = self.left_out[zone.name]
                 continue
-            grid = RepresentationMap.of_regions(
-                self._property[zone.kind],
-                [(region, True) for region in _prism(zone, self._voxel_size)],
-                self._voxel_size,
-                about=zone.name,
-                time=percept.time,
-            )
+            grid = None
+            try:
+                grid = RepresentationMap.of_regions(
+                    self._property[zone.kind],
+                    [(region, True) for region in _prism(zone, self._voxel_size)],
+                    self._voxel_size,
+                    about=zone.name,
+                    time=percept.time,
+                )
+            except ValueError as error:
+                left_out[zone.name] = str(error)
             known[zone.name] = (zone, grid)
         self._known = known
-        return [each for _, each in known.values()]
+        self.left_out = left_out
+        return [each for _, each in known.values() if each is not None]
 
 
 def _prism(zone: Zone, voxel_size: float) -> list[Region]:

@@ -53,9 +53,6 @@ class Grid {
     std::size_t bytes() const { return static_cast<std::size_t>(grid_->memUsage()); }
 
     void write(const std::string& path, const std::string& name) const;
-    // OpenVDB's stream format, and back, bit for bit.
-    std::string serialised() const;
-    static Grid from_serialised(const std::string& data);
 
   private:
     typename VdbGrid::Ptr grid_;

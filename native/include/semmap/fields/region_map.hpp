@@ -52,8 +52,8 @@ struct Support {
     std::int64_t loose;
 };
 
-// Entities are numbers from 0, best close together. Readers and writers may be of any thread: many
-// read at once, or one writes.
+// Entities are numbers from 0 to kMostEntities, best close together. Readers and writers may be of
+// any thread: many read at once, or one writes.
 class RegionMap {
   public:
     explicit RegionMap(double voxel_size);
@@ -64,9 +64,11 @@ class RegionMap {
     void remove(std::int32_t entity);
     void move(std::int32_t entity, const Shape& shape);
     // The same voxels as one by one, in one pass on several threads; the numbers do not depend on
-    // how many.
-    void insert_many(const std::vector<std::int32_t>& entities,
-                     const std::vector<const Shape*>& shapes, int threads);
+    // how many. Gives the reason why a region cannot be inserted, or "", for each; where one
+    // cannot, the others are inserted only if that is said.
+    std::vector<std::string> insert_many(const std::vector<std::int32_t>& entities,
+                                         const std::vector<const Shape*>& shapes, int threads,
+                                         bool others);
 
     void look_up(const double* points, std::size_t count, std::int32_t* numbers) const;
     // The members of each of the given sets; empty for what is none.

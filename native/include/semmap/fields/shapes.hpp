@@ -13,16 +13,12 @@
 #include <variant>
 #include <vector>
 
+#include "semmap/fields/limits.hpp"
 #include "semmap/fields/voxels.hpp"
 
 namespace semmap::fields {
 
 using Vector = std::array<double, 3>;
-
-// What cannot be rasterised; the text names the mend.
-struct BadRegion : std::invalid_argument {
-    using std::invalid_argument::invalid_argument;
-};
 
 struct Ball {
     Vector center;
@@ -74,6 +70,7 @@ struct Surface {
 
 using Shape = std::variant<Ball, Cylinder, Cone, Polytope, Points, Solid, Surface>;
 
+// Throws BadRegion where it would have more than `region_limits` allow, before it has.
 Voxels rasterise(const Shape& shape, double voxel_size);
 
 // Vertices of the same place are one; how many of the edges are not closed.
@@ -90,8 +87,8 @@ struct Camera {
 
 // Where the masked pixels of a depth image lie; `mask` may be null. Left out: what is not above 0,
 // not finite or beyond `farthest`.
-Points points_of_depth(const float* depth, const bool* mask, std::size_t rows, std::size_t columns,
-                       const Camera& camera, double farthest);
+Points points_of_depth(const float* depth, const std::uint8_t* mask, std::size_t rows,
+                       std::size_t columns, const Camera& camera, double farthest);
 
 Voxels voxels_of_points(const double* points, std::size_t count, double voxel_size);
 

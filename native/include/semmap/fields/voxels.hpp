@@ -54,6 +54,9 @@ Voxels united(const Voxels& a, const Voxels& b);
 Voxels without(const Voxels& a, const Voxels& b);
 std::int64_t common(const Voxels& a, const Voxels& b);
 
+// Throws BadRegion where a region of so many blocks is beyond the limit.
+void expect_few(std::size_t blocks);
+
 // Where a block stands in a list: open addressing over origins.
 class OriginIndex {
   public:
@@ -74,7 +77,7 @@ class OriginIndex {
     std::uint32_t last_ = 0;
 };
 
-// Collects voxels in any order.
+// Collects voxels in any order; throws BadRegion where they become too many.
 class VoxelCollector {
   public:
     void add(std::int32_t x, std::int32_t y, std::int32_t z) {
@@ -92,7 +95,10 @@ class VoxelCollector {
   private:
     Words& at(const Origin& origin) {
         const std::uint32_t i = index_.number(origin);
-        if (i == words_.size()) words_.push_back(Words{});
+        if (i == words_.size()) {
+            expect_few(words_.size());
+            words_.push_back(Words{});
+        }
         return words_[i];
     }
 

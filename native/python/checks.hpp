@@ -1,0 +1,98 @@
+// What arguments from Python have to be. Errors are ValueErrors that name the argument.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <cmath>
+#include <cstdint>
+#include <initializer_list>
+#include <string>
+
+namespace semmap::checks {
+
+namespace py = pybind11;
+
+// C order. Other types are converted where no value can be lost, unless .noconvert() forbids it.
+template <typename T>
+using Array = py::array_t<T, py::array::c_style>;
+
+constexpr py::ssize_t kAny = -1;
+
+// Beyond it nothing is computed for one call: 2^34 numbers.
+constexpr double kMostNumbers = 17179869184.0;
+
+inline void expect(bool holds, const std::string& text) {
+    if (!holds) throw py::value_error(text);
+}
+
+// The sizes are the array's; kAny stands for any. `form` is how the error writes them.
+template <typename T>
+void expect_shape(const Array<T>& array, const char* name, std::initializer_list<py::ssize_t> sizes,
+                  const char* form) {
+    bool fits = array.ndim() == static_cast<py::ssize_t>(sizes.size());
+    py::ssize_t axis = 0;
+    for (const py::ssize_t size : sizes) {
+        fits = fits && (size == kAny || array.shape(axis) == size);
+        ++axis;
+    }
+    if (!fits) {
+        std::string found;
+        for (axis = 0; axis < array.ndim(); ++axis) {
+            found += (axis > 0 ? ", " : "") + std::to_string(array.shape(axis));
+        }
+        throw py::value_error(std::string(name) + " has the shape (" + found + "): give " + form);
+    }
+    expect(reinterpret_cast<std::uintptr_t>(array.data()) % alignof(T) == 0,
+           std::string(name) + " is not aligned in memory: copy it");
+}
+
+inline double finite(double value, const char* name, double most = 1e30) {
+    expect(std::abs(value) <= most, std::string(name) + " is " + std::to_string(value) +
+                                        ": give a finite number of reasonable size");
+    return value;
+}
+
+inline double positive(double value, const char* name, double least = 1e-30, double most = 1e30) {
+    expect(value >= least && value <= most, std::string(name) + " is " + std::to_string(value) +
+                                                ": give a number above 0 of reasonable size");
+    return value;
+}
+
+inline std::int64_t within(std::int64_t value, std::int64_t least, std::int64_t most,
+                           const char* name) {
+    expect(value >= least && value <= most, std::string(name) + " is " + std::to_string(value) +
+                                                ": give " + std::to_string(least) + " to " +
+                                                std::to_string(most));
+    return value;
+}
+
+inline unsigned threads(std::int64_t value) {
+    return static_cast<unsigned>(within(value, 1, 256, "threads"));
+}
+
+template <typename T>
+void expect_finite(const Array<T>& array, const char* name) {
+    const T* data = array.data();
+    for (py::ssize_t i = 0; i < array.size(); ++i) {
+        if (!std::isfinite(data[i])) {
+            throw py::value_error(std::string(name) +
+                                  " holds NaN or infinity: leave those rows out");
+        }
+    }
+}
+
+// Whole numbers from 0 to `count` - 1.
+template <typename T>
+void expect_indices(const Array<T>& array, const char* name, std::int64_t count) {
+    const T* data = array.data();
+    for (py::ssize_t i = 0; i < array.size(); ++i) {
+        if (data[i] < 0 || static_cast<std::int64_t>(data[i]) >= count) {
+            throw py::value_error(
+                std::string(name) + " holds " + std::to_string(data[i]) + ": " +
+                (count == 0 ? "there are none" : "give 0 to " + std::to_string(count - 1)));
+        }
+    }
+}
+
+}  // namespace semmap::checks

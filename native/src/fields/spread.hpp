@@ -1,0 +1,55 @@
+// How far apart the voxels of a tree lie: each cell of 4096^3 voxels takes memory of its own.
+#pragma once
+
+#include <openvdb/openvdb.h>
+
+#include <set>
+#include <string>
+
+#include "semmap/fields/limits.hpp"
+#include "semmap/fields/voxels.hpp"
+
+namespace semmap::fields {
+
+class Spread {
+  public:
+    template <typename Tree>
+    explicit Spread(const Tree& tree) {
+        for (auto cell = tree.root().cbeginChildOn(); cell; ++cell) add(cell.getCoord());
+        for (auto cell = tree.root().cbeginValueOn(); cell; ++cell) add(cell.getCoord());
+    }
+
+    // Throws BadRegion, and takes note of none, where there would be too many cells.
+    void add(const Voxels& voxels) {
+        std::set<openvdb::Coord> fresh;
+        openvdb::Coord last = openvdb::Coord::max();
+        for (const Origin& origin : voxels.origins) {
+            const openvdb::Coord cell = cell_of({origin.x, origin.y, origin.z});
+            if (cell == last) continue;
+            last = cell;
+            if (cells_.count(cell) == 0) fresh.insert(cell);
+            if (cells_.size() + fresh.size() > kMostCells) refuse();
+        }
+        cells_.insert(fresh.begin(), fresh.end());
+    }
+
+    void add(const openvdb::Coord& voxel) {
+        if (cell_of(voxel) == last_) return;
+        last_ = cell_of(voxel);
+        cells_.insert(last_);
+        if (cells_.size() > kMostCells) refuse();
+    }
+
+  private:
+    static openvdb::Coord cell_of(const openvdb::Coord& voxel) { return voxel & ~4095; }
+    [[noreturn]] static void refuse() {
+        throw BadRegion(
+            "the voxels lie too far apart, in more than " + std::to_string(kMostCells) +
+            " cells of 4096 x 4096 x 4096 voxels: take larger voxels, or fewer regions");
+    }
+
+    std::set<openvdb::Coord> cells_;
+    openvdb::Coord last_ = openvdb::Coord::max();
+};
+
+}  // namespace semmap::fields

@@ -1,0 +1,142 @@
+"""Limits on input: one table, checked where input enters.
+
+The defaults are ample for a building. An environment variable changes each of them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = [
+    "EXTENT",
+    "LIMITS",
+    "LINKS",
+    "MESH_BYTES",
+    "NESTING",
+    "PARTS",
+    "QUERY_ROWS",
+    "QUERY_SECONDS",
+    "REGEX_SECONDS",
+    "REGION_BLOCKS",
+    "REGION_VOXELS",
+    "TEXT_BYTES",
+    "TRIANGLES",
+    "Limit",
+]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The most of something that input may have.
+
+    Attributes
+    ----------
+    name : lower case; `variable` is made from it
+    default : used where `variable` is not set
+    unit : as messages write it after a number
+    covers : what is counted, for the documentation
+
+    Examples
+    --------
+    >>> limit = Limit("wheels", 4, "wheels", "wheels of a robot")
+    >>> limit.variable, limit.value, limit.exceeded_by(5)
+    ('SEMMAP_MAX_WHEELS', 4, True)
+    """
+
+    name: str
+    default: float
+    unit: str
+    covers: str
+
+    @property
+    def variable(self) -> str:
+        """The environment variable that changes the limit."""
+        return f"SEMMAP_MAX_{self.name.upper()}"
+
+    @property
+    def value(self) -> float:
+        """The limit as it is now.
+
+        Raises
+        ------
+        ValueError
+            The variable holds something else than a number above 0.
+        """
+        text = os.environ.get(self.variable, "").strip()
+        if not text:
+            return self.default
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not 0 < number < math.inf:
+            raise ValueError(f"{self.variable} is {text!r}: give a number above 0, or unset it")
+        return int(number) if number.is_integer() else number
+
+    def exceeded_by(self, found: float) -> bool:
+        """True where `found` is more than the limit, or is NaN."""
+        return not found <= self.value
+
+    def check(
+        self, found: float, error: Callable[[str, str], Exception], fix: str, verb: str = "has"
+    ) -> None:
+        """Raise an error where the limit is exceeded.
+
+        Parameters
+        ----------
+        found : how much there is
+        error : makes the exception from the problem and from how to fix it
+        fix : what the user can do, as a sentence
+        verb : stands before `found` in the problem
+        """
+        if self.exceeded_by(found):
+            raise error(
+                f"{verb} {self.text(found)}, the limit is {self.text(self.value)}",
+                f"{fix} {self.variable} raises the limit.",
+            )
+
+    def text(self, number: float) -> str:
+        """A number with the unit: bytes as MiB, others with thousands separated."""
+        if self.unit == "bytes":
+            return f"{number / 2**20:,.0f} MiB"
+        plain = f"{number:,.0f}" if 1000 <= abs(number) < 1e15 else f"{number:g}"
+        return f"{plain} {self.unit}"
+
+
+TEXT_BYTES = Limit(
+    "text_bytes", 64 * 2**20, "bytes", "a world, robot, annotation, policy or domain file as text"
+)
+MESH_BYTES = Limit("mesh_bytes", 512 * 2**20, "bytes", "a mesh file, unpacked")
+TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model with all it nests")
+PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")
+NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")
+EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file")
+
+REGION_VOXELS = Limit("region_voxels", 2**30, "voxels", "a region, or a shape of an entity")
+REGION_BLOCKS = Limit(
+    "region_blocks", 2**18, "blocks", "blocks of 8 x 8 x 8 voxels on the border of a region"
+)
+LINKS = Limit("links", 500, "links", "a robot")
+
+QUERY_ROWS = Limit("query_rows", 2**26, "rows", "solutions of a part of a query on fields")
+QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query on fields")
+REGEX_SECONDS = Limit("regex_seconds", 1, "s", "matching one name in REGEX of a query on fields")
+
+LIMITS: tuple[Limit, ...] = (
+    TEXT_BYTES,
+    MESH_BYTES,
+    TRIANGLES,
+    PARTS,
+    NESTING,
+    EXTENT,
+    LINKS,
+    REGION_VOXELS,
+    REGION_BLOCKS,
+    QUERY_ROWS,
+    QUERY_SECONDS,
+    REGEX_SECONDS,
+)
+"""All limits, in the order of the documentation."""
