@@ -7,6 +7,7 @@ import sys
 
 TABLES = (
     "database",
+    "inventory",
     "meshes",
     "slabs",
     "inflation",

@@ -129,6 +129,7 @@ BEGIN
         FROM pg_proc p LEFT JOIN (VALUES
             ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
+            ('derive_again', ARRAY['semmap_admin']),
             ('hold_still', ARRAY['semmap_robot', 'semmap_admin'])) needed (name, roles) ON needed.name = p.proname
         WHERE p.pronamespace = 'semmap'::regnamespace AND (p.prosecdef OR p.prorettype = 'trigger'::regtype)
     LOOP

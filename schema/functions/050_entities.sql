@@ -31,22 +31,25 @@ BEGIN
     SELECT array_agg(n.id), array_agg(n.id) FILTER (
                WHERE (o.map_id, o.kind, o.name, o.type) IS DISTINCT FROM (n.map_id, n.kind, n.name, n.type))
         INTO changed, retyped
-        FROM former o JOIN fresh n USING (id)
-        WHERE (o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front)
+        FROM former o FULL JOIN fresh n USING (id)  -- full: a cached nested loop would be quadratic
+        WHERE coalesce(o.id = n.id, false)
+          AND (o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front)
               IS DISTINCT FROM (n.map_id, n.kind, n.name, n.label, n.type, n.properties, n.front);
     IF changed IS NULL THEN
         RETURN NULL;
     END IF;
-    IF EXISTS (SELECT FROM former o JOIN fresh n USING (id) WHERE o.map_id <> n.map_id OR o.kind <> n.kind) THEN
+    IF EXISTS (SELECT FROM former o FULL JOIN fresh n USING (id)
+               WHERE (o.map_id, o.kind) IS DISTINCT FROM (n.map_id, n.kind)) THEN
         RAISE EXCEPTION 'an entity keeps its map and its kind'
             USING ERRCODE = 'check_violation', HINT = 'Delete it and make a new one.';
     END IF;
     INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during)
         SELECT o.id, o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front, tstzrange(o.since, n.since)
-        FROM former o JOIN fresh n USING (id) WHERE o.id = ANY (changed);
+        FROM former o FULL JOIN fresh n USING (id)
+        WHERE (o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front)
+              IS DISTINCT FROM (n.map_id, n.kind, n.name, n.label, n.type, n.properties, n.front);
     DELETE FROM entity_history h USING former o JOIN retention r ON r.kind = o.kind
-        WHERE h.entity_id = o.id AND o.id = ANY (changed)
-          AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for;
+        WHERE h.entity_id = o.id AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for;
     IF retyped IS NOT NULL THEN
         PERFORM refresh_object_type(retyped);
     END IF;

@@ -184,13 +184,19 @@ BEGIN
     PERFORM lock_holders(ARRAY(SELECT DISTINCT holder_id FROM fresh));
     PERFORM check_holders(ids);
     PERFORM record_change('moved', refresh_world(ids));
+    PERFORM follow_geometry(ids, ARRAY(SELECT entity_id FROM fresh WHERE holder_id IS NOT NULL AND confidence IS NULL));
     RETURN NULL;
 END $$;
 
 CREATE FUNCTION placement_stamp()
 RETURNS trigger LANGUAGE plpgsql AS $$
+-- Each version begins after the former one, and who gives another holder states it, unless it is derived.
 BEGIN
     NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
+    IF NEW.holder_id IS DISTINCT FROM OLD.holder_id AND NEW.confidence = OLD.confidence
+       AND coalesce(current_setting('semmap.deriving', true), '') = '' THEN
+        NEW.confidence := NULL;
+    END IF;
     RETURN NEW;
 END $$;
 
@@ -200,11 +206,16 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 DECLARE
     moved bigint[];
     rehung bigint[];
+    stated bigint[];
+    deriving boolean := coalesce(current_setting('semmap.deriving', true), '') = 'on';
 BEGIN
-    SELECT array_agg(entity_id), array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id)
-        INTO moved, rehung
-        FROM former o JOIN fresh n USING (entity_id)
-        WHERE (o.holder_id, o.pose, o.relation, o.confidence) IS DISTINCT FROM (n.holder_id, n.pose, n.relation, n.confidence);
+    SELECT array_agg(entity_id), array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id),
+           array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id
+                                          AND n.holder_id IS NOT NULL AND n.confidence IS NULL)
+        INTO moved, rehung, stated
+        FROM former o FULL JOIN fresh n USING (entity_id)  -- full: a cached nested loop would be quadratic
+        WHERE coalesce(o.entity_id = n.entity_id, false)
+          AND (o.holder_id, o.pose, o.relation, o.confidence) IS DISTINCT FROM (n.holder_id, n.pose, n.relation, n.confidence);
     IF moved IS NULL THEN
         RETURN NULL;
     END IF;
@@ -215,12 +226,13 @@ BEGIN
     PERFORM record_change('moved', refresh_world(moved));
 
     -- Former placements, thinned: within `keep_every` of the last one kept, that one lasts on.
-    WITH version AS (
-        SELECT o.*, n.since AS until, e.kind, r.keep_every
-        FROM former o JOIN fresh n USING (entity_id)
-        JOIN entity e ON e.id = o.entity_id
-        LEFT JOIN retention r ON r.kind = e.kind
-        WHERE o.entity_id = ANY (moved)
+    WITH changed AS MATERIALIZED (
+        SELECT o.*, n.since AS until FROM former o FULL JOIN fresh n USING (entity_id)
+        WHERE coalesce(o.entity_id = n.entity_id, false)
+          AND (o.holder_id, o.pose, o.relation, o.confidence) IS DISTINCT FROM (n.holder_id, n.pose, n.relation, n.confidence)
+    ), version AS (
+        SELECT c.*, e.kind, r.keep_every
+        FROM changed c JOIN entity e ON e.id = c.entity_id LEFT JOIN retention r ON r.kind = e.kind
     ), prolonged AS (
         UPDATE placement_history h SET during = tstzrange(lower(h.during), v.until)
         FROM version v
@@ -231,10 +243,40 @@ BEGIN
         DELETE FROM placement_history h USING version v JOIN retention r ON r.kind = v.kind
         WHERE h.entity_id = v.entity_id AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for
     )
-    INSERT INTO placement_history (entity_id, holder_id, pose, relation, confidence, during)
-        SELECT entity_id, holder_id, pose, relation, confidence, tstzrange(since, until)
-        FROM version WHERE NOT EXISTS (SELECT FROM prolonged p WHERE p.entity_id = version.entity_id);
+    INSERT INTO placement_history (entity_id, holder_id, pose, relation, confidence, during, reason)
+        SELECT entity_id, holder_id, pose, relation, confidence, tstzrange(since, until),
+               CASE WHEN deriving THEN CASE WHEN confidence IS NULL AND holder_id IS NOT NULL
+                                            THEN 'the geometry contradicted the stated holder'
+                                            ELSE 'the geometry showed another holder' END END
+        FROM version FULL JOIN (SELECT entity_id AS id FROM prolonged) p ON p.id = version.entity_id WHERE p.id IS NULL;
+    IF NOT deriving THEN
+        PERFORM follow_geometry(moved, stated);
+    END IF;
     RETURN NULL;
+END $$;
+
+CREATE FUNCTION follow_geometry(moved bigint[], stated bigint[])
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- After a move: refuses a stated holder that the pose contradicts, and derives what else the move changes.
+-- Not where the setting `semmap.deriving` is off: then derive_again does it at the end.
+DECLARE
+    wrong record;
+BEGIN
+    IF current_setting('semmap.deriving', true) = 'off' THEN
+        RETURN;
+    END IF;
+    IF stated <> '{}' THEN
+        SELECT e.name, h.name AS holder, round(ST_3DDistance(w.box, k.box)::numeric, 2) AS metres INTO wrong
+            FROM unnest(stated) s (id) JOIN placement p ON p.entity_id = s.id
+            JOIN entity e ON e.id = s.id AND e.kind = 'object' JOIN entity h ON h.id = p.holder_id
+            JOIN world w ON w.entity_id = e.id JOIN world k ON k.entity_id = h.id
+            WHERE is_apart(s.id, p.holder_id) LIMIT 1;
+        IF wrong IS NOT NULL THEN
+            RAISE EXCEPTION '% is not in or on %: they are % m apart', wrong.name, wrong.holder, wrong.metres
+                USING ERRCODE = 'check_violation', HINT = 'Move it there, or give its pose together with its holder.';
+        END IF;
+    END IF;
+    PERFORM derive_again(neighbours_of(moved));
 END $$;
 
 CREATE FUNCTION placement_deleted()
@@ -302,7 +344,7 @@ END $$;
 
 CREATE FUNCTION move_to(thing bigint, x double precision, y double precision, z double precision, yaw double precision DEFAULT NULL)
 RETURNS void LANGUAGE plpgsql AS $$
--- To a place in the map's frame, in the hands of the same holder; what it holds comes along.
+-- To a pose in the map's frame. What it holds comes along; the geometry says whether its holder is still the same.
 BEGIN
 PERFORM semmap.hold_still(thing, NULL);
 UPDATE semmap.placement p

@@ -34,6 +34,7 @@ BEGIN
     IF placed IS NOT NULL THEN
         PERFORM refresh_world(placed);
         PERFORM record_change('reshaped', placed);
+        PERFORM follow_geometry(placed, '{}');
     END IF;
 END $$;
 

@@ -22,7 +22,8 @@ CREATE TABLE placement_history (
     pose       double precision[] NOT NULL,
     relation   text NOT NULL,
     confidence double precision,
-    during     tstzrange NOT NULL
+    during     tstzrange NOT NULL,
+    reason     text                                            -- why it ended, where nobody moved it
 );
 CREATE INDEX placement_history_entity ON placement_history (entity_id, lower(during));
 

@@ -13,7 +13,7 @@ from psycopg.types.json import Jsonb
 from sqlalchemy import Connection, Engine
 
 from semmap.ingest.annotation import read_annotation
-from semmap.ingest.holders import derive_inventories
+from semmap.ingest.holders import derive_inventories, postpone_derivation
 from semmap.ingest.mesh_file import read_mesh_world
 from semmap.ingest.rmf import read_rmf
 from semmap.ingest.route_graph import (
@@ -136,6 +136,7 @@ def import_file(
         map_id = _map_id(connection, map_name or world.name)
         psycopg_connection = connection.connection.driver_connection
         assert psycopg_connection is not None
+        postpone_derivation(psycopg_connection)
         is_graph = any(link.relation == EDGE for link in world.links)
         if is_graph:
             check_names(psycopg_connection, map_id, world, source)

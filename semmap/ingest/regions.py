@@ -25,7 +25,7 @@ from semmap.geometry.outline import silhouette
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
-from semmap.ingest.holders import BUILDING, MANY_TRIANGLES, find_surfaces
+from semmap.ingest.holders import MANY_TRIANGLES, find_surfaces
 from semmap.ingest.region_store import (
     Outline,
     Owner,
@@ -364,11 +364,10 @@ def _shell(connection: Connection, room: Owner) -> Mesh | None:
 def _standing_in(connection: Connection, room: Owner) -> list[tuple[Mesh, bool]]:
     """The meshes of things that reach into a room's box, each with whether its rings are filled."""
     rows = connection.exec_driver_sql(
-        "SELECT e.id, NOT coalesce(e.type = ANY (ARRAY(SELECT sub FROM type_closure "
-        "WHERE super = ANY(%(building)s))), false) FROM entity e "
+        "SELECT e.id, NOT is_building_part(e.type) FROM entity e "
         "JOIN world w ON w.entity_id = e.id JOIN world r ON r.entity_id = %(id)s "
         "WHERE e.map_id = %(map)s AND e.kind = 'object' AND w.box &&& r.box ORDER BY e.id",
-        {"id": room.id, "map": room.map_id, "building": list(BUILDING)},
+        {"id": room.id, "map": room.map_id},
     ).all()
     meshes = world_triangles(connection, [thing for thing, _ in rows])
     return [(to_mesh(meshes[thing]), fill) for thing, fill in rows if thing in meshes]

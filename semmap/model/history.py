@@ -40,7 +40,10 @@ class EntityHistory(Base):
 
 
 class PlacementHistory(Base):
-    """Where an entity was, and during which time."""
+    """Where an entity was, and during which time.
+
+    `reason` tells why a version ended that no writer ended: the geometry showed another holder.
+    """
 
     __tablename__ = "placement_history"
     __table_args__ = (Index("placement_history_entity", "entity_id", text("lower(during)")),)
@@ -52,6 +55,7 @@ class PlacementHistory(Base):
     relation: Mapped[str]
     confidence: Mapped[float | None]
     during: Mapped[Range[datetime]] = mapped_column(TSTZRANGE)
+    reason: Mapped[str | None]
 
 
 class Retention(Base):

@@ -1,0 +1,26 @@
+"""Inventories that follow the geometry: why a holder ended, and the code that derives holders.
+
+A new database has the column from its first revision on. Going down keeps it.
+"""
+
+from __future__ import annotations
+
+from alembic import op
+
+from semmap.database.migrate import drop_code, run_code
+
+revision = "0011"
+down_revision = "0008"
+branch_labels = None
+depends_on = None
+
+
+def upgrade() -> None:
+    """Add the column where it is missing, and replace the code."""
+    drop_code(op)
+    op.execute("ALTER TABLE semmap.placement_history ADD COLUMN IF NOT EXISTS reason text")
+    run_code(op)
+
+
+def downgrade() -> None:
+    """Leave the column where it is."""

@@ -1,0 +1,245 @@
+-- Inventories that follow the geometry (Deeken et al., section 3.4: objects are "already implicitly bound by
+-- their pose"). The holder of an object is stated (its confidence is null) or derived. A move derives the
+-- holders of what moved again; a stated holder stays until the geometry contradicts it.
+
+CREATE FUNCTION building_parts()
+RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The types that are parts of the building.
+SELECT ARRAY(SELECT DISTINCT sub FROM semmap.type_closure
+             WHERE super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof'))
+$$;
+
+CREATE FUNCTION is_building_part(of_type text)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- Whether a type is a part of the building: its storey holds it, and it holds nothing.
+SELECT of_type = ANY (semmap.building_parts())
+$$;
+
+CREATE FUNCTION derived_holders(ids bigint[])
+RETURNS TABLE (entity_id bigint, holder_id bigint, relation text, confidence double precision)
+LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- The holder that the geometry gives to each of the given objects and agents, with a confidence (0 to 1):
+-- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint. What is
+--    flatter than 3 cm and larger than half a square metre, such as a carpet, holds nothing. The holder's
+--    bottom is below that of what it holds. For a model without known support surfaces: is_on.
+-- 2. in an object of less than 4 square metres that encloses it: is_in.
+-- 3. in the room with most of its footprint, at least half, between whose floor and ceiling its middle is.
+-- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest.
+-- Agents are in rooms and storeys alone, parts of the building in storeys. Null: none of them.
+DECLARE
+    contact CONSTANT double precision := 0.03;
+    parts CONSTANT text[] := building_parts();
+BEGIN
+    RETURN QUERY
+    WITH item AS MATERIALIZED (
+        SELECT e.id, w.map_id, w.box, ground_of(w) AS ground, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
+               e.kind = 'object' AND e.type <> ALL (parts) AS movable,
+               e.kind = 'agent' OR e.type <> ALL (parts) AS inside
+        FROM unnest(ids) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent')
+        JOIN world w ON w.entity_id = e.id
+    ), below AS MATERIALIZED (
+        -- objects that reach beneath an item
+        SELECT i.id, i.low, i.ground, o.entity_id AS owner, o.pose, abs(o.pose[4]) < 1e-3 AND abs(o.pose[5]) < 1e-3 AS upright
+        FROM item i
+        JOIN world o ON o.map_id = i.map_id AND o.box && i.box AND o.entity_id <> i.id
+        JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND oe.type <> ALL (parts)
+        WHERE i.movable AND o.footprint IS NOT NULL
+          AND ST_ZMin(o.box) < i.low - 1e-6 AND ST_ZMax(o.box) >= i.low - contact
+          AND (ST_ZMax(o.box) - ST_ZMin(o.box) > contact OR ST_Area(o.footprint) < 0.5)
+    ), laid AS MATERIALIZED (
+        SELECT b.id, b.owner, b.ground, abs(b.pose[3] + s.height - b.low) AS gap,
+               ST_Rotate(s.outline, pose_yaw(b.pose), 0, 0) AS outline, b.pose[1] AS x, b.pose[2] AS y
+        FROM below b JOIN entity_model em ON em.entity_id = b.owner
+        JOIN support_surface s ON s.model_id = em.model_id AND abs(b.pose[3] + s.height - b.low) <= contact
+        WHERE b.upright
+    ), placed AS MATERIALIZED (
+        SELECT l.id, l.owner, l.gap, l.ground, ST_Translate(l.outline, l.x, l.y) AS outline FROM laid l
+    ), surface AS (
+        SELECT l.id, l.owner, l.gap, ground_share(l.ground, l.outline) AS share FROM placed l
+      UNION ALL
+        SELECT b.id, b.owner, contact / 3, CASE WHEN is_on(b.id, b.owner, contact) THEN 1 ELSE 0 END
+        FROM below b
+        WHERE NOT EXISTS (SELECT FROM entity_model em JOIN support_surface s ON s.model_id = em.model_id
+                          WHERE em.entity_id = b.owner)
+    ), resting AS (
+        SELECT DISTINCT ON (s.id) s.id, s.owner, s.share, s.gap
+        FROM (SELECT id, owner, least(sum(share), 1) AS share, min(gap) AS gap FROM surface GROUP BY 1, 2) s
+        WHERE s.share >= 0.5 - 1e-9
+          AND NOT (EXISTS (SELECT FROM placement p WHERE p.holder_id = s.id) AND is_held_by(s.owner, s.id))
+        ORDER BY s.id, s.share DESC, s.gap, s.owner
+    ), enclosed AS (
+        SELECT DISTINCT ON (i.id) i.id, o.entity_id AS owner
+        FROM item i
+        JOIN world o ON o.map_id = i.map_id AND o.box && i.box AND o.box &&& i.box AND o.entity_id <> i.id
+        JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND oe.type <> ALL (parts)
+        WHERE i.movable AND o.footprint IS NOT NULL AND ST_Area(o.footprint) < 4
+          AND ST_Area(o.footprint) > ST_Area(i.ground)
+          AND (i.low + i.high) / 2 BETWEEN ST_ZMin(o.box) AND ST_ZMax(o.box)
+          AND ST_Intersects(o.footprint, ST_Centroid(i.ground))
+          AND NOT EXISTS (SELECT FROM resting r WHERE r.id = i.id)
+          AND is_in(i.id, o.entity_id) AND NOT is_held_by(o.entity_id, i.id)
+        ORDER BY i.id, ST_Area(o.footprint), o.entity_id
+    ), within AS (
+        SELECT DISTINCT ON (s.id) s.id, s.owner, s.share
+        FROM (SELECT i.id, o.entity_id AS owner, ground_share(i.ground, o.footprint) AS share
+              FROM item i JOIN world o ON o.map_id = i.map_id AND o.footprint && i.ground
+              JOIN room r ON r.entity_id = o.entity_id
+              WHERE i.inside AND NOT EXISTS (SELECT FROM resting b WHERE b.id = i.id)
+                AND (i.low + i.high) / 2 BETWEEN o.pose[3] + r.floor - contact
+                    AND coalesce(o.pose[3] + r.ceiling, greatest(ST_ZMax(o.box), o.pose[3] + r.floor + 2.5)) + contact) s
+        WHERE s.share >= 0.5 - 1e-9 ORDER BY s.id, s.share DESC, s.owner
+    )
+    SELECT i.id, coalesce(r.owner, e.owner, w.owner, (
+               SELECT s.entity_id FROM storey s JOIN world o ON o.entity_id = s.entity_id AND o.map_id = i.map_id
+               ORDER BY o.pose[3] > i.low + 0.5, abs(o.pose[3] - i.low - 0.5), s.entity_id LIMIT 1)),
+           CASE WHEN r.owner IS NOT NULL THEN 'on' ELSE 'in' END,
+           CASE WHEN r.owner IS NOT NULL THEN CASE WHEN r.share >= 0.95 AND r.gap <= contact / 3 THEN 1
+                                                   ELSE round((r.share * (1 - r.gap / (2 * contact)))::numeric, 3) END
+                WHEN e.owner IS NULL AND w.share < 0.95 THEN round(w.share::numeric, 3) ELSE 1 END::double precision
+    FROM item i LEFT JOIN resting r ON r.id = i.id LEFT JOIN enclosed e ON e.id = i.id LEFT JOIN within w ON w.id = i.id;
+END $$;
+
+CREATE FUNCTION is_apart(thing bigint, holder bigint)
+RETURNS boolean LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Whether an entity is clearly elsewhere than a holder would have it: more than 5 cm from an object, 2 m from
+-- an agent, half a metre from a room or region (the thickness of a doorway), below or above a storey. What has
+-- no geometry contradicts nothing.
+DECLARE
+    wt world;
+    wh world;
+    holder_kind text := (SELECT kind FROM entity WHERE id = holder);
+BEGIN
+    SELECT * INTO wt FROM world w WHERE w.entity_id = thing;
+    SELECT * INTO wh FROM world w WHERE w.entity_id = holder;
+    IF holder_kind = 'agent' THEN
+        RETURN box_gap(wt.box, wh.box) > 2;
+    ELSIF holder_kind = 'storey' THEN
+        RETURN ST_ZMax(wt.box) < wh.pose[3] - 0.5
+            OR ST_ZMin(wt.box) > (SELECT min(o.pose[3]) FROM storey s JOIN world o ON o.entity_id = s.entity_id
+                                  WHERE o.map_id = wh.map_id AND o.pose[3] > wh.pose[3] + 0.1);
+    ELSIF wh.footprint IS NULL THEN
+        RETURN false;
+    ELSIF holder_kind IN ('room', 'region') THEN
+        RETURN ST_Distance(ground_of(wt), wh.footprint) > 0.5 OR ST_ZMax(wt.box) < ST_ZMin(wh.box) - 0.5
+            OR ST_ZMin(wt.box) > CASE holder_kind WHEN 'room' THEN ceiling_of(holder) ELSE ST_ZMax(wh.box) END + 0.5;
+    END IF;
+    RETURN box_gap(wt.box, wh.box) > 0.05;
+END $$;
+
+CREATE FUNCTION contradicts(thing bigint, stated bigint, derived bigint, sure double precision)
+RETURNS boolean LANGUAGE sql STABLE AS $$
+-- Whether the geometry contradicts a stated holder: the entity is clearly elsewhere, or on or in another
+-- object that the stated one does not hold, or in another room and not in the stated one.
+SELECT semmap.is_apart(thing, stated)
+    OR derived <> stated AND sure >= 0.5
+       AND CASE (SELECT kind FROM semmap.entity WHERE id = derived) || ' ' || (SELECT kind FROM semmap.entity WHERE id = stated)
+           WHEN 'object object' THEN NOT semmap.is_held_by(derived, stated)
+           WHEN 'room room' THEN NOT semmap.is_in(thing, stated, 0.1)
+           ELSE false END
+$$;
+
+-- Each contradiction between the inventory and the geometry: a stated holder that the geometry excludes, a
+-- derived one that is not what the geometry shows now. `semmap check` lists it.
+CREATE VIEW inventory_contradiction AS
+    SELECT e.map_id, m.name AS map, e.id, e.name, h.name AS holder, p.relation,
+           CASE WHEN p.confidence IS NULL THEN 'stated' ELSE 'derived' END AS origin, d.name AS geometry_says
+    FROM map m
+    CROSS JOIN LATERAL derived_holders(ARRAY(SELECT id FROM entity WHERE map_id = m.id AND kind IN ('object', 'agent'))) g
+    JOIN entity e ON e.id = g.entity_id
+    JOIN placement p ON p.entity_id = e.id
+    LEFT JOIN entity h ON h.id = p.holder_id
+    LEFT JOIN entity d ON d.id = g.holder_id
+    WHERE CASE WHEN p.confidence IS NULL AND p.holder_id IS NOT NULL AND h.kind <> 'storey'
+               THEN contradicts(e.id, p.holder_id, g.holder_id, g.confidence)
+               ELSE p.holder_id IS DISTINCT FROM g.holder_id END;
+
+CREATE FUNCTION derive_again(ids bigint[])
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Gives the given entities the holders that the geometry shows, those excepted whose stated holder it does not
+-- contradict; they stay where they are in the world. Returns how many have another holder.
+DECLARE
+    locked bigint[] := '{}';
+    needed bigint[];
+    wanted record;
+    circular bigint[];
+    n bigint;
+BEGIN
+    LOOP
+        SELECT array_agg(d.entity_id ORDER BY d.entity_id) AS ids, array_agg(d.holder_id ORDER BY d.entity_id) AS holders,
+               array_agg(d.relation ORDER BY d.entity_id) AS relations, array_agg(d.confidence ORDER BY d.entity_id) AS confidences
+            INTO wanted
+            FROM derived_holders(ids) d JOIN placement p ON p.entity_id = d.entity_id LEFT JOIN entity h ON h.id = p.holder_id
+            WHERE (p.holder_id, p.relation) IS DISTINCT FROM (d.holder_id, d.relation)
+              AND (p.holder_id IS NULL OR p.confidence IS NOT NULL OR h.kind = 'storey'
+                   OR contradicts(p.entity_id, p.holder_id, d.holder_id, d.confidence));
+        needed := ARRAY(SELECT DISTINCT holder FROM unnest(wanted.holders) holder WHERE holder IS NOT NULL ORDER BY 1);
+        EXIT WHEN wanted.ids IS NULL OR needed <@ locked;
+        locked := needed;
+        PERFORM lock_holders(locked);  -- then once more: another transaction may have moved one of them
+    END LOOP;
+    IF wanted.ids IS NULL THEN
+        RETURN 0;
+    END IF;
+    -- What would hold itself, through others that are derived with it, stays as it is.
+    circular := ARRAY(
+        WITH RECURSIVE chosen (id, holder) AS (
+            SELECT * FROM unnest(wanted.ids, wanted.holders)
+        ), up (start, id) AS (
+            SELECT id, holder FROM chosen WHERE holder IS NOT NULL
+          UNION
+            SELECT up.start, CASE WHEN c.id IS NULL THEN p.holder_id ELSE c.holder END
+            FROM up JOIN placement p ON p.entity_id = up.id LEFT JOIN chosen c ON c.id = up.id
+            WHERE up.id <> up.start)
+        SELECT start FROM up WHERE id = start);
+    PERFORM set_config('semmap.deriving', 'on', true);
+    UPDATE placement p
+    SET holder_id = d.holder, relation = d.relation, confidence = CASE WHEN d.holder IS NOT NULL THEN d.confidence END,
+        pose = CASE WHEN d.holder IS NULL THEN w.pose ELSE pose_compose(pose_inverse(h.pose), w.pose) END
+    FROM unnest(wanted.ids, wanted.holders, wanted.relations, wanted.confidences) d (id, holder, relation, confidence)
+    JOIN world w ON w.entity_id = d.id LEFT JOIN world h ON h.entity_id = d.holder
+    WHERE p.entity_id = d.id AND NOT d.id = ANY (circular);
+    GET DIAGNOSTICS n = ROW_COUNT;
+    PERFORM set_config('semmap.deriving', '', true);
+    RETURN n;
+END $$;
+
+CREATE FUNCTION neighbours_of(moved bigint[])
+RETURNS bigint[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- The entities whose derived holders a move of the given ones can change: what moved, what lies where
+-- something moved that can hold it, and what a holder held that is tilted now.
+BEGIN
+    RETURN ARRAY(
+        WITH holding AS MATERIALIZED (
+            SELECT w.entity_id, w.map_id, w.box, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high
+            FROM unnest(moved) given (id) JOIN entity e ON e.id = given.id
+            JOIN world w ON w.entity_id = e.id AND w.footprint IS NOT NULL
+            WHERE e.kind = 'room' OR e.kind = 'object' AND EXISTS (
+                SELECT FROM entity_model em LEFT JOIN support_surface s ON s.model_id = em.model_id
+                WHERE em.entity_id = e.id AND (s.model_id IS NULL OR s.height IS NOT NULL))
+        )
+        SELECT unnest(moved)
+      UNION
+        SELECT n.entity_id FROM holding h
+        JOIN world n ON n.map_id = h.map_id AND n.box && h.box AND n.entity_id <> h.entity_id
+             AND ST_ZMin(n.box) <= h.high + 0.03 AND ST_ZMax(n.box) >= h.low - 0.03
+        JOIN placement p ON p.entity_id = n.entity_id AND (p.confidence IS NOT NULL OR p.holder_id IS NULL)
+             AND p.holder_id IS DISTINCT FROM h.entity_id
+      UNION
+        SELECT p.entity_id FROM unnest(moved) given (id) JOIN world w ON w.entity_id = given.id
+        JOIN placement p ON p.holder_id = given.id
+        WHERE abs(w.pose[4]) >= 1e-3 OR abs(w.pose[5]) >= 1e-3);
+END $$;
+
+-- Each entity whose pose in the world is not its holder's pose times its placement; `semmap check` lists it.
+CREATE VIEW world_mismatch AS
+    SELECT m.name AS map, e.id, e.name, h.name AS holder
+    FROM placement p JOIN entity e ON e.id = p.entity_id JOIN map m ON m.id = e.map_id
+    LEFT JOIN world w ON w.entity_id = p.entity_id
+    LEFT JOIN world k ON k.entity_id = p.holder_id LEFT JOIN entity h ON h.id = p.holder_id
+    WHERE w.pose IS NULL
+       OR EXISTS (SELECT FROM unnest(w.pose, CASE WHEN p.holder_id IS NULL THEN p.pose ELSE pose_compose(k.pose, p.pose) END)
+                         AS t (is_at, should_be)
+                  WHERE NOT abs(is_at - should_be) <= 1e-6 * (1 + abs(should_be)));
