@@ -31,7 +31,7 @@ from semmap.draw.view import StoreyView
 from semmap.fields.demo import field_demo
 from semmap.geometry.pose import Pose
 from semmap.ingest.importer import import_file
-from semmap.query import entries
+from semmap.query.sql_statement import run_sql
 from semmap.query.storeys import read_storeys
 
 __all__ = ["FIGURE_3", "office_files", "run_demo"]
@@ -96,7 +96,7 @@ def run_demo(
 
     with cli.open_map(map_name) as connection:
         say("\n2. Which tables hold a muffin? (Figure 3)")
-        columns, rows = entries.run_sql(connection, FIGURE_3, write=False)
+        columns, rows = run_sql(connection, FIGURE_3, write=False)
         storeys = read_storeys(connection)
         topology = read_topology(connection)
     muffins = [(str(room), str(table)) for room, table, _ in rows]
@@ -136,7 +136,7 @@ def run_demo(
         task_demo(map_name, folder, say)
         say("   Which tables hold a muffin now? (Figure 3, again)")
         with cli.open_map(map_name) as connection:
-            cli.show_rows(*entries.run_sql(connection, FIGURE_3, write=False), False)
+            cli.show_rows(*run_sql(connection, FIGURE_3, write=False), False)
         if put_back(map_name):
             say("   Back to desk4 with it, as the example has it")
 

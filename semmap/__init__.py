@@ -1,1 +1,61 @@
-"""semmap: one semantic map of an environment, kept in PostGIS."""
+"""semmap: one semantic map of an environment, kept in PostGIS.
+
+>>> import semmap
+>>> db = semmap.connect()
+>>> flat = db.create_map("flat")
+>>> flat.add_room("kitchen", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.6)
+<room kitchen>
+>>> db.drop_map("flat")
+1
+>>> db.close()
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from semmap.api.database import Database, connect
+    from semmap.api.map_entity import MapEntity
+    from semmap.api.semantic_map import SemanticMap
+    from semmap.database.embedded import Cluster
+    from semmap.database.error import DatabaseError
+    from semmap.geometry.pose import Pose
+    from semmap.ingest.world import WorldError
+
+    __version__: str
+
+__all__ = [
+    "Cluster",
+    "Database",
+    "DatabaseError",
+    "MapEntity",
+    "Pose",
+    "SemanticMap",
+    "WorldError",
+    "__version__",
+    "connect",
+]
+
+_HOMES = {
+    "Cluster": "semmap.database.embedded",
+    "Database": "semmap.api.database",
+    "DatabaseError": "semmap.database.error",
+    "MapEntity": "semmap.api.map_entity",
+    "Pose": "semmap.geometry.pose",
+    "SemanticMap": "semmap.api.semantic_map",
+    "WorldError": "semmap.ingest.world",
+    "connect": "semmap.api.database",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module when it is first used: the command line waits for less."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("semmap")
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module semmap has no attribute {name}")

@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable
 from typing import Any
 
-from rich.console import Console, ConsoleOptions, RenderableType
-from rich.file_proxy import FileProxy
-from rich.segment import Segment
-from rich.text import Text
-
-__all__ = ["SafeConsole", "guard_streams", "visible"]
+__all__ = ["guard_streams", "has_control", "visible"]
 
 _CONTROL = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # all control characters but tab and line feed
@@ -36,42 +30,29 @@ def visible(text: str) -> str:
     return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
-class SafeConsole(Console):
-    """A console that controls the terminal by itself alone, not by what it prints."""
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        """A text as it is laid out: control characters take the room of their escapes."""
-        return super().render_str(visible(text), **options)
-
-    def render(
-        self, renderable: RenderableType, options: ConsoleOptions | None = None
-    ) -> Iterable[Segment]:
-        """The parts of what is printed; a text that has control characters loses its styles."""
-        if isinstance(renderable, Text) and _CONTROL.search(renderable.plain):
-            renderable = renderable.blank_copy(visible(renderable.plain))
-        return super().render(renderable, options)
+def has_control(text: str) -> bool:
+    """Whether a text has control characters."""
+    return _CONTROL.search(text) is not None
 
 
-class SafeStream(FileProxy):
-    """A stream for `print`; a console, whose control sequences are its own, writes past it."""
+class SafeStream:
+    """A stream for `print`; a console of rich, whose control sequences are its own, passes by it.
+
+    Attributes
+    ----------
+    rich_proxied_file : the stream beneath, under the name by which rich finds it
+    """
+
+    def __init__(self, stream: Any) -> None:
+        self.rich_proxied_file = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
 
     def write(self, text: str) -> int:
         """Write a text with its control characters made visible."""
         self.rich_proxied_file.write(visible(text))
         return len(text)
-
-    def flush(self) -> None:
-        """Write out what waits."""
-        self.rich_proxied_file.flush()
-
-    def isatty(self) -> bool:
-        """Whether it is a terminal."""
-        return self.rich_proxied_file.isatty()
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        """How text is written."""
-        return str(getattr(self.rich_proxied_file, "encoding", "utf-8"))
 
 
 def guard_streams() -> None:
@@ -79,4 +60,4 @@ def guard_streams() -> None:
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is not None and not isinstance(stream, SafeStream):
-            setattr(sys, name, SafeStream(Console(), stream))
+            setattr(sys, name, SafeStream(stream))

@@ -12,7 +12,7 @@ $$;
 CREATE FUNCTION is_building_part(of_type text)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- Whether a type is a part of the building: its storey holds it, and it holds nothing.
-SELECT of_type = ANY (semmap.building_parts())
+SELECT (of_type = ANY (semmap.building_parts())) IS TRUE
 $$;
 
 CREATE FUNCTION derived_holders(ids bigint[])
@@ -34,8 +34,8 @@ BEGIN
     RETURN QUERY
     WITH item AS MATERIALIZED (
         SELECT e.id, w.map_id, w.box, ground_of(w) AS ground, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
-               e.kind = 'object' AND e.type <> ALL (parts) AS movable,
-               e.kind = 'agent' OR e.type <> ALL (parts) AS inside
+               e.kind = 'object' AND (e.type = ANY (parts)) IS NOT TRUE AS movable,
+               e.kind = 'agent' OR (e.type = ANY (parts)) IS NOT TRUE AS inside
         FROM unnest(ids) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent')
         JOIN world w ON w.entity_id = e.id
     ), below AS MATERIALIZED (
@@ -43,7 +43,7 @@ BEGIN
         SELECT i.id, i.low, i.ground, o.entity_id AS owner, o.pose, abs(o.pose[4]) < 1e-3 AND abs(o.pose[5]) < 1e-3 AS upright
         FROM item i
         JOIN world o ON o.map_id = i.map_id AND o.box && i.box AND o.entity_id <> i.id
-        JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND oe.type <> ALL (parts)
+        JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
         WHERE i.movable AND o.footprint IS NOT NULL
           AND ST_ZMin(o.box) < i.low - 1e-6 AND ST_ZMax(o.box) >= i.low - contact
           AND (ST_ZMax(o.box) - ST_ZMin(o.box) > contact OR ST_Area(o.footprint) < 0.5)
@@ -72,7 +72,7 @@ BEGIN
         SELECT DISTINCT ON (i.id) i.id, o.entity_id AS owner
         FROM item i
         JOIN world o ON o.map_id = i.map_id AND o.box && i.box AND o.box &&& i.box AND o.entity_id <> i.id
-        JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND oe.type <> ALL (parts)
+        JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
         WHERE i.movable AND o.footprint IS NOT NULL AND ST_Area(o.footprint) < 4
           AND ST_Area(o.footprint) > ST_Area(i.ground)
           AND (i.low + i.high) / 2 BETWEEN ST_ZMin(o.box) AND ST_ZMax(o.box)

@@ -7,15 +7,16 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from sqlalchemy import URL, Engine
 
 from semmap.database import revisions
 from semmap.database.embedded import Cluster
-from semmap.database.engine import connect, database_url
 from semmap.database.error import DatabaseError
+
+if TYPE_CHECKING:
+    from sqlalchemy import URL, Engine
 
 __all__ = ["app"]
 
@@ -37,6 +38,8 @@ def _chosen(context: typer.Context, db: str | None) -> str | None:
 @contextmanager
 def _as_it_is(context: typer.Context, db: str | None) -> Iterator[Engine]:
     """The chosen database, its schema not brought up to date."""
+    from semmap.database.engine import connect
+
     engine = connect(_chosen(context, db), migrate=False)
     try:
         yield engine
@@ -47,6 +50,8 @@ def _as_it_is(context: typer.Context, db: str | None) -> Iterator[Engine]:
 @app.command()
 def start() -> None:
     """Start the embedded database; it is made at first use."""
+    from semmap.database.engine import connect
+
     cluster = Cluster()
     before, new = time.perf_counter(), not cluster.exists
     connect(cluster).dispose()
@@ -64,6 +69,8 @@ def stop() -> None:
 @app.command()
 def status(context: typer.Context, db: Db = None) -> None:
     """Say which database is used, and the revision of its schema; starts nothing."""
+    from semmap.database.engine import connect, database_url, installed
+
     url = _chosen(context, db) or os.environ.get("SEMMAP_DB")
     if url is None:
         cluster = Cluster()
@@ -83,7 +90,7 @@ def status(context: typer.Context, db: Db = None) -> None:
             "SELECT extversion FROM pg_extension WHERE extname = 'postgis'"
         ).scalar()
         checksums = connection.exec_driver_sql("SHOW data_checksums").scalar()
-    have, newest = revisions.installed(engine), revisions.newest()
+    have, newest = installed(engine), revisions.newest()
     engine.dispose()
     print(f"PostgreSQL {server}, PostGIS {postgis or 'not yet'}, data checksums {checksums}")
     print(f"schema at revision {have or 'none'}"
@@ -93,6 +100,8 @@ def status(context: typer.Context, db: Db = None) -> None:
 @app.command()
 def url(context: typer.Context, db: Db = None) -> None:
     """Print the database's URL, for psql, QGIS and other clients; the embedded one is started."""
+    from semmap.database.engine import database_url
+
     print(_libpq(database_url(_chosen(context, db))))
 
 
@@ -143,7 +152,9 @@ def drop(
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def psql(context: typer.Context) -> None:
-    """Open psql on the database; what follows is handed to it."""
+    """Open psql on the database; arguments that follow are passed to it."""
+    from semmap.database.engine import connect
+
     program = shutil.which("psql")
     if program is None:
         raise DatabaseError(

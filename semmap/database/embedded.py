@@ -9,8 +9,7 @@ import secrets
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-
-from sqlalchemy import URL
+from typing import TYPE_CHECKING
 
 from semmap.database import configuration
 from semmap.database.account import Account, caller, server_account
@@ -22,6 +21,9 @@ from semmap.database.pid_file import read_pid_file
 from semmap.database.programs import Programs, find_programs
 from semmap.database.rights import LIMIT_RIGHTS
 from semmap.database.sockets import PORT, answers, lock_file, make_socket_folder
+
+if TYPE_CHECKING:
+    from sqlalchemy import URL
 
 __all__ = ["Cluster", "default_home"]
 
@@ -94,7 +96,17 @@ class Cluster:
         return file.socket_folder
 
     def ensure(self) -> URL:
-        """The URL of the map's database; the cluster is made and started at need.
+        """Make and start the cluster where it is not running; the URL of the map's database.
+
+        Raises
+        ------
+        DatabaseError
+            As `start`.
+        """
+        return self.url(self.start())
+
+    def start(self) -> Path:
+        """Make and start the cluster where it is not running; the folder of its socket.
 
         Of several processes that come at once, one does it and the others wait.
 
@@ -112,16 +124,27 @@ class Cluster:
                     if not self.exists:
                         self._create(home)
                     folder = self._start(home)
-        return self.url(folder)
+        return folder
 
     def url(self, socket_folder: Path) -> URL:
         """The URL of the map's database on a server that listens in `socket_folder`."""
+        from sqlalchemy import URL  # takes longer to import than a command that reads may
+
         return URL.create(
             "postgresql+psycopg",
             username=configuration.SUPERUSER,
             database=DATABASE,
             query={"host": str(socket_folder), "port": str(PORT)},
         )
+
+    def parameters(self, socket_folder: Path) -> dict[str, str]:
+        """The same as `url`, as libpq's connection parameters."""
+        return {
+            "user": configuration.SUPERUSER,
+            "dbname": DATABASE,
+            "host": str(socket_folder),
+            "port": str(PORT),
+        }
 
     def stop(self) -> bool:
         """Stop the server; open transactions are undone. Returns whether it ran.

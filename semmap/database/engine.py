@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import psycopg
+from psycopg.conninfo import make_conninfo
 from psycopg.errors import ConnectionTimeout
 from sqlalchemy import URL, Engine, create_engine, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
@@ -13,14 +15,14 @@ from semmap.database import revisions
 from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
 from semmap.database.patience import BUSY_SECONDS, Patience
+from semmap.database.session import (
+    CONNECT_TIMEOUT,
+    SETTINGS,
+    check_revision,
+    connection_parameters,
+)
 
-__all__ = ["connect", "database_url", "make_engine"]
-
-SETTINGS = {"search_path": "semmap,public", "timezone": "UTC"}
-"""What every session is opened with."""
-
-CONNECT_TIMEOUT = "10"
-"""Seconds after which a server that does not answer is given up."""
+__all__ = ["connect", "database_url", "installed", "make_engine"]
 
 
 def database_url(url: str | URL | Cluster | None = None) -> URL:
@@ -57,7 +59,9 @@ def database_url(url: str | URL | Cluster | None = None) -> URL:
     return parsed.set(drivername="postgresql+psycopg")
 
 
-def connect(url: str | URL | Cluster | None = None, *, migrate: bool = True) -> Engine:
+def connect(
+    url: str | URL | Cluster | None = None, *, migrate: bool = True, check: bool = False
+) -> Engine:
     """An engine for the map's database, which is made, started and brought up to date at need.
 
     A server that starts, recovers from a crash or stops is waited for, a minute at most; one that
@@ -70,6 +74,7 @@ def connect(url: str | URL | Cluster | None = None, *, migrate: bool = True) -> 
     ----------
     url : the database, or an embedded cluster; by default ``$SEMMAP_DB``, else the user's cluster
     migrate : bring the schema to the newest revision where it is behind
+    check : change nothing, and refuse a database without an embedded cluster or the newest schema
 
     Raises
     ------
@@ -83,9 +88,13 @@ def connect(url: str | URL | Cluster | None = None, *, migrate: bool = True) -> 
     ...     connection.exec_driver_sql("SELECT count(*) FROM entity").scalar()
     0
     """
+    if check:
+        connection_parameters(url)
     address, engine, version = _reach(url)
     try:
-        if migrate and version != revisions.newest():
+        if check:
+            check_revision(version)
+        elif migrate and version != revisions.newest():
             _upgrade(engine, version)
     except OperationalError as error:
         engine.dispose()
@@ -103,15 +112,29 @@ def _reach(url: str | URL | Cluster | None) -> tuple[URL, Engine, str | None]:
         address = database_url(url)  # an embedded server that died meanwhile is started again
         engine = make_engine(address)
         try:
-            return address, engine, revisions.installed(engine)
+            return address, engine, installed(engine)
         except OperationalError as error:
             engine.dispose()
             hopeless = isinstance(error.orig, ConnectionTimeout) or _lost_folder(address)
-            if hopeless or not patience.allows_another(engine):
+            if hopeless or not patience.allows_another(_conninfo(engine)):
                 raise DatabaseError(_unreachable(address, error, patience.busy)) from error
         except BaseException:
             engine.dispose()
             raise
+
+
+def installed(engine: Engine) -> str | None:
+    """The revision of an engine's database; None where there is no schema yet."""
+    with engine.connect() as connection:
+        driver = connection.connection.driver_connection
+        assert isinstance(driver, psycopg.Connection)
+        return revisions.installed(driver)
+
+
+def _conninfo(engine: Engine) -> str:
+    _, arguments = engine.dialect.create_connect_args(engine.url)
+    arguments.pop("context", None)  # of psycopg, not of the protocol
+    return make_conninfo(**arguments)
 
 
 def _upgrade(engine: Engine, version: str | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 
 import psycopg
 from sqlalchemy import Engine
@@ -14,8 +14,8 @@ __all__ = ["notifications"]
 
 def notifications(
     engine: Engine, channel: str, stop: threading.Event, *, patience: float = 0.2
-) -> Iterator[tuple[str, ...] | None]:
-    """Listen on a channel of `NOTIFY` until `stop` is set.
+) -> Generator[tuple[str, ...] | None]:
+    """Listen on a channel of `NOTIFY` until `stop` is set, or the generator is closed.
 
     The connection is the generator's own. It connects again where the server was away.
 

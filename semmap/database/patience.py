@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import time
 
-from psycopg.conninfo import make_conninfo
 from psycopg.pq import PGconn, Ping
-from sqlalchemy import Engine
 
 __all__ = ["BUSY_SECONDS", "SILENT_SECONDS", "Patience"]
 
@@ -32,14 +30,16 @@ class Patience:
         self._was_up = False
         self.busy = False
 
-    def allows_another(self, engine: Engine) -> bool:
+    def allows_another(self, conninfo: str) -> bool:
         """Whether to try to connect again; waits a moment first, unless the server is up.
 
         The protocol says what state the server is in: an error's text depends on its language.
+
+        Parameters
+        ----------
+        conninfo : libpq's connection string
         """
-        _, arguments = engine.dialect.create_connect_args(engine.url)
-        arguments.pop("context", None)  # of psycopg, not of the protocol
-        state = PGconn.ping(make_conninfo(**arguments).encode())
+        state = PGconn.ping(conninfo.encode())
         now = time.monotonic()
         self.busy = state == Ping.REJECT
         if state == Ping.OK:  # it came up just now, or it is up and refuses this login

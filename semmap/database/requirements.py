@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-
-from sqlalchemy import Connection
+from typing import TYPE_CHECKING
 
 from semmap.database.error import DatabaseError
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 __all__ = ["POSTGIS", "POSTGRESQL", "check_requirements"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
-from sqlalchemy import Engine
-from sqlalchemy.exc import ProgrammingError
+import psycopg
 
 from semmap.database.error import DatabaseError
 from semmap.database.files import migrations_folder
@@ -18,24 +18,24 @@ VERSION_SCHEMA = "public"
 """Not in `semmap`, for a revision may rename that schema."""
 
 
-def installed(engine: Engine) -> str | None:
+def installed(connection: psycopg.Connection[Any]) -> str | None:
     """The revision that the database has; None where there is no schema yet.
 
     Raises
     ------
     DatabaseError
-        The user may not know.
+        The user has no right to read it.
     """
-    with engine.connect() as connection:
-        try:
-            version = connection.exec_driver_sql(
+    try:
+        with connection.transaction():
+            row = connection.execute(
                 f"SELECT version_num FROM {VERSION_SCHEMA}.{VERSION_TABLE}"
-            ).scalar()
-        except ProgrammingError as error:
-            if getattr(error.orig, "sqlstate", None) == "42P01":  # undefined_table
-                return None
-            raise DatabaseError(f"the schema's revision cannot be read: {error.orig}") from error
-    return None if version is None else str(version)
+            ).fetchone()
+    except psycopg.errors.UndefinedTable:
+        return None
+    except psycopg.ProgrammingError as error:
+        raise DatabaseError(f"the schema's revision cannot be read: {error}") from error
+    return None if row is None else str(row[0])
 
 
 def newest() -> str:

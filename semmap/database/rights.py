@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import psycopg
-from sqlalchemy import Connection
 
 from semmap.database.configuration import READER
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 __all__ = ["LIMIT_RIGHTS", "excess_rights", "limit_rights"]
 

@@ -33,8 +33,7 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
     """
     find_surfaces(connection, map_id)
     row = connection.execute(
-        "SELECT derive_again(ARRAY("
-        "SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
+        "SELECT derive_again(ARRAY(SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
         (map_id,),
     ).fetchone()
     assert row is not None

@@ -9,6 +9,7 @@ from enum import StrEnum
 from functools import partial
 from typing import Annotated, Any
 
+import psycopg
 import shapely
 import typer
 from shapely import Polygon
@@ -21,7 +22,7 @@ from semmap.ingest.regions import (
     find_support_surfaces,
     find_walkable_floor,
 )
-from semmap.query import entries
+from semmap.query import entity_query
 
 __all__ = ["regions"]
 
@@ -153,16 +154,21 @@ def listed(
     return list(result.keys()), rows
 
 
+def _driver(connection: Connection) -> psycopg.Connection[Any]:
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    return driver
+
+
 def entity_named(connection: Connection, name: str) -> int:
     """The id of the entity of that name in the current map; an error names those that come near."""
-    entries.describe(connection, name)
-    return int(connection.execute(text("SELECT entity_id(:name)"), {"name": name}).scalar_one())
+    return entity_query.entity_id(_driver(connection), name)
 
 
 def all_of_type(connection: Connection, type_: str, kind: str) -> list[int]:
     """The ids of the entities of a kind, of a type and its subtypes, that are placed."""
-    columns, rows = entries.find(connection, entries.Question(type=type_))
-    names = [row[columns.index("name")] for row in rows if row[columns.index("kind")] == kind]
+    rows = entity_query.find(_driver(connection), type=type_)
+    names = [row["name"] for row in rows if row["kind"] == kind]
     return list(
         connection.execute(
             text(

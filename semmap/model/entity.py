@@ -7,6 +7,7 @@ from typing import Any
 
 from sqlalchemy import (
     BigInteger,
+    ColumnElement,
     Double,
     ForeignKey,
     Identity,
@@ -15,10 +16,12 @@ from sqlalchemy import (
     PrimaryKeyConstraint,
     Text,
     UniqueConstraint,
+    exists,
     text,
 )
-from sqlalchemy.dialects.postgresql import ARRAY, TSTZRANGE, Range
+from sqlalchemy.dialects.postgresql import ARRAY, JSONB, TSTZRANGE, Range
 from sqlalchemy.ext.associationproxy import AssociationProxy, association_proxy
+from sqlalchemy.ext.mutable import MutableDict
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.geometry.pose import Pose
@@ -90,7 +93,9 @@ class Entity(Base):
     name: Mapped[str]
     label: Mapped[str | None]
     type: Mapped[str | None] = mapped_column(ForeignKey(SemanticType.name, onupdate="CASCADE"))
-    properties: Mapped[dict[str, Any]] = mapped_column(server_default="{}", default=dict)
+    properties: Mapped[dict[str, Any]] = mapped_column(
+        MutableDict.as_mutable(JSONB()), server_default="{}", default=dict
+    )
     front: Mapped[float] = mapped_column(Double, server_default="0", default=0.0)
     source: Mapped[str | None]
     digest: Mapped[str | None]
@@ -116,6 +121,18 @@ class Entity(Base):
         secondaryjoin=lambda: Entity.id == Placement.entity_id,
         viewonly=True,
     )
+
+    @classmethod
+    def is_a(cls, type_name: str) -> ColumnElement[bool]:
+        """The condition that an entity is of a semantic type or of one of its subtypes.
+
+        Examples
+        --------
+        >>> from sqlalchemy import select
+        >>> from semmap.model import Object
+        >>> furniture = select(Object).where(Object.is_a("furniture"))
+        """
+        return exists().where(ObjectType.id == cls.id, ObjectType.type == type_name)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}>"

@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from geoalchemy2 import Geometry
-from sqlalchemy import BigInteger, ForeignKey, Index, text
+from sqlalchemy import BigInteger, ForeignKey, Index, event, inspect, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.geometry.pose import IDENTITY, Pose
@@ -48,6 +48,14 @@ class Placement(Base):
 
     entity: Mapped[Entity] = relationship(foreign_keys=entity_id, back_populates="placement")
     holder: Mapped[Entity | None] = relationship(foreign_keys=holder_id)
+
+
+@event.listens_for(Placement.holder_id, "set")
+@event.listens_for(Placement.holder, "set")
+def _state_holder(placement: Placement, value: object, former: object, _initiator: object) -> None:
+    """A holder that somebody sets is stated: the confidence was that of the derived one."""
+    if value != former and inspect(placement).persistent:
+        placement.confidence = None
 
 
 class WorldPlacement(Base):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -125,14 +125,15 @@ class ChangeFeed:
         patience : seconds between calls, and before another attempt to connect
         """
         again = False
-        for payloads in notifications(self._engine, CHANNEL, stop, patience=patience):
-            try:
-                wake(None if again else payloads)
-                again = False
-            except (psycopg.OperationalError, DBAPIError):
-                again = True
-                self._server_was_away()
-                stop.wait(patience)
+        with closing(notifications(self._engine, CHANNEL, stop, patience=patience)) as sent:
+            for payloads in sent:
+                try:
+                    wake(None if again else payloads)
+                    again = False
+                except (psycopg.OperationalError, DBAPIError):
+                    again = True
+                    self._server_was_away()
+                    stop.wait(patience)
 
     def _server_was_away(self) -> None:
         if not self._durable:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import psycopg
 from sqlalchemy import Connection, Engine, text
+
+from semmap.query.entity_query import pick_map
 
 __all__ = ["current_name", "see_map", "snapshot"]
 
@@ -16,20 +19,15 @@ def current_name(connection: Connection) -> str:
     Raises
     ------
     LookupError
-        There is none of the name that was chosen, or none at all.
+        There is none of the name that was chosen, none at all, or several and none was chosen.
     """
-    name, said = connection.execute(
-        text("SELECT (SELECT name FROM map WHERE id = current_map()), "
-             "current_setting('semmap.map', true)")
-    ).one()  # fmt: skip
-    if name is None:
-        missing = f" named {said}" if said else ""
-        raise LookupError(f"there is no map{missing}: semmap import FILE makes one")
-    return str(name)
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    return pick_map(driver)
 
 
 def see_map(connection: Connection, name: str | None) -> str:
-    """Let the rest of a transaction see the map of a name, the newest one where None; its name.
+    """Let the rest of a transaction see the map of a name, that of `current_name` where None.
 
     Raises
     ------

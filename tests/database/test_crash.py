@@ -9,14 +9,15 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
+from typing import Any
 
 import psycopg
 import pytest
-from sqlalchemy import create_engine
+from sqlalchemy import Connection, create_engine
 
 from semmap.database import Cluster, connect
 from semmap.database.leftovers import servers_in
-from semmap.query import entries
+from semmap.query.entity_query import changes_since
 from tests.database.conftest import as_owner, python, query, said
 from tests.database.test_embedded import ENSURE
 
@@ -84,6 +85,10 @@ def test_committed_rows_outlive_the_server(own: Cluster) -> None:
     assert query(own, "SELECT array_agg(value ORDER BY value) FROM kept") == list(range(20))
 
 
+def driver(connection: Connection) -> psycopg.Connection[Any]:
+    return connection.connection.driver_connection  # type: ignore[return-value]
+
+
 def test_a_cursor_outlives_the_server(own: Cluster) -> None:
     """A crashed server gives the number of a transaction that was undone to another one."""
     engine = connect(own.ensure())
@@ -93,7 +98,7 @@ def test_a_cursor_outlives_the_server(own: Cluster) -> None:
         connection.exec_driver_sql("SELECT pg_current_xact_id()")
         connection.rollback()
     with engine.begin() as connection:
-        cursor, _, _ = entries.changes(connection, None)
+        cursor, _ = changes_since(driver(connection), None)
     kill_server(own)
     engine.dispose()
     engine = connect(own.ensure())
@@ -102,8 +107,8 @@ def test_a_cursor_outlives_the_server(own: Cluster) -> None:
             "INSERT INTO entity (map_id, kind, name) SELECT id, 'object', 'mug' FROM map"
         )
     with engine.begin() as connection:
-        _, _, rows = entries.changes(connection, cursor)
-    assert [row[3] for row in rows] == ["added"]
+        _, rows = changes_since(driver(connection), cursor)
+    assert [row["what"] for row in rows] == ["added"]
     engine.dispose()
 
 

@@ -6,7 +6,7 @@ from PIL import Image
 from planner import demo
 from semmap import cli
 from semmap.draw.palette import PATH
-from semmap.query import entries
+from semmap.query import sql_statement
 
 FIGURE_4 = (
     "pass_door(door1, lab1, corridor1) · pass_door(door2, corridor1, foyer-1st) · call_elevator · "
@@ -68,7 +68,7 @@ def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
     assert before == ["office4", "desk4"]
     assert after == ["lab2", "desk1"]
     with cli.open_map("office") as connection:  # the README's commands come next: desk4 again
-        _, ((room, table, _),) = entries.run_sql(connection, demo.FIGURE_3, write=False)
+        _, ((room, table, _),) = sql_statement.run_sql(connection, demo.FIGURE_3, write=False)
     assert (room, table) == ("office4", "desk4")
     assert (folder / "floor-3rd" / "map.pgm").is_file()
 

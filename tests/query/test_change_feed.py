@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import queue
 import threading
+from typing import Any
 
+import psycopg
 import pytest
-from sqlalchemy import Engine, text
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy import Connection, Engine, text
 
-from semmap.query import entries
 from semmap.query.change_feed import ChangeFeed
+from semmap.query.entity_query import changes_since
 
 
 def write(engine: Engine, number: int, name: str) -> None:
@@ -29,6 +30,10 @@ def write(engine: Engine, number: int, name: str) -> None:
             connection.commit()
 
 
+def driver(connection: Connection) -> psycopg.Connection[Any]:
+    return connection.connection.driver_connection  # type: ignore[return-value]
+
+
 def test_who_polls_beside_writers_misses_nothing(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
@@ -40,9 +45,8 @@ def test_who_polls_beside_writers_misses_nothing(engine: Engine) -> None:
     while True:
         alive = any(writer.is_alive() for writer in writers)
         with engine.begin() as connection:
-            cursor, columns, rows = entries.changes(connection, cursor)
-        assert columns == ["id", "at", "map", "what", "entities"]
-        seen += [row[0] for row in rows]
+            cursor, rows = changes_since(driver(connection), cursor)
+        seen += [row["id"] for row in rows]
         if not alive:
             break
     with engine.connect() as connection:
@@ -54,21 +58,22 @@ def test_a_cursor_before_pruned_changes_is_refused(engine: Engine) -> None:
         connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
     write(engine, 2, "old")
     with engine.begin() as connection:
-        before, _, _ = entries.changes(connection, None)
+        before, _ = changes_since(driver(connection), None)
     write(engine, 1, "older than the retention")
     with engine.begin() as connection:
-        after, _, rows = entries.changes(connection, before)
-        assert [row[3] for row in rows] == ["added"]
+        after, rows = changes_since(driver(connection), before)
+        assert [row["what"] for row in rows] == ["added"]
         connection.execute(text("UPDATE change SET at = at - interval '8 days'"))
         assert connection.execute(text("SELECT prune_changes()")).scalar_one() > 0
     write(engine, 1, "new")
     with engine.begin() as connection:
-        assert [row[3] for row in entries.changes(connection, after)[2]] == ["added"]
+        _, rows = changes_since(driver(connection), after)
+        assert [row["what"] for row in rows] == ["added"]
     with (
         engine.begin() as connection,
-        pytest.raises(DBAPIError, match=r"the changes after the cursor .* are not all kept"),
+        pytest.raises(psycopg.Error, match=r"the changes after the cursor .* are not all kept"),
     ):
-        entries.changes(connection, before)
+        changes_since(driver(connection), before)
 
 
 def test_changes_are_pruned_by_whoever_writes(engine: Engine) -> None:

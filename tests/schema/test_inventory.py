@@ -63,7 +63,7 @@ def holders(engine: Engine) -> dict[str, str | None]:
                 "WHERE e.kind IN ('object', 'agent')"
             )
         )
-        return dict(rows.tuples().all())
+        return {row[0]: row[1] for row in rows}
 
 
 def no_contradictions(engine: Engine) -> bool:

@@ -12,14 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import Engine
 
-from semmap.query import entries
+from semmap.cli.output import unique_names
+from semmap.query.sql_statement import run_sql
 from tests.command_line import semmap
 from tests.ingest.worlds_by_hand import box_world
 
 
 @given(st.lists(st.sampled_from(["a", "a_2", "a_3", "b", "a_2_2"]), max_size=8))
 def test_no_column_is_lost(columns: list[str]) -> None:
-    names = entries.unique_names(columns)
+    names = unique_names(columns)
     assert len({*names}) == len(columns)
     for name, column in zip(names, columns, strict=True):
         assert name == column or name.startswith(f"{column}_")
@@ -95,9 +96,9 @@ def test_who_only_reads_writes_no_file(engine: Engine, tmp_path: Path) -> None:
         for statement in (f"COPY (SELECT 1) TO '{file}'", "SELECT pg_read_file('/etc/passwd')",
                           f"COPY (SELECT 1) TO PROGRAM 'touch {file}'"):  # fmt: skip
             with pytest.raises(Exception, match=r"permission denied|must be superuser"):
-                entries.run_sql(connection, statement, write=False)
+                run_sql(connection, statement, write=False)
             connection.rollback()
-        assert entries.run_sql(connection, "SELECT count(*) FROM face", write=False) == (
+        assert run_sql(connection, "SELECT count(*) FROM face", write=False) == (
             ["count"], [(0,)]
         )  # fmt: skip
     assert not file.exists()

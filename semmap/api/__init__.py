@@ -1,0 +1,1 @@
+"""The public face of semmap: a database, its maps, their entities, their changes."""

@@ -1,0 +1,188 @@
+"""A database with maps."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import psycopg
+from psycopg import sql
+
+from semmap.api.semantic_map import SemanticMap
+from semmap.database.session import connection_parameters, open_session
+from semmap.query import entity_query
+
+if TYPE_CHECKING:
+    from sqlalchemy import Engine
+
+    from semmap.database.embedded import Cluster
+
+__all__ = ["Database", "connect"]
+
+
+def connect(url: str | Cluster | None = None, *, migrate: bool | None = None) -> Database:
+    """Open the database of the maps; close it with `Database.close` or a ``with`` statement.
+
+    Parameters
+    ----------
+    url : ``postgresql://user:password@host:5432/database``; by default ``$SEMMAP_DB``, else the
+        user's embedded database
+    migrate : make the schema, or bring it to the newest revision; by default only where the
+        embedded database is made
+
+    Raises
+    ------
+    DatabaseError
+        The database cannot be reached, or it has no schema or an old one and `migrate` is not True.
+
+    Examples
+    --------
+    >>> import semmap
+    >>> with semmap.connect() as db:
+    ...     flat = db.create_map("flat")
+    ...     flat.add_room("kitchen", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.6)
+    ...     flat.add_object("desk4", type="table", size=(1.6, 0.8, 0.75), in_="kitchen")
+    ...     mug = flat.add_object("mug7", type="mug", size=(0.08, 0.08, 0.1), on="desk4")
+    ...     mug.move_to(0.5, 0.5, 0)
+    ...     print(mug.holder, flat["desk4"].contents)
+    ...     db.drop_map("flat")
+    <room kitchen>
+    <object desk4>
+    <room kitchen> []
+    3
+    """
+    if migrate is None:
+        migrate = is_new_cluster(url)
+    return Database(open_session(url, migrate=migrate), url)
+
+
+def is_new_cluster(url: str | Cluster | None) -> bool:
+    """Whether the embedded database is meant, and is not made yet."""
+    import os
+
+    from semmap.database.embedded import Cluster
+
+    if url is None and os.environ.get("SEMMAP_DB"):
+        return False
+    cluster = Cluster() if url is None else url
+    return isinstance(cluster, Cluster) and not cluster.exists
+
+
+class Database:
+    """The maps of a database, over one session; for one thread at a time.
+
+    Attributes
+    ----------
+    session : the psycopg connection, in autocommit mode, its search path on the schema
+    """
+
+    def __init__(self, session: psycopg.Connection[Any], url: str | Cluster | None = None) -> None:
+        self.session = session
+        self._url = url
+        self._shown: str | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the session, and the pool of `engine`."""
+        self.session.close()
+        if "engine" in vars(self):
+            self.engine.dispose()
+
+    @cached_property
+    def engine(self) -> Engine:
+        """A SQLAlchemy engine on the same database, for the ORM and other packages."""
+        from semmap.database.engine import connect
+
+        return connect(self._url, check=True)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """libpq's connection parameters."""
+        return connection_parameters(self._url)
+
+    @property
+    def maps(self) -> list[str]:
+        """The names of the maps, the oldest first."""
+        rows = self.session.execute("SELECT name FROM map ORDER BY id").fetchall()
+        return [row[0] for row in rows]
+
+    def map(self, name: str | None = None) -> SemanticMap:
+        """The map of a name; without one, that of the setting ``semmap.map``, else the only one.
+
+        Raises
+        ------
+        LookupError
+            There is no such map, none at all, or several and none was named.
+        """
+        return SemanticMap(self, entity_query.pick_map(self.session, name))
+
+    def create_map(self, name: str) -> SemanticMap:
+        """Make an empty map.
+
+        Raises
+        ------
+        ValueError
+            There is one of this name, or the name is empty.
+        """
+        from semmap.ingest.types import load_tbox
+
+        if not name:
+            raise ValueError("a map needs a name")
+        try:
+            with self.engine.begin() as connection:
+                load_tbox(connection)
+            self.session.execute("INSERT INTO map (name) VALUES (%s)", (name,))
+        except psycopg.errors.UniqueViolation:
+            raise ValueError(f"there is a map {name} already") from None
+        return SemanticMap(self, name)
+
+    def drop_map(self, name: str) -> int:
+        """Delete a map with all its entities; returns how many there were.
+
+        Raises
+        ------
+        LookupError
+            There is no such map.
+        """
+        self.map(name)
+        row = self.session.execute("SELECT drop_map(%s)", (name,)).fetchone()
+        assert row is not None
+        return int(row[0])
+
+    def list_maps(self) -> list[dict[str, Any]]:
+        """Each map with its numbers of entities and rooms, as ``semmap maps`` prints them."""
+        return entity_query.list_maps(self.session)
+
+    def use(self, name: str) -> None:
+        """Choose the map that later sessions of this user see where they name none.
+
+        Raises
+        ------
+        LookupError
+            There is no such map.
+        """
+        chosen = self.map(name).name
+        row = self.session.execute("SELECT current_database(), current_user").fetchone()
+        assert row is not None
+        self.session.execute(
+            sql.SQL("ALTER ROLE {} IN DATABASE {} SET semmap.map = {}").format(
+                sql.Identifier(row[1]), sql.Identifier(row[0]), sql.Literal(chosen)
+            )
+        )
+
+    def show(self, name: str) -> None:
+        """Let the session's views show a map."""
+        if self._shown != name:
+            self.session.execute("SELECT set_config('semmap.map', %s, false)", (name,))
+            self._shown = name

@@ -1,0 +1,47 @@
+"""The command line `semmap`, and what commands of other packages share with it.
+
+Each name is loaded from its module when it is first used, so that a short command starts quickly.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from semmap.cli.application import app, main, print_summary
+    from semmap.cli.chosen import choose_map, database, engine, open_database, open_map
+    from semmap.cli.options import Json, MapName
+    from semmap.cli.output import err, out, print_json, show_rows, show_table
+
+__all__ = [
+    "Json",
+    "MapName",
+    "app",
+    "choose_map",
+    "database",
+    "engine",
+    "err",
+    "main",
+    "open_database",
+    "open_map",
+    "out",
+    "print_json",
+    "print_summary",
+    "show_rows",
+    "show_table",
+]
+
+_HOMES = {
+    "application": ("app", "main", "print_summary"),
+    "chosen": ("choose_map", "database", "engine", "open_database", "open_map"),
+    "options": ("Json", "MapName"),
+    "output": ("err", "out", "print_json", "show_rows", "show_table"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(f"semmap.cli.{module}"), name)
+    raise AttributeError(f"module semmap.cli has no attribute {name}")

@@ -1,0 +1,402 @@
+"""The program `semmap`: its own commands, thin layers over the Python API."""
+
+from __future__ import annotations
+
+import math
+import sys
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from semmap.cli.chosen import CliOptions, choose_map, engine, open_database
+from semmap.cli.options import Json, MapName
+from semmap.cli.plugin_group import PluginGroup
+from semmap.database.commands import app as database_commands
+from semmap.terminal import guard_streams
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+    from sqlalchemy import Connection, Engine
+
+    from semmap.ingest.importer import ImportSummary
+
+app = typer.Typer(
+    cls=PluginGroup,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="One semantic map in PostGIS: what is where, what it means, how to get there.",
+)
+app.add_typer(database_commands, name="db")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"semmap {version('semmap')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    context: typer.Context,
+    db: Annotated[
+        str | None,
+        typer.Option("--db", envvar="SEMMAP_DB", help="Database URL; by default the embedded one."),
+    ] = None,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print it and end."),
+    ] = False,
+) -> None:
+    CliOptions.url, CliOptions.context = db, context
+    guard_streams()
+
+
+@app.command("import")
+def import_(
+    files: Annotated[list[Path], typer.Argument(help="SDF, building.yaml, GeoJSON, meshes, ...")],
+    map_name: MapName = None,
+    geometry: Annotated[str, typer.Option(help="Of SDF models: visual or collision.")] = "visual",
+    as_: Annotated[str, typer.Option("--as", help="A mesh file is an: object or room.")] = "object",
+    strict: Annotated[bool, typer.Option(help="Take nothing if anything is left out.")] = False,
+    source: Annotated[str | None, typer.Option(help="Name under which a repeat finds it.")] = None,
+    json_: Json = False,
+) -> None:
+    """Read world files into the map: each in one transaction, repeatable."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    from semmap.cli.output import err, print_json
+    from semmap.ingest.importer import import_file
+
+    if geometry not in ("visual", "collision") or as_ not in ("object", "room"):
+        raise typer.BadParameter("--geometry is visual or collision, --as is object or room")
+    summaries: list[ImportSummary] = []
+    database = engine(migrate=True)
+    for path in files:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+                   TimeElapsedColumn())  # fmt: skip
+        with Bars(*columns, console=err, transient=True) as bars:
+            summaries.append(
+                import_file(
+                    database,
+                    path,
+                    map_name=map_name,
+                    geometry="collision" if geometry == "collision" else "visual",
+                    mesh_as="room" if as_ == "room" else "object",
+                    strict=strict,
+                    source=source,
+                    progress=_report(bars),
+                )
+            )
+        map_name = map_name or summaries[-1].map
+    if json_:
+        print_json([summary.as_json() for summary in summaries])
+        return
+    for summary in summaries:
+        print_summary(summary)
+
+
+def _report(bars: Progress) -> Any:
+    """A function that shows each stage of an import as a bar."""
+    tasks: dict[str, TaskID] = {}
+
+    def report(stage: str, done: int, total: int) -> None:
+        if stage not in tasks:
+            tasks[stage] = bars.add_task(stage)
+        bars.update(tasks[stage], completed=done, total=total or None)
+
+    return report
+
+
+def print_summary(s: ImportSummary) -> None:
+    """Print what came in, and what was left out and why."""
+    from rich.text import Text
+
+    from semmap.cli.output import out
+
+    kinds = ", ".join(f"{n} {kind}{'' if n == 1 else 's'}" for kind, n in s.kinds.items())
+    bold = partial(Text, style="bold")
+    out.print(Text.assemble(bold(Path(s.source).name), " -> map ", bold(s.map), ": ",
+                            kinds or "nothing"))  # fmt: skip
+    out.print(
+        f"  {s.added} added, {s.changed} changed, {s.removed} removed, {s.unchanged} unchanged; "
+        f"{s.models} new meshes, {s.triangles:,} triangles; {s.holders} holders derived; "
+        f"{s.seconds:.1f} s"
+    )
+    for note in s.notes:
+        out.print(f"  note: {note}", style="dim")
+    if s.skipped:
+        out.print(f"  left out: {len(s.skipped)}", style="yellow")
+        for skipped in s.skipped:
+            text = f"    {skipped.element}: {skipped.problem}. {skipped.mend}"
+            out.print(text, style="yellow")
+
+
+@app.command()
+def maps(json_: Json = False) -> None:
+    """List the maps."""
+    from semmap.cli.output import show_table
+
+    with open_database() as db:
+        show_table(db.list_maps(), json_, ("name", "entities", "rooms", "crs", "created_at"))
+
+
+@app.command()
+def use(name: Annotated[str, typer.Argument(metavar="MAP")]) -> None:
+    """Choose the map that commands take when none is named."""
+    with open_database() as db:
+        db.use(name)
+    print(f"{name}: the map of this user's commands from now on")
+
+
+@app.command()
+def types(map_name: MapName = None, json_: Json = False) -> None:
+    """List the semantic types, and how many entities of the map are of each."""
+    from semmap.cli.output import show_table
+
+    with open_database() as db:
+        show_table(db.map(map_name).types(), json_, ("name", "parents", "origin", "entities"))
+
+
+ENTITY_COLUMNS = ("name", "kind", "type", "label", "holder", "storey", "x", "y", "z")
+
+
+@app.command()
+def ls(
+    type_: Annotated[str | None, typer.Argument(metavar="TYPE", help="With its subtypes.")] = None,
+    map_name: MapName = None,
+    in_: Annotated[
+        str | None, typer.Option("--in", help="Held by this room or object, also indirectly.")
+    ] = None,
+    label: Annotated[str | None, typer.Option(help="Property label, such as kitchen.")] = None,
+    where: Annotated[
+        list[str] | None, typer.Option(help="KEY=VALUE of the properties; repeatable.")
+    ] = None,
+    near: Annotated[str | None, typer.Option(help="X,Y,Z or a name: nearest first.")] = None,
+    within: Annotated[float | None, typer.Option(help="Metres from --near.")] = None,
+    box: Annotated[str | None, typer.Option(help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame.")] = None,
+    incomplete: Annotated[bool, typer.Option(help="Only what lacks a part.")] = False,
+    json_: Json = False,
+) -> None:
+    """List entities: of a type, with properties, in a room or box, near a point."""
+    from semmap.cli.output import show_table
+
+    with open_database() as db:
+        chosen = db.map(map_name)
+        if incomplete:
+            show_table(chosen.incomplete(), json_, ("name", "kind", "missing"))
+            return
+        if within is not None and near is None:
+            raise ValueError("--within needs --near: a point X,Y,Z or a name")
+        point = _numbers(near, 3, "--near") if near is not None and "," in near else near
+        rows = chosen.table(
+            type_,
+            in_=in_,
+            label=label,
+            where=_properties(where or []),
+            near=point,
+            within=within,
+            box=None if box is None else _numbers(box, 6, "--box"),
+        )
+    show_table(rows, json_, ENTITY_COLUMNS if near is None else (*ENTITY_COLUMNS, "distance"))
+
+
+@app.command()
+def show(
+    name: str,
+    map_name: MapName = None,
+    at: Annotated[str | None, typer.Option(help="Where it was at this time (ISO 8601).")] = None,
+    json_: Json = False,
+) -> None:
+    """Show all that the map has of one entity."""
+    from semmap.cli.output import out, print_json, readable
+
+    with open_database() as db:
+        known = db.map(map_name).describe(name, None if at is None else _time(at))
+    if json_:
+        print_json(known)
+        return
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    for key, value in known.items():
+        if value not in (None, [], {}):
+            table.add_row(key, readable(value))
+    out.print(table)
+
+
+@app.command()
+def check(map_name: MapName = None, json_: Json = False) -> None:
+    """List where a map disagrees with itself: holders and poses; exit code 1 if it does."""
+    from semmap.cli.output import show_table
+
+    with open_database() as db:
+        found = db.map(map_name).check()
+    show_table(found, json_, ("name", "holder", "problem", "geometry_says"))
+    if found:
+        raise typer.Exit(1)
+
+
+SUPERUSER_NOTE = (
+    "note: this login is a superuser, and a hostile statement could take that right back; "
+    "to read what others wrote, log in as a reader (docs/semmap.md)"
+)
+
+
+def _reading() -> Engine:
+    """The database that the user chose; an embedded one by a login that can only read."""
+    from semmap.database.reader import as_reader
+
+    chosen = engine()
+    reader = as_reader(chosen)
+    if reader is None:
+        return chosen
+    if CliOptions.context is not None:
+        CliOptions.context.call_on_close(reader.dispose)
+    return reader
+
+
+def _has_one_map(connection: Connection) -> bool:
+    """Whether views can show a map although none is named."""
+    return bool(
+        connection.exec_driver_sql(
+            "SELECT count(*) = 1 OR coalesce(current_setting('semmap.map', true), '') <> '' "
+            "AND count(*) > 0 FROM map"
+        ).scalar()
+    )
+
+
+@app.command()
+def sql(
+    statement: Annotated[str, typer.Argument(help="SQL, or - for standard input.")],
+    map_name: MapName = None,
+    write: Annotated[bool, typer.Option(help="Let the statement change the map.")] = False,
+    json_: Json = False,
+) -> None:
+    """Run a SQL statement; one that reads, unless --write is given."""
+    from semmap.cli.output import err, show_rows
+    from semmap.query.sql_statement import is_superuser, run_sql
+
+    if statement == "-":
+        statement = sys.stdin.read()
+    with (engine() if write else _reading()).begin() as connection:
+        if not write and is_superuser(connection):
+            err.print(SUPERUSER_NOTE, style="dim")
+        if map_name is not None or _has_one_map(connection):
+            choose_map(connection, map_name)
+        columns, rows = run_sql(connection, statement, write=write)
+    show_rows(columns, rows, json_)
+
+
+@app.command()
+def changes(
+    since: Annotated[str | None, typer.Argument(help="A cursor from an earlier call.")] = None,
+    json_: Json = False,
+) -> None:
+    """Show what changed since a cursor, and the cursor for the next call."""
+    from semmap.cli.output import out, print_json, show_table
+    from semmap.query.entity_query import changes_since
+
+    with open_database() as db:
+        cursor, rows = changes_since(db.session, since)
+    if json_:
+        print_json({"cursor": cursor, "changes": rows})
+        return
+    show_table(rows, False, ("id", "at", "map", "what", "entities"))
+    out.print(f"cursor {cursor}")
+
+
+@app.command()
+def drop(
+    name: Annotated[str, typer.Argument(metavar="MAP")],
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Delete a map and all that is in it."""
+    from semmap.cli.output import out
+
+    with open_database() as db:
+        db.map(name)
+        if not yes:
+            typer.confirm(f"Delete the map {name} with all its entities?", abort=True)
+        out.print(f"{name}: {db.drop_map(name)} entities deleted")
+
+
+def _numbers(text: str, count: int, option: str) -> list[float]:
+    try:
+        numbers = [float(v) for v in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{option} takes {count} numbers with commas between, not {text}")
+    return numbers
+
+
+def _properties(conditions: list[str]) -> dict[str, Any]:
+    """The properties of ``KEY=VALUE``; a value is JSON where it is valid JSON, else text."""
+    import json
+
+    found = {}
+    for condition in conditions:
+        key, equals, value = condition.partition("=")
+        if not equals:
+            raise ValueError(f"--where takes KEY=VALUE, not {condition}")
+        try:
+            found[key] = json.loads(value)
+        except ValueError:
+            found[key] = value
+    return found
+
+
+def _time(text: str) -> datetime:
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise ValueError(f"--at takes an ISO 8601 time (2026-01-31T10:00), not {text}") from None
+    return moment if moment.tzinfo else moment.astimezone()
+
+
+def main() -> None:
+    """Run the command line; an expected error is one line and exit code 2."""
+    guard_streams()
+    try:
+        app()
+    except Exception as error:
+        message = _expected(error)
+        if message is None:
+            raise
+        from semmap.cli.output import err
+
+        err.print(f"error: {message}", style="red")
+        sys.exit(2)
+
+
+def _expected(error: Exception) -> str | None:
+    """The message for the user of an error that bad input or a missing database causes."""
+    import psycopg
+
+    from semmap.database.error import DatabaseError
+
+    cause = getattr(error, "orig", error)  # SQLAlchemy keeps the driver's error there
+    if isinstance(cause, psycopg.Error):
+        message = str(cause).strip()
+        if cause.diag.message_primary:
+            message = ". ".join(filter(None, (cause.diag.message_primary, cause.diag.message_hint)))
+        if isinstance(cause, psycopg.errors.ReadOnlySqlTransaction):
+            message += ". Add --write to let the statement change the map"
+        return message
+    if isinstance(error, LookupError) and error.args:
+        return str(error.args[0])
+    module = sys.modules.get("semmap.ingest.world")
+    refused: tuple[type[Exception], ...] = (module.WorldError,) if module else ()
+    if isinstance(error, (*refused, DatabaseError, LookupError, ValueError)):
+        return str(error)
+    return None

@@ -1,0 +1,89 @@
+"""The database and the map that the user chose. No command but an import changes a schema."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection, Engine
+
+    from semmap.api.database import Database
+
+__all__ = ["CliOptions", "choose_map", "database", "engine", "open_database", "open_map"]
+
+
+class CliOptions:
+    """What the options before the command say."""
+
+    url: str | None = None
+    context: typer.Context | None = None
+
+
+@contextmanager
+def open_database(*, migrate: bool = False) -> Iterator[Database]:
+    """The database that the user chose, through the public API, while it lasts."""
+    from semmap.api.database import connect
+
+    with connect(CliOptions.url, migrate=migrate) as chosen:
+        yield chosen
+
+
+def engine(*, migrate: bool = False) -> Engine:
+    """An engine on the database that the user chose; closed when the command ends.
+
+    Parameters
+    ----------
+    migrate : make the schema or bring it to the newest revision; without it, a database that lacks
+        it is refused with the command that helps
+    """
+    from semmap.database.engine import connect
+
+    chosen = connect(CliOptions.url, migrate=migrate, check=not migrate)
+    if CliOptions.context is not None:
+        CliOptions.context.call_on_close(chosen.dispose)
+    return chosen
+
+
+@contextmanager
+def database() -> Iterator[Engine]:
+    """An engine on the database that the user chose, while it lasts."""
+    from semmap.database.engine import connect
+
+    chosen = connect(CliOptions.url, migrate=False, check=True)
+    try:
+        yield chosen
+    finally:
+        chosen.dispose()
+
+
+@contextmanager
+def open_map(name: str | None) -> Iterator[Connection]:
+    """A connection that sees the map of a name; without one, the map that `choose_map` takes."""
+    with database() as engine, engine.connect() as connection:
+        choose_map(connection, name)
+        yield connection
+
+
+def choose_map(connection: Connection, name: str | None) -> str:
+    """Let a connection's views show the map of a name, else the chosen one, else the only one.
+
+    Returns the map's name.
+
+    Raises
+    ------
+    typer.BadParameter
+        There is no such map, none at all, or several and none is chosen.
+    """
+    from semmap.query.entity_query import pick_map
+
+    driver = connection.connection.driver_connection
+    try:
+        picked = pick_map(driver, name)  # type: ignore[arg-type]
+    except LookupError as error:
+        raise typer.BadParameter(str(error)) from None
+    connection.exec_driver_sql("SELECT set_config('semmap.map', %(name)s, false)", {"name": picked})
+    return picked

@@ -1,0 +1,112 @@
+"""The commands of `semmap`: its own, and those of other packages, loaded when one is called.
+
+A package adds a command by an entry point of the group ``semmap.commands``: its name is that of the
+command, what it names is the command's function, or a `typer.Typer` with several below it.
+"""
+
+from __future__ import annotations
+
+import ast
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from semmap.terminal import visible
+
+__all__ = ["GROUP", "PluginGroup", "help_line"]
+
+GROUP = "semmap.commands"
+
+
+class PluginGroup(TyperGroup):
+    """A group of commands to which other packages add; a list of them imports no other package."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """The names of all commands, its own first."""
+        own = super().list_commands(ctx)
+        return own + sorted({point.name for point in entry_points(group=GROUP)} - {*own})
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of a name; for an unknown name all are loaded, to find a similar one."""
+        if cmd_name not in self.commands:
+            for point in entry_points(group=GROUP, name=cmd_name) or entry_points(group=GROUP):
+                self.commands.setdefault(point.name, _command(point.name, point.load()))
+        return super().get_command(ctx, cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write each command with the first line of its help."""
+        points = {point.name: point for point in entry_points(group=GROUP)}
+        rows = []
+        for name in self.list_commands(ctx):
+            if name in self.commands:
+                if not self.commands[name].hidden:
+                    rows.append((name, self.commands[name].get_short_help_str(limit=100)))
+            else:
+                rows.append((name, help_line(points[name])))
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; names in the message of a usage error are shown without control codes."""
+        try:
+            return super().invoke(ctx)
+        except Exception as error:  # Typer's usage errors, which it prints by itself
+            if isinstance(message := getattr(error, "message", None), str):
+                error.message = visible(message)  # type: ignore[attr-defined]
+            raise
+
+
+def help_line(point: EntryPoint) -> str:
+    """The first line of a command's help, read from the source of its module, not by an import.
+
+    It is the docstring of the function, or the `help` of the `typer.Typer`, that the entry point
+    names; empty where the source does not show it.
+    """
+    path = _source(point.module)
+    if path is None:
+        return ""
+    for node in ast.parse(path.read_bytes()).body:
+        if isinstance(node, ast.FunctionDef) and node.name == point.attr:
+            return (ast.get_docstring(node) or "").partition("\n")[0]
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if any(isinstance(t, ast.Name) and t.id == point.attr for t in targets):
+            call = getattr(node, "value", None)
+            for keyword in getattr(call, "keywords", []):
+                if keyword.arg == "help" and isinstance(keyword.value, ast.Constant):
+                    return str(keyword.value.value).partition("\n")[0]
+    return ""
+
+
+def _source(module: str) -> Path | None:
+    """The file of a module, found from its top package, which is the only one that is looked up."""
+    top, *names = module.split(".")
+    spec = find_spec(top)
+    if spec is None:
+        return None
+    folders = list(spec.submodule_search_locations or [])
+    if not names:
+        return Path(spec.origin) if spec.origin else None
+    for folder in folders:
+        base = Path(folder, *names)
+        for path in (base.with_suffix(".py"), base / "__init__.py"):
+            if path.is_file():
+                return path
+    return None
+
+
+def _command(name: str, added: object) -> Any:
+    around = typer.Typer(add_completion=False)
+    around.callback()(lambda: None)
+    if isinstance(added, typer.Typer):
+        around.add_typer(added, name=name)
+    elif callable(added):
+        around.command(name)(added)
+    else:
+        raise TypeError(f"{GROUP}: {name} is {added!r}, neither a function nor a typer.Typer")
+    group = typer.main.get_command(around)
+    assert isinstance(group, TyperGroup)
+    return group.commands[name]

@@ -1,0 +1,342 @@
+"""Questions about the entities of one map, as plain rows; the session sees that map."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+import psycopg
+from psycopg.rows import dict_row
+from psycopg.types.json import Jsonb
+
+__all__ = [
+    "Near",
+    "changes_since",
+    "contradictions",
+    "describe",
+    "entity_id",
+    "find",
+    "list_incomplete",
+    "list_maps",
+    "list_types",
+    "pick_map",
+    "similar",
+]
+
+Session = psycopg.Connection[Any]
+Row = dict[str, Any]
+
+Near = str | Sequence[float]
+"""A point (x, y, z) in the map's frame, metres, or the name of an entity: its place."""
+
+
+def pick_map(session: Session, name: str | None = None) -> str:
+    """The name of the map meant: `name`, else the setting ``semmap.map``, else the only one.
+
+    Raises
+    ------
+    LookupError
+        There is no such map, none at all, or several and none is chosen.
+    """
+    known = _column(session, "SELECT name FROM map ORDER BY id")
+    if not known:
+        raise LookupError("there is no map yet: semmap import FILE makes one")
+    if name is None:
+        name = _column(session, "SELECT current_setting('semmap.map', true)")[0] or None
+    if name is None and len(known) > 1:
+        raise LookupError(
+            f"there are several maps: {', '.join(known)}. Name one (--map, SEMMAP_MAP), "
+            "or choose one for all commands: semmap use MAP"
+        )
+    if name is not None and name not in known:
+        raise LookupError(f"there is no map {name}; there are: {', '.join(known)}")
+    return name or str(known[0])
+
+
+def list_maps(session: Session) -> list[Row]:
+    """The maps of the database, the oldest first, and how many entities each has."""
+    return _rows(
+        session,
+        "SELECT m.name, count(e.id) AS entities, count(*) FILTER (WHERE e.kind = 'room') AS rooms, "
+        "m.crs, m.created_at FROM map m LEFT JOIN entity e ON e.map_id = m.id "
+        "GROUP BY m.id ORDER BY m.id",
+    )
+
+
+def list_types(session: Session) -> list[Row]:
+    """The semantic types, each with its parents and how many entities of the map are of it."""
+    return _rows(
+        session,
+        "SELECT t.name, "
+        "array_agg(DISTINCT p.parent) FILTER (WHERE p.parent IS NOT NULL) AS parents, "
+        "t.origin, (SELECT count(*) FROM object o WHERE o.type = t.name) AS entities "
+        "FROM semantic_type t LEFT JOIN type_parent p ON p.type = t.name "
+        "GROUP BY t.name, t.origin ORDER BY t.name",
+    )
+
+
+def list_incomplete(session: Session) -> list[Row]:
+    """The entities that lack geometry, type, placement or topology (Deeken et al., section 3.3)."""
+    return _rows(session, "SELECT name, kind, missing FROM incomplete ORDER BY name")
+
+
+def contradictions(session: Session) -> list[Row]:
+    """Where the map disagrees with itself: holders that the geometry excludes, wrong world poses.
+
+    Returns
+    -------
+    One row each: `name`, `holder`, `problem` and what the geometry says; empty for a sound map.
+    """
+    return _rows(
+        session,
+        "SELECT name, holder, origin || ' holder' AS problem, coalesce(geometry_says, 'no holder') "
+        "AS geometry_says FROM inventory_contradiction WHERE map_id = current_map() UNION ALL "
+        "SELECT w.name, w.holder, 'world pose', 'the holder''s pose times the placement' "
+        "FROM world_mismatch w JOIN map m ON m.name = w.map WHERE m.id = current_map() ORDER BY 1",
+    )
+
+
+def entity_id(session: Session, name: str) -> int:
+    """The id of an entity.
+
+    Raises
+    ------
+    LookupError
+        The map has none of this name; the message names those that come near it.
+    """
+    row = session.execute("SELECT entity_id(%s)", (name,)).fetchone()
+    if row is None or row[0] is None:
+        names = _column(session, "SELECT name FROM entity WHERE map_id = current_map()")
+        raise LookupError(f"the map has no entity {name}{similar(name, names)}")
+    return int(row[0])
+
+
+def find(
+    session: Session,
+    *,
+    type: str | None = None,
+    holder: str | None = None,
+    label: str | None = None,
+    where: Mapping[str, Any] | None = None,
+    near: Near | None = None,
+    within: float | None = None,
+    box: Sequence[float] | None = None,
+) -> list[Row]:
+    """The entities of the map that meet all the conditions that are given.
+
+    Parameters
+    ----------
+    type : a semantic type; its subtypes count
+    holder : name of an entity that holds them, or holds what holds them
+    label : the property label (``kitchen``) of the entity, or of its type
+    where : properties and their values
+    near : a point (x, y, z) in metres or the name of an entity: the nearest come first
+    within : metres from `near`, to the entity's 3D box
+    box : (x0, y0, z0, x1, y1, z1), metres: the entity's 3D box meets it
+
+    Returns
+    -------
+    Rows with `name`, `kind`, `type`, `label`, `holder`, `storey`, `x`, `y`, `z` (metres, map frame)
+    and, with `near`, `distance`.
+
+    Raises
+    ------
+    LookupError
+        A type or name that the map does not have, with those that come near it.
+    ValueError
+        A point, box or distance that is none.
+    """
+    conditions = ["e.map_id = current_map()"]
+    values: dict[str, Any] = {}
+    order, extra = "e.kind, e.name", ""
+    if type is not None:
+        types = _column(session, "SELECT name FROM semantic_type")
+        if type not in types:
+            raise LookupError(f"the map has no type {type}{similar(type, types)}")
+        conditions.append("e.id IN (SELECT id FROM object WHERE type = %(type)s)")
+        values["type"] = type
+    if label is not None:
+        conditions.append("(e.label = %(label)s OR e.type = ANY (subtypes(%(label)s)))")
+        values["label"] = label
+    if holder is not None:
+        conditions.append(
+            "e.id IN (WITH RECURSIVE held (id) AS ("
+            "SELECT ob_id FROM inventory WHERE inv_id = %(holder)s UNION "
+            "SELECT i.ob_id FROM held JOIN inventory i ON i.inv_id = held.id) SELECT id FROM held)"
+        )
+        values["holder"] = entity_id(session, holder)
+    if where:
+        conditions.append("e.properties @> %(where)s")
+        values["where"] = Jsonb(dict(where))
+    if box is not None:
+        corners = _numbers(box, 6, "box")
+        if not all(low <= high for low, high in zip(corners[:3], corners[3:], strict=True)):
+            raise ValueError(f"a box has its lowest corner first, then its highest, not {box}")
+        conditions.append(
+            "w.box &&& ST_MakeLine(ST_MakePoint(%(x0)s, %(y0)s, %(z0)s), "
+            "ST_MakePoint(%(x1)s, %(y1)s, %(z1)s))"
+        )
+        values |= dict(zip(("x0", "y0", "z0", "x1", "y1", "z1"), corners, strict=True))
+    if near is not None:
+        values |= dict(zip("xyz", _point(session, near), strict=True))
+        extra = ", round(box_distance(w.box, %(x)s, %(y)s, %(z)s)::numeric, 3) AS distance"
+        order = "box_distance(w.box, %(x)s, %(y)s, %(z)s), e.name"
+        if within is not None:
+            if not 0 <= within < math.inf:
+                raise ValueError(f"within takes metres from 0 on, not {within}")
+            conditions.append("w.box &&& around(%(x)s, %(y)s, %(z)s, %(within)s)")
+            conditions.append("box_distance(w.box, %(x)s, %(y)s, %(z)s) <= %(within)s")
+            values["within"] = within
+    elif within is not None:
+        raise ValueError("within needs near: a point (x, y, z) or a name")
+    return _rows(
+        session,
+        "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, s.name AS storey, "
+        "round(w.pose[1]::numeric, 3) AS x, round(w.pose[2]::numeric, 3) AS y, "
+        f"round(w.pose[3]::numeric, 3) AS z{extra} "
+        "FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
+        "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
+        "LEFT JOIN entity s ON s.id = w.storey_id "
+        f"WHERE {' AND '.join(conditions)} ORDER BY {order}",
+        values,
+    )
+
+
+PARTS = {
+    "types": "SELECT type FROM object WHERE id = %s ORDER BY type",
+    "holds": "SELECT e.name FROM inventory i JOIN entity e ON e.id = i.ob_id "
+    "WHERE i.inv_id = %s ORDER BY e.name",
+    "connectors": "SELECT e.name FROM connector c JOIN entity e ON e.id = c.entity_id "
+    "WHERE %s IN (c.place_a, c.place_b) ORDER BY e.name",
+    "links": "SELECT l.relation || ' ' || e.name FROM link l JOIN entity e ON e.id = l.to_id "
+    "WHERE l.from_id = %s ORDER BY 1",
+    "missing": "SELECT unnest(missing) FROM incomplete WHERE id = %s",
+}
+
+
+def describe(session: Session, name: str, at: datetime | None = None) -> Row:
+    """All that the map has of one entity.
+
+    Parameters
+    ----------
+    at : adds `then`: pose and holder at that time
+
+    Raises
+    ------
+    LookupError
+        The map has no such entity.
+    """
+    number = entity_id(session, name)
+    known = _rows(
+        session,
+        "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, p.relation, "
+        "p.confidence, s.name AS storey, w.pose, e.properties, e.front, e.since, e.source, "
+        "Box3D(w.box)::text AS box, ST_AsText(w.footprint, 3) AS footprint "
+        "FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
+        "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
+        "LEFT JOIN entity s ON s.id = w.storey_id WHERE e.id = %s",
+        (number,),
+    )[0]
+    if known["pose"] is not None:
+        known["pose"] = [round(v, 6) for v in known["pose"]]
+    for part, statement in PARTS.items():
+        known[part] = _column(session, statement, (number,))
+    known["models"] = _rows(
+        session,
+        "SELECT m.kind, m.triangles, m.uri, em.role FROM entity_model em "
+        "JOIN model m ON m.id = em.model_id WHERE em.entity_id = %s ORDER BY m.id",
+        (number,),
+    )
+    joins = _rows(
+        session,
+        "SELECT a.name AS place_a, coalesce(b.name, 'outside') AS place_b, c.form, "
+        "c.direction, c.state, c.behaviour, c.width, c.pose_a, c.pose_b FROM connector c "
+        "JOIN entity a ON a.id = c.place_a LEFT JOIN entity b ON b.id = c.place_b "
+        "WHERE c.entity_id = %s",
+        (number,),
+    )
+    if joins:
+        known["joins"] = joins[0]
+    if at is not None:
+        then = _rows(
+            session,
+            "SELECT pose_at(%(id)s, %(at)s) AS pose, (SELECT e.name FROM placement_at(%(id)s, "
+            "%(at)s) p LEFT JOIN entity e ON e.id = p.holder_id) AS holder",
+            {"id": number, "at": at},
+        )
+        known["then"] = {"at": at.isoformat()} | then[0]
+    return known
+
+
+def changes_since(session: Session, since: str | None) -> tuple[str, list[Row]]:
+    """The changes after a cursor (all that are kept where None), and the cursor for the next call.
+
+    The cursor survives a crash of the server.
+
+    Raises
+    ------
+    ValueError
+        `since` is no cursor.
+    """
+    if since is not None and not re.fullmatch(r"\d+:\d+:[\d,]*", since):
+        raise ValueError(
+            f"{since} is no cursor: give the one that an earlier call printed, or none"
+        )
+    with session.transaction():
+        # One statement, so that cursor and rows are of one snapshot.
+        rows = _rows(
+            session,
+            "SELECT change_cursor() AS cursor, c.id, c.at, m.name AS map, c.what, c.entities "
+            "FROM (SELECT) once LEFT JOIN changes_since(%s) c ON true "
+            "LEFT JOIN map m ON m.id = c.map_id ORDER BY c.id",
+            (since,),
+        )
+        session.execute(SETTLE)
+    cursor = str(rows[0]["cursor"])
+    for row in rows:
+        del row["cursor"]
+    return cursor, [row for row in rows if row["id"] is not None]
+
+
+SETTLE = (
+    "SELECT set_config('synchronous_commit', 'local', true), CASE WHEN pg_is_in_recovery() "
+    "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
+)
+"""Writes what this transaction saw to disk when it commits (`semmap.query.change_feed.settle`)."""
+
+
+def similar(name: str, names: Iterable[str]) -> str:
+    """The end of an error about an unknown name: those that come near it."""
+    close = difflib.get_close_matches(name, list(names), n=3)
+    return f"; did you mean {', '.join(close)}?" if close else "; semmap ls lists what there is"
+
+
+def _rows(session: Session, statement: str, values: Any = None) -> list[Row]:
+    with session.cursor(row_factory=dict_row) as cursor:
+        return cursor.execute(statement, values).fetchall()
+
+
+def _column(session: Session, statement: str, values: Any = None) -> list[Any]:
+    return [row[0] for row in session.execute(statement, values).fetchall()]
+
+
+def _point(session: Session, near: Near) -> list[float]:
+    if not isinstance(near, str):
+        return _numbers(near, 3, "a point")
+    row = session.execute(
+        "SELECT pose FROM world WHERE entity_id = %s", (entity_id(session, near),)
+    ).fetchone()
+    if row is None:
+        raise ValueError(f"{near} has no placement: give a point (x, y, z)")
+    return list(row[0][:3])
+
+
+def _numbers(given: Sequence[float], count: int, what: str) -> list[float]:
+    numbers = [float(v) for v in given]
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{what} has {count} finite numbers, not {given}")
+    return numbers

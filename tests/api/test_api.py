@@ -1,0 +1,245 @@
+"""The public API on a real database: maps, entities by name, questions, changes, refusals."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import shapely
+import trimesh
+from sqlalchemy import func, select
+
+import semmap
+from semmap.model import Entity, Object, WorldPlacement
+from tests.ingest.worlds_by_hand import box_world
+
+
+@pytest.fixture
+def db(database: str) -> Iterator[semmap.Database]:
+    with semmap.connect(database) as opened:
+        yield opened
+
+
+@pytest.fixture
+def flat(db: semmap.Database) -> semmap.SemanticMap:
+    made = db.create_map("flat")
+    made.add_storey("ground", height=3)
+    made.add_room("kitchen", shapely.box(0, 0, 4, 3), floor=0, ceiling=2.7, label="kitchen")
+    made.add_room("hall", [(4.1, 0), (8, 0), (8, 3), (4.1, 3)], ceiling=2.7)
+    made.add_door("door1", "kitchen", "hall", ((4.05, 1), (4.05, 2)))
+    made.add_object("desk4", type="table", size=(1.6, 0.8, 0.75), in_="kitchen")
+    cylinder = trimesh.creation.cylinder(0.04, 0.1)
+    made.add_object("mug7", type="mug", mesh=cylinder, on="desk4", properties={"colour": "red"})
+    return made
+
+
+def names(entities: list[semmap.MapEntity]) -> list[str]:
+    return [entity.name for entity in entities]
+
+
+def test_maps_are_made_listed_and_dropped(db: semmap.Database) -> None:
+    assert db.maps == []
+    with pytest.raises(LookupError, match="there is no map yet"):
+        db.map()
+    db.create_map("flat")
+    assert db.map().name == "flat"
+    db.create_map("office")
+    assert db.maps == ["flat", "office"]
+    with pytest.raises(LookupError, match="there are several maps: flat, office"):
+        db.map()
+    with pytest.raises(LookupError, match="there is no map offic; there are: flat, office"):
+        db.map("offic")
+    with pytest.raises(ValueError, match="there is a map flat already"):
+        db.create_map("flat")
+    assert db.drop_map("flat") == 0
+    assert db.maps == ["office"]
+
+
+def test_chosen_map_is_that_of_later_sessions(db: semmap.Database, database: str) -> None:
+    db.create_map("flat")
+    db.create_map("office")
+    db.use("flat")
+    with semmap.connect(database) as later:
+        assert later.map().name == "flat"
+
+
+def test_added_entities_have_holders_poses_and_types(flat: semmap.SemanticMap) -> None:
+    desk, mug = flat["desk4"], flat["mug7"]
+    assert desk.holder == flat["kitchen"]
+    assert mug.holder == desk
+    assert desk.contents == [mug]
+    assert mug.pose is not None
+    assert mug.pose[:3] == pytest.approx((2, 1.5, 0.8))
+    assert desk.is_a("furniture")
+    assert not mug.is_a("furniture")
+    assert mug.properties == {"colour": "red"}
+    assert flat["kitchen"].holder == flat["ground"]
+    assert flat.check() == []
+
+
+def test_door_leads_from_place_to_place(flat: semmap.SemanticMap) -> None:
+    for name, a, b in (
+        ("kitchen_to_hall", "kitchen", "hall"),
+        ("hall_to_kitchen", "hall", "kitchen"),
+    ):
+        for line in (((4.05, 1), (4.05, 2)), ((4.05, 2), (4.05, 1))):
+            door = flat.add_door(f"{name}{line[0][1]}", a, b, line)
+            joins = door.describe()["joins"]
+            assert (joins["place_a"], joins["place_b"], joins["width"]) == (a, b, 1)
+            assert door.pose is not None
+            stand = door.pose @ semmap.Pose(*joins["pose_a"])
+            assert flat.find(near=(stand.x, stand.y, 1), within=0, box=(0, 0, 0, 9, 9, 2))
+            assert (stand.x < 4) == (a == "kitchen")
+
+
+def test_moves_change_the_holder(flat: semmap.SemanticMap) -> None:
+    mug = flat["mug7"]
+    mug.move_to(6, 1, 0.05, 0.3)
+    assert mug.holder == flat["hall"]
+    assert flat["desk4"].contents == []
+    mug.put_on("desk4")
+    assert mug.holder == flat["desk4"]
+    assert mug.pose is not None
+    assert mug.pose.yaw == pytest.approx(0.3)
+    mug.put_in(flat["hall"])
+    assert mug.holder == flat["hall"]
+    assert mug.pose.z == pytest.approx(0.05)
+    mug.delete()
+    assert "mug7" not in flat
+    assert flat.check() == []
+
+
+def test_questions(flat: semmap.SemanticMap) -> None:
+    assert names(flat.find("table", near=(1, 2, 0), within=3)) == ["desk4"]
+    assert flat.find("table", near=(100, 2, 0), within=3) == []
+    assert names(flat.find("object", near="mug7")[:2]) == ["mug7", "desk4"]
+    assert names(flat.find(where={"colour": "red"})) == ["mug7"]
+    assert names(flat.find(in_="kitchen")) == ["desk4", "mug7"]
+    assert names(flat.find(label="kitchen")) == ["kitchen"]
+    assert names(flat.find("object", box=(0, 0, 0, 1.3, 1.5, 0.5))) == ["desk4"]
+    assert len(flat) == len(list(flat)) == 6
+    assert "mug7" in flat
+    assert {"table", "furniture"} <= {row["name"] for row in flat.types()}
+
+
+def test_changes_are_followed(flat: semmap.SemanticMap, database: str) -> None:
+    assert next(flat.changes())["what"] == "added"
+
+    def move_later() -> None:
+        started.wait()
+        with semmap.connect(database) as other:
+            other.map("flat")["mug7"].move_to(1, 1, 0.05)
+
+    started = threading.Event()
+    mover = threading.Thread(target=move_later)
+    mover.start()
+    changes = flat.changes(follow=True)
+    started.set()
+    change = next(changes)
+    changes.close()  # type: ignore[attr-defined]
+    mover.join()
+    assert (change["what"], change["names"]) == ("moved", ["mug7"])
+    assert list(flat.changes(change["cursor"])) == []
+
+
+def test_files_are_imported(flat: semmap.SemanticMap, tmp_path: Path) -> None:
+    summary = flat.import_file(box_world(tmp_path, {"crate": (6, 1, 0.4)}))
+    assert (summary.map, summary.added) == ("flat", 1)
+    assert flat["crate"].holder == flat["hall"]
+
+
+REFUSED: list[tuple[Callable[[semmap.SemanticMap], Any], str]] = [
+    (lambda flat: flat["mug"], "the map has no entity mug; did you mean mug7?"),
+    (lambda flat: flat.add_object("mug7"), "the map has an entity mug7 already"),
+    (lambda flat: flat.add_object(""), "the object needs a name"),
+    (lambda flat: flat.add_object("a", size=(1, 0, 1)), "the size of a is three lengths above 0"),
+    (lambda flat: flat.add_object("a", size=(1, 1, 1), mesh="x.stl"), "a mesh or a size, not both"),
+    (lambda flat: flat.add_object("a", pose=(1, float("nan"), 0)), "the pose of a is"),
+    (lambda flat: flat.add_object("a", on="desk4", in_="hall"), "on desk4 or in hall, not both"),
+    (
+        lambda flat: flat.add_object("a", size=(1, 1, 1), pose=(99, 0, 0), in_="hall"),
+        "not in or on",
+    ),
+    (lambda flat: flat.add_object("a", on="door1"), "door1 has no geometry"),
+    (lambda flat: flat.add_room("r", [(0, 0), (1, 1), (0, 1), (1, 0)]), "is not valid"),
+    (lambda flat: flat.add_room("r", shapely.Point(0, 0)), "is a Point, not a polygon"),
+    (lambda flat: flat.add_room("r", shapely.box(0, 0, 1, 1), floor=2, ceiling=1), "not above"),
+    (lambda flat: flat.add_door("d", "kitchen", "bath", ((0, 0), (1, 0))), "no entity bath"),
+    (lambda flat: flat.add_door("d", "kitchen", None, ((0, 0), (0, 0))), "is two points"),
+    (lambda flat: flat["mug7"].move_to(float("inf"), 0, 0), "is moved to finite numbers"),
+    (
+        lambda flat: setattr(flat["mug7"], "type", "mugg"),
+        "the map has no type mugg; did you mean mug",
+    ),
+    (lambda flat: flat.find("tabel"), "the map has no type tabel; did you mean table"),
+    (lambda flat: flat.find(near=(1, 2)), "a point has 3 finite numbers"),
+    (lambda flat: flat.find(within=2), "within needs near"),
+    (lambda flat: flat.find(box=(1, 1, 1, 0, 0, 0)), "a box has its lowest corner first"),
+    (lambda flat: list(flat.changes("now")), "now is no cursor"),
+]
+
+
+@pytest.mark.parametrize(("call", "says"), REFUSED, ids=[says for _, says in REFUSED])
+def test_bad_input_is_refused_and_changes_nothing(
+    flat: semmap.SemanticMap, call: Callable[[semmap.SemanticMap], Any], says: str
+) -> None:
+    before = flat.table()
+    with pytest.raises((ValueError, LookupError), match=says.replace("?", r"\?")):
+        call(flat)
+    assert flat.table() == before
+
+
+def test_orm_sees_one_map(db: semmap.Database, flat: semmap.SemanticMap) -> None:
+    other = db.create_map("other")
+    other.add_object("table1", type="table", size=(1, 1, 1), pose=(0, 0, 0))
+    with flat.session() as session:
+        assert session.scalar(select(func.entity_id("table1"))) is None
+        found = session.scalars(
+            select(Object).where(Object.map_id == func.current_map(), Object.is_a("furniture"))
+        ).all()
+        assert [o.name for o in found] == ["desk4"]
+        area = select(func.ST_Area(WorldPlacement.footprint)).where(
+            WorldPlacement.entity_id == found[0].id
+        )
+        assert session.scalar(area) == pytest.approx(1.28)
+        inside = (
+            select(Object.name)
+            .join(Object.world)
+            .where(WorldPlacement.footprint.ST_Intersects("POLYGON((0 0, 4 0, 4 3, 0 3, 0 0))"))
+        )
+        assert set(session.scalars(inside)) == {"desk4", "mug7", "table1"}
+
+
+def test_orm_keeps_changed_properties_and_states_holders(flat: semmap.SemanticMap) -> None:
+    with flat.session() as session:
+        mug = session.scalars(select(Object).where(Object.name == "mug7")).one()
+        mug.properties["colour"] = "blue"
+        assert mug.placement is not None
+        mug.placement.confidence = 0.4
+        session.commit()
+        assert mug.placement.confidence == pytest.approx(0.4)
+        kitchen = session.get_one(Entity, flat["kitchen"].id)
+        mug.placement.holder = kitchen
+        assert mug.placement.confidence is None
+        session.rollback()
+    assert flat["mug7"].properties == {"colour": "blue"}
+
+
+def test_old_schema_is_refused_and_stays(db: semmap.Database, database: str) -> None:
+    db.session.execute("UPDATE public.semmap_version SET version_num = '0007'")
+    with pytest.raises(semmap.DatabaseError, match=r"at revision 0007.*semmap db upgrade"):
+        semmap.connect(database)
+    row = db.session.execute("SELECT version_num FROM public.semmap_version").fetchone()
+    assert row == ("0007",)
+
+
+def test_database_without_schema_is_refused_and_stays_empty(
+    db: semmap.Database, database: str
+) -> None:
+    db.session.execute("DROP SCHEMA semmap CASCADE; DROP TABLE public.semmap_version")
+    with pytest.raises(semmap.DatabaseError, match=r"no semmap schema: semmap db upgrade"):
+        semmap.connect(database)
+    assert db.session.execute("SELECT to_regnamespace('semmap')").fetchone() == (None,)
