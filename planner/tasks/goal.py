@@ -157,8 +157,8 @@ class _Reader:
     def _checked(self, name: str, words: Sequence[Word]) -> Atom:
         if name not in self.known:
             near = difflib.get_close_matches(name, self.known, n=1, cutoff=0.4)
-            mend = f"did you mean {near[0]}?" if near else f"there are {', '.join(self.known)}"
-            raise GoalError(f"there is no relation {name}; {mend}")
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(self.known)}"
+            raise GoalError(f"there is no relation {name}; {hint}")
         if len(words) != self.known[name]:
             raise GoalError(
                 f"{Atom(name, tuple(words))} has {len(words)} arguments; {name} takes "
@@ -197,10 +197,10 @@ def _refuse_contradictions(atoms: Sequence[Atom]) -> None:
             same = robots[0]
         if same is not None:
             item = atom.words[0]
-            mend = "" if item.text == ROBOT else f" (a second one is: another {item})"
+            hint = "" if item.text == ROBOT else f" (a second one is: another {item})"
             raise GoalError(
                 f"{same} and {atom} contradict each other: {item} is in one place only; drop one "
-                f"of them{mend}"
+                f"of them{hint}"
             )
         if atom.relation == "on":
             below[atom.words[0]] = atom

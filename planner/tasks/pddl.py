@@ -113,7 +113,7 @@ class _Writer:
         for operator in problem.operators:
             names |= {
                 n
-                for f in (*operator.adds, *operator.deletes, *operator.asks, *operator.asks_not)
+                for f in (*operator.adds, *operator.deletes, *operator.needs, *operator.needs_not)
                 for n in f[1:]
             }
         # names of entities may hold any characters; those of PDDL may not
@@ -139,7 +139,7 @@ class _Writer:
             actions += self._reach(k)
         arities = {(f[0], len(f) - 1) for f in problem.facts}
         for operator in problem.operators:
-            every = (*operator.adds, *operator.deletes, *operator.asks, *operator.asks_not)
+            every = (*operator.adds, *operator.deletes, *operator.needs, *operator.needs_not)
             arities |= {(f[0], len(f) - 1) for f in every}
         predicates += [
             f"(f-{name} {' '.join(f'?x{i}' for i in range(n))} - thing)" if n else f"(f-{name})"
@@ -287,8 +287,8 @@ class _Writer:
         operator = problem.operators[i]
         needs = ["(working)", f"(undone{i})", *(f"(held {t[n]})" for n in operator.held)]
         needs += [f"(on {t[a]} {t[b]})" for a, b in operator.on]
-        needs += [self._fact(f) for f in operator.asks]
-        needs += [f"(not {self._fact(f)})" for f in operator.asks_not]
+        needs += [self._fact(f) for f in operator.needs]
+        needs += [f"(not {self._fact(f)})" for f in operator.needs_not]
         effects = [f"(not (undone{i}))", "(may-drive)", *(self._fact(f) for f in operator.adds)]
         effects += [f"(not {self._fact(f)})" for f in operator.deletes if f not in operator.adds]
         for number in [None] if operator.at is None else range(len(problem.sites)):

@@ -69,20 +69,20 @@ def expand_plan(
             there = here if operator.at is None else at[operator.at]
             names, seconds = operator.arguments, operator.seconds
             shown = tuple(called.get(n, n) for n in names)
-        driven, walk = _drive(graph, problem.sites[here], problem.sites[there])
+        driven, drive = _drive(graph, problem.sites[here], problem.sites[there])
         actions += driven
         here = there
         if event.kind == "finish":
-            if walk:
-                actions.append(Action("navigate", (problem.sites[here].place,), _sum(walk), walk))
+            if drive:
+                actions.append(Action("navigate", (problem.sites[here].place,), _sum(drive), drive))
             continue
         name = event.operator.name if event.operator else event.kind
         actions.append(
             Action(
                 name,
                 shown,
-                _sum(walk) + seconds,
-                walk,
+                _sum(drive) + seconds,
+                drive,
                 problem.sites[here].pose,
                 () if names == shown else names,
             )

@@ -31,8 +31,8 @@ class Operator:
     at: str | None
     held: tuple[str, ...] = ()
     on: tuple[tuple[str, str], ...] = ()
-    asks: tuple[tuple[str, ...], ...] = ()
-    asks_not: tuple[tuple[str, ...], ...] = ()
+    needs: tuple[tuple[str, ...], ...] = ()
+    needs_not: tuple[tuple[str, ...], ...] = ()
     adds: tuple[tuple[str, ...], ...] = ()
     deletes: tuple[tuple[str, ...], ...] = ()
 

@@ -120,7 +120,7 @@ class _ProblemBuilder:
                     made.differ.append((a, b))
             if len(made.candidates[a]) <= a.number:
                 raise NoPlanError(
-                    f"{self.goal.text} asks for {a.number + 1} of {a.text}; the map knows "
+                    f"{self.goal.text} needs {a.number + 1} of {a.text}; the map has "
                     f"{', '.join(made.candidates[a])}"
                 )
         by_name: dict[str, Word] = {}
@@ -137,12 +137,12 @@ class _ProblemBuilder:
 
     def _refuse_two_places(self, a: Word, b: Word) -> None:
         """Refuse a goal that puts one object, with two words for it, on two others."""
-        said = [
+        atoms = [
             [atom for atom in self.goal.atoms if atom.relation == "on" and atom.words[0] == word]
             for word in (a, b)
         ]
-        for one in said[0]:
-            for other in said[1]:
+        for one in atoms[0]:
+            for other in atoms[1]:
                 if one.words[1] != other.words[1]:
                     raise GoalError(
                         f"{one} and {other} contradict each other: {a} and {b} are the same "

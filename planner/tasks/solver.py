@@ -188,12 +188,12 @@ def _facts(problem: Problem) -> Iterator[Symbol]:
             else:
                 yield fact("acts_at", i, operator.at)
         for name in operator.held:
-            yield fact("asks_held", i, name)
+            yield fact("needs_held", i, name)
         for a_on, b_on in operator.on:
-            yield fact("asks_on", i, a_on, b_on)
+            yield fact("needs_on", i, a_on, b_on)
         for name_, facts in (
-            ("asks", operator.asks),
-            ("asks_not", operator.asks_not),
+            ("needs", operator.needs),
+            ("needs_not", operator.needs_not),
             ("adds", operator.adds),
             ("deletes", operator.deletes),
         ):

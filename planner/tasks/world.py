@@ -34,8 +34,8 @@ class UnknownObjectError(LookupError):
         known = sorted(set(known))
         near = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
         near += [k for k in known if word.lower() in k.lower() and k not in near][: 3 - len(near)]
-        mend = f"did you mean {' or '.join(near)}?" if near else "semmap ls lists the objects"
-        super().__init__(f"there is no {word}: no {what} has this name, type or label; {mend}")
+        hint = f"did you mean {' or '.join(near)}?" if near else "semmap ls lists the objects"
+        super().__init__(f"there is no {word}: no {what} has this name, type or label; {hint}")
 
 
 @dataclass(frozen=True)

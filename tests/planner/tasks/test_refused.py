@@ -59,7 +59,7 @@ def world(**changed: dict[str, object]) -> TaskWorld:
         ),
         ("on(muffin, lab2)", {}, {}, GoalError, r"lab2 is a place; say in\(muffin, lab2\)"),
         ("on(muffin, desk1) and on(muffin1, desk4)", {}, {}, GoalError, "are the same object"),
-        ("on(muffin, desk1) and on(another muffin, desk1)", {}, {}, NoPlanError, "asks for 2 of"),
+        ("on(muffin, desk1) and on(another muffin, desk1)", {}, {}, NoPlanError, "needs 2 of"),
         ("in(robot, lab2)", {}, {"door8": {"state": "locked"}}, NoPlanError, "door8 is locked"),
     ],
 )
