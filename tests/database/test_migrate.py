@@ -162,7 +162,8 @@ ALTER TABLE mission_step RENAME COLUMN command TO stage;
 ALTER TABLE mission_step RENAME COLUMN message TO said;
 """
 NAMES = """
-SELECT table_name || '.' || column_name FROM information_schema.columns WHERE table_schema = 'semmap'
+SELECT table_name || '.' || column_name FROM information_schema.columns
+WHERE table_schema = 'semmap'
 UNION SELECT relname::text FROM pg_class WHERE relnamespace = 'semmap'::regnamespace
 UNION SELECT conname FROM pg_constraint WHERE connamespace = 'semmap'::regnamespace
 """
