@@ -19,6 +19,7 @@ from planner.live_topology import LiveTopology, TopologyChange
 from planner.readers.robot_class import store_robot_class
 from planner.readers.travel_times import MeasuredTravel, store_measured_until, store_travel_times
 from planner.robot_class import RobotClass
+from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
@@ -69,9 +70,9 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
     with engine.begin() as connection:
         ids = store(connection, topology, name)
         number = store_robot_class(connection, robot)
-        walks = [*_straight(topology, ids, robot.speed)]
+        travel = [*_straight(topology, ids, robot.speed)]
         states = {ids[p.name]: "" for p in topology.places.values()}
-        store_travel_times(connection, number, walks, states)
+        store_travel_times(connection, number, travel, states)
     with engine.begin() as connection:  # which sees that as done
         connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": name})
         store_measured_until(connection, number, cursor(connection))
@@ -85,7 +86,7 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
         seconds.append(time.perf_counter() - start)
     load = 1e3 * statistics.median(seconds[1:])
     assert live.graph.measured == [], live.graph.measured
-    assert math.isfinite(live.topology.route("room-9-4-18", "room-0-0-0").seconds)
+    assert math.isfinite(RoutePlanner.of_live(live).route("room-9-4-18", "room-0-0-0").seconds)
     places = f"{len(topology.places):,} rooms, {len(topology.connectors):,} connectors"
     connector = live.topology.connectors["door-3-2-7"]
     taken = []
@@ -97,7 +98,7 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
     change = 1e3 * statistics.median(taken)
     return [
         Row(
-            f"load {places}, {len(walks):,} walks",
+            f"load {places}, {len(travel):,} travel times",
             f"{load:.1f} ms",
             "",
             f"under {LOAD_MS:g} ms",
@@ -114,7 +115,7 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
 
 
 def _straight(topology: Topology, ids: dict[str, int], speed: float) -> Iterator[MeasuredTravel]:
-    """Walks as the crow flies."""
+    """Travel along straight lines."""
     inside: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
     for c in topology.connectors.values():
         for place, pose in zip(c.places, c.poses, strict=True):
