@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from benchmarks.timing import Row, median_seconds, print_rows
-from planner.network import Network
-from planner.tasks import State, Thing, World, plan_task
-from planner.topology import Connector, Place, Topology
+from planner.routing_graph import RoutingGraph
+from planner.tasks import TaskObject, TaskState, TaskWorld, find_plan
+from planner.topology import Place, PlaceConnector, Topology
 from semmap.geometry.pose import Pose
 
 __all__ = ["furnish", "main", "tower"]
@@ -40,63 +40,94 @@ def tower(rooms: int, seed: int = 3) -> Topology:
                     frame = Pose.planar(
                         PITCH * (x + dx / 2) + random.uniform(-1, 1) * dy,
                         PITCH * (y + dy / 2) + random.uniform(-1, 1) * dx,
-                        math.atan2(dy, dx), z,
-                    )  # fmt: skip
+                        math.atan2(dy, dx),
+                        z,
+                    )
                     connectors.append(
-                        Connector(
+                        PlaceConnector(
                             f"door{storey}-{x}-{y}-{dy}",
                             (f"room{storey}-{x}-{y}", f"room{storey}-{there[0]}-{there[1]}"),
-                            (frame @ Pose.planar(-0.6, 0.0),
-                             frame @ Pose.planar(0.6, 0.0, math.pi)),
+                            (
+                                frame @ Pose.planar(-0.6, 0.0),
+                                frame @ Pose.planar(0.6, 0.0, math.pi),
+                            ),
                             state="closed" if random.random() < 0.1 else "open",
                         )
-                    )  # fmt: skip
+                    )
         places.append(Place(f"cabin{storey}", storey=name, elevator="elevator", floor=z))
         frame = Pose.planar(-PITCH / 2, PITCH * 2, math.pi, z)
         connectors.append(
-            Connector(
-                f"edoor{storey}", (f"room{storey}-0-2", f"cabin{storey}"),
+            PlaceConnector(
+                f"edoor{storey}",
+                (f"room{storey}-0-2", f"cabin{storey}"),
                 (frame @ Pose.planar(-0.6, 0.0), frame @ Pose.planar(0.6, 0.0, math.pi)),
-                type="elevator_door", state="closed", behaviour="call_elevator",
+                type="elevator_door",
+                state="closed",
+                behaviour="call_elevator",
             )
-        )  # fmt: skip
+        )
     return Topology.of(places, connectors)
 
 
-def furnish(topology: Topology, things: int = 201, seed: int = 5) -> World:
-    """Tables in random rooms, and on them things of ten types; one of them is the only muffin."""
+def furnish(topology: Topology, items: int = 201, seed: int = 5) -> TaskWorld:
+    """Tables in random rooms, and on them items of ten types; one of them is the only muffin."""
     random = np.random.default_rng(seed)
     rooms = [p for p in topology.places.values() if p.elevator is None]
     found = []
     tables = []
-    for i, k in enumerate(random.permutation(len(rooms))[: things // 2]):
+    for i, k in enumerate(random.permutation(len(rooms))[: items // 2]):
         x, y = (int(v) for v in rooms[k].name.split("-")[1:])
-        at = Pose(PITCH * x + random.uniform(-1.5, 1.5), PITCH * y + random.uniform(-1.5, 1.5),
-                  rooms[k].floor + 0.4)  # fmt: skip
+        at = Pose(
+            PITCH * x + random.uniform(-1.5, 1.5),
+            PITCH * y + random.uniform(-1.5, 1.5),
+            rooms[k].floor + 0.4,
+        )
         tables.append(
-            Thing(f"table{i}", ("table", "furniture"), None, rooms[k].name, rooms[k].name, at,
-                  height=0.4, size=(1.6, 0.8, 0.8), surface=1.0)
-        )  # fmt: skip
-    for i in range(things - len(tables)):
+            TaskObject(
+                f"table{i}",
+                ("table", "furniture"),
+                None,
+                rooms[k].name,
+                rooms[k].name,
+                at,
+                height=0.4,
+                size=(1.6, 0.8, 0.8),
+                surface=1.0,
+            )
+        )
+    for i in range(items - len(tables)):
         under = tables[int(random.integers(len(tables)))]
         assert under.pose is not None
         aside = random.uniform(-0.3, 0.3, 2)
         at = Pose(under.pose.x + aside[0], under.pose.y + aside[1], under.pose.z + 0.5)
         kind = "muffin" if i == 0 else f"kind{i % 10}"
-        found.append(Thing(f"thing{i}", (kind,), None, under.name, under.place, at, height=0.9,
-                           size=(0.1, 0.1, 0.1)))  # fmt: skip
-    return World([*tables, *found])
+        found.append(
+            TaskObject(
+                f"item{i}",
+                (kind,),
+                None,
+                under.name,
+                under.place,
+                at,
+                height=0.9,
+                size=(0.1, 0.1, 0.1),
+            )
+        )
+    return TaskWorld([*tables, *found])
 
 
-def _row(network: Network, world: World, goal: str, job: str, asked: float) -> Row:
-    state = State("room0-5-2", Pose(PITCH * 5, PITCH * 2, 0.0))
-    plan = plan_task(network, world, state, goal)
-    taken = 1e3 * median_seconds(lambda: plan_task(network, world, state, goal), 7)
+def _row(graph: RoutingGraph, world: TaskWorld, goal: str, job: str, asked: float) -> Row:
+    state = TaskState("room0-5-2", Pose(PITCH * 5, PITCH * 2, 0.0))
+    plan = find_plan(graph, world, state, goal)
+    taken = 1e3 * median_seconds(lambda: find_plan(graph, world, state, goal), 7)
     proven = "proven optimal" if plan.optimal else f"gap {plan.gap:.0%}"
     return Row(
-        job, f"{taken:.1f} ms", f"{len(plan.actions)} actions, {plan.seconds:.0f} s, {proven}",
-        f"at most {asked:g} ms", taken <= asked and plan.optimal,
-    )  # fmt: skip
+        job,
+        f"{taken:.1f} ms",
+        f"{len(plan.actions)} actions, {plan.seconds:.0f} s, {proven}",
+        f"at most {asked:g} ms",
+        taken <= asked and plan.optimal,
+    )
 
 
 def main() -> None:
@@ -104,17 +135,22 @@ def main() -> None:
     small, large = tower(1000), tower(10000)
     rows = []
     for topology, count, asked in ((small, "1,000", 50.0), (large, "10,000", 200.0)):
-        network, world = topology.network(), furnish(topology)
-        network.graph.prepare()
-        job = f"{count} rooms, {len(world.things)} objects"
-        rows.append(_row(network, world, "on(muffin, table7)", f"{job}: on(muffin, table7)", asked))
+        graph, world = RoutingGraph(topology), furnish(topology)
+        graph.graph.prepare()
+        job = f"{count} rooms, {len(world.objects)} objects"
+        rows.append(_row(graph, world, "on(muffin, table7)", f"{job}: on(muffin, table7)", asked))
         rows.append(
-            _row(network, world, "on(kind3, table7)", f"{job}: on(kind3, table7), the best of 10",
-                 asked)
-        )  # fmt: skip
+            _row(
+                graph,
+                world,
+                "on(kind3, table7)",
+                f"{job}: on(kind3, table7), the best of 10",
+                asked,
+            )
+        )
         if count == "1,000":
-            goal = " and ".join(f"on(thing{3 * i}, table{5 * i + 2})" for i in range(1, 6))
-            rows.append(_row(network, world, goal, f"{job}: five objects", 200.0))
+            goal = " and ".join(f"on(item{3 * i}, table{5 * i + 2})" for i in range(1, 6))
+            rows.append(_row(graph, world, goal, f"{job}: five objects", 200.0))
     print_rows("Plans", rows)
 
 

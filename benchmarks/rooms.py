@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from planner.topology import Connector, Place, Topology
+from planner.topology import Place, PlaceConnector, Topology
 from semmap.geometry.pose import Pose
 
 __all__ = ["rooms"]
@@ -38,10 +38,10 @@ def rooms(floors: int = 10, corridors: int = 5, along: int = 19) -> Topology:
     return Topology.of(places, connectors)
 
 
-def _door(name: str, a: str, b: str, x: float, y: float, z: float, north: int) -> Connector:
+def _door(name: str, a: str, b: str, x: float, y: float, z: float, north: int) -> PlaceConnector:
     """A door at (x, y) that leads north or south from a to b."""
     heading = math.copysign(math.pi / 2, north)
     poses = (
         Pose.planar(x, y - 0.6 * north, heading, z), Pose.planar(x, y + 0.6 * north, -heading, z)
     )  # fmt: skip
-    return Connector(name, (a, b), poses, width=0.9)
+    return PlaceConnector(name, (a, b), poses, width=0.9)

@@ -1,5 +1,79 @@
-"""Topology, routes and tasks over the semantic map."""
+"""Topology, routes, tasks and missions over the semantic map.
 
-from planner.topology import Topology
+Components, from the bottom up:
 
-__all__ = ["Topology"]
+- `Topology`: the places of a building and the connectors that join them, as plain data.
+- `RoutingGraph`: the topology as a graph of travel times for one class of robots.
+- `RoutePlanner`: routes from and to places, objects, regions and poses.
+- `plan_task`: the actions that reach a goal such as ``on(muffin, desk1)``.
+- `LiveTopology`: a routing graph that follows the map in the database.
+
+Names are imported when they are used first, so that ``import planner`` is cheap.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from planner.cost_rules import CostRule, CostRules
+    from planner.duration import Durations
+    from planner.live_topology import LiveTopology, TopologyChange
+    from planner.plan import Action, Plan
+    from planner.robot_class import RobotClass
+    from planner.route import NoRouteError, Route, RouteStep
+    from planner.route_planner import RoutePlanner
+    from planner.routing_graph import Endpoint, RoutingGraph
+    from planner.task_planner import TaskPlanner, plan_task
+    from planner.topology import Place, PlaceConnector, PlaceRegion, Topology, UnknownPlaceError
+
+__all__ = [
+    "Action",
+    "CostRule",
+    "CostRules",
+    "Durations",
+    "Endpoint",
+    "LiveTopology",
+    "NoRouteError",
+    "Place",
+    "PlaceConnector",
+    "PlaceRegion",
+    "Plan",
+    "RobotClass",
+    "Route",
+    "RoutePlanner",
+    "RouteStep",
+    "RoutingGraph",
+    "TaskPlanner",
+    "Topology",
+    "TopologyChange",
+    "UnknownPlaceError",
+    "plan_task",
+]
+
+_MODULES = {
+    "cost_rules": ("CostRule", "CostRules"),
+    "duration": ("Durations",),
+    "live_topology": ("LiveTopology", "TopologyChange"),
+    "plan": ("Action", "Plan"),
+    "robot_class": ("RobotClass",),
+    "route": ("NoRouteError", "Route", "RouteStep"),
+    "route_planner": ("RoutePlanner",),
+    "routing_graph": ("Endpoint", "RoutingGraph"),
+    "task_planner": ("TaskPlanner", "plan_task"),
+    "topology": ("Place", "PlaceConnector", "PlaceRegion", "Topology", "UnknownPlaceError"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names:
+            value = getattr(import_module(f"planner.{module}"), name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module 'planner' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

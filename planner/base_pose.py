@@ -1,7 +1,7 @@
-"""Where a robot's base stands: to reach a thing, or somewhere in a region (Deeken et al., 5.2).
+"""Where a robot's base stands to reach an object, or inside a region (Deeken et al., section 5.2).
 
-To reach a thing means a free pose, facing it, from which it is neither too near nor too far, with
-no wall between; in a region any admissible pose serves, drawn by chance.
+To reach an object, the base needs a free pose that faces it, neither too near nor too far, with no
+wall between. Inside a region, any free pose will do, and it is drawn at random.
 """
 
 from __future__ import annotations
@@ -16,86 +16,78 @@ from numpy.typing import NDArray
 from navgrid.area import area_cells
 from navgrid.headings import footprint_cells
 from navgrid.inflation import INSCRIBED
-from planner.ground import Ground
+from planner.entity_lookup import LocatedEntity
 from planner.route import NoRouteError
-from planner.target import Target
+from planner.storey_costmaps import RoomCostmap, StoreyCostmaps
 from semmap.geometry.pose import Pose
 
 __all__ = ["NoBasePoseError", "poses_in", "poses_to_reach"]
 
 SECTORS = 24
-"""Sides of a thing from which it may be reached."""
+"""Number of sides of an object from which it may be reached."""
 
 HEADINGS = 16
-"""Ways to turn that are tried in a region."""
+"""Number of headings that are tried in a region."""
 
 TRIES = 200
-"""Points of a region that are tried with one of them each."""
+"""Number of points of a region that are tried with each heading."""
 
 WALLS = "room_geometry"
+"""The costmap layer that has the walls."""
 
 
 class NoBasePoseError(NoRouteError):
-    """A robot finds no free pose there; the message says why."""
+    """The robot has no free pose there; the message says why."""
 
 
-def poses_to_reach(ground: Ground, target: Target, most: int = 12) -> list[Pose]:
-    """Free base poses that face a thing and from which the robot reaches it, clear ones first.
+def poses_to_reach(costmaps: StoreyCostmaps, target: LocatedEntity, most: int = 12) -> list[Pose]:
+    """Free base poses that face an object within reach, those with the lowest costs first.
 
-    At most one from each side of it.
+    There is at most one pose on each side of the object.
+
+    Parameters
+    ----------
+    most
+        Return no more poses than this.
 
     Raises
     ------
     NoBasePoseError
     """
-    robot = ground.robot
+    robot = costmaps.robot
     if target.place is None:
         raise NoBasePoseError(f"no room holds {target.name}: it cannot be reached")
-    room, costs = ground.room(target.place), ground.costs(target.place)
+    room, costs = costmaps.room(target.place), costmaps.costs(target.place)
     if room is None or costs is None or target.pose is None:
-        raise NoBasePoseError(f"the map does not know where in {target.place} {target.name} is")
+        raise NoBasePoseError(f"the map does not say where in {target.place} {target.name} is")
     shape = target.footprint
     if shape is None or shape.is_empty:
         shape = shapely.Point(target.pose.x, target.pose.y)
-    floor = ground.topology.places[target.place].floor
-    if target.heights is not None:
-        low, high = (z - floor for z in target.heights)
-        if low > robot.heights[1] or high < robot.heights[0]:
-            raise NoBasePoseError(
-                f"{target.name} is {low:.2f} to {high:.2f} m above the floor; {robot.name} reaches "
-                f"from {robot.heights[0]:.2f} to {robot.heights[1]:.2f} m"
-            )
-    free = np.argwhere(costs < INSCRIBED)
-    points = np.array(room.grid.origin) + (free[:, ::-1] + 0.5) * room.grid.resolution
-    x0, y0, x1, y1 = shape.bounds
-    far = robot.reach[1]
-    near = ((points >= (x0 - far, y0 - far)) & (points <= (x1 + far, y1 + far))).all(axis=1)
-    free, points = free[near], points[near]
-    away = shapely.distance(shapely.points(points), shape)
-    fits = (away >= robot.reach[0]) & (away <= far)
-    free, points, away = free[fits], points[fits], away[fits]
+    floor = costmaps.topology.places[target.place].floor
+    _refuse_height(costmaps, target, floor)
+    free, points, away = _within_reach(room, costs, shape, robot.reach)
     if not len(free):
         raise NoBasePoseError(
-            f"{robot.name} finds no free place within {far:.2f} m of {target.name} in "
+            f"{robot.name} finds no free place within {robot.reach[1]:.2f} m of {target.name} in "
             f"{target.place}"
         )
     middle = shape.centroid
-    to = np.array([middle.x, middle.y]) - points
-    doors = _doors(ground, target.place)
-    sector = np.floor((np.arctan2(-to[:, 1], -to[:, 0]) / (2 * math.pi) + 1) * SECTORS) % SECTORS
+    towards = np.array([middle.x, middle.y]) - points
+    turn = np.arctan2(-towards[:, 1], -towards[:, 0]) / (2 * math.pi) + 1
+    sector = np.floor(turn * SECTORS) % SECTORS
     price = costs[free[:, 0], free[:, 1]].astype(np.int64)
-    order = np.lexsort((np.round(away, 3), price))
     found: list[Pose] = []
     taken: set[int] = set()
-    walls = _walls(ground, target.place)
-    for i in order:
+    doors = _door_lines(costmaps, target.place)
+    walls = _walls(costmaps, target.place)
+    for i in np.lexsort((np.round(away, 3), price)):
         if int(sector[i]) in taken:
             continue
-        part = shapely.intersection(shape, shapely.Point(points[i]).buffer(far)).centroid
+        part = shapely.intersection(shape, shapely.Point(points[i]).buffer(robot.reach[1])).centroid
         heading = math.atan2(part.y - points[i, 1], part.x - points[i, 0])
-        if _touches(ground, target.place, points[i], heading, doors):
+        if _touches(costmaps, target.place, points[i], heading, doors):
             continue
-        if _behind_a_wall(walls, room.grid.origin, room.grid.resolution, points[i], shape):
+        if _is_behind_wall(walls, room, points[i], shape):
             continue
         taken.add(int(sector[i]))
         found.append(Pose.planar(float(points[i, 0]), float(points[i, 1]), heading, floor))
@@ -103,40 +95,46 @@ def poses_to_reach(ground: Ground, target: Target, most: int = 12) -> list[Pose]
             break
     if not found:
         raise NoBasePoseError(
-            f"{robot.name} cannot turn to {target.name} anywhere within its reach: its footprint "
-            "would touch something, or a wall is between"
+            f"{robot.name} cannot face {target.name} anywhere within reach: its footprint would "
+            "touch an obstacle, or a wall is between"
         )
     return found
 
 
 def poses_in(
-    ground: Ground, target: Target, rng: np.random.Generator, most: int = 12
+    costmaps: StoreyCostmaps, target: LocatedEntity, rng: np.random.Generator, most: int = 12
 ) -> list[Pose]:
-    """Admissible poses drawn from a region: free of obstacles for this robot, as it is turned.
+    """Free poses drawn at random in a region: the turned footprint touches no obstacle.
+
+    Parameters
+    ----------
+    most
+        Return no more poses than this.
 
     Raises
     ------
     NoBasePoseError
     """
-    name, robot = target.name, ground.robot
+    name, robot = target.name, costmaps.robot
     if target.place is None or target.footprint is None:
-        raise NoBasePoseError(f"the map does not know in which room {name} is, or what it covers")
-    room, costs = ground.room(target.place), ground.costs(target.place)
+        raise NoBasePoseError(f"the map does not say in which room {name} is, or has no outline")
+    room, costs = costmaps.room(target.place), costmaps.costs(target.place)
     if room is None or costs is None:
-        raise NoBasePoseError(f"the map does not know what {target.place} covers")
+        raise NoBasePoseError(f"the map has no outline of {target.place}")
     free = (costs < INSCRIBED) & area_cells(target.footprint, room.grid)
     rows, columns = np.nonzero(free)
-    points = np.array(room.grid.origin) + (np.stack([columns, rows], 1) + 0.5) * ground.resolution
+    cells = np.stack([columns, rows], 1)
+    points = np.array(room.grid.origin) + (cells + 0.5) * costmaps.resolution
     points = points[shapely.covers(target.footprint, shapely.points(points))]
-    floor = ground.topology.places[target.place].floor
+    floor = costmaps.topology.places[target.place].floor
     found: list[Pose] = []
-    doors = _doors(ground, target.place)
-    turns = 2 * math.pi * np.arange(HEADINGS) / HEADINGS + rng.uniform(-math.pi, math.pi)
-    for turn in rng.permutation(HEADINGS):  # most poses are found with the first
+    doors = _door_lines(costmaps, target.place)
+    headings = 2 * math.pi * np.arange(HEADINGS) / HEADINGS + rng.uniform(-math.pi, math.pi)
+    for offset in rng.permutation(HEADINGS):  # most poses are found with the first
         for k in rng.permutation(len(points))[:TRIES]:
             x, y = map(float, points[k])
-            heading = math.remainder(float(turns[(turn + k) % HEADINGS]), 2 * math.pi)
-            if not _touches(ground, target.place, points[k], heading, doors):
+            heading = math.remainder(float(headings[(offset + k) % HEADINGS]), 2 * math.pi)
+            if not _touches(costmaps, target.place, points[k], heading, doors):
                 found.append(Pose.planar(x, y, heading, floor))
             if len(found) == most:
                 break
@@ -145,11 +143,41 @@ def poses_in(
     raise NoBasePoseError(f"{robot.name} finds no free pose in {name}")
 
 
-def _walls(ground: Ground, place: str) -> NDArray[np.bool_]:
-    """(rows, columns) bool: the cells of walls in a place's window, for the highest part."""
-    room = ground.room(place)
+def _refuse_height(costmaps: StoreyCostmaps, target: LocatedEntity, floor: float) -> None:
+    robot = costmaps.robot
+    if target.heights is None:
+        return
+    low, high = (z - floor for z in target.heights)
+    if low > robot.heights[1] or high < robot.heights[0]:
+        raise NoBasePoseError(
+            f"{target.name} is {low:.2f} to {high:.2f} m above the floor; {robot.name} reaches "
+            f"from {robot.heights[0]:.2f} to {robot.heights[1]:.2f} m"
+        )
+
+
+def _within_reach(
+    room: RoomCostmap,
+    costs: NDArray[np.uint8],
+    shape: shapely.Geometry,
+    reach: tuple[float, float],
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """The free cells from which a shape is within reach: cells, middles, distances to it."""
+    cells = np.argwhere(costs < INSCRIBED)
+    points = np.array(room.grid.origin) + (cells[:, ::-1] + 0.5) * room.grid.resolution
+    x0, y0, x1, y1 = shape.bounds
+    near, far = reach
+    close = ((points >= (x0 - far, y0 - far)) & (points <= (x1 + far, y1 + far))).all(axis=1)
+    cells, points = cells[close], points[close]
+    away = shapely.distance(shapely.points(points), shape)
+    fits = (away >= near) & (away <= far)
+    return cells[fits], points[fits], away[fits]
+
+
+def _walls(costmaps: StoreyCostmaps, place: str) -> NDArray[np.bool_]:
+    """(rows, columns) bool: the wall cells in the window of a place, for the highest part."""
+    room = costmaps.room(place)
     assert room is not None
-    costmap = ground.costmap(ground.storey_of(place))
+    costmap = costmaps.costmap(costmaps.storey_of(place))
     cells = costmap.occupied.get(WALLS)
     if cells is None:
         return np.zeros(room.grid.shape, np.bool_)
@@ -158,30 +186,28 @@ def _walls(ground: Ground, place: str) -> NDArray[np.bool_]:
     return walls
 
 
-def _behind_a_wall(
+def _is_behind_wall(
     walls: NDArray[np.bool_],
-    origin: tuple[float, float],
-    resolution: float,
+    room: RoomCostmap,
     point: NDArray[np.float64],
     shape: shapely.Geometry,
 ) -> bool:
-    """Whether the straight line from a point to a shape meets a wall before it gets there."""
+    """Whether the shortest line from a point to a shape crosses a wall."""
+    resolution = room.grid.resolution
     end = np.array(shapely.shortest_line(shapely.Point(point), shape).coords[-1])
     length = float(np.linalg.norm(end - point))
     steps = np.linspace(0.0, 1.0, max(2, math.ceil(2 * length / resolution)), endpoint=False)
     line = point + steps[:, None] * (end - point)
-    cells = np.floor((line - origin) / resolution).astype(int)
-    rows, columns = cells[:, 1], cells[:, 0]
-    inside = (
-        (rows >= 0) & (rows < walls.shape[0]) & (columns >= 0) & (columns < walls.shape[1])
-    )  # fmt: skip
-    return bool(walls[rows[inside], columns[inside]].any())
+    cells = np.floor((line - room.grid.origin) / resolution).astype(int)
+    inside = ((cells >= 0) & (cells < walls.shape[::-1])).all(axis=1)
+    columns, rows = cells[inside].T
+    return bool(walls[rows, columns].any())
 
 
-def _doors(ground: Ground, place: str) -> list[shapely.LineString]:
-    """Across the openings of a place: whoever stands there is in the way of a door, or in one."""
+def _door_lines(costmaps: StoreyCostmaps, place: str) -> list[shapely.LineString]:
+    """Lines across the doorways of a place: a robot that touches one blocks the door."""
     lines = []
-    for connector, _ in ground.topology.doors_of(place):
+    for connector, _ in costmaps.topology.connectors_of(place):
         a, b = connector.poses
         middle = np.array([a.x + b.x, a.y + b.y]) / 2
         along = np.array([b.x - a.x, b.y - a.y])
@@ -193,14 +219,14 @@ def _doors(ground: Ground, place: str) -> list[shapely.LineString]:
 
 
 def _touches(
-    ground: Ground,
+    costmaps: StoreyCostmaps,
     place: str,
     point: NDArray[np.float64],
     heading: float,
     doors: Sequence[shapely.LineString] = (),
 ) -> bool:
-    """Whether a part's footprint, turned, touches a door, or what is in its interval there."""
-    costmap = ground.costmap(ground.storey_of(place))
+    """Whether the footprint of a part touches a door, or an obstacle in the part's interval."""
+    costmap = costmaps.costmap(costmaps.storey_of(place))
     if doors:
         cos, sin = math.cos(heading), math.sin(heading)
         turn = np.array([[cos, sin], [-sin, cos]])
@@ -219,7 +245,7 @@ def _touches(
 def _overlap(
     cells: NDArray[np.bool_], row: int, column: int, shape: tuple[int, int]
 ) -> Iterator[tuple[tuple[slice, slice], NDArray[np.bool_]]]:
-    """The window of a grid that a mask laid at a cell covers, and that part of the mask."""
+    """The window of a grid that a mask at a cell covers, and that part of the mask."""
     r0, c0 = max(0, row), max(0, column)
     r1, c1 = min(shape[0], row + cells.shape[0]), min(shape[1], column + cells.shape[1])
     if r0 < r1 and c0 < c1:

@@ -1,4 +1,4 @@
-"""Cheapest routes over a directed graph whose weights change while it is asked."""
+"""Shortest paths in a directed graph whose weights change while other threads search."""
 
 from __future__ import annotations
 
@@ -10,40 +10,44 @@ from numpy.typing import ArrayLike, NDArray
 
 import semmap_native
 
-__all__ = ["End", "Graph", "Way"]
+__all__ = ["Graph", "GraphPath", "PathEnd"]
 
-End = tuple[int, float]
-"""A node at which ways begin or end, and what that costs."""
+PathEnd = tuple[int, float]
+"""A node at which paths may begin or end, and the cost of doing so."""
 
-Way = tuple[float, NDArray[np.int64]]
-"""What a way costs, its ends included, and the edges that it passes in order, (n,) int64."""
+GraphPath = tuple[float, NDArray[np.int64]]
+"""The cost of a path, its ends included, and its edges in order, (n,) int64."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
 class Graph:
-    """A directed graph; edges may be parallel, closed, and given other weights at any time.
+    """A directed graph. Edges may be parallel or closed, and change their weights at any time.
 
-    One way is found by A* with lower bounds from landmarks, which are nodes far apart (Goldberg and
+    A path is found by A* with lower bounds from landmarks, which are nodes far apart (Goldberg and
     Harrelson, Computing the shortest path: A* search meets graph theory, SODA 2005). Any number of
-    threads may ask while others set weights; each answer is exact for the weights before or after.
+    threads may search while others set weights; each answer is exact for the weights before or
+    after the change.
 
     Parameters
     ----------
-    tails, heads : (E,) whole numbers, the nodes from which and to which each edge leads
-    weights : (E,) float64, not negative; infinity where an edge is closed
-    n_nodes : how many nodes there are
-    least : (E,) float64
-        What no weight will fall below; the weights where None. Say it of an edge that is closed now
-        and may open: where a weight falls far below, the landmarks are lost, and ways are searched
-        without until that has cost as much as computing new ones.
+    tails, heads
+        (E,) whole numbers: the nodes from which and to which each edge leads.
+    weights
+        (E,) float64, not negative; infinity closes an edge.
+    n_nodes
+        Number of nodes.
+    least
+        (E,) float64: the lowest weight that each edge may get later; by default `weights`. Give it
+        for edges that are closed now and may open. If a weight falls far below it, the landmarks
+        become invalid, and paths are searched without landmarks until that has cost as much as
+        computing new ones.
 
     Raises
     ------
     ValueError
-        Arrays of different lengths or other types, nodes that are not there, weights that are
-        negative or no numbers.
+        Arrays of different lengths or of wrong types, unknown nodes, negative weights or NaN.
 
     Examples
     --------
@@ -65,14 +69,14 @@ class Graph:
         least: ArrayLike | None = None,
     ) -> None:
         if not 0 <= n_nodes < 2**32 - 1:
-            raise ValueError(f"n_nodes is 0 to {2**32 - 2}, not {n_nodes}")
+            raise ValueError(f"n_nodes is {n_nodes}; give a number from 0 to {2**32 - 2}")
         self.n_nodes = n_nodes
         from_, to = self._nodes("tails", tails), self._nodes("heads", heads)
         costs = _weights("weights", weights)
         lowest = costs if least is None else _weights("least", least)
         if not len(from_) == len(to) == len(costs) == len(lowest):
             raise ValueError(
-                f"an edge is a tail, a head and a weight, but there are {len(from_)} tails, "
+                f"each edge has a tail, a head and a weight, but there are {len(from_)} tails, "
                 f"{len(to)} heads, {len(costs)} weights and {len(lowest)} least weights"
             )
         self.n_edges = len(costs)
@@ -80,76 +84,86 @@ class Graph:
 
     @property
     def weights(self) -> Floats:
-        """(E,) what the edges cost now, a copy."""
+        """(E,) the present weights, a copy."""
         return self._graph.weights()
 
     def set_weights(self, edges: ArrayLike, weights: ArrayLike) -> None:
-        """Give edges other weights: all of them, or none where a ValueError says why.
+        """Change the weights of edges: all of them, or none if an argument is invalid.
 
         Parameters
         ----------
-        edges : (n,) whole numbers; the last counts where one comes twice
-        weights : (n,) float64, not negative; infinity closes an edge
+        edges
+            (n,) whole numbers; of an edge that is given twice, the last weight counts.
+        weights
+            (n,) float64, not negative; infinity closes an edge.
+
+        Raises
+        ------
+        ValueError
         """
         numbers = _numbers("edges", edges, self.n_edges, "edge")
         costs = _weights("weights", weights)
         if len(numbers) != len(costs):
-            raise ValueError(f"{len(numbers)} edges are given {len(costs)} weights")
+            raise ValueError(f"there are {len(numbers)} edges and {len(costs)} weights")
         self._graph.set_weights(numbers, costs)
 
-    def shortest(self, sources: Sequence[End], targets: Sequence[End]) -> Way | None:
-        """A cheapest way from any of the sources to any of the targets; None where none leads.
+    def shortest(self, sources: Sequence[PathEnd], targets: Sequence[PathEnd]) -> GraphPath | None:
+        """A cheapest path from any source to any target; None if there is none.
 
         Raises
         ------
         ValueError
-            Nodes that are not there, costs that are negative or no numbers.
+            Unknown nodes, negative costs or NaN.
         """
         return self._graph.shortest(sources, targets)
 
-    def alternatives(self, sources: Sequence[End], targets: Sequence[End], k: int) -> list[Way]:
-        """The k cheapest ways that pass no node twice, the cheapest first; fewer where there are.
+    def alternatives(
+        self, sources: Sequence[PathEnd], targets: Sequence[PathEnd], k: int
+    ) -> list[GraphPath]:
+        """The k cheapest paths that visit no node twice, the cheapest first, or all if fewer.
 
-        Ways that differ in a parallel edge, or in a source or target alone, are two (Lawler, A
-        procedure for computing the k best solutions to discrete optimization problems, 1972).
+        Paths that differ only in a parallel edge, in a source or in a target count as two (Lawler,
+        A procedure for computing the k best solutions to discrete optimization problems, 1972).
 
         Raises
         ------
         ValueError
-            As by `shortest`; k below 0.
+            As for `shortest`; k below 0.
         """
         if k < 0:
-            raise ValueError(f"k is not negative, but {k}")
+            raise ValueError(f"k is {k}; give 0 or more")
         return self._graph.alternatives(sources, targets, k)
 
     def distances(
         self, sources: ArrayLike, targets: ArrayLike, *, threads: int | None = None
     ) -> Floats:
-        """What the cheapest ways cost between many nodes.
+        """The costs of the cheapest paths between many nodes.
 
         Parameters
         ----------
-        sources, targets : (n,), (m,) nodes
-        threads : by default one a processor; all numbers of them give the same
+        sources, targets
+            (n,) and (m,) nodes.
+        threads
+            By default one for each processor; the result does not depend on it.
 
         Returns
         -------
-        (n, m) float64, infinity where no way leads
+        (n, m) float64; infinity where there is no path.
 
         Raises
         ------
         ValueError
-            Nodes that are not there; no thread.
+            Unknown nodes, or less than one thread.
         """
         from_, to = self._nodes("sources", sources), self._nodes("targets", targets)
         if threads is None:
             threads = len(os.sched_getaffinity(0))
         if threads < 1:
-            raise ValueError(f"threads is at least 1, not {threads}")
+            raise ValueError(f"threads is {threads}; give 1 or more")
         return self._graph.distances(from_, to, threads)
 
     def prepare(self) -> None:
-        """Compute the landmarks now, which ways do when they have cost as much without."""
+        """Compute the landmarks now, not only once searches have cost as much without them."""
         self._graph.prepare()
 
     def _nodes(self, name: str, value: ArrayLike) -> Ints:
@@ -162,7 +176,7 @@ def _numbers(name: str, value: ArrayLike, count: int, what: str) -> Ints:
         return np.empty(0, np.int64)
     if numbers.ndim != 1 or not np.issubdtype(numbers.dtype, np.integer):
         raise ValueError(
-            f"{name} is a list of {what}s, not {numbers.dtype} of shape {numbers.shape}"
+            f"{name}: give a list of {what}s, not {numbers.dtype} of shape {numbers.shape}"
         )
     if numbers.min() < 0 or numbers.max() >= count:
         wrong = numbers[(numbers < 0) | (numbers >= count)][0]
@@ -174,8 +188,8 @@ def _numbers(name: str, value: ArrayLike, count: int, what: str) -> Ints:
 def _weights(name: str, value: ArrayLike) -> Floats:
     weights = np.ascontiguousarray(value, dtype=np.float64)
     if weights.ndim != 1:
-        raise ValueError(f"{name} is a list of numbers, not of shape {weights.shape}")
+        raise ValueError(f"{name}: give a list of numbers, not an array of shape {weights.shape}")
     if not (weights >= 0).all():
         i = int((~(weights >= 0)).argmax())
-        raise ValueError(f"{name} are not negative, and numbers: that of {i} is {weights[i]}")
+        raise ValueError(f"{name}: number {i} is {weights[i]}; give 0 or more, or infinity")
     return weights

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from planner.route import Step
+from planner.route import RouteStep
 from semmap.geometry.pose import Pose
 
 __all__ = ["Action", "Plan"]
@@ -17,25 +17,32 @@ class Action:
 
     Attributes
     ----------
-    name : pass_door, call_elevator, use_elevator, open_door, pickup, place, or one of a domain file
-    arguments : names, as the paper has them: ``pass_door(door1, lab1, corridor1)``
-    seconds : how long it takes, the way to where it begins among it
-    steps : what the robot does for it, in order: a walk, and then the transition
-    at : of pickup and place: where the base stands, in the map's frame
-    entities : the entities' own names where `arguments` has what the goal called them: muffin1 for
-        ``muffin``; empty where both are the same
+    name
+        pass_door, call_elevator, use_elevator, open_door, pickup, place, or an action of a domain
+        file.
+    arguments
+        Names, as the paper prints them: ``pass_door(door1, lab1, corridor1)``.
+    seconds
+        Duration, with the drive to where the action begins.
+    steps
+        The drive and the transition, in order.
+    at
+        Base pose of pickup and place, in the map's frame.
+    entities
+        Names of the entities if `arguments` has the words of the goal: muffin1 for ``muffin``.
+        Empty if both are the same.
     """
 
     name: str
     arguments: tuple[str, ...]
     seconds: float = 0.0
-    steps: tuple[Step, ...] = ()
+    steps: tuple[RouteStep, ...] = ()
     at: Pose | None = None
     entities: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The entities' own names, one for each argument."""
+        """The names of the entities, one for each argument."""
         return self.entities or self.arguments
 
     def __str__(self) -> str:
@@ -44,13 +51,16 @@ class Action:
 
 @dataclass(frozen=True)
 class Plan:
-    """Actions in order, which reach a goal.
+    """Actions in order that reach a goal.
 
     Attributes
     ----------
-    goal : as it was said
-    seconds : how long all of it takes
-    bound : no plan takes less, seconds; where it equals `seconds` the plan is optimal
+    goal
+        The text of the goal.
+    seconds
+        Duration of all actions.
+    bound
+        Lower bound on the duration of any plan, seconds; equal to `seconds` if the plan is optimal.
     """
 
     goal: str
@@ -60,7 +70,7 @@ class Plan:
 
     @property
     def gap(self) -> float:
-        """By which part of the bound the plan may be longer than the shortest, at most."""
+        """How much longer than the shortest plan this one may be, as a fraction of the bound."""
         if self.optimal:
             return 0.0
         return (self.seconds - self.bound) / self.bound if self.bound > 0 else math.inf

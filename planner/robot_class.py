@@ -1,4 +1,4 @@
-"""What of a robot decides where it can go and how long that takes."""
+"""The properties of a robot that decide where it can go and how long that takes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from navgrid.terrain import Gait
-from planner.topology import Connector
+from planner.topology import PlaceConnector
 from semmap.robot import Part
 
 __all__ = ["RobotClass"]
@@ -17,25 +17,45 @@ __all__ = ["RobotClass"]
 
 @dataclass(frozen=True)
 class RobotClass:
-    """Robots that have the same shape and can do the same.
+    """Robots of the same shape and with the same abilities.
 
     Attributes
     ----------
-    parts : its shape (Deeken et al., section 4.3); without, only the connectors' states bar it
-    gait : the highest step and the steepest slope it takes; asked where it has a shape
-    speed : metres a second, on clear ground
-    behaviours : what it is able to do; it passes no connector that needs another. None: everything
-    permissions : it passes a connector whose property `permission` names one of these, or none
-    opens, unlocks : whether it opens closed connectors, and unlocks locked ones
-    outside : whether its ways may lead through the outside, of which the map knows nothing
-    reach : lowest and highest distance of what it takes from its origin, metres on the ground
-    heights : lowest and highest z above the floor of what it takes, metres
-    capacity : how many things it carries at once
+    name
+        Unique in the database.
+    parts
+        The shape (Deeken et al., section 4.3). A robot without parts is blocked by the states and
+        demands of connectors, not by their sizes.
+    drive_limits
+        Highest step and steepest slope; they count for a robot that has a shape.
+    speed
+        Metres a second on clear ground.
+    behaviours
+        Names of the behaviours that it has: it passes no connector that needs another one. None
+        stands for all.
+    permissions
+        It passes a connector that demands permissions if it has one of them.
+    opens, unlocks
+        Whether it opens closed connectors, and unlocks locked ones.
+    outside
+        Whether its routes may lead through the outside, which the map does not describe.
+    reach
+        Lowest and highest distance from its origin to the objects that it takes, on the ground,
+        metres.
+    heights
+        Lowest and highest z above the floor of the objects that it takes, metres.
+    capacity
+        How many objects it carries at once.
+
+    Raises
+    ------
+    ValueError
+        A number is out of range; the message names it.
     """
 
     name: str = "robot"
     parts: tuple[Part, ...] = ()
-    gait: Gait = field(default_factory=Gait)
+    drive_limits: Gait = field(default_factory=Gait)
     speed: float = 1.0
     behaviours: frozenset[str] | None = None
     permissions: frozenset[str] = frozenset()
@@ -48,60 +68,64 @@ class RobotClass:
 
     def __post_init__(self) -> None:
         if not self.name:
-            raise ValueError("a class of robots has a name: give it one")
+            raise ValueError("the name of a robot class is empty; give it one")
         for part in self.parts:
-            if part.interval[1] <= self.gait.max_step:
+            if part.interval[1] <= self.drive_limits.max_step:
                 raise ValueError(
                     f"robot {self.name}: its part {part.name} ends at {part.interval[1]:.3f} m, "
-                    f"below a step of {self.gait.max_step:g} m; give a lower step"
+                    f"below a step of {self.drive_limits.max_step:g} m; give a lower step"
                 )
         if not 0 < self.speed < math.inf:
             raise ValueError(f"robot {self.name}: its speed is {self.speed} m/s; give one above 0")
         if self.capacity < 1:
-            raise ValueError(f"robot {self.name} carries {self.capacity} things; give 1 or more")
-        for what in ("reach", "heights"):
-            low, high = getattr(self, what)
+            raise ValueError(
+                f"robot {self.name}: its capacity is {self.capacity} objects; give 1 or more"
+            )
+        for name in ("reach", "heights"):
+            low, high = getattr(self, name)
             if not 0 <= low < high < math.inf:
                 raise ValueError(
-                    f"robot {self.name}: its {what} is {low} to {high} m; give the lower end first"
+                    f"robot {self.name}: {name} is {low} to {high} m; give the lower end first"
                 )
 
     @property
-    def rides(self) -> bool:
-        """Whether it uses elevators."""
+    def rides_elevators(self) -> bool:
+        """Whether it has the behaviour ``use_elevator``."""
         return self.behaviours is None or "use_elevator" in self.behaviours
 
-    def obstacle(self, connector: Connector, side: int) -> str | None:
-        """What bars it from passing a connector from ``places[side]``, in words; else None."""
-        if not connector.passes(side):
-            here, there = connector.places[side], connector.places[1 - side]
-            return f"{connector.name} leads only from {there} to {here}"
-        return self.bar(connector)
+    def blocking_reason(self, connector: PlaceConnector, side: int | None = None) -> str | None:
+        """Why the robot cannot pass a connector, in words; None if it can.
 
-    def bar(self, connector: Connector) -> str | None:
-        """What bars it from passing a connector from either side, in words; else None."""
+        Parameters
+        ----------
+        side
+            The robot comes from ``connector.places[side]``; None disregards the direction.
+        """
         name = connector.name
+        if side is not None and not connector.passes(side):
+            here, there = connector.places[side], connector.places[1 - side]
+            return f"{name} leads only from {there} to {here}"
         if connector.state == "locked" and not self.unlocks:
             return f"{name} is locked"
-        if connector.state == "closed" and connector.shut and not self.opens:
+        if connector.must_be_opened and connector.state == "closed" and not self.opens:
             return f"{name} is closed"
         if self.behaviours is not None and connector.behaviour not in self.behaviours:
             return f"{name} needs the behaviour {connector.behaviour}"
         if connector.permissions and not connector.permissions & self.permissions:
             wanted = " or ".join(sorted(connector.permissions))
             return f"{name} needs the permission {wanted}"
-        return self._misfit(connector)
+        return self._misfit(connector) if self.parts else None
 
     @cached_property
     def _sizes(self) -> list[tuple[str, float, float]]:
-        """Of each part its name, width and height; a robot passes forwards, along its x axis."""
+        """Name, width and top of each part; a robot passes forwards, along its x axis."""
         return [(p.name, float(np.ptp(p.footprint[:, 1])), p.interval[1]) for p in self.parts]
 
-    def _misfit(self, connector: Connector) -> str | None:
-        for name, across, top in self._sizes:
-            if connector.width is not None and across > connector.width:
+    def _misfit(self, connector: PlaceConnector) -> str | None:
+        for name, width, top in self._sizes:
+            if connector.width is not None and width > connector.width:
                 return (
-                    f"the {name} does not fit through {connector.name}: it is {across:.2f} m "
+                    f"the {name} does not fit through {connector.name}: it is {width:.2f} m "
                     f"wide, the opening {connector.width:.2f} m"
                 )
             if connector.height is not None and top > connector.height:
@@ -109,19 +133,20 @@ class RobotClass:
                     f"the {name} does not fit under {connector.name}: it reaches to "
                     f"{top:.2f} m, the opening to {connector.height:.2f} m"
                 )
-        if self.parts and connector.step > self.gait.max_step:
+        limits = self.drive_limits
+        if connector.step > limits.max_step:
             return (
                 f"{connector.name} has a step of {connector.step:.2f} m, {self.name} takes "
-                f"{self.gait.max_step:.2f} m"
+                f"{limits.max_step:.2f} m"
             )
-        if self.parts and connector.type == "stairs":
+        if connector.type == "stairs":
             return f"{connector.name} is a flight of stairs"
-        if self.parts and connector.type == "ramp":
+        if connector.type == "ramp":
             a, b = connector.poses
             slope = math.atan2(abs(a.z - b.z), math.hypot(a.x - b.x, a.y - b.y))
-            if slope > self.gait.max_slope:
+            if slope > limits.max_slope:
                 return (
                     f"{connector.name} is {math.degrees(slope):.0f}° steep, {self.name} climbs "
-                    f"{math.degrees(self.gait.max_slope):.0f}°"
+                    f"{math.degrees(limits.max_slope):.0f}°"
                 )
         return None

@@ -1,47 +1,53 @@
-"""A route: what a robot does to get from one place to another, step by step.
+"""A route: what a robot does, step by step, to get from one place to another.
 
-Planned on the topology first, since each transition takes its own behaviour and its own stretch of
-map; each step is handed down with its poses (Deeken et al., section 4.1).
+It is planned on the topology first, since each transition takes its own behaviour and its own map.
+Each step has the poses that the robot's controller needs (Deeken et al., section 4.1).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from planner.topology import Connector
+from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
 
-__all__ = ["NoRouteError", "Route", "Step"]
+__all__ = ["NoRouteError", "Route", "RouteStep"]
 
-UNSAID = ("navigate", "open_door", "unlock_door", "switch_map")
-"""Behaviours between the transitions that Figure 4 prints."""
+BETWEEN_TRANSITIONS = ("navigate", "open_door", "unlock_door", "switch_map")
+"""Behaviours that Figure 4 does not print."""
 
 
 @dataclass(frozen=True)
-class Step:
-    """One behaviour of the robot on its way.
+class RouteStep:
+    """One behaviour of the robot on its route.
 
     Attributes
     ----------
     behaviour
-        navigate, open_door, unlock_door, call_elevator, use_elevator, switch_map, pass_door, or
-        what the connector names
-    from_place, to_place : where the robot is before and after; equal where it stays
-    connector : what it passes, opens or stands before; None for the others
-    elevator : the elevator that it calls or uses
+        navigate, open_door, unlock_door, call_elevator, use_elevator, switch_map, pass_door, or the
+        behaviour of a connector.
+    from_place, to_place
+        Where the robot is before and after; equal if it stays.
+    connector
+        The connector that it passes, opens or waits at; None for other behaviours.
+    elevator
+        Name of the elevator that it calls or rides.
     approach
-        Pose in the map's frame at which the step begins, facing the connector; None where nobody
-        said at which pose the route begins
-    leave : pose at which it ends: for a passage, the pose behind the connector, turned away from it
-    seconds, metres : how long it takes, and how far it drives
-    frame, map : the frame of the grids it drives on, and the map file among those of its storey;
-        a switch of maps has those of the new storey
+        Pose in the map's frame at which the step begins, facing the connector; None at the begin of
+        a route whose start has no pose.
+    leave
+        Pose at which the step ends; after a passage, the robot faces away from the connector.
+    seconds, metres
+        Expected duration, and distance driven.
+    frame, map
+        Frame of the grids to drive on, and path of the map file. The step ``switch_map`` has those
+        of the new storey.
     """
 
     behaviour: str
     from_place: str
     to_place: str
-    connector: Connector | None
+    connector: PlaceConnector | None
     elevator: str | None
     approach: Pose | None
     leave: Pose
@@ -53,27 +59,36 @@ class Step:
 
 @dataclass(frozen=True)
 class Route:
-    """What a robot does, in order; how long it takes, and the metres it drives.
+    """The steps from one place to another, in order.
 
-    `stages` are all of it; `steps` the transitions alone, as Figure 4 prints them.
+    Attributes
+    ----------
+    start, goal
+        Names of places.
+    steps
+        All steps.
+    seconds, metres
+        Expected duration, and distance driven.
     """
 
     start: str
     goal: str
-    stages: tuple[Step, ...]
+    steps: tuple[RouteStep, ...]
     seconds: float
     metres: float
 
     @property
-    def steps(self) -> tuple[Step, ...]:
-        """The transitions, without walks, openings and switches of maps."""
-        return tuple(s for s in self.stages if s.behaviour not in UNSAID)
+    def transitions(self) -> tuple[RouteStep, ...]:
+        """The steps that Figure 4 prints: no driving inside places, openings or map switches."""
+        return tuple(s for s in self.steps if s.behaviour not in BETWEEN_TRANSITIONS)
 
     @property
-    def doors(self) -> list[Step]:
-        """The passages alone: one step for each connector passed."""
-        return [s for s in self.steps if s.connector is not None and s.from_place != s.to_place]
+    def doors(self) -> list[RouteStep]:
+        """The passages: one step for each connector that the robot passes."""
+        return [
+            s for s in self.transitions if s.connector is not None and s.from_place != s.to_place
+        ]
 
 
 class NoRouteError(ValueError):
-    """No way leads there; the message says what bars it."""
+    """No route exists; the message says what blocks it."""

@@ -1,43 +1,30 @@
-"""Places and the connectors that join them (Deeken et al., section 3.4, "Topological Information").
-
-Arrays and plain dataclasses: `planner.source` reads them from the map.
-"""
+"""Places and the connectors that join them (Deeken et al., section 3.4), as plain data."""
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
 
-import networkx as nx
 import shapely
 
+from planner.suggestions import suggestion
 from semmap.geometry.pose import Pose
-
-if TYPE_CHECKING:
-    from datetime import datetime
-
-    from planner.ask import Asker, Said
-    from planner.network import Network
-    from planner.robot_class import RobotClass
-    from planner.route import Route
-    from planner.times import Times
-    from planner.walks import Walks
 
 __all__ = [
     "OUTSIDE",
-    "Connector",
     "Place",
-    "Region",
+    "PlaceConnector",
+    "PlaceRegion",
     "Topology",
     "TopologyError",
     "UnknownPlaceError",
 ]
 
 OUTSIDE = "outside"
-"""What lies beyond the building: the second place of an exterior door."""
+"""Name of the place beyond the building: the second place of an exterior door."""
 
 
 class TopologyError(ValueError):
@@ -45,40 +32,42 @@ class TopologyError(ValueError):
 
 
 class UnknownPlaceError(LookupError):
-    """A place that the topology does not have; the message names the closest ones."""
+    """The topology has no place of this name; the message suggests similar names."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         known = sorted(known)
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-        near += [k for k in known if name and name.lower() in k.lower() and k not in near][
-            : 3 - len(near)
-        ]
-        if near:
-            mend = f"did you mean {' or '.join(near)}?"
-        elif known:
-            mend = f"there are: {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}"
-        else:
-            mend = "the map has no rooms: import a world or an annotation that has"
-        super().__init__(f"there is no place named {name}; {mend}")
+        otherwise = "the map has no rooms: import a world or an annotation that has rooms"
+        if known:
+            otherwise = f"there are: {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}"
+        super().__init__(f"there is no place named {name}; {suggestion(name, known, otherwise)}")
 
 
-# A map has thousands of these two; frozen ones would take three times as long to make.
+# A map has thousands of places and connectors. Frozen classes would take three times as long to
+# make, so these two are not; treat them as frozen all the same.
 
 
 @dataclass(slots=True)
 class Place:
-    """A room, or an elevator's cabin on one storey.
+    """A room, or the cabin of an elevator on one storey.
 
     Attributes
     ----------
-    name : unique in the map
-    type, label : semantic type and function (``kitchen``), where known
-    storey : name of the storey, where known
-    elevator : name of the elevator whose cabin this is
-    types : the type, and then what subsumes it
-    properties : as the map has them
-    floor : z of its ground, metres in the map's frame
-    id : of its entity, where it comes from a map
+    name
+        Unique in the map.
+    type, label
+        Semantic type, and function (``kitchen``); None if unknown.
+    storey
+        Name of the storey; None if the map has no storeys.
+    elevator
+        Name of the elevator, if this is its cabin.
+    types
+        The semantic type, then its supertypes.
+    properties
+        Free properties of the entity.
+    floor
+        z of the floor in the map's frame, metres.
+    id
+        Id of the entity in the database; None if the place comes from elsewhere.
     """
 
     name: str
@@ -93,22 +82,37 @@ class Place:
 
 
 @dataclass(slots=True)
-class Connector:
+class PlaceConnector:
     """A door, elevator door, flight of stairs or ramp between two places (section 3.4).
 
     Attributes
     ----------
-    places : the two places that it joins; the second may be `OUTSIDE`
-    poses : in the map's frame, one in each place, at which a robot stands facing the connector
-    type : door, elevator_door, stairs or ramp
-    direction : forward passes only from the first place to the second
-    state : open, closed or locked
-    behaviour : the robot behaviour that passing needs
-    width, height : of the clear opening in metres, where known
-    step : height of its threshold, metres
-    permissions : of which a robot needs one to pass; none: everybody may
-    properties : as the map has them
-    id : of its entity, where it comes from a map
+    name
+        Unique in the map.
+    places
+        Names of the two places; the second may be `OUTSIDE`.
+    poses
+        The approach poses, one in each place, in the map's frame: there the robot faces the
+        connector.
+    type
+        Form of the connector.
+    direction
+        ``forward`` is passed only from the first place to the second, ``backward`` only from the
+        second to the first.
+    state
+        Whether it is open, closed or locked.
+    behaviour
+        Name of the robot behaviour that passes it.
+    width, height
+        Size of the clear opening, metres; None if unknown.
+    step
+        Height of the threshold, metres.
+    permissions
+        A robot needs one of these to pass. If empty, every robot may pass.
+    properties
+        Free properties of the entity.
+    id
+        Id of the entity in the database; None if the connector comes from elsewhere.
     """
 
     name: str
@@ -127,23 +131,33 @@ class Connector:
 
     @property
     def metres(self) -> float:
-        """From the pose before it to the pose behind it."""
+        """Distance between the two approach poses."""
         a, b = self.poses
         return math.dist(a[:3], b[:3])
 
     @property
-    def shut(self) -> bool:
-        """Whether who passes has to open it; elevators open their own doors."""
+    def must_be_opened(self) -> bool:
+        """True if the robot has to open it; elevators open their own doors."""
         return self.state == "locked" or (self.state == "closed" and self.type != "elevator_door")
 
     def passes(self, side: int) -> bool:
-        """True where the direction allows leaving from ``places[side]``."""
+        """True if the direction allows leaving ``places[side]``."""
         return self.direction == "both" or (self.direction == "forward") == (side == 0)
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
-    """A part of one place or several, drawn on the map, with a meaning of its own (section 3.4)."""
+class PlaceRegion:
+    """A part of one or several places, drawn on the map, that has its own meaning (section 3.4).
+
+    Attributes
+    ----------
+    outline
+        On the ground, in the map's frame, metres.
+    places
+        Names of the places that it reaches into.
+    label, types, properties
+        As those of a `Place`.
+    """
 
     name: str
     outline: shapely.Geometry
@@ -155,39 +169,43 @@ class Region:
 
 @dataclass(frozen=True)
 class Topology:
-    """What joins what: places by name, connectors by name; and regions of places.
+    """Places and connectors by name, and the regions of places. Treat it as immutable.
 
-    `asker` answers on the map that the topology was read from, for a class of robots.
+    `OUTSIDE` is a place if a connector leads there. Make one with `Topology.of`, which checks that
+    the parts fit together.
 
-    `OUTSIDE` is a place wherever a connector leads there.
-
-    Raises
-    ------
-    TopologyError
-        Where a connector names a place that is not there, or a name comes twice.
+    Examples
+    --------
+    >>> door = PlaceConnector("door1", ("lab", "corridor"), (Pose(0.0, -1.0), Pose(0.0, 1.0)))
+    >>> building = Topology.of([Place("lab"), Place("corridor")], [door])
+    >>> [connector.name for connector, side in building.connectors_of("lab")]
+    ['door1']
     """
 
-    places: dict[str, Place] = field(default_factory=dict)
-    connectors: dict[str, Connector] = field(default_factory=dict)
-    regions: tuple[Region, ...] = ()
-    asker: Callable[[str | RobotClass | None], Asker] | None = field(
-        default=None, compare=False, repr=False
-    )
+    places: Mapping[str, Place] = field(default_factory=dict)
+    connectors: Mapping[str, PlaceConnector] = field(default_factory=dict)
+    regions: tuple[PlaceRegion, ...] = ()
 
     @classmethod
     def of(
         cls,
         places: Iterable[Place],
-        connectors: Iterable[Connector],
-        regions: Iterable[Region] = (),
+        connectors: Iterable[PlaceConnector],
+        regions: Iterable[PlaceRegion] = (),
     ) -> Topology:
-        """A topology of lists, checked."""
+        """The topology of these places, connectors and regions.
+
+        Raises
+        ------
+        TopologyError
+            A connector names a place that is missing, or two parts have the same name.
+        """
         by_name: dict[str, Place] = {}
         for place in places:
             if place.name in by_name:
                 raise TopologyError(f"two places are named {place.name}; rename one of them")
             by_name[place.name] = place
-        joined: dict[str, Connector] = {}
+        joined: dict[str, PlaceConnector] = {}
         for connector in connectors:
             if connector.name in joined:
                 raise TopologyError(f"two connectors are named {connector.name}; rename one")
@@ -201,14 +219,14 @@ class Topology:
                     by_name.setdefault(OUTSIDE, Place(OUTSIDE))
                 elif name not in by_name:
                     raise TopologyError(
-                        f"connector {connector.name} joins {name}, which is no place; "
+                        f"connector {connector.name} joins {name}, which is not a place; "
                         "add the room or correct the connector"
                     )
             joined[connector.name] = connector
         return cls(by_name, joined, tuple(regions))
 
     def place(self, name: str) -> Place:
-        """The place of that name.
+        """The place of this name.
 
         Raises
         ------
@@ -219,75 +237,52 @@ class Topology:
         except KeyError:
             raise UnknownPlaceError(name, self.places) from None
 
-    def doors_of(self, place: str) -> list[tuple[Connector, int]]:
+    def connectors_of(self, place: str) -> list[tuple[PlaceConnector, int]]:
         """The connectors of a place, each with the side (0 or 1) on which the place lies."""
-        return [
-            (c, side)
-            for c in self.connectors.values()
-            for side in (0, 1)
-            if c.places[side] == place
-        ]
+        return [(self.connectors[name], side) for name, side in self._sides.get(place, ())]
+
+    @cached_property
+    def _sides(self) -> dict[str, list[tuple[str, int]]]:
+        sides: dict[str, list[tuple[str, int]]] = {}
+        for connector in self.connectors.values():
+            for side, place in enumerate(connector.places):
+                sides.setdefault(place, []).append((connector.name, side))
+        return sides
 
     def cabins(self) -> dict[str, list[str]]:
-        """Elevators and the places that are their cabins, one a storey."""
-        found: dict[str, list[str]] = {}
+        """The cabins of each elevator: names of places, one for each storey that it serves."""
+        cabins: dict[str, list[str]] = {}
         for place in self.places.values():
             if place.elevator is not None:
-                found.setdefault(place.elevator, []).append(place.name)
-        return found
-
-    def route(
-        self,
-        start: Said,
-        goal: Said,
-        *,
-        robot: str | RobotClass | None = None,
-        avoid: Sequence[str] = (),
-        at: datetime | None = None,
-    ) -> Route:
-        """The route that takes the least time for a class of robots.
-
-        From a place, or a pose in one, to the like, or to the nearest place of a label or type;
-        where the topology follows a map (`planner.live.Live`), from and to its things and regions,
-        too, over the robot's costmaps. See `planner.ask.Asker.route`.
-
-        Raises
-        ------
-        UnknownPlaceError, NoRouteError
-        """
-        if self.asker is not None:
-            return self.asker(robot).route(start, goal, avoid=avoid, at=at)[0]
-        from planner.ask import Asker  # which stands on this module
-
-        if isinstance(robot, str):
-            raise ValueError(f"a topology of no map knows no robot {robot}: give a RobotClass")
-        return Asker(self.network(robot)).route(start, goal, avoid=avoid, at=at)[0]
-
-    def network(
-        self,
-        robot: RobotClass | None = None,
-        *,
-        times: Times | None = None,
-        walks: Walks | None = None,
-    ) -> Network:
-        """The topology as a network of travel times for a class of robots."""
-        from planner.network import Network  # which stands on this module
-
-        return Network(self, robot, times=times, walks=walks)
+                cabins.setdefault(place.elevator, []).append(place.name)
+        return cabins
 
     def storeys(self) -> list[str]:
-        """The names of the storeys that places are on."""
+        """The names of the storeys that have places, in alphabetical order."""
         return sorted({p.storey for p in self.places.values() if p.storey is not None})
 
-    def graph(self) -> nx.MultiGraph:
-        """Places as nodes; connectors and elevator rides as edges, keyed by their names."""
-        graph = nx.MultiGraph()
-        for place in self.places.values():
-            graph.add_node(place.name, place=place)
-        for c in self.connectors.values():
-            graph.add_edge(*c.places, key=c.name, connector=c)
-        for elevator, cabins in self.cabins().items():
-            for i, a in enumerate(cabins):
-                for b in cabins[i + 1 :]:
-                    graph.add_edge(a, b, key=elevator, elevator=elevator)
-        return graph
+    def without(self, names: Collection[str]) -> Topology:
+        """This topology without the connectors and elevators of these names.
+
+        An elevator is left out by leaving out the doors of its cabins. Other names have no effect.
+        """
+        closed = {
+            cabin
+            for elevator, cabins in self.cabins().items()
+            if elevator in names
+            for cabin in cabins
+        }
+        kept = {
+            name: connector
+            for name, connector in self.connectors.items()
+            if name not in names and not closed.intersection(connector.places)
+        }
+        return replace(self, connectors=kept)
+
+    def with_connector(self, connector: PlaceConnector) -> Topology:
+        """This topology with a connector that replaces the one of the same name."""
+        return replace(self, connectors={**self.connectors, connector.name: connector})
+
+    def with_regions(self, regions: Iterable[PlaceRegion]) -> Topology:
+        """This topology with these regions instead of its own."""
+        return replace(self, regions=tuple(regions))

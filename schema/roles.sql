@@ -37,7 +37,7 @@ GRANT INSERT, UPDATE, DELETE ON field, field_version, field_block TO semmap_robo
 -- So are travel times, and what its behaviours took. A class is there for all its robots: it stays as it is,
 -- but is locked while travel times are stored for it.
 GRANT INSERT, UPDATE ON robot_class TO semmap_robot;
-GRANT INSERT, UPDATE, DELETE ON walk, walked_place, walked_map TO semmap_robot;
+GRANT INSERT, UPDATE, DELETE ON travel_time, travel_time_place, travel_time_map TO semmap_robot;
 GRANT INSERT (robot_class_id, behaviour, entity_id, seconds, height, succeeded) ON execution TO semmap_robot;
 -- And its own missions: what came of them is not taken back, but what is only planned may change.
 GRANT INSERT (map_id, robot_id, goal) ON mission TO semmap_robot;

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, make_tables, run_code
+from semmap.database.migrate import drop_code, make_tables, run_code, run_sql_files
 
 revision = "0002"
 down_revision = "0001"
@@ -17,6 +17,7 @@ def upgrade() -> None:
     make_tables(op, "060_fields.sql", "field")  # of a later revision, but the code speaks of them
     make_tables(op, "070_topology.sql", "robot_class")
     make_tables(op, "080_missions.sql", "mission")
+    run_sql_files(op, "renames.sql")
     run_code(op)
 
 

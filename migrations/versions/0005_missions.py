@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, make_tables, run_code
+from semmap.database.migrate import drop_code, make_tables, run_code, run_sql_files
 
 revision = "0005"
 down_revision = "0004"
@@ -19,6 +19,7 @@ def upgrade() -> None:
     """Make the tables where they are missing, and replace the code."""
     make_tables(op, "080_missions.sql", "mission")
     drop_code(op)
+    run_sql_files(op, "renames.sql")
     run_code(op)
 
 

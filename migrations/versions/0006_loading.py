@@ -1,4 +1,4 @@
-"""Topologies that load faster: walks as they are sent, and the code anew, for `current_map`.
+"""Topologies that load faster: travel times as they are sent, and the code again.
 
 A new database has the column from its first revision on. Going down keeps it.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code
+from semmap.database.migrate import drop_code, run_code, run_sql_files
 
 revision = "0006"
 down_revision = "0005"
@@ -15,7 +15,7 @@ branch_labels = None
 depends_on = None
 
 PACKED = """
-ALTER TABLE semmap.walk ADD COLUMN IF NOT EXISTS packed bytea GENERATED ALWAYS AS
+ALTER TABLE semmap.travel_time ADD COLUMN IF NOT EXISTS packed bytea GENERATED ALWAYS AS
     (int8send(place_id) || int8send(from_id) || int8send(to_id)
      || float8send(seconds) || float8send(metres)) STORED
 """
@@ -24,6 +24,7 @@ ALTER TABLE semmap.walk ADD COLUMN IF NOT EXISTS packed bytea GENERATED ALWAYS A
 def upgrade() -> None:
     """Add the column where it is missing, and replace the code."""
     drop_code(op)
+    run_sql_files(op, "renames.sql")
     op.execute(PACKED)
     run_code(op)
 

@@ -44,6 +44,7 @@ def upgrade() -> None:
     run_sql_files(op, "tables/090_planning.sql")
     for statement in (*FORGET_HISTOGRAMS, WITHIN):
         op.execute(statement)
+    run_sql_files(op, "renames.sql")
     run_code(op)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code
+from semmap.database.migrate import drop_code, run_code, run_sql_files
 
 revision = "0008"
 down_revision = "0007"
@@ -64,6 +64,7 @@ def upgrade() -> None:
     for table, name, condition, value in CHECKS:
         repair = f"UPDATE {table} SET {value} WHERE NOT {condition};" if value else ""
         op.execute(ADD_CHECK.format(table=table, name=name, condition=condition, repair=repair))
+    run_sql_files(op, "renames.sql")
     run_code(op)
 
 

@@ -10,7 +10,7 @@ from alembic import op
 from semmap.database.migrate import drop_code, run_code
 
 revision = "0011"
-down_revision = "0008"
+down_revision = "0009"
 branch_labels = None
 depends_on = None
 

@@ -1,1 +1,1 @@
-"""The topology for others' stacks: route graphs of Nav2 and Open-RMF, DOT, pictures, JSON."""
+"""The topology in formats of other software: Nav2, Open-RMF, Graphviz, and as a picture."""

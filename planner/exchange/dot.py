@@ -5,24 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 
-from planner.exchange.stands import ExchangeError
-from planner.topology import OUTSIDE, Connector, Place, Topology
+from planner.exchange.route_graph import ExchangeError
+from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
 
 __all__ = ["dot"]
 
 STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
-"""Colours of connectors, those of the floor plans."""
+"""Colours of connectors by state, as in floor plans."""
 
 
 def dot(topology: Topology, *, storey: str | None = None, name: str = "topology") -> str:
-    """The topology as text that `dot` draws; places are named as in the map.
+    """The topology as DOT text; places are named as in the map.
 
-    One-way connectors have an arrow, those that are not open a colour and their state; an
-    elevator's cabins are joined from storey to storey by dashed lines.
+    One-way connectors have an arrow. Connectors that are not open have a colour and their state.
+    Dashed lines join the cabins of an elevator.
 
     Parameters
     ----------
-    storey : only this one, with what its connectors lead to
+    storey
+        Only this one, with the places to which its connectors lead.
 
     Raises
     ------
@@ -55,13 +56,13 @@ def dot(topology: Topology, *, storey: str | None = None, name: str = "topology"
 
 
 def _quoted(text: str) -> str:
-    """A quoted ID of DOT; a backslash stands for itself, a line end for a line end."""
+    """A quoted ID of DOT: backslashes and line ends keep their meaning."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + escaped.replace("\r", "").replace("\n", "\\n") + '"'
 
 
-def _attributes(**said: str | None) -> str:
-    return "[" + ", ".join(f"{k}={_quoted(v)}" for k, v in said.items() if v is not None) + "]"
+def _attributes(**values: str | None) -> str:
+    return "[" + ", ".join(f"{k}={_quoted(v)}" for k, v in values.items() if v is not None) + "]"
 
 
 def _node(place: Place) -> str:
@@ -71,24 +72,24 @@ def _node(place: Place) -> str:
     return f"{_quoted(place.name)} {_attributes(label=label, shape=shape)};"
 
 
-def _edge(connector: Connector) -> str:
+def _edge(connector: PlaceConnector) -> str:
     a, b = connector.places
     label = connector.name
     if connector.state != "open":
         label += f"\n{connector.state}"
     way = {"both": None, "forward": "forward", "backward": "back"}[connector.direction]
-    said = _attributes(label=label, color=STATES[connector.state], dir=way)
-    return f"{_quoted(a)} -- {_quoted(b)} {said};"
+    attributes = _attributes(label=label, color=STATES[connector.state], dir=way)
+    return f"{_quoted(a)} -- {_quoted(b)} {attributes};"
 
 
 def _rides(topology: Topology, drawn: set[str]) -> Iterator[str]:
     for elevator, cabins in topology.cabins().items():
         ordered = sorted((c for c in cabins if c in drawn), key=lambda c: _height(topology, c))
         for a, b in pairwise(ordered):
-            said = _attributes(label=elevator, style="dashed")
-            yield f"{_quoted(a)} -- {_quoted(b)} {said};"
+            attributes = _attributes(label=elevator, style="dashed")
+            yield f"{_quoted(a)} -- {_quoted(b)} {attributes};"
 
 
 def _height(topology: Topology, place: str) -> float:
-    """Of the poses in a place; 0 where it has none."""
-    return min((c.poses[side].z for c, side in topology.doors_of(place)), default=0.0)
+    """The lowest z of the approach poses in a place; 0 without any."""
+    return min((c.poses[side].z for c, side in topology.connectors_of(place)), default=0.0)

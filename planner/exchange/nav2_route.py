@@ -1,9 +1,9 @@
-"""Route graphs as Nav2's route server reads them (GeoJSON, `nav2_route`).
+"""Route graphs for Nav2's route server (GeoJSON, `nav2_route`).
 
-Nodes are the stands, in a frame a storey; edges are walks, passages and rides, each in one
-direction. What the server's loader and planner take for granted is kept: ids are unique over nodes
-and edges and fit uint16, costs are above zero, metadata has no nulls, real numbers are written
-as such (an integer is another type to the loader, and `getValue<float>` fails on it).
+Nodes are approach poses, in one frame for each storey. Edges are travel, passages and rides, each
+in one direction. The server's loader and planner need: ids that are unique over nodes and edges and
+fit uint16, costs above zero, metadata without nulls, and real numbers written as such (the loader
+takes an integer for another type, and `getValue<float>` fails on it).
 """
 
 from __future__ import annotations
@@ -15,94 +15,99 @@ from typing import Any
 
 from navgrid.map_file import file_name
 from navgrid.nav2 import frame_name
-from planner.exchange.stands import (
+from planner.exchange.building_outline import BuildingOutline
+from planner.exchange.route_graph import (
+    ApproachPose,
     ExchangeError,
     Move,
-    Stand,
-    Stands,
+    RouteGraph,
     Waypoint,
     around_corners,
-    stands_of,
+    route_graph,
 )
-from planner.exchange.surroundings import Surroundings
-from planner.network import Network
+from planner.routing_graph import RoutingGraph
 from planner.topology import Topology
 
 __all__ = ["MOST_IDS", "nav2_graph", "nav2_graphs", "write_nav2"]
 
 MOST_IDS = 65_535
-"""The largest id: messages hold them as uint16. Blocking edges goes by ids of nodes, too."""
+"""The largest id of a node or an edge: messages store them as uint16."""
 
 LEAST_COST = 1e-3
-"""Seconds; the planner throws for an edge that costs nothing."""
+"""Seconds; the planner throws for an edge without cost."""
 
 ROUTE_FRAME = "map"
 
 NO_OPERATION = ("pass_door", "drive_through")
-"""Behaviours that driving on is enough for, where the connector is open."""
+"""Behaviours that need no operation if the connector is open."""
 
 
 def nav2_graph(
-    network: Network,
+    routing: RoutingGraph,
     *,
     storey: str | None = None,
-    surroundings: Surroundings | None = None,
+    building: BuildingOutline | None = None,
     frames: Mapping[str, str] | None = None,
     name: str = "graph",
 ) -> dict[str, Any]:
     """The route graph of a building or of one storey as a GeoJSON object.
 
-    An edge's `cost` is its time in seconds, which the server's scorers may override except for
-    rides, whose ends lie above each other. `abs_time_taken` in the metadata says the time to Nav2's
-    TimeScorer. Operations: ``open_door`` where a door is not open, ``call_elevator`` before a
-    cabin is entered, ``use_elevator`` and then ``switch_map`` for a ride, else the connector's
-    behaviour where it needs one; each names what it is about in its metadata.
+    The `cost` of an edge is its time in seconds. The server's scorers may override it, except for
+    rides, whose ends lie above each other. `abs_time_taken` in the metadata is the time for Nav2's
+    TimeScorer. Operations: ``open_door`` if a door is not open, ``call_elevator`` before a cabin is
+    entered, ``use_elevator`` and then ``switch_map`` for a ride, or the behaviour that a connector
+    needs. Their metadata name the connector or elevator.
 
     Parameters
     ----------
-    network : travel times of the robot that drives; what bars it is no edge
-    storey : only this one; its nodes in cabins then carry ``switch_map`` with the storeys served
-    surroundings : outlines, around whose corners walks are led over nodes more; without, walks are
-        straight, also where that is through a wall
-    frames : the frame of each storey, by default ``map`` where there is one, else ``map_STOREY``
+    routing
+        Travel times of the robot. Blocked edges are left out.
+    storey
+        Only this one; its nodes in cabins then have ``switch_map`` with the storeys served.
+    building
+        Outlines: travel leads around their corners, over additional nodes. Without outlines, travel
+        is straight, even through a wall.
+    frames
+        The frame of each storey; by default ``map`` for a single storey, else ``map_STOREY``.
 
     Raises
     ------
     ExchangeError
-        There is no such storey, it has no way, or it needs more ids than there are.
+        There is no such storey, it has no edges, or it needs more ids than there are.
     """
-    made = stands_of(network, storey=storey)
-    if surroundings is not None:
-        made = around_corners(made, surroundings.outlines, network.robot.speed)
-    topology = network.topology
+    made = route_graph(routing, storey=storey)
+    if building is not None:
+        made = around_corners(made, building.outlines, routing.robot.speed)
+    topology = routing.topology
     what = f"storey {storey}" if storey is not None else "the building"
     if not made.moves:
         raise ExchangeError(
-            f"{what} has no way between two poses, and Nav2 takes no graph without edges; "
+            f"{what} has no edge between two poses, and Nav2 refuses a graph without edges; "
             "add connectors that join its rooms"
         )
-    count = len(made.stands) + len(made.moves)
+    count = len(made.nodes) + len(made.moves)
     if count > MOST_IDS:
         place, doors = made.busiest()
         raise _TooManyError(
             f"{what} needs {count:,} ids and Nav2 has {MOST_IDS:,}; its largest place is {place} "
-            f"with {doors} connectors: write one file a storey, or part such places into rooms"
+            f"with {doors} connectors: write one file for each storey, or divide such places "
+            "into rooms"
         )
     frame_of = _frames(made.storeys, frames)
     served = {e: _storeys_of(topology, cabins) for e, cabins in topology.cabins().items()}
     features = [
-        _node(number, stand, frame_of[stand.storey], served if storey is not None else {})
-        for number, stand in enumerate(made.stands, 1)
+        _node(number, node, frame_of[node.storey], served if storey is not None else {})
+        for number, node in enumerate(made.nodes, 1)
     ]
     features += [
         _edge(number, move, made, frame_of)
-        for number, move in enumerate(made.moves, len(made.stands) + 1)
+        for number, move in enumerate(made.moves, len(made.nodes) + 1)
     ]
     return {"type": "FeatureCollection", "name": name, "features": features}
 
 
-def nav2_graphs(network: Network, **options: Any) -> dict[str | None, dict[str, Any]]:
-    """One graph of the whole building under None; one a storey where ids do not suffice.
+def nav2_graphs(routing: RoutingGraph, **options: Any) -> dict[str | None, dict[str, Any]]:
+    """One graph of the whole building, by None; one for each storey if there are too few ids.
 
     Raises
     ------
@@ -110,22 +115,22 @@ def nav2_graphs(network: Network, **options: Any) -> dict[str | None, dict[str, 
         One storey alone needs more ids than there are.
     """
     try:
-        return {None: nav2_graph(network, **options)}
+        return {None: nav2_graph(routing, **options)}
     except _TooManyError:
-        storeys = network.topology.storeys()
+        storeys = routing.topology.storeys()
         if options.get("storey") is not None or len(storeys) < 2:
             raise
-    return {storey: nav2_graph(network, storey=storey, **options) for storey in storeys}
+    return {storey: nav2_graph(routing, storey=storey, **options) for storey in storeys}
 
 
-def write_nav2(network: Network, path: Path | str, **options: Any) -> list[Path]:
-    """Write the graph, or one file a storey where ids do not suffice; the files written.
+def write_nav2(routing: RoutingGraph, path: Path | str, **options: Any) -> list[Path]:
+    """Write the graph, or one file for each storey if there are too few ids; returns the files.
 
-    Nothing is written where a graph cannot be made (`nav2_graphs`, whose options these are).
+    The options are those of `nav2_graph`. If a graph cannot be made, nothing is written.
     """
     path = Path(path)
     written = []
-    for storey, graph in nav2_graphs(network, **options).items():
+    for storey, graph in nav2_graphs(routing, **options).items():
         own = path if storey is None else path.with_name(f"{path.stem}.{file_name(storey)}.geojson")
         own.parent.mkdir(parents=True, exist_ok=True)
         own.write_text(dumps(graph), encoding="utf-8")
@@ -134,7 +139,7 @@ def write_nav2(network: Network, path: Path | str, **options: Any) -> list[Path]
 
 
 def dumps(graph: Mapping[str, Any]) -> str:
-    """The graph as text, a feature a line, so that changes show in a comparison of files."""
+    """The graph as text, one feature on each line, so that files can be compared."""
     head = {k: v for k, v in graph.items() if k != "features"}
     lines = ",\n".join(json.dumps(f, allow_nan=False) for f in graph["features"])
     return f'{json.dumps(head)[:-1]}, "features": [\n{lines}\n]}}\n'
@@ -144,14 +149,14 @@ class _TooManyError(ExchangeError):
     pass
 
 
-def _frames(storeys: list[str], said: Mapping[str, str] | None) -> dict[str, str]:
-    if said is None:
+def _frames(storeys: list[str], given: Mapping[str, str] | None) -> dict[str, str]:
+    if given is None:
         alone = len(storeys) == 1
         return {storey: ROUTE_FRAME if alone else frame_name(storey) for storey in storeys}
-    missing = [storey for storey in storeys if storey not in said]
+    missing = [storey for storey in storeys if storey not in given]
     if missing:
         raise ExchangeError(f"there is no frame for {', '.join(missing)}; add it to frames")
-    return {storey: said[storey] for storey in storeys}
+    return {storey: given[storey] for storey in storeys}
 
 
 def _storeys_of(topology: Topology, cabins: list[str]) -> list[str]:
@@ -159,33 +164,33 @@ def _storeys_of(topology: Topology, cabins: list[str]) -> list[str]:
 
 
 def _node(
-    number: int, stand: Stand | Waypoint, frame: str, served: Mapping[str, list[str]]
+    number: int, node: ApproachPose | Waypoint, frame: str, served: Mapping[str, list[str]]
 ) -> dict[str, Any]:
     properties: dict[str, Any] = {
         "id": number,
         "frame": frame,
-        "metadata": _said(
-            name=stand.name, place=stand.place, storey=stand.storey, elevator=stand.elevator
+        "metadata": _without_nulls(
+            name=node.name, place=node.place, storey=node.storey, elevator=node.elevator
         ),
     }
-    if isinstance(stand, Stand):
+    if isinstance(node, ApproachPose):
         properties["metadata"] |= {
-            "connector": stand.connector.name,
-            "side": stand.side,
-            "yaw": _real(stand.pose.yaw),
+            "connector": node.connector.name,
+            "side": node.side,
+            "yaw": _real(node.pose.yaw),
         }
-    if stand.elevator is not None and stand.elevator in served:
+    if node.elevator is not None and node.elevator in served:
         properties["operations"] = {
             "switch_map": _operation(
-                "switch_map", "NODE", elevator=stand.elevator, storeys=served[stand.elevator]
+                "switch_map", "NODE", elevator=node.elevator, storeys=served[node.elevator]
             )
         }
-    geometry = {"type": "Point", "coordinates": _coordinates(stand)}
+    geometry = {"type": "Point", "coordinates": _coordinates(node)}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
-def _edge(number: int, move: Move, made: Stands, frame_of: Mapping[str, str]) -> dict[str, Any]:
-    start, end = made.stands[move.start], made.stands[move.end]
+def _edge(number: int, move: Move, made: RouteGraph, frame_of: Mapping[str, str]) -> dict[str, Any]:
+    start, end = made.nodes[move.start], made.nodes[move.end]
     seconds = _real(max(move.seconds, LEAST_COST))
     properties: dict[str, Any] = {
         "id": number,
@@ -193,14 +198,16 @@ def _edge(number: int, move: Move, made: Stands, frame_of: Mapping[str, str]) ->
         "endid": move.end + 1,
         "cost": seconds,
         "overridable": move.kind != "ride",
-        "metadata": _said(
-            kind=move.kind, abs_time_taken=seconds, elevator=move.elevator,
+        "metadata": _without_nulls(
+            kind=move.kind,
+            abs_time_taken=seconds,
+            elevator=move.elevator,
             **({"place": start.place} if move.kind == "walk" else {}),
         ),
-    }  # fmt: skip
+    }
     connector = move.connector
     if connector is not None:
-        properties["metadata"] |= _said(
+        properties["metadata"] |= _without_nulls(
             connector=connector.name,
             type=connector.type,
             state=connector.state,
@@ -215,15 +222,21 @@ def _edge(number: int, move: Move, made: Stands, frame_of: Mapping[str, str]) ->
 
 
 def _operations(
-    move: Move, start: Stand | Waypoint, end: Stand | Waypoint, frame_of: Mapping[str, str]
+    move: Move,
+    start: ApproachPose | Waypoint,
+    end: ApproachPose | Waypoint,
+    frame_of: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What the robot does beside driving; the trigger says when."""
+    """The operations of a move, with their triggers."""
     found: dict[str, Any] = {}
     if move.kind == "ride":
         found["use_elevator"] = _operation(
-            "use_elevator", "ON_ENTER", elevator=move.elevator,
-            from_storey=start.storey, to_storey=end.storey,
-        )  # fmt: skip
+            "use_elevator",
+            "ON_ENTER",
+            elevator=move.elevator,
+            from_storey=start.storey,
+            to_storey=end.storey,
+        )
         found["switch_map"] = _operation(
             "switch_map", "ON_EXIT", storey=end.storey, frame=frame_of[end.storey]
         )
@@ -231,9 +244,12 @@ def _operations(
     if connector is not None:
         if move.elevator is not None:
             found["call_elevator"] = _operation(
-                "call_elevator", "ON_ENTER", elevator=move.elevator, connector=connector.name,
+                "call_elevator",
+                "ON_ENTER",
+                elevator=move.elevator,
+                connector=connector.name,
                 storey=start.storey,
-            )  # fmt: skip
+            )
         elif connector.state != "open" and start.elevator is None:
             found["open_door"] = _operation(
                 "open_door", "ON_ENTER", connector=connector.name, state=connector.state
@@ -246,11 +262,11 @@ def _operations(
 
 
 def _operation(kind: str, trigger: str, **about: Any) -> dict[str, Any]:
-    return {"type": kind, "trigger": trigger, "metadata": _said(**about)}
+    return {"type": kind, "trigger": trigger, "metadata": _without_nulls(**about)}
 
 
-def _said(**values: Any) -> dict[str, Any]:
-    """Without what is None: the loader throws on null."""
+def _without_nulls(**values: Any) -> dict[str, Any]:
+    """The values that are not None: the loader throws on null."""
     return {key: value for key, value in values.items() if value is not None}
 
 
@@ -258,5 +274,5 @@ def _real(value: float) -> float:
     return round(float(value), 4)
 
 
-def _coordinates(stand: Stand | Waypoint) -> list[float]:
-    return [_real(v) for v in stand.point]
+def _coordinates(node: ApproachPose | Waypoint) -> list[float]:
+    return [_real(v) for v in node.point]

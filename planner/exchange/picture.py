@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 
-from planner.exchange.bends import ways_around
-from planner.topology import OUTSIDE, Connector, Topology
+from planner.exchange.visibility_graph import corner_paths
+from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.view import RoomView, StoreyView
 
@@ -26,14 +26,15 @@ PLACE, ELEVATOR = "#2b2f36", "#7d5fb2"
 def topology_plan(
     topology: Topology, storey: StoreyView, path: Path | str, *, title: str = "", dpi: int = 200
 ) -> Path:
-    """Draw what joins the rooms of a storey over its plan.
+    """Draw the topology of a storey over its floor plan; returns the file.
 
-    A dot in each place, a line from it to each of its connectors, in the colour of their state; an
-    arrow where a connector leads one way only; at cabins, the storeys that the elevator serves.
+    A dot in each place, and a line from it to each of its connectors in the colour of their state.
+    One-way connectors have an arrow. A label at a cabin names the storeys that the elevator serves.
 
     Parameters
     ----------
-    storey : its rooms say where the dots are; its objects are left out
+    storey
+        Its rooms determine the dots; its objects are not drawn.
     """
     at = {room.name: _middle(room.outline) for room in storey.rooms}
     ways = {room.name: _ways(topology, room, at[room.name]) for room in storey.rooms}
@@ -46,9 +47,15 @@ def topology_plan(
         for name, (x, y) in at.items():
             elevator = topology.places[name].elevator if name in topology.places else None
             axes.plot(
-                x, y, "s" if elevator else "o", ms=7, zorder=7, mec="white", mew=1.2,
+                x,
+                y,
+                "s" if elevator else "o",
+                ms=7,
+                zorder=7,
+                mec="white",
+                mew=1.2,
                 mfc=ELEVATOR if elevator else PLACE,
-            )  # fmt: skip
+            )
             if elevator:
                 _served(axes, topology, elevator, storey.name, x, y)
 
@@ -63,10 +70,10 @@ def _middle(outline: shapely.Geometry) -> tuple[float, float]:
 
 
 def _ways(topology: Topology, room: RoomView, middle: Point) -> dict[tuple[str, int], list[Point]]:
-    """From the middle of a room to the pose before each connector (name and side of it)."""
-    doors = topology.doors_of(room.name)
+    """Lines from the middle of a room to its approach poses, by name and side of the connector."""
+    doors = topology.connectors_of(room.name)
     poses = [(c.poses[side].x, c.poses[side].y) for c, side in doors]
-    ways = ways_around(room.outline, np.array([middle, *poses]))
+    ways = corner_paths(room.outline, np.array([middle, *poses]))
     return {
         (c.name, side): [
             middle,
@@ -79,11 +86,11 @@ def _ways(topology: Topology, room: RoomView, middle: Point) -> dict[tuple[str, 
 
 def _lines(
     axes: Axes,
-    connector: Connector,
+    connector: PlaceConnector,
     at: Mapping[str, Point],
     ways: Mapping[str, Mapping[tuple[str, int], list[Point]]],
 ) -> None:
-    """From the middles of its places over its poses, as far as they are on this storey."""
+    """Draw the lines from a connector to its places on this storey."""
     sides = [
         ways[place][connector.name, side]
         for side, place in enumerate(connector.places)
@@ -113,7 +120,15 @@ def _served(axes: Axes, topology: Topology, elevator: str, here: str, x: float, 
     others = [s for c in cabins if (s := topology.places[c].storey) is not None and s != here]
     if others:
         axes.annotate(
-            f"{elevator}: to {', '.join(others)}", (x, y), (0, -13), zorder=8, fontsize=6.5,
-            textcoords="offset points", ha="center", va="top", color=ELEVATOR, weight="bold",
+            f"{elevator}: to {', '.join(others)}",
+            (x, y),
+            (0, -13),
+            zorder=8,
+            fontsize=6.5,
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            color=ELEVATOR,
+            weight="bold",
             bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8},
-        )  # fmt: skip
+        )

@@ -1,9 +1,9 @@
 """Navigation graphs of Open-RMF (YAML), as `rmf_building_map_tools` writes them.
 
-A level a storey, with vertices ``[x, y, {name, ...}]`` and lanes ``[from, to, {...}]``, each in one
-direction. A lane through a door has its `door_name`. The stands in a cabin become one vertex with
-the name of its `lift`, at the same spot on each level, as the fleet adapter asks; it joins the
-levels itself. Each place has a vertex of its own name, which is what tasks go to.
+Each storey is a level with vertices ``[x, y, {name, ...}]`` and lanes ``[from, to, {...}]``, each
+in one direction. A lane through a door has its `door_name`. The approach poses in a cabin become
+one vertex with the name of its `lift`, at the same spot on each level, as the fleet adapter
+requires; it joins the levels by itself. Each place has a vertex of its name, to which tasks go.
 """
 
 from __future__ import annotations
@@ -14,68 +14,72 @@ from typing import Any
 
 import yaml
 
-from planner.exchange.stands import (
+from planner.exchange.building_outline import BuildingOutline, Cabin
+from planner.exchange.route_graph import (
+    ApproachPose,
     ExchangeError,
-    Stand,
     Waypoint,
     around_corners,
-    stands_of,
+    route_graph,
     with_middles,
 )
-from planner.exchange.surroundings import Cabin, Surroundings
-from planner.network import Network
-from planner.topology import Connector
+from planner.routing_graph import RoutingGraph
+from planner.topology import PlaceConnector
 
 __all__ = ["rmf_nav_graph", "write_rmf_nav"]
 
 LEAF = 0.9
-"""Width of a door that says none, metres."""
+"""Width of a door without one, metres."""
 
 CABIN = 1.5
-"""Width and depth of a cabin of which nothing is known, metres."""
+"""Width and depth of a cabin without outline, metres."""
 
 
 def rmf_nav_graph(
-    network: Network,
+    routing: RoutingGraph,
     *,
     name: str = "building",
-    surroundings: Surroundings | None = None,
+    building: BuildingOutline | None = None,
     storey: str | None = None,
 ) -> dict[str, Any]:
     """The navigation graph of a building as plain values.
 
-    Lanes are the walks in places and the passages that the network's robot may make; ways between
-    levels other than lifts (stairs) are none. A door is where the behaviour is ``pass_door``.
+    Lanes are travel and passages that the robot of the routing graph can use. Connections between
+    levels other than lifts (stairs) are left out. A door is a connector whose behaviour is
+    ``pass_door``.
 
     Parameters
     ----------
-    name : of the building
-    surroundings : outlines, within which a place's vertex lies and around whose corners lanes lead,
-        and cabins
-    storey : only this one
+    name
+        Of the building.
+    building
+        Outlines, within which the vertex of a place lies and around whose corners lanes lead, and
+        cabins.
+    storey
+        Only this one.
 
     Raises
     ------
     ExchangeError
         There is no such storey, or there is no lane.
     """
-    surroundings = surroundings or Surroundings()
-    speed = network.robot.speed
-    made = with_middles(stands_of(network, storey=storey), surroundings.outlines, speed)
-    made = around_corners(made, surroundings.outlines, speed)
+    building = building or BuildingOutline()
+    speed = routing.robot.speed
+    made = with_middles(route_graph(routing, storey=storey), building.outlines, speed)
+    made = around_corners(made, building.outlines, speed)
     levels: dict[str, _Level] = {s: _Level() for s in made.storeys}
-    lifts = _lifts(made.stands, surroundings)
+    lifts = _lifts(made.nodes, building)
     at: list[tuple[str, int]] = []
-    for stand in made.stands:
-        level = levels[stand.storey]
-        if stand.elevator is None:
-            vertex = level.vertex(stand.point, stand.name)
+    for node in made.nodes:
+        level = levels[node.storey]
+        if node.elevator is None:
+            vertex = level.vertex(node.point, node.name)
         else:
-            cabin = lifts[stand.elevator]
+            cabin = lifts[node.elevator]
             vertex = level.vertex(
-                (cabin.x, cabin.y), f"{stand.elevator}@{stand.storey}", lift=stand.elevator
+                (cabin.x, cabin.y), f"{node.elevator}@{node.storey}", lift=node.elevator
             )
-        at.append((stand.storey, vertex))
+        at.append((node.storey, vertex))
     for move in made.moves:
         (here, a), (there, b) = at[move.start], at[move.end]
         if move.kind == "ride" or a == b or here != there:
@@ -88,8 +92,8 @@ def rmf_nav_graph(
         "building_name": name,
         "doors": {
             s.connector.name: _door(s.connector, s.storey)
-            for s in made.stands
-            if isinstance(s, Stand) and _is_door(s.connector)
+            for s in made.nodes
+            if isinstance(s, ApproachPose) and _is_door(s.connector)
         },
         "levels": {
             s: {"lanes": level.lanes, "vertices": level.vertices} for s, level in levels.items()
@@ -104,9 +108,9 @@ def rmf_nav_graph(
     }
 
 
-def write_rmf_nav(network: Network, path: Path | str, **options: Any) -> Path:
-    """Write the graph of `rmf_nav_graph`, whose options these are."""
-    graph = rmf_nav_graph(network, **options)
+def write_rmf_nav(routing: RoutingGraph, path: Path | str, **options: Any) -> Path:
+    """Write the graph; the options are those of `rmf_nav_graph`."""
+    graph = rmf_nav_graph(routing, **options)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(yaml.safe_dump(graph, allow_unicode=True, default_flow_style=None), "utf-8")
@@ -121,7 +125,7 @@ class _Level:
         self.drawn: set[tuple[int, int]] = set()
 
     def vertex(self, point: tuple[float, ...], name: str, **params: Any) -> int:
-        """The number of the vertex of that name, made where it is not there."""
+        """The number of the vertex of a name, which is added if it is missing."""
         if name not in self.numbers:
             self.numbers[name] = len(self.vertices)
             self.vertices.append([_real(point[0]), _real(point[1]), {"name": name, **params}])
@@ -133,12 +137,12 @@ class _Level:
             self.lanes.append([start, end, params])
 
 
-def _is_door(connector: Connector) -> bool:
+def _is_door(connector: PlaceConnector) -> bool:
     return connector.type == "door" and connector.behaviour == "pass_door"
 
 
-def _door(connector: Connector, storey: str) -> dict[str, Any]:
-    """The ends of its leaf: across the line between its two poses, at the middle of that."""
+def _door(connector: PlaceConnector, storey: str) -> dict[str, Any]:
+    """The ends of a door: on the perpendicular bisector of its two approach poses."""
     (a, b), half = connector.poses, (connector.width or LEAF) / 2
     x, y, yaw = (a.x + b.x) / 2, (a.y + b.y) / 2, a.yaw
     dx, dy = -half * math.sin(yaw), half * math.cos(yaw)
@@ -146,14 +150,16 @@ def _door(connector: Connector, storey: str) -> dict[str, Any]:
     return {"endpoints": ends, "map": storey}
 
 
-def _lifts(stands: tuple[Stand | Waypoint, ...], surroundings: Surroundings) -> dict[str, Cabin]:
-    """The cabins; of one that the map does not draw, the middle of its stands."""
-    inside: dict[str, list[Stand]] = {}
-    for stand in stands:
-        if isinstance(stand, Stand) and stand.elevator is not None:
-            inside.setdefault(stand.elevator, []).append(stand)
+def _lifts(
+    nodes: tuple[ApproachPose | Waypoint, ...], building: BuildingOutline
+) -> dict[str, Cabin]:
+    """The cabins; without an outline, at the mean of their approach poses."""
+    inside: dict[str, list[ApproachPose]] = {}
+    for node in nodes:
+        if isinstance(node, ApproachPose) and node.elevator is not None:
+            inside.setdefault(node.elevator, []).append(node)
     return {
-        lift: surroundings.cabins.get(lift)
+        lift: building.cabins.get(lift)
         or Cabin(
             sum(s.pose.x for s in own) / len(own),
             sum(s.pose.y for s in own) / len(own),

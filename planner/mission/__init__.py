@@ -1,20 +1,20 @@
 """Missions: goals that robots pursue step by step, through failures and restarts (section 4.1)."""
 
-from planner.mission.behaviours import Behaviours, Doing, Observation, Outcome, Seen
-from planner.mission.journal import Journal, MissionError
-from planner.mission.runner import Result, Runner
-from planner.mission.stage import Stage, stages_of
+from planner.mission.behaviours import Behaviours, Observation, Outcome, RunningBehaviour, Sighting
+from planner.mission.command import Command, commands_of
+from planner.mission.mission_store import MissionError, MissionStore
+from planner.mission.runner import MissionResult, Runner
 
 __all__ = [
     "Behaviours",
-    "Doing",
-    "Journal",
+    "Command",
     "MissionError",
+    "MissionResult",
+    "MissionStore",
     "Observation",
     "Outcome",
-    "Result",
     "Runner",
-    "Seen",
-    "Stage",
-    "stages_of",
+    "RunningBehaviour",
+    "Sighting",
+    "commands_of",
 ]

@@ -1,4 +1,4 @@
-"""What a robot is asked to do, and what it answers: the interface to the robot's own software."""
+"""The interface to the software of a robot: its behaviours, and what it observes."""
 
 from __future__ import annotations
 
@@ -6,18 +6,35 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-from planner.mission.stage import Stage
+from planner.mission.command import Command
 from semmap.geometry.pose import Pose
 
-__all__ = ["Behaviours", "Doing", "Observation", "Outcome", "Seen"]
+__all__ = ["Behaviours", "Observation", "Outcome", "RunningBehaviour", "Sighting"]
 
 Cause = Literal[
-    "locked", "closed", "blocked", "absent", "missed", "dropped", "gone", "full", "misplaced",
-    "unable", "interrupted", "cancelled",
-]  # fmt: skip
-"""Why a behaviour failed: a door is locked or does not open, the way is blocked, the elevator does
-not come, the grasp missed, the thing fell, or is not there, nothing is free to put it on, the robot
-does not stand where it begins, it cannot do such things, its runner died, it was told to stop."""
+    "locked",
+    "closed",
+    "blocked",
+    "absent",
+    "missed",
+    "dropped",
+    "gone",
+    "full",
+    "misplaced",
+    "unable",
+    "interrupted",
+    "cancelled",
+]
+"""Why a behaviour failed.
+
+- locked, closed: the door is locked, or does not open.
+- blocked: the path is blocked.
+- absent: the elevator does not come.
+- missed, dropped, gone, full: the grasp missed, the object fell or is not there, no space is free.
+- misplaced: the robot is not where the behaviour begins.
+- unable: the robot does not have the behaviour.
+- interrupted, cancelled: its process ended, or it was stopped.
+"""
 
 
 @dataclass(frozen=True)
@@ -26,24 +43,27 @@ class Outcome:
 
     Attributes
     ----------
-    cause : of a failure; None where it succeeded
-    said : in words
-    seconds : how long it took, by the robot's clock
+    cause
+        Of a failure; None if it succeeded.
+    message
+        Details in words.
+    seconds
+        Duration by the clock of the robot.
     """
 
     cause: Cause | None = None
-    said: str = ""
+    message: str = ""
     seconds: float = 0.0
 
     @property
     def succeeded(self) -> bool:
-        """Whether it did what it was asked."""
+        """Whether the behaviour succeeded."""
         return self.cause is None
 
 
 @dataclass(frozen=True)
-class Seen:
-    """Where a thing is seen: in or on which holder, at which pose in the map's frame."""
+class Sighting:
+    """Where a robot sees an object: in or on which holder, and its pose in the map's frame."""
 
     holder: str
     relation: Literal["in", "on"]
@@ -52,74 +72,79 @@ class Seen:
 
 @dataclass(frozen=True)
 class Observation:
-    """What the robot knows by its own senses, now.
+    """What a robot observes at present.
 
     Attributes
     ----------
-    place, pose : where it is: the room or cabin, and its base in the map's frame
-    holds : the things in its grippers, with their poses in the robot's frame
-    seen : the things around it that it recognises; one that it does not see may still be there
-    doors : the connectors before it: open, closed, locked; or ajar: opened for it to pass
+    place, pose
+        The room or cabin in which the robot is, and its base in the map's frame.
+    holds
+        The objects in its grippers, with their poses in the robot's frame.
+    seen
+        The objects around it that it recognises; others may still be there.
+    doors
+        The states of the connectors near it: open, closed or locked; ajar if a robot has opened it
+        to pass.
     """
 
     place: str
     pose: Pose
     holds: Mapping[str, Pose] = field(default_factory=dict)
-    seen: Mapping[str, Seen] = field(default_factory=dict)
+    seen: Mapping[str, Sighting] = field(default_factory=dict)
     doors: Mapping[str, str] = field(default_factory=dict)
 
 
-class Doing(Protocol):
-    """A behaviour at work."""
+class RunningBehaviour(Protocol):
+    """A behaviour that is running."""
 
     def poll(self) -> Outcome | None:
-        """How it ended; None while it works. Does not wait."""
+        """How the behaviour ended; None while it runs. Does not block."""
         ...
 
     def cancel(self) -> None:
-        """Stop as soon as it is safe, and be still when this returns."""
+        """Stop as soon as it is safe; returns when the robot stands still."""
         ...
 
 
 class Behaviours(Protocol):
-    """What a robot can do. Each begins at once, and does not wait for its end.
+    """The behaviours of a robot. Each method starts a behaviour and returns at once.
 
-    A behaviour that a connector or a domain file names is a method of that name, too; a robot
-    without it is unable to.
+    A connector or a domain file may name additional behaviours: they are methods of that name. A
+    robot without the method fails with the cause ``unable``.
     """
 
     def observe(self) -> Observation:
-        """Where it is, what it holds and sees; asked after every behaviour and every restart."""
+        """The present observation; called after every behaviour and every restart."""
         ...
 
-    def navigate(self, stage: Stage) -> Doing:
-        """Drive inside of a place to `stage.step.leave`."""
+    def navigate(self, command: Command) -> RunningBehaviour:
+        """Drive inside a place to `command.step.leave`."""
         ...
 
-    def open_door(self, stage: Stage) -> Doing:
-        """Open `stage.step.connector`, before which it stands."""
+    def open_door(self, command: Command) -> RunningBehaviour:
+        """TakenMission `command.step.connector`, before which it stands."""
         ...
 
-    def pass_door(self, stage: Stage) -> Doing:
-        """Go through `stage.step.connector` to `stage.step.leave`."""
+    def pass_door(self, command: Command) -> RunningBehaviour:
+        """Go through `command.step.connector` to `command.step.leave`."""
         ...
 
-    def call_elevator(self, stage: Stage) -> Doing:
-        """Call `stage.step.elevator`, and wait until it stands open."""
+    def call_elevator(self, command: Command) -> RunningBehaviour:
+        """Call `command.step.elevator`, and wait until it stands open."""
         ...
 
-    def use_elevator(self, stage: Stage) -> Doing:
-        """Ride from the cabin `stage.step.from_place` to `stage.step.to_place`."""
+    def use_elevator(self, command: Command) -> RunningBehaviour:
+        """Ride from the cabin `command.step.from_place` to `command.step.to_place`."""
         ...
 
-    def switch_map(self, stage: Stage) -> Doing:
-        """Load the map `stage.step.map` with the frame `stage.step.frame`, and localise in it."""
+    def switch_map(self, command: Command) -> RunningBehaviour:
+        """Load the map `command.step.map` in `command.step.frame`, and localise in it."""
         ...
 
-    def pickup(self, stage: Stage) -> Doing:
-        """Take the thing ``stage.arguments[0]`` from ``stage.arguments[1]``."""
+    def pickup(self, command: Command) -> RunningBehaviour:
+        """Pick up the object ``command.arguments[0]`` from ``command.arguments[1]``."""
         ...
 
-    def place(self, stage: Stage) -> Doing:
-        """Put the thing ``stage.arguments[0]`` down at `stage.spot`."""
+    def place(self, command: Command) -> RunningBehaviour:
+        """Put the object ``command.arguments[0]`` down at `command.spot`."""
         ...

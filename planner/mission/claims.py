@@ -1,17 +1,17 @@
-"""What a robot claims for itself before it begins a stage, and until when it keeps it.
+"""Which connector or elevator a robot claims before a command, and how long it keeps the claim.
 
-A robot claims one thing at a time, and gives it back before it claims the next: nobody waits for
-another while he keeps what that one waits for, and so no two robots wait for each other. It claims
-before it drives up to a connector, so that it waits out of the way of who comes through. The doors
-of an elevator go with the elevator, which it keeps from the way to its door until it has left it.
+A robot claims one resource at a time and releases it before it claims the next, so robots cannot
+deadlock. It claims a connector before it drives up to it, so it waits out of the way of robots that
+come through. The doors of an elevator belong to the elevator, which the robot keeps from the drive
+to its door until it has left the cabin.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from planner.mission.stage import Stage
-from planner.topology import Connector
+from planner.mission.command import Command
+from planner.topology import PlaceConnector
 
 __all__ = ["claims_of"]
 
@@ -20,25 +20,27 @@ ROOM = 0.3
 
 
 def claims_of(
-    stages: Sequence[Stage], elevators: Mapping[str, str], width: float | None = None
+    commands: Sequence[Command], elevators: Mapping[str, str], width: float | None = None
 ) -> list[str | None]:
-    """For each stage the connector or elevator that its robot must have for itself, or None.
+    """For each command, the connector or elevator that its robot must claim, or None.
 
     Parameters
     ----------
-    elevators : the elevator of each place that is a cabin
-    width : of the robot, metres; None: unknown, no two fit through any connector
+    elevators
+        The elevator of each place that is a cabin.
+    width
+        Of the robot, metres; None if unknown: then no two robots fit through any connector.
     """
-    claims = [_claim(stage, elevators, width) for stage in stages]
-    for i in range(len(stages) - 2, -1, -1):  # with what it leads to, if it leads into no other
-        step = stages[i].step
-        if claims[i] is None and step is not None and stages[i].behaviour == "navigate":
+    claims = [_claim(command, elevators, width) for command in commands]
+    for i in range(len(commands) - 2, -1, -1):  # a drive belongs to what it leads to
+        step = commands[i].step
+        if claims[i] is None and step is not None and commands[i].behaviour == "navigate":
             claims[i] = claims[i + 1]
     return claims
 
 
-def _claim(stage: Stage, elevators: Mapping[str, str], width: float | None) -> str | None:
-    step = stage.step
+def _claim(command: Command, elevators: Mapping[str, str], width: float | None) -> str | None:
+    step = command.step
     if step is None:
         return None
     for place in (step.from_place, step.to_place):
@@ -55,7 +57,7 @@ def _claim(stage: Stage, elevators: Mapping[str, str], width: float | None) -> s
     return connector.name if _narrow(connector, width) else None
 
 
-def _narrow(connector: Connector, width: float | None) -> bool:
+def _narrow(connector: PlaceConnector, width: float | None) -> bool:
     if connector.width is None or width is None:
         return True
     return connector.width < 2 * width + 3 * ROOM

@@ -1,4 +1,4 @@
-"""Failures on demand, as one says them: ``door5 locked``, ``pickup fails twice``."""
+"""Failures of a simulation, written as ``door5 locked`` or ``pickup fails twice``."""
 
 from __future__ import annotations
 
@@ -8,21 +8,33 @@ __all__ = ["FailureRule"]
 
 TIMES = {"once": 1, "twice": 2}
 BEHAVIOURS = (
-    "navigate", "open_door", "unlock_door", "pass_door", "call_elevator", "use_elevator",
-    "switch_map", "pickup", "place", "drop",
-)  # fmt: skip
+    "navigate",
+    "open_door",
+    "unlock_door",
+    "pass_door",
+    "call_elevator",
+    "use_elevator",
+    "switch_map",
+    "pickup",
+    "place",
+    "drop",
+)
 
 
 @dataclass(frozen=True)
 class FailureRule:
-    """A door that is not as the map says, or a behaviour that fails.
+    """A state of a door that differs from the map, or a behaviour that fails.
 
     Attributes
     ----------
-    what : a door, or a behaviour; drop: what it carries falls as it drives
-    state : of a door
-    times : so often it fails, from now on
-    chance : so probably it fails each time, 0 to 1
+    what
+        A door or a behaviour. ``drop``: the robot drops its load while it drives.
+    state
+        Of a door.
+    times
+        How often the behaviour fails from now on.
+    chance
+        Probability of each failure, 0 to 1.
     """
 
     what: str
@@ -31,20 +43,20 @@ class FailureRule:
     chance: float = 0.0
 
     @classmethod
-    def parse(cls, said: str) -> FailureRule:
-        """A rule as it was said.
+    def parse(cls, text: str) -> FailureRule:
+        """The rule that a text describes.
 
         Raises
         ------
         ValueError
-            It is none; the message shows some.
+            The text is not a rule; the message shows examples.
 
         Examples
         --------
         >>> FailureRule.parse("pickup fails twice")
         FailureRule(what='pickup', state=None, times=2, chance=0.0)
         """
-        words = said.split()
+        words = text.split()
         if len(words) == 2 and words[1] in ("open", "closed", "locked"):
             return cls(words[0], state=words[1])
         if len(words) == 3 and words[1] == "fails" and words[0] in BEHAVIOURS:
@@ -57,6 +69,7 @@ class FailureRule:
             if 0 < number < 1:
                 return cls(words[0], chance=number)
         raise ValueError(
-            f"{said!r} is no failure: say 'door5 locked', 'pickup fails twice', 'pass_door fails "
-            f"0.1' (of ten once) or 'drop fails once'; behaviours: {', '.join(BEHAVIOURS)}"
+            f"{text!r} is not a failure; write 'door5 locked', 'pickup fails twice', "
+            "'pass_door fails 0.1' (once in ten times) or 'drop fails once'; behaviours: "
+            f"{', '.join(BEHAVIOURS)}"
         )

@@ -1,4 +1,4 @@
-"""A plan as a behaviour tree: a sequence of stages under a guard that is asked at every tick."""
+"""A plan as a behaviour tree: a sequence of commands under a guard that is checked each tick."""
 
 from __future__ import annotations
 
@@ -9,54 +9,54 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 from py_trees.composites import Sequence as Steps
 
-from planner.mission.behaviours import Doing, Outcome
-from planner.mission.stage import Stage
+from planner.mission.behaviours import Outcome, RunningBehaviour
+from planner.mission.command import Command
 
-__all__ = ["Hands", "mission_tree"]
+__all__ = ["StepHandlers", "mission_tree"]
 
 
-class Hands(Protocol):
-    """What the tree's leaves do, each for a stage by its number in the plan."""
+class StepHandlers(Protocol):
+    """Executes the leaves of the tree, each for a command by its index in the plan."""
 
     def guard(self) -> bool:
-        """Whether the mission still goes on."""
+        """Whether the mission continues."""
         ...
 
     def claim(self, index: int) -> bool | None:
-        """True once the robot has what it needs for itself; None while it waits; False: no more."""
+        """True if the robot has its claim; None while it waits; False if it gives up."""
         ...
 
-    def begin(self, index: int) -> Doing | None:
-        """Write that it begins, and let the robot act; None where it cannot begin."""
+    def begin(self, index: int) -> RunningBehaviour | None:
+        """Store that the command begins, and start it; None if it cannot begin."""
         ...
 
     def end(self, index: int, outcome: Outcome) -> None:
-        """Write how it ended, and what came of it."""
+        """Store how the command ended, and its effects."""
         ...
 
 
-def mission_tree(stages: Sequence[Stage], hands: Hands) -> Behaviour:
-    """The tree of these stages; it succeeds when the last has, and fails with the first that does.
+def mission_tree(commands: Sequence[Command], handlers: StepHandlers) -> Behaviour:
+    """The tree of these commands: fails with the first that fails, succeeds with the last.
 
-    A guard that fails stops the stage that is at work.
+    A guard that fails stops the running command.
     """
-    tasks = Steps("stages", memory=True)
-    for index, stage in enumerate(stages):
+    tasks = Steps("commands", memory=True)
+    for index, command in enumerate(commands):
         tasks.add_child(
             Steps(
-                str(stage),
+                str(command),
                 memory=True,
                 children=[
-                    _Ask("claim", lambda index=index: hands.claim(index)),  # type: ignore[misc]
-                    _Act(str(stage), hands, index),
+                    _Ask("claim", lambda index=index: handlers.claim(index)),  # type: ignore[misc]
+                    _Act(str(command), handlers, index),
                 ],
             )
         )
-    return Steps("mission", memory=False, children=[_Ask("guard", hands.guard), tasks])
+    return Steps("mission", memory=False, children=[_Ask("guard", handlers.guard), tasks])
 
 
 class _Ask(Behaviour):
-    """A question: yes, no, or not yet."""
+    """A condition: true, false, or not known yet."""
 
     def __init__(self, name: str, ask: Callable[[], bool | None]) -> None:
         super().__init__(name)
@@ -70,16 +70,16 @@ class _Ask(Behaviour):
 
 
 class _Act(Behaviour):
-    """One stage at work."""
+    """A running command."""
 
-    def __init__(self, name: str, hands: Hands, index: int) -> None:
+    def __init__(self, name: str, handlers: StepHandlers, index: int) -> None:
         super().__init__(name)
-        self._hands = hands
+        self._handlers = handlers
         self._index = index
-        self._doing: Doing | None = None
+        self._doing: RunningBehaviour | None = None
 
     def initialise(self) -> None:
-        self._doing = self._hands.begin(self._index)
+        self._doing = self._handlers.begin(self._index)
 
     def update(self) -> Status:
         if self._doing is None:
@@ -88,11 +88,11 @@ class _Act(Behaviour):
         if outcome is None:
             return Status.RUNNING
         self._doing = None
-        self._hands.end(self._index, outcome)
+        self._handlers.end(self._index, outcome)
         return Status.SUCCESS if outcome.succeeded else Status.FAILURE
 
     def terminate(self, new_status: Status) -> None:
         if new_status is Status.INVALID and self._doing is not None:
             doing, self._doing = self._doing, None
             doing.cancel()
-            self._hands.end(self._index, Outcome("cancelled", "stopped in the middle"))
+            self._handlers.end(self._index, Outcome("cancelled", "stopped in the middle"))

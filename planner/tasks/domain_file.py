@@ -1,15 +1,15 @@
-"""Actions that users add to the planner's own, in a YAML file::
+"""Reads domain files: additional actions, in YAML::
 
     actions:
       water:
-        parameters: {plant: potted_plant, can: watering_can}   # a type, a label or a name each
+        parameters: {plant: potted_plant, can: watering_can}   # types, labels or names
         at: plant                                              # where the robot has to be
         needs: [holding(can), not watered(plant)]
         effects: [watered(plant)]
         seconds: 20
 
-``holding(x)`` and ``on(x, y)`` are what the planner knows itself; all other predicates are the
-file's. One of a single thing holds at first where the thing's property of that name is true.
+The planner itself defines ``holding(x)`` and ``on(x, y)``; the file defines all other predicates.
+Initially, a predicate holds for an object if the property of this name is true.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import yaml
 
 from planner.tasks.goal import Word
 from planner.tasks.problem import NoPlanError, Operator, Problem
-from planner.tasks.world import World
+from planner.tasks.world import TaskWorld
 
 __all__ = ["Domain", "DomainError", "UserAction", "read_domain"]
 
@@ -33,18 +33,18 @@ _KEYS = ("parameters", "at", "needs", "effects", "seconds")
 _OWN = {"holding": 1, "on": 2}
 _RESERVED = ("on", "in", "carries", "holding", "pickup", "place", "drive")
 _MOST = 2000
-"""Actions with things in place of parameters, more than which are refused."""
+"""Maximum number of actions after their parameters are replaced by objects."""
 
 _LITERAL = re.compile(r"\s*(not\s+)?([A-Za-z_][\w-]*)\s*\(([^()]*)\)\s*$")
 
 
 class DomainError(ValueError):
-    """A domain file with a mistake; the message names the line and the mend."""
+    """A domain file is invalid; the message names the line and how to fix it."""
 
 
 @dataclass(frozen=True)
-class Literal:
-    """A predicate of parameters, or that it does not hold."""
+class DomainLiteral:
+    """A predicate of parameters, or its negation."""
 
     predicate: str
     parameters: tuple[str, ...]
@@ -58,8 +58,8 @@ class UserAction:
     name: str
     parameters: Mapping[str, str]
     at: str | None
-    needs: tuple[Literal, ...]
-    effects: tuple[Literal, ...]
+    needs: tuple[DomainLiteral, ...]
+    effects: tuple[DomainLiteral, ...]
     seconds: float
 
 
@@ -71,7 +71,7 @@ class Domain:
 
     @property
     def relations(self) -> list[tuple[str, int]]:
-        """The predicates that goals may ask for, with their numbers of arguments."""
+        """The predicates that goals may use, with their numbers of arguments."""
         return [(e.predicate, len(e.parameters)) for a in self.actions for e in a.effects]
 
     @property
@@ -79,17 +79,18 @@ class Domain:
         """Types, labels and names that its parameters need."""
         return sorted({kind for a in self.actions for kind in a.parameters.values()})
 
-    def extend(self, problem: Problem, world: World) -> tuple[list[str], int]:
-        """Add what the goal needs of these actions to a problem.
+    def extend(self, problem: Problem, world: TaskWorld) -> tuple[list[str], int]:
+        """Add the actions that a goal needs to a problem.
 
         Returns
         -------
-        The things that they need the robot to hold, and how many events more that may take.
+        The objects that the robot has to hold for them, and the maximum number of additional
+        events.
 
         Raises
         ------
         NoPlanError
-            A fact that the goal asks for comes about by none of them.
+            No action achieves a condition of the goal.
         """
         own = {name for name, _ in self.relations}
         lifted: dict[str, None] = {}
@@ -100,16 +101,18 @@ class Domain:
                 continue
             for word in atom.words:
                 if word not in problem.candidates:
-                    raise NoPlanError(f"{atom}: {word} is no thing; {atom.relation} takes things")
+                    raise NoPlanError(
+                        f"{atom}: {word} is not an object; {atom.relation} takes objects"
+                    )
             names = [problem.candidates[w] for w in atom.words]
             wanted.update(dict.fromkeys((atom.relation, *chosen) for chosen in product(*names)))
             slots += self._steps(atom.relation, ())
         predicates = {n.predicate for a in self.actions for n in (*a.needs, *a.effects)}
         problem.facts = [
-            (predicate, thing.name)
+            (predicate, item.name)
             for predicate in sorted(predicates - {*_OWN})
-            for thing in world.things.values()
-            if thing.properties.get(predicate) is True
+            for item in world.objects.values()
+            if item.properties.get(predicate) is True
         ]
         made: dict[tuple[str, tuple[str, ...]], Operator] = {}
         todo = list(wanted)
@@ -120,7 +123,7 @@ class Domain:
                     continue
                 if len(made) > _MOST:
                     raise NoPlanError(
-                        f"{operator.name} can be done with too many things; name them in the goal"
+                        f"{operator.name} fits too many objects; name them in the goal"
                     )
                 lifted.update(dict.fromkeys([*operator.held, *(a for a, _ in operator.on)]))
                 for above, below in operator.on:
@@ -134,34 +137,42 @@ class Domain:
         problem.operators = list(made.values())
         for atom in problem.goal.atoms:
             if atom.relation in own and not any(
-                fact[0] == atom.relation and all(n in problem.candidates[w] for n, w in zip(
-                    fact[1:], atom.words, strict=True))
+                fact[0] == atom.relation
+                and all(
+                    n in problem.candidates[w] for n, w in zip(fact[1:], atom.words, strict=True)
+                )
                 for fact in [*problem.facts, *(f for o in problem.operators for f in o.adds)]
-            ):  # fmt: skip
+            ):
                 raise NoPlanError(
-                    f"no action of the domain file brings about {atom}: nothing fits the "
-                    "parameters of those that could; see what the map has with semmap ls"
+                    f"no action of the domain file achieves {atom}: no object fits the "
+                    "parameters of such an action; semmap ls lists the objects"
                 )
         return list(lifted), slots
 
     def _steps(self, predicate: str, before: tuple[str, ...]) -> int:
-        """Events that it takes at most to bring about a fact: actions, and things taken and put."""
+        """The maximum number of events that achieve a predicate, with pickups and placings."""
         if predicate in before:
             return 0
         most = 0
         for action in self.actions:
             if any(e.holds and e.predicate == predicate for e in action.effects):
-                most = max(most, 1 + sum(
-                    2 if need.predicate in _OWN
-                    else self._steps(need.predicate, (*before, predicate))
-                    for need in action.needs if need.holds
-                ))  # fmt: skip
+                most = max(
+                    most,
+                    1
+                    + sum(
+                        2
+                        if need.predicate in _OWN
+                        else self._steps(need.predicate, (*before, predicate))
+                        for need in action.needs
+                        if need.holds
+                    ),
+                )
         return most
 
     def _operators(
-        self, fact: tuple[str, ...], world: World
+        self, fact: tuple[str, ...], world: TaskWorld
     ) -> Iterable[tuple[Operator, list[tuple[str, ...]]]]:
-        """The actions that bring about a fact, with things in place of parameters."""
+        """The actions that achieve a fact, with objects for their parameters."""
         for action in self.actions:
             for effect in action.effects:
                 if effect.predicate != fact[0] or not effect.holds:
@@ -178,18 +189,19 @@ class Domain:
                         yield _ground(action, dict(zip(action.parameters, chosen, strict=True)))
 
 
-def _fitting(kind: str, world: World) -> list[str]:
-    if kind in world.things:
+def _fitting(kind: str, world: TaskWorld) -> list[str]:
+    if kind in world.objects:
         return [kind]
     return world.of_kind(Word(kind))
 
 
 def _ground(action: UserAction, of: Mapping[str, str]) -> tuple[Operator, list[tuple[str, ...]]]:
-    def facts(literals: Iterable[Literal], holds: bool) -> tuple[tuple[str, ...], ...]:
+    def facts(literals: Iterable[DomainLiteral], holds: bool) -> tuple[tuple[str, ...], ...]:
         return tuple(
             (k.predicate, *(of[p] for p in k.parameters))
-            for k in literals if k.holds == holds and k.predicate not in _OWN
-        )  # fmt: skip
+            for k in literals
+            if k.holds == holds and k.predicate not in _OWN
+        )
 
     own = [(k.predicate, tuple(of[p] for p in k.parameters)) for k in action.needs]
     needs = facts(action.needs, True)
@@ -223,11 +235,13 @@ def read_domain(path: Path) -> Domain:
     except OSError as error:
         raise DomainError(f"{path}: {error.strerror}; name a YAML file of actions") from error
     except UnicodeDecodeError as error:
-        raise DomainError(f"{path}: no text; name a YAML file of actions") from error
+        raise DomainError(f"{path}: not text; name a YAML file of actions") from error
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = "" if mark is None else f", line {mark.line + 1}"
-        raise DomainError(f"{path}{line}: no YAML: {getattr(error, 'problem', error)}") from error
+        raise DomainError(
+            f"{path}{line}: invalid YAML: {getattr(error, 'problem', error)}"
+        ) from error
     return _Reader(path).domain(tree)
 
 
@@ -243,73 +257,76 @@ class _Reader:
         top = self.mapping(tree, "the file", "begins with actions:")
         for name, (key, _) in top.items():
             if name != "actions":
-                raise self.fail(key, f"what is {name}? A domain file has actions: alone")
+                raise self.fail(key, f"unknown key {name}; a domain file has only actions:")
         if "actions" not in top:
-            raise self.fail(tree, "no actions: in it; name one with its parameters and effects")
+            raise self.fail(tree, "actions: is missing; add an action with parameters and effects")
         actions = self.mapping(top["actions"][1], "actions", "maps names to what they need")
         if not actions:
-            raise self.fail(tree, "actions: is empty; name one")
+            raise self.fail(tree, "actions: is empty; add an action")
         found = tuple(self.action(name, key, node) for name, (key, node) in actions.items())
         self.arities(found, actions)
         return Domain(found)
 
-    def mapping(self, node: Any, what: str, mend: str) -> dict[str, tuple[Any, Any]]:
+    def mapping(self, node: Any, what: str, hint: str) -> dict[str, tuple[Any, Any]]:
         if not isinstance(node, yaml.MappingNode):
-            raise self.fail(node, f"{what} {mend}")
+            raise self.fail(node, f"{what} {hint}")
         found: dict[str, tuple[Any, Any]] = {}
         for key, value in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise self.fail(key, f"{what}: a key is a word")
             if key.value in found:
-                raise self.fail(key, f"{key.value} comes twice; drop one")
+                raise self.fail(key, f"{key.value} is there twice; remove one")
             found[key.value] = (key, value)
         return found
 
     def action(self, name: str, key: Any, node: Any) -> UserAction:
         if not re.fullmatch(r"[A-Za-z_][\w-]*", name) or name in _RESERVED:
             raise self.fail(key, f"an action cannot be named {name}; choose another word")
-        said = self.mapping(node, name, f"has {', '.join(_KEYS)}")
-        for part, (at, _) in said.items():
+        given = self.mapping(node, name, f"has {', '.join(_KEYS)}")
+        for part, (at, _) in given.items():
             if part not in _KEYS:
-                raise self.fail(at, f"{name}: what is {part}? It has {', '.join(_KEYS)}")
-        if "effects" not in said:
-            raise self.fail(key, f"{name} has no effects; say what it brings about")
+                raise self.fail(at, f"{name}: unknown key {part}; the keys are {', '.join(_KEYS)}")
+        if "effects" not in given:
+            raise self.fail(key, f"{name} has no effects; add effects:")
         parameters: dict[str, str] = {}
-        if "parameters" in said:
+        if "parameters" in given:
             for parameter, (_, value) in self.mapping(
-                said["parameters"][1], f"{name}: parameters", "map names to types"
+                given["parameters"][1], f"{name}: parameters", "map names to types"
             ).items():
                 parameters[parameter] = self.word(value, f"{name}: the type of {parameter}")
         place = None
-        if "at" in said:
-            place = self.word(said["at"][1], f"{name}: at")
+        if "at" in given:
+            place = self.word(given["at"][1], f"{name}: at")
             if place not in parameters:
-                raise self.fail(said["at"][1], f"{name}: at is a parameter, not {place}")
-        needs = self.literals(name, said.get("needs"), parameters)
-        effects = self.literals(name, said.get("effects"), parameters)
+                raise self.fail(given["at"][1], f"{name}: at is a parameter, not {place}")
+        needs = self.literals(name, given.get("needs"), parameters)
+        effects = self.literals(name, given.get("effects"), parameters)
         for literal in effects:
             if literal.predicate in _RESERVED:
                 raise self.fail(
-                    said["effects"][1],
-                    f"{name}: {literal.predicate} is the planner's own; effects are facts of yours",
+                    given["effects"][1],
+                    f"{name}: {literal.predicate} is defined by the planner; effects use other "
+                    "predicates",
                 )
         for literal in needs:
             if literal.predicate in _OWN and not literal.holds:
-                raise self.fail(said["needs"][1], f"{name}: say what shall be, not that "
-                                f"{literal.predicate} shall not")  # fmt: skip
+                raise self.fail(
+                    given["needs"][1],
+                    f"{name}: only positive needs are possible: {literal.predicate} shall not",
+                )
             if literal.predicate in _RESERVED and literal.predicate not in _OWN:
                 raise self.fail(
-                    said["needs"][1],
-                    f"{name}: {literal.predicate} cannot be asked for; say holding(x) or on(x, y)",
+                    given["needs"][1],
+                    f"{name}: {literal.predicate} cannot be a need; use holding(x) or on(x, y)",
                 )
         seconds = 0.0
-        if "seconds" in said:
+        if "seconds" in given:
             try:
-                seconds = float(said["seconds"][1].value)
+                seconds = float(given["seconds"][1].value)
             except (TypeError, ValueError):
                 seconds = -1.0
             if not 0 <= seconds < 1e6:
-                raise self.fail(said["seconds"][1], f"{name}: seconds is a number from 0 on")
+                raise self.fail(given["seconds"][1], f"{name}: seconds: give a number, 0 or more")
         return UserAction(name, parameters, place, needs, effects, seconds)
 
     def word(self, node: Any, what: str) -> str:
@@ -318,12 +335,12 @@ class _Reader:
         return str(node.value)
 
     def literals(
-        self, name: str, said: tuple[Any, Any] | None, parameters: Mapping[str, str]
-    ) -> tuple[Literal, ...]:
-        if said is None:
+        self, name: str, given: tuple[Any, Any] | None, parameters: Mapping[str, str]
+    ) -> tuple[DomainLiteral, ...]:
+        if given is None:
             return ()
         found = []
-        for item, text in self.facts(name, said):
+        for item, text in self.facts(name, given):
             match = _LITERAL.match(text)
             if match is None:
                 raise self.fail(item, f"{name}: a fact reads watered(plant) or not watered(plant)")
@@ -332,19 +349,20 @@ class _Reader:
                 if parameter not in parameters:
                     known = ", ".join(parameters) or "none"
                     raise self.fail(
-                        item, f"{name}: {match[2]} is of {parameter}, which is no parameter; "
-                        f"there are: {known}"
-                    )  # fmt: skip
+                        item,
+                        f"{name}: {match[2]} uses {parameter}, which is not a parameter; "
+                        f"there are: {known}",
+                    )
             if match[2] in _OWN and len(of) != _OWN[match[2]]:
                 raise self.fail(item, f"{name}: {match[2]} takes {_OWN[match[2]]} parameters")
-            found.append(Literal(match[2], of, match[1] is None))
+            found.append(DomainLiteral(match[2], of, match[1] is None))
         return tuple(found)
 
-    def facts(self, name: str, said: tuple[Any, Any]) -> list[tuple[Any, str]]:
-        """The facts of a list, each with where it stands: YAML takes ``[on(p, q)]`` for two."""
-        node = said[1]
+    def facts(self, name: str, given: tuple[Any, Any]) -> list[tuple[Any, str]]:
+        """The facts of a list with their nodes: YAML reads ``[on(p, q)]`` as two elements."""
+        node = given[1]
         if not isinstance(node, yaml.SequenceNode):
-            raise self.fail(node, f"{name}: {said[0].value} is a list: [watered(plant)]")
+            raise self.fail(node, f"{name}: {given[0].value} is a list: [watered(plant)]")
         found: list[tuple[Any, str]] = []
         for item in node.value:
             if not isinstance(item, yaml.ScalarNode):
@@ -356,7 +374,7 @@ class _Reader:
         return found
 
     def arities(self, actions: Iterable[UserAction], nodes: Mapping[str, tuple[Any, Any]]) -> None:
-        """Each predicate takes as many things everywhere, and some action brings it about."""
+        """Refuse predicates with different numbers of arguments."""
         counts: dict[str, int] = dict(_OWN)
         for action in actions:
             for literal in (*action.effects, *action.needs):
@@ -365,5 +383,5 @@ class _Reader:
                     raise self.fail(
                         nodes[action.name][0],
                         f"{action.name}: {literal.predicate} is of {len(literal.parameters)} "
-                        f"things here, of {known} before; make them the same",
+                        f"objects here, of {known} before; make them the same",
                     )

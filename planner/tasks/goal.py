@@ -10,10 +10,10 @@ from dataclasses import dataclass
 __all__ = ["ROBOT", "Atom", "Goal", "GoalError", "Word", "parse_goal"]
 
 ROBOT = "robot"
-"""What a goal calls the robot that plans."""
+"""The word for the planning robot."""
 
 RELATIONS = {"on": 2, "in": 2, "carries": 2}
-"""What the planner itself knows, with the number of arguments; domain files add more."""
+"""Relations of the planner with their numbers of arguments; domain files add more."""
 
 _TOKEN = re.compile(
     r"""\s*(?:(?P<and>,|;|&|∧|and\b)|(?P<open>\()|(?P<close>\))
@@ -29,10 +29,10 @@ class GoalError(ValueError):
 
 @dataclass(frozen=True, order=True)
 class Word:
-    """What a goal calls a thing or a place: its name, its type or its label.
+    """A word of a goal for an object or a place: its name, type or label.
 
-    The same word means the same thing throughout a goal; "another muffin" is a second one, "another
-    another muffin" (`number` 2) a third.
+    The same word stands for the same object throughout a goal. "another muffin" is a second one,
+    "another another muffin" (`number` 2) a third.
     """
 
     text: str
@@ -44,7 +44,7 @@ class Word:
 
 @dataclass(frozen=True)
 class Atom:
-    """One thing that shall be so: ``on(muffin, desk1)``."""
+    """One condition of a goal: ``on(muffin, desk1)``."""
 
     relation: str
     words: tuple[Word, ...]
@@ -55,28 +55,29 @@ class Atom:
 
 @dataclass(frozen=True)
 class Goal:
-    """All that shall be so in the end; `text` as it was said."""
+    """A conjunction of conditions."""
 
     text: str
     atoms: tuple[Atom, ...]
 
     def words(self) -> list[Word]:
-        """The words for things and places, each once, in the order said."""
-        said = (word for atom in self.atoms for word in atom.words)
-        return list(dict.fromkeys(w for w in said if w.text != ROBOT))
+        """The words for objects and places, each once, in order."""
+        words = (word for atom in self.atoms for word in atom.words)
+        return list(dict.fromkeys(w for w in words if w.text != ROBOT))
 
 
 def parse_goal(text: str, relations: Iterable[tuple[str, int]] = ()) -> Goal:
-    """A goal from what was said: ``on(a muffin, desk1) and in(robot, kitchen)``.
+    """The goal that a text describes: ``on(a muffin, desk1) and in(robot, kitchen)``.
 
     Parameters
     ----------
-    relations : names and numbers of arguments that a domain file adds
+    relations
+        Names and numbers of arguments of the relations of a domain file.
 
     Raises
     ------
     GoalError
-        It is no conjunction of ``relation(word, word)``, or it contradicts itself.
+        The text is not a conjunction of ``relation(word, word)``, or contradicts itself.
     """
     known = {**RELATIONS, **dict(relations)}
     atoms = tuple(dict.fromkeys(_Reader(text, known).atoms()))
@@ -85,7 +86,7 @@ def parse_goal(text: str, relations: Iterable[tuple[str, int]] = ()) -> Goal:
 
 
 class _Reader:
-    """Tokens of a goal, with their places for messages."""
+    """Reads the tokens of a goal."""
 
     def __init__(self, text: str, known: dict[str, int]) -> None:
         self.text, self.known = text, known
@@ -95,7 +96,9 @@ class _Reader:
         while at < end:
             found = _TOKEN.match(text, at)
             if found is None:
-                raise GoalError(f"{text!r}: what is {text[at:].strip()[:12]!r}? Close the quotes")
+                raise GoalError(
+                    f"{text!r}: unexpected {text[at:].strip()[:12]!r}; close the quotes"
+                )
             kind = str(found.lastgroup)
             self.tokens.append((kind, found[kind], found.start(kind)))
             at = found.end()
@@ -103,7 +106,7 @@ class _Reader:
 
     def atoms(self) -> list[Atom]:
         if not self.tokens:
-            raise GoalError("the goal is empty; say what shall be so: on(muffin, desk1)")
+            raise GoalError("the goal is empty; write for example on(muffin, desk1)")
         found = [self._atom()]
         while self.next < len(self.tokens):
             while self._peek() == "and":  # "and", a comma, or both
@@ -139,9 +142,9 @@ class _Reader:
         parts: list[str] = []
         quoted = False
         while self._peek() in ("word", "quoted"):
-            kind, said, _ = self.tokens[self.next]
+            kind, text, _ = self.tokens[self.next]
             quoted = quoted or kind == "quoted"
-            parts.append(said[1:-1] if kind == "quoted" else said)
+            parts.append(text[1:-1] if kind == "quoted" else text)
             self.next += 1
         if not parts:
             self._take("word", "a name or a type")
@@ -154,22 +157,22 @@ class _Reader:
     def _checked(self, name: str, words: Sequence[Word]) -> Atom:
         if name not in self.known:
             near = difflib.get_close_matches(name, self.known, n=1, cutoff=0.4)
-            mend = f"did you mean {near[0]}?" if near else f"it knows {', '.join(self.known)}"
-            raise GoalError(f"the planner knows no relation {name}; {mend}")
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(self.known)}"
+            raise GoalError(f"there is no relation {name}; {hint}")
         if len(words) != self.known[name]:
             raise GoalError(
                 f"{Atom(name, tuple(words))} has {len(words)} arguments; {name} takes "
                 f"{self.known[name]}"
             )
         robots = [i for i, word in enumerate(words) if word.text == ROBOT]
-        said = Atom(name, tuple(words))
+        atom = Atom(name, tuple(words))
         if name == "on" and robots:
-            raise GoalError(f"{said}: nothing stands on or under a robot; say in(robot, ...)")
+            raise GoalError(f"{atom}: no object can be on or under a robot; use in(robot, ...)")
         if name == "in" and 1 in robots:
-            raise GoalError(f"{said}: nothing is in the robot; say carries(robot, ...)")
+            raise GoalError(f"{atom}: no object can be in the robot; use carries(robot, ...)")
         if name == "carries" and robots != [0]:
-            raise GoalError(f"{said}: say carries(robot, ...): it is the robot that carries")
-        return said
+            raise GoalError(f"{atom}: only the robot carries; use carries(robot, ...)")
+        return atom
 
 
 def _refuse_contradictions(atoms: Sequence[Atom]) -> None:
@@ -193,11 +196,11 @@ def _refuse_contradictions(atoms: Sequence[Atom]) -> None:
         if same is None and atom.relation == "in" and atom.words[0].text == ROBOT and robots:
             same = robots[0]
         if same is not None:
-            thing = atom.words[0]
-            mend = "" if thing.text == ROBOT else f" (a second one is: another {thing})"
+            item = atom.words[0]
+            hint = "" if item.text == ROBOT else f" (a second one is: another {item})"
             raise GoalError(
-                f"{same} and {atom} contradict each other: {thing} is in one place only; drop one "
-                f"of them{mend}"
+                f"{same} and {atom} contradict each other: {item} is in one place only; drop one "
+                f"of them{hint}"
             )
         if atom.relation == "on":
             below[atom.words[0]] = atom
@@ -208,7 +211,7 @@ def _refuse_contradictions(atoms: Sequence[Atom]) -> None:
             if chain[-1] == start:
                 raise GoalError(
                     f"{' and '.join(str(below[w]) for w in chain[:-1])} contradict each other: "
-                    "things cannot stand on each other in a circle; drop one of them"
+                    "objects cannot stand on each other in a circle; drop one of them"
                 )
             if len(chain) > len(below) + 1:
                 break

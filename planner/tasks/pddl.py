@@ -92,21 +92,30 @@ def write_pddl(problem: Problem, folder: Path) -> tuple[Path, Path]:
     domain, task = pddl(problem)
     folder.mkdir(parents=True, exist_ok=True)
     paths = folder / "domain.pddl", folder / "problem.pddl"
-    for path, said in zip(paths, (domain, task), strict=True):
-        path.write_text(said)
+    for path, facts in zip(paths, (domain, task), strict=True):
+        path.write_text(facts)
     return paths
 
 
 class _Writer:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        names = {*problem.limits, *problem.takes, *problem.spots, *problem.on,
-                 *problem.on.values(), *problem.held}  # fmt: skip
+        names = {
+            *problem.limits,
+            *problem.takes,
+            *problem.spots,
+            *problem.on,
+            *problem.on.values(),
+            *problem.held,
+        }
         names |= {n for ns in problem.candidates.values() for n in ns}
         names |= {n for f in problem.facts for n in f[1:]}
         for operator in problem.operators:
-            names |= {n for f in (*operator.adds, *operator.deletes, *operator.asks,
-                                  *operator.asks_not) for n in f[1:]}  # fmt: skip
+            names |= {
+                n
+                for f in (*operator.adds, *operator.deletes, *operator.needs, *operator.needs_not)
+                for n in f[1:]
+            }
         # names of entities may hold any characters; those of PDDL may not
         self.ids = {name: f"t{i}-{_plain(name)}" for i, name in enumerate(sorted(names))}
         words = [*problem.candidates, *problem.regions]
@@ -130,7 +139,7 @@ class _Writer:
             actions += self._reach(k)
         arities = {(f[0], len(f) - 1) for f in problem.facts}
         for operator in problem.operators:
-            every = (*operator.adds, *operator.deletes, *operator.asks, *operator.asks_not)
+            every = (*operator.adds, *operator.deletes, *operator.needs, *operator.needs_not)
             arities |= {(f[0], len(f) - 1) for f in every}
         predicates += [
             f"(f-{name} {' '.join(f'?x{i}' for i in range(n))} - thing)" if n else f"(f-{name})"
@@ -140,20 +149,33 @@ class _Writer:
             predicates.append(f"(undone{i})")
             actions += self._operator(i)
         exempt = {*problem.held}
-        wanted = {n for a in problem.goal.atoms if a.relation == "carries"
-                  for n in problem.candidates[a.words[1]]}  # fmt: skip
+        wanted = {
+            n
+            for a in problem.goal.atoms
+            if a.relation == "carries"
+            for n in problem.candidates[a.words[1]]
+        }
         for name in problem.limits:
             if name in wanted - exempt:
                 predicates.append(f"(free-{t[name]})")
                 goals.append(f"(free-{t[name]})")
-                actions.append(_action(f"let-{t[name]}", f"(not (working)) (not (held {t[name]}))",
-                                       f"(free-{t[name]})"))  # fmt: skip
+                actions.append(
+                    _action(
+                        f"let-{t[name]}",
+                        f"(not (working)) (not (held {t[name]}))",
+                        f"(free-{t[name]})",
+                    )
+                )
                 for a in problem.goal.atoms:
                     if a.relation == "carries" and name in problem.candidates[a.words[1]]:
                         word = self.words[a.words[1]]
-                        actions.append(_action(
-                            f"keep-{word}-{t[name]}", f"(not (working)) (is {word} {t[name]})",
-                            f"(free-{t[name]})"))  # fmt: skip
+                        actions.append(
+                            _action(
+                                f"keep-{word}-{t[name]}",
+                                f"(not (working)) (is {word} {t[name]})",
+                                f"(free-{t[name]})",
+                            )
+                        )
             elif name not in exempt:
                 goals.append(f"(not (held {t[name]}))")
         n, most = len(problem.sites), max([*problem.limits.values(), 0])
@@ -177,42 +199,42 @@ class _Writer:
         problem, t = self.problem, self.ids
         n = len(problem.sites)
         most = max([*problem.limits.values(), 0])
-        said = ["(working)", "(may-drive)", "(robot-at s0)", "(= (total-cost) 0)"]
+        facts = ["(working)", "(may-drive)", "(robot-at s0)", "(= (total-cost) 0)"]
         for a, b in product(range(n), repeat=2):
             seconds = float(problem.seconds[a, b])
             if a != b and seconds < math.inf:
-                said.append(f"(way s{a} s{b}) (= (seconds s{a} s{b}) {milliseconds(seconds)})")
-        said.append(f"(load n{len(problem.held)})")
-        said += [f"(more n{i} n{i + 1})" for i in range(problem.capacity)]
-        said += [f"(less l{i} l{i + 1})" for i in range(most)]
+                facts.append(f"(way s{a} s{b}) (= (seconds s{a} s{b}) {milliseconds(seconds)})")
+        facts.append(f"(load n{len(problem.held)})")
+        facts += [f"(more n{i} n{i + 1})" for i in range(problem.capacity)]
+        facts += [f"(less l{i} l{i + 1})" for i in range(most)]
         fixed_like = {n for n in t if n in problem.fixed or n in problem.carriers}
         above = set(problem.on.values())
         for name, of in t.items():
             if name in problem.limits:
-                said.append(f"(left-of {of} l{problem.limits[name]})")
+                facts.append(f"(left-of {of} l{problem.limits[name]})")
             if name not in fixed_like and (name in problem.spots or name in problem.held):
-                said.append(f"(single {of})")
+                facts.append(f"(single {of})")
                 if name not in above:
-                    said.append(f"(clear {of})")
+                    facts.append(f"(clear {of})")
             if name in problem.spots:
                 kind = "fixed" if name in problem.fixed else "at"
-                said.append(f"({kind} {of} s{problem.spots[name]})")
-        said += [f"(on {t[a]} {t[b]})" for a, b in problem.on.items()]
-        said += [f"(held {t[name]})" for name in problem.held]
-        said += [f"(takes {t[y]} {t[x]})" for y, xs in problem.takes.items() for x in xs]
+                facts.append(f"({kind} {of} s{problem.spots[name]})")
+        facts += [f"(on {t[a]} {t[b]})" for a, b in problem.on.items()]
+        facts += [f"(held {t[name]})" for name in problem.held]
+        facts += [f"(takes {t[y]} {t[x]})" for y, xs in problem.takes.items() for x in xs]
         for word, names in problem.candidates.items():
             of = self.words[word]
-            said.append(f"(open {of})")
-            said += [f"(candidate {of} {t[name]})" for name in names]
+            facts.append(f"(open {of})")
+            facts += [f"(candidate {of} {t[name]})" for name in names]
         for v, w in problem.differ:
-            said.append(f"(differ {self.words[v]} {self.words[w]})")
-            said.append(f"(differ {self.words[w]} {self.words[v]})")
-        said += [f"(f-{' '.join([f[0], *(t[x] for x in f[1:])])})" for f in problem.facts]
-        said += [f"(undone{i})" for i in range(len(problem.operators))]
+            facts.append(f"(differ {self.words[v]} {self.words[w]})")
+            facts.append(f"(differ {self.words[w]} {self.words[v]})")
+        facts += [f"(f-{' '.join([f[0], *(t[x] for x in f[1:])])})" for f in problem.facts]
+        facts += [f"(undone{i})" for i in range(len(problem.operators))]
         lines = "\n    ".join
         return (
             f"; {problem.goal.text}\n(define (problem task) (:domain tasks)\n"
-            f"  (:init\n    {lines(said)})\n"
+            f"  (:init\n    {lines(facts)})\n"
             f"  (:goal (and\n    {lines(goals)}))\n"
             "  (:metric minimize (total-cost)))\n"
         )
@@ -240,8 +262,9 @@ class _Writer:
                     if site.place in places:
                         yield _action(
                             f"reach{k}-{t[name]}-s{number}",
-                            f"(not (working)) (is {word} {t[name]}) (at {t[name]} s{number})", done,
-                        )  # fmt: skip
+                            f"(not (working)) (is {word} {t[name]}) (at {t[name]} s{number})",
+                            done,
+                        )
             return
         for chosen in product(*options):
             pairs = [(w, n) for w, n in zip(atom.words, chosen, strict=True) if n != ROBOT]
@@ -264,8 +287,8 @@ class _Writer:
         operator = problem.operators[i]
         needs = ["(working)", f"(undone{i})", *(f"(held {t[n]})" for n in operator.held)]
         needs += [f"(on {t[a]} {t[b]})" for a, b in operator.on]
-        needs += [self._fact(f) for f in operator.asks]
-        needs += [f"(not {self._fact(f)})" for f in operator.asks_not]
+        needs += [self._fact(f) for f in operator.needs]
+        needs += [f"(not {self._fact(f)})" for f in operator.needs_not]
         effects = [f"(not (undone{i}))", "(may-drive)", *(self._fact(f) for f in operator.adds)]
         effects += [f"(not {self._fact(f)})" for f in operator.deletes if f not in operator.adds]
         for number in [None] if operator.at is None else range(len(problem.sites)):
@@ -277,8 +300,10 @@ class _Writer:
                 where = [f"(robot-at s{number})", f"({kind} {t[operator.at]} s{number})"]
             yield _action(
                 f"do{i}-{operator.name}{'' if number is None else f'-s{number}'}",
-                " ".join([*needs, *where]), " ".join(effects), milliseconds(operator.seconds),
-            )  # fmt: skip
+                " ".join([*needs, *where]),
+                " ".join(effects),
+                milliseconds(operator.seconds),
+            )
 
 
 def _action(name: str, needs: str, effects: str, cost: int = 0) -> str:

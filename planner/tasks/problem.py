@@ -1,4 +1,4 @@
-"""What of a world a goal can use: the facts that the logic program and PDDL are grounded on."""
+"""The part of a world that a goal can use: the facts for the logic program and for PDDL."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.network import Site
+from planner.routing_graph import Endpoint
 from planner.tasks.goal import Goal, Word
-from planner.tasks.world import State
+from planner.tasks.world import TaskState
 
 __all__ = ["NoPlanError", "Operator", "Problem", "milliseconds"]
 
 
 class NoPlanError(ValueError):
-    """No plan reaches the goal; the message says what bars it."""
+    """No plan reaches the goal; the message says why."""
 
 
 @dataclass(frozen=True)
 class Operator:
-    """An action of a domain file with things in place of its parameters.
+    """An action of a domain file whose parameters are objects.
 
     Facts are tuples of a predicate and names.
     """
@@ -31,8 +31,8 @@ class Operator:
     at: str | None
     held: tuple[str, ...] = ()
     on: tuple[tuple[str, str], ...] = ()
-    asks: tuple[tuple[str, ...], ...] = ()
-    asks_not: tuple[tuple[str, ...], ...] = ()
+    needs: tuple[tuple[str, ...], ...] = ()
+    needs_not: tuple[tuple[str, ...], ...] = ()
     adds: tuple[tuple[str, ...], ...] = ()
     deletes: tuple[tuple[str, ...], ...] = ()
 
@@ -43,25 +43,42 @@ class Problem:
 
     Attributes
     ----------
-    goal, state, capacity : as they were given
-    pickup, place : seconds
-    candidates : what each word of the goal for a thing may mean
-    differ : pairs of words that mean different things
-    regions : what each word for a place may mean
-    limits : how often each movable thing is picked up at most
-    takes : which movable things may be put on each thing (or on a place's floor)
-    carriers : those of them that are carried with what stands on them
-    on : what each of them is on at first; held: those that the robot carries
-    spots : of each of them and of what takes them, the number of the site where one stands
-    fixed : those that never move
-    sites : the first is the robot's own
-    seconds : (n, n) float64 between sites; inf where no way leads
-    finals : sites at which the robot may end, with the place that is then reached
-    slots : no plan needs more events
+    goal, state, capacity
+        As given.
+    pickup, place
+        Seconds.
+    candidates
+        The objects that each word of the goal may stand for.
+    differ
+        Pairs of words that stand for different objects.
+    regions
+        The places that each word of the goal may stand for.
+    limits
+        Maximum pickups of each movable object.
+    takes
+        The movable objects that may be put on each object, or on the floor of a place.
+    carriers
+        The movable objects that are carried with the objects on them.
+    on, held
+        What each object is on at first, and the objects that the robot carries.
+    spots
+        Number of the site at which the robot reaches each object.
+    fixed
+        The objects that never move.
+    sites
+        The first is that of the robot.
+    seconds
+        (n, n) float64 between sites; infinite without a route.
+    finals
+        Sites at which the robot may end, each with the place that it reaches there.
+    operators, facts
+        Of a domain file.
+    slots
+        Maximum number of events of a plan.
     """
 
     goal: Goal
-    state: State
+    state: TaskState
     capacity: int
     pickup: float
     place: float
@@ -75,7 +92,7 @@ class Problem:
     held: list[str] = field(default_factory=list)
     spots: dict[str, int] = field(default_factory=dict)
     fixed: set[str] = field(default_factory=set)
-    sites: list[Site] = field(default_factory=list)
+    sites: list[Endpoint] = field(default_factory=list)
     seconds: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 1)))
     finals: list[tuple[int, str]] = field(default_factory=list)
     operators: list[Operator] = field(default_factory=list)

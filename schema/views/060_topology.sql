@@ -1,8 +1,8 @@
--- The topology as edges between stands, for pgr_dijkstra, SQL and QGIS. A stand is the pose before a
--- connector on one of its sides: its number is twice the connector's, plus 1 on the side of place_b.
--- Costs are seconds, -1 where this class of robots may not go. Filter on map and robot_class.
+-- The topology as edges between approach poses, for pgr_dijkstra, SQL and QGIS. An approach pose is the pose before
+-- a connector on one of its sides: its id is twice that of the connector, plus 1 on the side of place_b. Costs are
+-- seconds, -1 where this class of robots cannot go. Filter on map_id and robot_class.
 
-CREATE VIEW stand AS
+CREATE VIEW approach_pose AS
     SELECT 2 * c.entity_id + s.side AS id, m.name AS map, e.map_id, c.entity_id AS connector_id, e.name AS connector,
            s.side, s.place_id, coalesce(p.name, 'outside') AS place, pose_compose(w.pose, s.pose) AS pose
     FROM connector c JOIN entity e ON e.id = c.entity_id JOIN map m ON m.id = e.map_id
@@ -10,22 +10,22 @@ CREATE VIEW stand AS
     CROSS JOIN LATERAL (VALUES (0, c.place_a, c.pose_a), (1, c.place_b, c.pose_b)) s (side, place_id, pose)
     LEFT JOIN entity p ON p.id = s.place_id;
 
-CREATE VIEW gis_stand AS
+CREATE VIEW gis_approach_pose AS
     SELECT id AS fid, map, connector, side, place, pose_yaw(pose) AS heading,
            ST_MakePoint(pose[1], pose[2])::geometry(Point, 0) AS geom
-    FROM stand;
+    FROM approach_pose;
 
--- Mean seconds of what succeeded; of rides without what their height takes.
-CREATE VIEW learned AS
+-- Mean seconds of executions that succeeded; rides without the part that depends on their height.
+CREATE VIEW mean_duration AS
     SELECT x.robot_class_id, x.behaviour, x.entity_id, count(*) AS executions,
            avg(CASE x.behaviour WHEN 'use_elevator'
                THEN greatest(x.seconds - r.ride_seconds_per_metre * abs(x.height), 0) ELSE x.seconds END) AS seconds
     FROM execution x JOIN robot_class r ON r.id = x.robot_class_id
     WHERE x.succeeded GROUP BY x.robot_class_id, x.behaviour, x.entity_id;
 
-CREATE FUNCTION bars(r robot_class, c connector, there integer)
+CREATE FUNCTION is_blocked_for(r robot_class, c connector, there integer)
 RETURNS boolean LANGUAGE sql IMMUTABLE AS $$
--- Whether a class of robots may not pass a connector: towards place_b (there is 1) or place_a (0).
+-- Whether a class of robots cannot pass a connector towards place_b (there is 1) or place_a (0).
 SELECT c.state = 'locked' AND NOT r.unlocks
     OR c.state = 'closed' AND c.form <> 'elevator_door' AND NOT r.opens
     OR c.direction = CASE there WHEN 1 THEN 'backward' ELSE 'forward' END
@@ -41,10 +41,10 @@ CREATE VIEW route_edge AS
     WITH room_of AS (SELECT entity_id, elevator_id FROM room)
     -- passages
     SELECT 'passage' AS kind, 2 * c.entity_id AS source, 2 * c.entity_id + 1 AS target,
-           CASE WHEN bars(r, c, 1) THEN -1
+           CASE WHEN is_blocked_for(r, c, 1) THEN -1
                 ELSE t.seconds + CASE WHEN b.elevator_id IS DISTINCT FROM a.elevator_id AND b.elevator_id IS NOT NULL
                                       THEN coalesce(lb.seconds, r.call_seconds) ELSE 0 END END AS cost,
-           CASE WHEN bars(r, c, 0) THEN -1
+           CASE WHEN is_blocked_for(r, c, 0) THEN -1
                 ELSE t.seconds + CASE WHEN b.elevator_id IS DISTINCT FROM a.elevator_id AND a.elevator_id IS NOT NULL
                                       THEN coalesce(la.seconds, r.call_seconds) ELSE 0 END END AS reverse_cost,
            through AS metres, e.name, e.map_id, r.id AS robot_class_id, r.name AS robot_class
@@ -52,37 +52,37 @@ CREATE VIEW route_edge AS
     LEFT JOIN room_of a ON a.entity_id = c.place_a LEFT JOIN room_of b ON b.entity_id = c.place_b
     CROSS JOIN LATERAL (SELECT sqrt((c.pose_a[1] - c.pose_b[1]) ^ 2 + (c.pose_a[2] - c.pose_b[2]) ^ 2
                                     + (c.pose_a[3] - c.pose_b[3]) ^ 2) AS through) d
-    LEFT JOIN learned lo ON lo.robot_class_id = r.id AND lo.entity_id = c.entity_id
+    LEFT JOIN mean_duration lo ON lo.robot_class_id = r.id AND lo.entity_id = c.entity_id
          AND lo.behaviour = CASE c.state WHEN 'closed' THEN 'open_door' WHEN 'locked' THEN 'unlock_door' END
-    LEFT JOIN learned lp ON lp.robot_class_id = r.id AND lp.entity_id = c.entity_id AND lp.behaviour = c.behaviour
-    LEFT JOIN learned la ON la.robot_class_id = r.id AND la.entity_id = a.elevator_id AND la.behaviour = 'call_elevator'
-    LEFT JOIN learned lb ON lb.robot_class_id = r.id AND lb.entity_id = b.elevator_id AND lb.behaviour = 'call_elevator'
+    LEFT JOIN mean_duration lp ON lp.robot_class_id = r.id AND lp.entity_id = c.entity_id AND lp.behaviour = c.behaviour
+    LEFT JOIN mean_duration la ON la.robot_class_id = r.id AND la.entity_id = a.elevator_id AND la.behaviour = 'call_elevator'
+    LEFT JOIN mean_duration lb ON lb.robot_class_id = r.id AND lb.entity_id = b.elevator_id AND lb.behaviour = 'call_elevator'
     CROSS JOIN LATERAL (SELECT coalesce(lp.seconds, through / r.speed)
         + CASE WHEN c.state = 'closed' AND c.form <> 'elevator_door' THEN coalesce(lo.seconds, r.open_seconds)
                WHEN c.state = 'locked' THEN coalesce(lo.seconds, r.unlock_seconds) ELSE 0 END AS seconds) t
     UNION ALL
-    -- walks inside of places
-    SELECT 'walk', 2 * k.from_id + (a.place_a <> k.place_id)::int, 2 * k.to_id + (b.place_a <> k.place_id)::int,
+    -- travel inside places
+    SELECT 'travel', 2 * k.from_id + (a.place_a <> k.place_id)::int, 2 * k.to_id + (b.place_a <> k.place_id)::int,
            CASE WHEN k.seconds = 'Infinity' THEN -1 ELSE k.seconds END,
            CASE WHEN k.seconds = 'Infinity' THEN -1 ELSE k.seconds END,
            k.metres, e.name, e.map_id, r.id, r.name
-    FROM walk k JOIN robot_class r ON r.id = k.robot_class_id JOIN entity e ON e.id = k.place_id
+    FROM travel_time k JOIN robot_class r ON r.id = k.robot_class_id JOIN entity e ON e.id = k.place_id
     JOIN connector a ON a.entity_id = k.from_id JOIN connector b ON b.entity_id = k.to_id
     UNION ALL
-    -- through the outside, as the crow flies
-    SELECT 'walk', a.id, b.id, s.seconds, s.seconds, s.metres, 'outside', a.map_id, r.id, r.name
-    FROM robot_class r JOIN stand a ON r.outside AND a.place_id IS NULL
-    JOIN stand b ON b.place_id IS NULL AND b.map_id = a.map_id AND b.id > a.id
+    -- travel through the outside, along straight lines
+    SELECT 'travel', a.id, b.id, s.seconds, s.seconds, s.metres, 'outside', a.map_id, r.id, r.name
+    FROM robot_class r JOIN approach_pose a ON r.outside AND a.place_id IS NULL
+    JOIN approach_pose b ON b.place_id IS NULL AND b.map_id = a.map_id AND b.id > a.id
     CROSS JOIN LATERAL (SELECT m AS metres, m / r.speed AS seconds FROM (SELECT sqrt(
         (a.pose[1] - b.pose[1]) ^ 2 + (a.pose[2] - b.pose[2]) ^ 2 + (a.pose[3] - b.pose[3]) ^ 2) AS m) f) s
     UNION ALL
     -- rides from cabin to cabin of an elevator
     SELECT 'ride', a.id, b.id, s.seconds, s.seconds, across, l.name, a.map_id, r.id, r.name
-    FROM robot_class r CROSS JOIN room_of ra JOIN stand a ON a.place_id = ra.entity_id
+    FROM robot_class r CROSS JOIN room_of ra JOIN approach_pose a ON a.place_id = ra.entity_id
     JOIN room_of rb ON rb.elevator_id = ra.elevator_id AND rb.entity_id <> ra.entity_id
-    JOIN stand b ON b.place_id = rb.entity_id AND b.id > a.id
+    JOIN approach_pose b ON b.place_id = rb.entity_id AND b.id > a.id
     JOIN entity l ON l.id = ra.elevator_id
-    LEFT JOIN learned lr ON lr.robot_class_id = r.id AND lr.entity_id = l.id AND lr.behaviour = 'use_elevator'
+    LEFT JOIN mean_duration lr ON lr.robot_class_id = r.id AND lr.entity_id = l.id AND lr.behaviour = 'use_elevator'
     CROSS JOIN LATERAL (SELECT sqrt((a.pose[1] - b.pose[1]) ^ 2 + (a.pose[2] - b.pose[2]) ^ 2) AS across) d
     CROSS JOIN LATERAL (SELECT coalesce(lr.seconds, r.ride_seconds) + across / r.speed
         + r.ride_seconds_per_metre * abs(a.pose[3] - b.pose[3]) AS seconds) s

@@ -26,7 +26,13 @@ from semmap.model.history import (
 from semmap.model.mission import Mission, MissionStep, Reservation
 from semmap.model.placement import Placement, WorldPlacement
 from semmap.model.semantics import Ontology, SemanticType, TypeClosure, TypeParent
-from semmap.model.topology import Execution, RobotClass, Walk, WalkedMap, WalkedPlace
+from semmap.model.topology import (
+    Execution,
+    RobotClassRecord,
+    TravelTime,
+    TravelTimeMap,
+    TravelTimePlace,
+)
 
 __all__ = [
     "Agent",
@@ -58,15 +64,15 @@ __all__ = [
     "Region",
     "Reservation",
     "Retention",
-    "RobotClass",
+    "RobotClassRecord",
     "Room",
     "SemanticType",
     "Storey",
     "SupportSurface",
+    "TravelTime",
+    "TravelTimeMap",
+    "TravelTimePlace",
     "TypeClosure",
     "TypeParent",
-    "Walk",
-    "WalkedMap",
-    "WalkedPlace",
     "WorldPlacement",
 ]

@@ -1,4 +1,4 @@
-"""Goals that robots pursue, what became of each step, and what one robot alone uses at a time."""
+"""Goals that robots pursue, the outcome of each step, and reservations of connectors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Mission", "MissionStep", "Reservation"]
 class Mission(Base):
     """A goal of a robot, and whether it reached it: waiting, running, done, failed or cancelled.
 
-    `runner` is the process that runs it, `heartbeat` when that last said that it lives.
+    `runner` is the process that runs it, `heartbeat` the last sign of life of that process.
     """
 
     __tablename__ = "mission"
@@ -43,7 +43,7 @@ class Mission(Base):
 
 
 class MissionStep(Base):
-    """One behaviour of a mission: planned, started, done or failed, and what it said."""
+    """One behaviour of a mission: planned, started, done or failed, with its own message."""
 
     __tablename__ = "mission_step"
     __table_args__ = (
@@ -61,12 +61,12 @@ class MissionStep(Base):
     number: Mapped[int] = mapped_column(primary_key=True)
     action: Mapped[str]
     arguments: Mapped[list[str]] = mapped_column(ARRAY(Text))
-    stage: Mapped[dict[str, Any]]
+    command: Mapped[dict[str, Any]]
     state: Mapped[str] = mapped_column(server_default="planned", default="planned")
     started_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None]
     cause: Mapped[str | None]
-    said: Mapped[str | None]
+    message: Mapped[str | None]
 
 
 class Reservation(Base):

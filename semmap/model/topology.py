@@ -1,4 +1,4 @@
-"""Classes of robots, and how long their ways and behaviours take."""
+"""Classes of robots, and how long travel and behaviours take them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from sqlalchemy.orm import Mapped, mapped_column
 from semmap.model.base import Base
 from semmap.model.entity import Connector, Entity, Map
 
-__all__ = ["Execution", "RobotClass", "Walk", "WalkedMap", "WalkedPlace"]
+__all__ = ["Execution", "RobotClassRecord", "TravelTime", "TravelTimeMap", "TravelTimePlace"]
 
 
-class RobotClass(Base):
-    """What decides where robots can go, and how long it takes them; metres, radians, seconds.
+class RobotClassRecord(Base):
+    """Properties that decide where robots can go and how long that takes.
 
-    `width` and `height` are those of the widest and the highest part; none without a shape.
+    Metres, radians, seconds. `width` and `height` are those of the widest and the highest part;
+    None without a shape.
     """
 
     __tablename__ = "robot_class"
@@ -48,18 +49,18 @@ class RobotClass(Base):
     place_seconds: Mapped[float]
 
 
-class Walk(Base):
-    """The way in a place between the stands of two connectors; infinite where there is none."""
+class TravelTime(Base):
+    """Travel in a place between the approach poses of two connectors; infinite without a path."""
 
-    __tablename__ = "walk"
+    __tablename__ = "travel_time"
     __table_args__ = (
-        Index("walk_place", "place_id"),
-        Index("walk_from", "from_id"),
-        Index("walk_to", "to_id"),
+        Index("travel_time_in", "place_id"),
+        Index("travel_time_from", "from_id"),
+        Index("travel_time_to", "to_id"),
     )
 
     robot_class_id: Mapped[int] = mapped_column(
-        ForeignKey(RobotClass.id, ondelete="CASCADE"), primary_key=True
+        ForeignKey(RobotClassRecord.id, ondelete="CASCADE"), primary_key=True
     )
     place_id: Mapped[int] = mapped_column(
         ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
@@ -80,14 +81,14 @@ class Walk(Base):
     )
 
 
-class WalkedPlace(Base):
-    """For which state of a place its walks were measured."""
+class TravelTimePlace(Base):
+    """The state of a place in which its travel times were measured."""
 
-    __tablename__ = "walked_place"
-    __table_args__ = (Index("walked_place_place", "place_id"),)
+    __tablename__ = "travel_time_place"
+    __table_args__ = (Index("travel_time_place_of", "place_id"),)
 
     robot_class_id: Mapped[int] = mapped_column(
-        ForeignKey(RobotClass.id, ondelete="CASCADE"), primary_key=True
+        ForeignKey(RobotClassRecord.id, ondelete="CASCADE"), primary_key=True
     )
     place_id: Mapped[int] = mapped_column(
         ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
@@ -95,20 +96,20 @@ class WalkedPlace(Base):
     digest: Mapped[str]
 
 
-class WalkedMap(Base):
-    """Up to which change of a map its walks are measured."""
+class TravelTimeMap(Base):
+    """The last change of a map that its travel times take into account."""
 
-    __tablename__ = "walked_map"
+    __tablename__ = "travel_time_map"
 
     robot_class_id: Mapped[int] = mapped_column(
-        ForeignKey(RobotClass.id, ondelete="CASCADE"), primary_key=True
+        ForeignKey(RobotClassRecord.id, ondelete="CASCADE"), primary_key=True
     )
     map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
     cursor: Mapped[str]
 
 
 class Execution(Base):
-    """What a behaviour took at a connector or an elevator, and whether it succeeded."""
+    """How long a behaviour took at a connector or an elevator, and whether it succeeded."""
 
     __tablename__ = "execution"
     __table_args__ = (
@@ -118,7 +119,7 @@ class Execution(Base):
 
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
     robot_class_id: Mapped[int | None] = mapped_column(
-        ForeignKey(RobotClass.id, ondelete="CASCADE")
+        ForeignKey(RobotClassRecord.id, ondelete="CASCADE")
     )
     behaviour: Mapped[str]
     entity_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))

@@ -146,6 +146,49 @@ def test_fields_outlive_going_down(engine: Engine) -> None:
             assert connection.exec_driver_sql("SELECT name FROM field").scalar() == "space"
 
 
+OLD_NAMES = """
+SET search_path = semmap, public;
+DROP VIEW IF EXISTS route_edge;
+ALTER TABLE travel_time RENAME TO walk;
+ALTER TABLE travel_time_place RENAME TO walked_place;
+ALTER TABLE travel_time_map RENAME TO walked_map;
+ALTER INDEX travel_time_pkey RENAME TO walk_pkey;
+ALTER INDEX travel_time_in RENAME TO walk_place;
+ALTER INDEX travel_time_from RENAME TO walk_from;
+ALTER INDEX travel_time_to RENAME TO walk_to;
+ALTER INDEX travel_time_place_of RENAME TO walked_place_place;
+ALTER TABLE walk RENAME CONSTRAINT travel_time_check TO walk_check;
+ALTER TABLE mission_step RENAME COLUMN command TO stage;
+ALTER TABLE mission_step RENAME COLUMN message TO said;
+"""
+NAMES = """
+SELECT table_name || '.' || column_name FROM information_schema.columns
+WHERE table_schema = 'semmap'
+UNION SELECT relname::text FROM pg_class WHERE relnamespace = 'semmap'::regnamespace
+UNION SELECT conname FROM pg_constraint WHERE connamespace = 'semmap'::regnamespace
+"""
+
+
+@pytest.mark.parametrize("revision", ["0002", "0005", "0008"])
+def test_a_database_with_old_names_gets_the_new_ones(engine: Engine, revision: str) -> None:
+    with engine.begin() as connection:
+        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
+        connection.exec_driver_sql(
+            "INSERT INTO robot_class (name, max_step, max_slope, speed, reach, heights, capacity, "
+            "call_seconds, ride_seconds, ride_seconds_per_metre, open_seconds, unlock_seconds, "
+            "pickup_seconds, place_seconds) VALUES ('r', 0, 0, 1, '{0,1}', '{0,1}', 1, 1, 1, 1, 1, "
+            "1, 1, 1); INSERT INTO travel_time_map SELECT r.id, m.id, 'c' FROM robot_class r, map m"
+        )
+        names = {*connection.exec_driver_sql(NAMES).scalars()}
+    migrate.downgrade(engine, revision)
+    with engine.begin() as connection:
+        connection.exec_driver_sql(OLD_NAMES)
+    migrate.upgrade(engine)
+    with engine.begin() as connection:
+        assert {*connection.exec_driver_sql(NAMES).scalars()} == names
+        assert connection.exec_driver_sql("SELECT cursor FROM travel_time_map").scalar() == "c"
+
+
 def test_drop_and_begin_anew(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.exec_driver_sql("INSERT INTO map (name) VALUES ('gone')")

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from sqlalchemy import Engine
 
-from semmap.fields.demo import field_demo
+from planner.demo.fields import field_demo
 from semmap.fields.stage import Actor, Prop, Stage, standpoints
 from semmap.geometry.mesh import box_mesh
 from semmap.ingest.importer import import_file

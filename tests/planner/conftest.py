@@ -9,9 +9,9 @@ import pytest
 from sqlalchemy import Engine
 from typer.testing import Result
 
-from navgrid.robot_options import parts_of
-from planner.demo import office_files
-from planner.live import Live
+from planner.demo.office import delivery_robot as make_delivery_robot
+from planner.demo.office import office_files
+from planner.live_topology import LiveTopology
 from planner.robot_class import RobotClass
 from semmap.ingest.importer import import_file
 from tests.command_line import semmap
@@ -61,18 +61,16 @@ def office_engine(office_url: str) -> Iterator[Engine]:
 @pytest.fixture(scope="session")
 def delivery_robot() -> RobotClass:
     """The robot of the example: a base, an arm and a pole."""
-    folder = office_files()[0].parent
-    parts = parts_of(folder / "delivery_robot.urdf", None, folder / "delivery_robot_parts.yaml")
-    return RobotClass("tester", tuple(parts), speed=0.8)
+    return make_delivery_robot("tester")
 
 
 @pytest.fixture(scope="session")
-def office_live(office_url: str, delivery_robot: RobotClass) -> Iterator[Live]:
+def office_live(office_url: str, delivery_robot: RobotClass) -> Iterator[LiveTopology]:
     """The topology of the office for that robot; nobody changes it."""
     from semmap.database import connect
 
     engine = connect(office_url)
-    yield Live(engine, "office", delivery_robot)
+    yield LiveTopology(engine, "office", delivery_robot)
     engine.dispose()
 
 

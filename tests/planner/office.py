@@ -7,17 +7,19 @@ from typing import Any
 
 from planner.robot_class import RobotClass
 from planner.route import Route
-from planner.topology import OUTSIDE, Connector, Place, Topology
+from planner.route_search import find_route
+from planner.routing_graph import RoutingGraph
+from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
 from semmap.geometry.pose import Pose
 
 
 def door(
     name: str, a: str, b: str, x: float, y: float, yaw: float, z: float = 0.0, **more: object
-) -> Connector:
+) -> PlaceConnector:
     """A door at (x, y) whose x axis points from place `a` to `b`; poses 0.7 m before it."""
     frame = Pose.planar(x, y, yaw, z)
     poses = (frame @ Pose.planar(-0.7, 0.0), frame @ Pose.planar(0.7, 0.0, math.pi))
-    return Connector(name, (a, b), poses, **more)  # type: ignore[arg-type]
+    return PlaceConnector(name, (a, b), poses, **more)  # type: ignore[arg-type]
 
 
 def office(**changed: dict[str, object]) -> Topology:
@@ -27,15 +29,14 @@ def office(**changed: dict[str, object]) -> Topology:
         ("door1", "lab1", "corridor1", 2.0, 4.0, north, 0.0, {}),
         ("door2", "corridor1", "foyer-1st", 12.0, 5.0, east, 0.0, {}),
         ("edoor1", "foyer-1st", "elevator-1st", 16.0, 5.0, east, 0.0, {"type": "elevator_door"}),
-        ("edoor3", "elevator-3rd", "foyer-3rd", 16.0, 5.0, math.pi, 6.4,
-         {"type": "elevator_door"}),
+        ("edoor3", "elevator-3rd", "foyer-3rd", 16.0, 5.0, math.pi, 6.4, {"type": "elevator_door"}),
         ("door5", "foyer-3rd", "corridor3", 12.0, 5.0, math.pi, 6.4, {}),
         ("door6", "corridor3", "office4", 9.0, 6.0, north, 6.4, {}),
         ("door7", "office4", "corridor3", 5.0, 6.0, south, 6.4, {}),
         ("door8", "corridor3", "lab2", 2.0, 4.0, south, 6.4, {}),
         ("exit", "foyer-1st", OUTSIDE, 14.0, 0.0, south, 0.0, {}),
         ("side_door", "lab1", OUTSIDE, 2.0, 0.0, south, 0.0, {}),
-    ]  # fmt: skip
+    ]
     connectors = [
         door(n, a, b, x, y, yaw, z, **{**more, **changed.get(n, {})})
         for n, a, b, x, y, yaw, z, more in rows
@@ -68,8 +69,10 @@ def route(
 ) -> Route:
     """The route of a robot without a shape."""
     robot = RobotClass(
-        opens=allow_closed, unlocks=allow_locked, outside=allow_outside,
+        opens=allow_closed,
+        unlocks=allow_locked,
+        outside=allow_outside,
         behaviours=None if behaviours is None else frozenset(behaviours),
-    )  # fmt: skip
-    network = topology.network(robot, times=times, walks=walks)
-    return network.route(network.site(start, start_pose), network.site(goal, goal_pose))
+    )
+    graph = RoutingGraph(topology, robot, walks, durations=times)
+    return find_route(graph, graph.endpoint(start, start_pose), graph.endpoint(goal, goal_pose))

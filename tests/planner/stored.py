@@ -23,9 +23,13 @@ def store(connection: Connection, topology: Topology, name: str = "building") ->
                 "FROM unnest(CAST(:names AS text[]), CAST(:labels AS text[])) AS u (n, l) "
                 "RETURNING name, id"
             ),
-            {"map": number, "kind": kind, "names": [n for n, _ in rows],
-             "labels": [label for _, label in rows]},
-        )  # fmt: skip
+            {
+                "map": number,
+                "kind": kind,
+                "names": [n for n, _ in rows],
+                "labels": [label for _, label in rows],
+            },
+        )
         ids.update({row.name: row.id for row in made})
 
     places = [p for p in topology.places.values() if p.name != OUTSIDE]
@@ -38,10 +42,16 @@ def store(connection: Connection, topology: Topology, name: str = "building") ->
     for table, names in (("storey", topology.storeys()), ("elevator", [*topology.cabins()])):
         for n in names:
             run(text(f"INSERT INTO {table} (entity_id) VALUES (:id)"), {"id": ids[n]})
-    run(text("INSERT INTO room (entity_id, elevator_id) SELECT * FROM unnest("
-             "CAST(:ids AS bigint[]), CAST(:lifts AS bigint[]))"),
-        {"ids": [ids[p.name] for p in places],
-         "lifts": [None if p.elevator is None else ids[p.elevator] for p in places]})  # fmt: skip
+    run(
+        text(
+            "INSERT INTO room (entity_id, elevator_id) SELECT * FROM unnest("
+            "CAST(:ids AS bigint[]), CAST(:lifts AS bigint[]))"
+        ),
+        {
+            "ids": [ids[p.name] for p in places],
+            "lifts": [None if p.elevator is None else ids[p.elevator] for p in places],
+        },
+    )
     if connectors:
         run(
             text(
@@ -51,23 +61,41 @@ def store(connection: Connection, topology: Topology, name: str = "building") ->
                 ":step, :permissions)"
             ),
             [
-                {"id": ids[c.name], "form": c.type, "a": ids[_first(c.places)],
-                 "b": ids.get(c.places[1]), "pose_a": _seven(c.poses[0]),
-                 "pose_b": _seven(c.poses[1]), "direction": c.direction, "state": c.state,
-                 "behaviour": c.behaviour, "width": c.width, "height": c.height, "step": c.step,
-                 "permissions": sorted(c.permissions)}
+                {
+                    "id": ids[c.name],
+                    "form": c.type,
+                    "a": ids[_first(c.places)],
+                    "b": ids.get(c.places[1]),
+                    "pose_a": _seven(c.poses[0]),
+                    "pose_b": _seven(c.poses[1]),
+                    "direction": c.direction,
+                    "state": c.state,
+                    "behaviour": c.behaviour,
+                    "width": c.width,
+                    "height": c.height,
+                    "step": c.step,
+                    "permissions": sorted(c.permissions),
+                }
                 for c in connectors
             ],
-        )  # fmt: skip
+        )
     entities = [*(p.name for p in places), *(c.name for c in connectors)]
     holders = {p.name: p.storey for p in places}
     above = {"ids": [ids[s] for s in topology.storeys()]}
-    run(text("INSERT INTO placement (entity_id) SELECT i FROM unnest("
-             "CAST(:ids AS bigint[])) i"), above)  # fmt: skip
-    run(text("INSERT INTO placement (entity_id, holder_id) SELECT * FROM unnest("
-             "CAST(:ids AS bigint[]), CAST(:holders AS bigint[]))"),
-        {"ids": [ids[n] for n in entities],
-         "holders": [ids.get(holders.get(n) or "") for n in entities]})  # fmt: skip
+    run(
+        text("INSERT INTO placement (entity_id) SELECT i FROM unnest(CAST(:ids AS bigint[])) i"),
+        above,
+    )
+    run(
+        text(
+            "INSERT INTO placement (entity_id, holder_id) SELECT * FROM unnest("
+            "CAST(:ids AS bigint[]), CAST(:holders AS bigint[]))"
+        ),
+        {
+            "ids": [ids[n] for n in entities],
+            "holders": [ids.get(holders.get(n) or "") for n in entities],
+        },
+    )
     return ids
 
 

@@ -7,10 +7,10 @@ import pytest
 import shapely
 
 from planner.base_pose import NoBasePoseError, poses_in, poses_to_reach
-from planner.ground import Ground
-from planner.target import Target
+from planner.entity_lookup import LocatedEntity
+from planner.storey_costmaps import StoreyCostmaps
 from semmap.geometry.pose import Pose
-from tests.planner.test_ground import ROBOT, box, ground, rooms, scene
+from tests.planner.test_storey_costmaps import ROBOT, box, ground, rooms, scene
 
 NOWHERE = shapely.Point()
 
@@ -19,8 +19,14 @@ def target_of(thing, place="left"):
     x0, y0, x1, y1 = thing.bounds
     z = thing.triangles[:, :, 2]
     pose = Pose((x0 + x1) / 2, (y0 + y1) / 2, float(z.min()))
-    return Target(thing.name, "object", place, pose, shapely.box(x0, y0, x1, y1),
-                  (float(z.min()), float(z.max())))  # fmt: skip
+    return LocatedEntity(
+        thing.name,
+        "object",
+        place,
+        pose,
+        shapely.box(x0, y0, x1, y1),
+        (float(z.min()), float(z.max())),
+    )
 
 
 def turned(part, pose):
@@ -121,22 +127,23 @@ def test_no_wall_is_between():
 
 def test_what_cannot_be_reached_is_said():
     made = ground([box(10, 1.5, 1.5, 0.2)])
-    high = Target("lamp", "object", "left", Pose(1.0, 1.0, 2.2), shapely.box(0.9, 0.9, 1.1, 1.1),
-                  (2.2, 2.4))  # fmt: skip
+    high = LocatedEntity(
+        "lamp", "object", "left", Pose(1.0, 1.0, 2.2), shapely.box(0.9, 0.9, 1.1, 1.1), (2.2, 2.4)
+    )
     with pytest.raises(
         NoBasePoseError, match=r"lamp is 2.20 to 2.40 m above the floor; cube reach"
     ):
         poses_to_reach(made, high)
     with pytest.raises(NoBasePoseError, match="no room holds lamp"):
-        poses_to_reach(made, Target("lamp", "object", None))
-    with pytest.raises(NoBasePoseError, match="does not know where in left lamp is"):
-        poses_to_reach(made, Target("lamp", "object", "left"))
+        poses_to_reach(made, LocatedEntity("lamp", "object", None))
+    with pytest.raises(NoBasePoseError, match="does not say where in left lamp is"):
+        poses_to_reach(made, LocatedEntity("lamp", "object", "left"))
     full = ground([box(10, 1.5, 1.5, 1.4)])
-    inside = Target("lamp", "object", "left", Pose(1.5, 1.5), None, (0.0, 1.0))
+    inside = LocatedEntity("lamp", "object", "left", Pose(1.5, 1.5), None, (0.0, 1.0))
     with pytest.raises(NoBasePoseError, match=r"finds no free place within 0.80 m of lamp in left"):
         poses_to_reach(full, inside)
-    with pytest.raises(NoBasePoseError, match="does not know where in above lamp is"):
-        poses_to_reach(made, Target("lamp", "object", "above", Pose()))
+    with pytest.raises(NoBasePoseError, match="does not say where in above lamp is"):
+        poses_to_reach(made, LocatedEntity("lamp", "object", "above", Pose()))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -144,7 +151,7 @@ def test_poses_drawn_in_a_region_are_in_it_and_free(seed):
     things = [box(10, 1.0, 1.0, 0.2), box(11, 2.0, 1.3, 0.2)]
     made = ground(things)
     area = shapely.Polygon([(0.3, 0.3), (2.8, 0.4), (2.5, 2.7), (1.0, 2.4)])
-    target = Target("home", "region", "left", Pose(1.5, 1.5), area)
+    target = LocatedEntity("home", "region", "left", Pose(1.5, 1.5), area)
     poses = poses_in(made, target, np.random.default_rng(seed))
     assert len(poses) == 12
     assert len({(p.x, p.y) for p in poses}) == 12
@@ -161,9 +168,9 @@ def test_a_narrow_region_has_poses_along_it():
     part = type(ROBOT.parts[0])("base", ("base",), (0.0, 0.5), long, 0.15, 0.55, "inscribed")
     robot = type(ROBOT)("long", (part,))
     things = [box(10, 1.5, 0.9, 0.35), box(11, 1.5, 2.1, 0.35)]
-    made = Ground(rooms(), robot, lambda storey: scene(things), resolution=0.05)
+    made = StoreyCostmaps(rooms(), robot, lambda storey: scene(things), resolution=0.05)
     area = shapely.box(1.4, 1.4, 1.6, 1.6)
-    target = Target("slot", "region", "left", Pose(1.5, 1.5), area)
+    target = LocatedEntity("slot", "region", "left", Pose(1.5, 1.5), area)
     for seed in range(4):
         for pose in poses_in(made, target, np.random.default_rng(seed), 2):
             assert is_free(robot, things, pose)
@@ -171,8 +178,10 @@ def test_a_narrow_region_has_poses_along_it():
 
 
 def test_a_full_region_is_said():
-    target = Target("home", "region", "left", Pose(1.5, 1.5), shapely.box(1.2, 1.2, 1.8, 1.8))
+    target = LocatedEntity(
+        "home", "region", "left", Pose(1.5, 1.5), shapely.box(1.2, 1.2, 1.8, 1.8)
+    )
     with pytest.raises(NoBasePoseError, match="cube finds no free pose in home"):
         poses_in(ground([box(10, 1.5, 1.5, 0.4)]), target, np.random.default_rng(0))
-    with pytest.raises(NoBasePoseError, match="in which room home is, or what it covers"):
-        poses_in(ground(), Target("home", "region", "left"), np.random.default_rng(0))
+    with pytest.raises(NoBasePoseError, match="in which room home is, or has no outline"):
+        poses_in(ground(), LocatedEntity("home", "region", "left"), np.random.default_rng(0))

@@ -284,9 +284,9 @@ def test_a_graph_without_edges_or_nodes_answers():
         (([0], [1, 0], [1.0], 2), "1 tails, 2 heads"),
         (([0], [2], [1.0], 2), "heads: there is no node 2; nodes are 0 to 1"),
         (([-1], [1], [1.0], 2), "tails: there is no node -1"),
-        (([0.5], [1], [1.0], 2), "tails is a list of nodes, not float64"),
-        (([0], [1], [-1.0], 2), "that of 0 is -1.0"),
-        (([0], [1], [math.nan], 2), "that of 0 is nan"),
+        (([0.5], [1], [1.0], 2), "tails: give a list of nodes, not float64"),
+        (([0], [1], [-1.0], 2), "weights: number 0 is -1.0; give 0 or more"),
+        (([0], [1], [math.nan], 2), "number 0 is nan"),
         (([], [], [], -1), "n_nodes"),
     ],
 )
@@ -299,8 +299,8 @@ def test_what_is_wrong_is_said_and_changes_nothing():
     graph = Graph([0, 1], [1, 2], [1.0, 2.0], 3)
     for edges, weights, message in (
         ([0, 2], [5.0, 5.0], "there is no edge 2; edges are 0 to 1"),
-        ([0, 1], [5.0, -5.0], "that of 1 is -5"),
-        ([0, 1], [5.0], "2 edges are given 1 weights"),
+        ([0, 1], [5.0, -5.0], "number 1 is -5"),
+        ([0, 1], [5.0], "there are 2 edges and 1 weights"),
     ):
         with pytest.raises(ValueError, match=message):
             graph.set_weights(edges, weights)
@@ -311,9 +311,9 @@ def test_what_is_wrong_is_said_and_changes_nothing():
         for cost in (-1.0, math.nan):
             with pytest.raises(ValueError, match="targets: the cost at node 0 is not negative"):
                 ask([(2, 0.0)], [(0, cost)])
-    with pytest.raises(ValueError, match="k is not negative"):
+    with pytest.raises(ValueError, match="k is -1; give 0 or more"):
         graph.alternatives([(0, 0.0)], [(1, 0.0)], -1)
     with pytest.raises(ValueError, match="targets: there is no node 7"):
         graph.distances([0], [7])
-    with pytest.raises(ValueError, match="threads is at least 1"):
+    with pytest.raises(ValueError, match="threads is 0; give 1 or more"):
         graph.distances([0], [1], threads=0)

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planner.duration import Durations
 from planner.route import NoRouteError, Route
-from planner.times import Times
-from planner.topology import OUTSIDE, Connector, Place, Topology, UnknownPlaceError
-from planner.walks import Walked
+from planner.topology import OUTSIDE, Place, PlaceConnector, Topology, UnknownPlaceError
+from planner.travel_cost import Travel
 from semmap.geometry.pose import Pose
 from tests.planner.office import office, route
 
@@ -21,7 +21,7 @@ def names(found: Route) -> list[str]:
 def test_figure_4_from_lab1_to_office4():
     found = route(office(), "lab1", "office4")
     assert names(found) == ["door1", "door2", "edoor1", "edoor3", "door5", "door6"]
-    assert [(s.behaviour, s.from_place, s.to_place) for s in found.steps] == [
+    assert [(s.behaviour, s.from_place, s.to_place) for s in found.transitions] == [
         ("pass_door", "lab1", "corridor1"),
         ("pass_door", "corridor1", "foyer-1st"),
         ("call_elevator", "foyer-1st", "foyer-1st"),
@@ -49,7 +49,7 @@ def test_of_two_doors_to_one_corridor_the_nearer_is_taken():
 
 
 def test_a_step_approaches_facing_the_door_and_leaves_facing_away_from_it():
-    step = route(office(), "lab1", "corridor1").steps[0]
+    step = route(office(), "lab1", "corridor1").transitions[0]
     assert (step.approach.x, step.approach.y) == pytest.approx((2.0, 3.3))
     assert (step.leave.x, step.leave.y) == pytest.approx((2.0, 4.7))
     for pose in (step.approach, step.leave):  # through the door, heading north
@@ -57,7 +57,9 @@ def test_a_step_approaches_facing_the_door_and_leaves_facing_away_from_it():
 
 
 def test_a_ride_ends_facing_the_door_of_its_cabin():
-    ride = next(s for s in route(office(), "lab1", "lab2").steps if s.behaviour == "use_elevator")
+    ride = next(
+        s for s in route(office(), "lab1", "lab2").transitions if s.behaviour == "use_elevator"
+    )
     assert ride.elevator == "elevator"
     assert ride.connector is None
     assert ride.leave.z == pytest.approx(6.4)
@@ -66,14 +68,14 @@ def test_a_ride_ends_facing_the_door_of_its_cabin():
 
 def test_cost_counts_metres_walked_and_the_ride():
     found = route(
-        office(), "foyer-1st", "foyer-3rd", times=Times(call=0.0, ride=7.0, ride_per_metre=2.0)
+        office(), "foyer-1st", "foyer-3rd", times=Durations(call=0.0, ride=7.0, ride_per_metre=2.0)
     )
     assert found.metres == pytest.approx(1.4 + 1.4)
     assert found.seconds == pytest.approx(2.8 + 7.0 + 2.0 * 6.4)
 
 
 def test_a_room_to_itself_takes_no_step():
-    assert route(office(), "lab1", "lab1").steps == ()
+    assert route(office(), "lab1", "lab1").transitions == ()
     assert (
         route(office(), "lab1", "lab1", start_pose=Pose(), goal_pose=Pose(3, 4, 0)).seconds == 5.0
     )
@@ -93,7 +95,7 @@ def test_a_locked_door_is_gone_around_or_named():
     locked = office(door6={"state": "locked"})
     assert names(route(locked, "foyer-3rd", "office4")) == ["door5", "door7"]
     assert names(route(locked, "foyer-3rd", "office4", allow_locked=True)) == ["door5", "door7"]
-    cheap = Times(unlock=0.0)
+    cheap = Durations(unlock=0.0)
     assert (
         names(route(locked, "foyer-3rd", "office4", allow_locked=True, times=cheap))[1] == "door6"
     )
@@ -104,7 +106,7 @@ def test_a_locked_door_is_gone_around_or_named():
 def test_a_closed_door_times_its_opening_and_may_be_forbidden():
     closed = office(door5={"state": "closed"})
     free = route(office(), "foyer-3rd", "corridor3").seconds
-    assert route(closed, "foyer-3rd", "corridor3", times=Times(open=3)).seconds == free + 3
+    assert route(closed, "foyer-3rd", "corridor3", times=Durations(open=3)).seconds == free + 3
     with pytest.raises(NoRouteError, match="door5 is closed"):
         route(closed, "foyer-3rd", "corridor3", allow_closed=False)
 
@@ -118,7 +120,7 @@ def test_direction_is_kept():
 
 
 def test_a_robot_passes_only_what_it_is_able_to():
-    with pytest.raises(NoRouteError, match="nothing joins them without riding an elevator"):
+    with pytest.raises(NoRouteError, match="nothing joins them without an elevator"):
         route(office(), "lab1", "lab2", behaviours={"pass_door"})
     needs = office(door5={"behaviour": "push_door"})
     with pytest.raises(NoRouteError, match="door5 needs the behaviour push_door"):
@@ -127,7 +129,7 @@ def test_a_robot_passes_only_what_it_is_able_to():
 
 def test_an_elevator_door_that_says_call_elevator_is_called_once_and_passed():
     said = office(edoor1={"behaviour": "call_elevator"}, edoor3={"behaviour": "call_elevator"})
-    behaviours = [s.behaviour for s in route(said, "foyer-1st", "foyer-3rd").steps]
+    behaviours = [s.behaviour for s in route(said, "foyer-1st", "foyer-3rd").transitions]
     assert behaviours == ["call_elevator", "pass_door", "use_elevator", "pass_door"]
 
 
@@ -147,7 +149,7 @@ def test_times_refuse_what_is_no_cost():
         {"ride_per_metre": math.inf},
     ):
         with pytest.raises(ValueError, match="finite number"):
-            Times(**bad)
+            Durations(**bad)
 
 
 def test_another_measure_of_the_way_changes_the_door():
@@ -158,7 +160,7 @@ def test_another_measure_of_the_way_changes_the_door():
             metres = np.array([[math.hypot(p.x - q.x, p.y - q.y) for q in b] for p in a])
             if place == "corridor3":
                 metres += 100.0 * np.array([[9 in (round(p.x), round(q.x)) for q in b] for p in a])
-            return Walked(metres, metres)
+            return Travel(metres, metres)
 
     assert names(route(office(), "foyer-3rd", "office4", walks=AlongTheWall())) == [
         "door5",
@@ -169,7 +171,7 @@ def test_another_measure_of_the_way_changes_the_door():
 # An oracle: enumerate every order of passing connectors that is possible, and add up.
 
 
-def enumerate_cheapest(topology: Topology, start: str, goal: str, times: Times) -> float:
+def enumerate_cheapest(topology: Topology, start: str, goal: str, times: Durations) -> float:
     best = math.inf
     connectors = list(topology.connectors.values())
     for n in range(1, len(connectors) + 1):
@@ -210,8 +212,10 @@ CABIN = {"low": Pose(0.0, 0.0, 0.0), "high": Pose(0.0, 0.0, 3.0)}
 
 @st.composite
 def topologies(draw):
-    places = [Place(n) for n in ("a", "b", "c")] + [Place("low", elevator="lift"),
-                                                    Place("high", elevator="lift")]  # fmt: skip
+    places = [Place(n) for n in ("a", "b", "c")] + [
+        Place("low", elevator="lift"),
+        Place("high", elevator="lift"),
+    ]
     joined = draw(
         st.lists(
             st.tuples(
@@ -226,7 +230,7 @@ def topologies(draw):
     return Topology.of(
         places,
         [
-            Connector(
+            PlaceConnector(
                 f"d{i}",
                 ends,
                 # the cabin stands above itself: a ride saves no walk
@@ -242,7 +246,7 @@ def topologies(draw):
 @settings(max_examples=120, deadline=None)
 @given(topologies())
 def test_no_order_of_doors_is_cheaper(topology):
-    times = Times(call=0.0, ride=5.0, ride_per_metre=1.0, open=2.0)
+    times = Durations(call=0.0, ride=5.0, ride_per_metre=1.0, open=2.0)
     expected = enumerate_cheapest(topology, "a", "b", times)
     if math.isinf(expected):
         with pytest.raises(NoRouteError):

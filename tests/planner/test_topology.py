@@ -1,17 +1,15 @@
-import networkx as nx
 import pytest
 
-from planner.topology import OUTSIDE, Connector, Place, Topology, TopologyError, UnknownPlaceError
+from planner.topology import (
+    OUTSIDE,
+    Place,
+    PlaceConnector,
+    Topology,
+    TopologyError,
+    UnknownPlaceError,
+)
 from semmap.geometry.pose import Pose
 from tests.planner.office import door, office
-
-
-def test_the_graph_has_places_as_nodes_and_doors_and_rides_as_edges():
-    graph = office().graph()
-    assert set(graph["corridor3"]["office4"]) == {"door6", "door7"}
-    assert set(graph["elevator-1st"]["elevator-3rd"]) == {"elevator"}
-    assert nx.is_connected(graph)
-    assert graph.nodes["lab2"]["place"].storey == "floor-3rd"
 
 
 def test_outside_is_a_place_where_a_door_leads_there():
@@ -22,7 +20,7 @@ def test_outside_is_a_place_where_a_door_leads_there():
 
 
 def test_doors_of_a_place_come_with_its_side():
-    assert [(c.name, side) for c, side in office().doors_of("office4")] == [
+    assert [(c.name, side) for c, side in office().connectors_of("office4")] == [
         ("door6", 1),
         ("door7", 0),
     ]
@@ -42,12 +40,12 @@ def test_an_unknown_place_is_answered_with_the_closest_ones():
     [
         (["a", "a"], [], "two places are named a"),
         (["a", "b"], [("d", "a", "b"), ("d", "b", "a")], "two connectors are named d"),
-        (["a"], [("d", "a", "b")], "connector d joins b, which is no place"),
+        (["a"], [("d", "a", "b")], "connector d joins b, which is not a place"),
         (["a"], [("d", "a", "a")], "connector d joins a with itself"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(places, joined, message):
-    connectors = [Connector(n, (a, b), (Pose(), Pose())) for n, a, b in joined]
+    connectors = [PlaceConnector(n, (a, b), (Pose(), Pose())) for n, a, b in joined]
     with pytest.raises(TopologyError, match=message):
         Topology.of([Place(p) for p in places], connectors)
 
@@ -57,5 +55,5 @@ def test_what_does_not_fit_together_is_refused(places, joined, message):
     [("both", True, True), ("forward", True, False), ("backward", False, True)],
 )
 def test_direction_says_from_which_side_a_connector_is_passed(direction, from_first, from_second):
-    c = Connector("d", ("a", "b"), (Pose(), Pose()), direction=direction)
+    c = PlaceConnector("d", ("a", "b"), (Pose(), Pose()), direction=direction)
     assert (c.passes(0), c.passes(1)) == (from_first, from_second)

@@ -84,12 +84,12 @@ def test_gdal_sees_key_srid_and_type_of_each_layer(engine: Engine) -> None:
             )
         ).all()
     assert [tuple(r) for r in rows] == [
+        ("gis_approach_pose", 0, "POINT"),
         ("gis_connector", 0, "LINESTRING"),
         ("gis_earth", 4326, "MULTIPOLYGON"),
         ("gis_object", 0, "MULTIPOLYGON"),
         ("gis_region", 0, "MULTIPOLYGON"),
         ("gis_room", 0, "MULTIPOLYGON"),
-        ("gis_stand", 0, "POINT"),
     ]
 
 

@@ -56,7 +56,7 @@ CANCEL_THEIRS = "UPDATE mission SET state = 'cancelled', ended_at = now() WHERE 
 TAKE_THEIRS = "UPDATE mission SET robot_id = {own} WHERE robot_id = {other}"
 FAIL_THEIR_STEP = "UPDATE mission_step SET cause = 'x' WHERE mission_id = {mission}"
 ADD_THEIR_STEP = (
-    "INSERT INTO mission_step (mission_id, number, action, arguments, stage) "
+    "INSERT INTO mission_step (mission_id, number, action, arguments, command) "
     "VALUES ({mission}, 9, 'x', '{{}}', '{{}}')"
 )
 FORGET_THEIR_STEP = "DELETE FROM mission_step WHERE mission_id = {mission}"
@@ -214,7 +214,7 @@ def others(session: Session, of: int, own: str, other: str) -> dict[str, int]:
         of=of, other=ids["other"],
     )  # fmt: skip
     session.execute(
-        text("INSERT INTO mission_step (mission_id, number, action, arguments, stage) "
+        text("INSERT INTO mission_step (mission_id, number, action, arguments, command) "
              "VALUES (:mission, 1, 'x', '{}', '{}')"), ids)  # fmt: skip
     session.execute(text("SELECT claim(:gate, :other, 30)"), ids)
     session.execute(text("INSERT INTO semantic_type (name) VALUES ('kitchen')"))

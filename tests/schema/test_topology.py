@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
+from planner.duration import Durations
+from planner.readers.robot_class import read_robot_class, store_robot_class
+from planner.readers.topology import read_topology
+from planner.readers.travel_times import MeasuredTravel, store_travel_times
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
-from planner.source.robot_class import keep_robot_class, read_robot_class
-from planner.source.topology import read_topology
-from planner.source.walks import Walk, keep_walks
-from planner.times import Times
-from planner.topology import OUTSIDE, Connector, Place, Topology
+from planner.route_search import find_route
+from planner.routing_graph import RoutingGraph
+from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
 from semmap.database import connect
 from semmap.geometry.pose import Pose
 from tests.planner.stored import store
@@ -28,9 +30,10 @@ SELECT a.place AS start, b.place AS goal, min(d.agg_cost) AS cost
 FROM pgr_dijkstraCost(
     'SELECT row_number() OVER (ORDER BY source, target) AS id, source, target, cost, reverse_cost
      FROM route_edge WHERE map_id = current_map() AND robot_class = ''tester''',
-    'SELECT a.id AS source, b.id AS target FROM stand a, stand b
+    'SELECT a.id AS source, b.id AS target FROM approach_pose a, approach_pose b
      WHERE a.map_id = current_map() AND b.map_id = a.map_id AND a.place <> b.place') d
-JOIN stand a ON a.id = d.start_vid JOIN stand b ON b.id = d.end_vid GROUP BY a.place, b.place
+JOIN approach_pose a ON a.id = d.start_vid JOIN approach_pose b ON b.id = d.end_vid
+GROUP BY a.place, b.place
 """
 
 
@@ -77,20 +80,21 @@ def topologies(draw):
             pose._replace(z=LEVEL.get(place, pose.z))
             for place, pose in zip(door["places"], door["poses"], strict=True)
         )
-    return Topology.of(places, [Connector(f"d{i}", **door) for i, door in enumerate(doors)])
+    return Topology.of(places, [PlaceConnector(f"d{i}", **door) for i, door in enumerate(doors)])
 
 
 robots = st.builds(
     RobotClass,
     name=st.just("tester"),
     speed=st.sampled_from([0.5, 1.0]),
-    behaviours=st.sampled_from([None, frozenset({"pass_door"}),
-                                frozenset({"pass_door", "use_elevator"})]),
+    behaviours=st.sampled_from(
+        [None, frozenset({"pass_door"}), frozenset({"pass_door", "use_elevator"})]
+    ),
     opens=st.booleans(),
     unlocks=st.booleans(),
     outside=st.booleans(),
-)  # fmt: skip
-times = st.builds(Times, call=st.sampled_from([0.0, 8.0]), ride=st.just(7.0), open=st.just(2.0))
+)
+times = st.builds(Durations, call=st.sampled_from([0.0, 8.0]), ride=st.just(7.0), open=st.just(2.0))
 
 
 @settings(max_examples=40)
@@ -98,10 +102,10 @@ times = st.builds(Times, call=st.sampled_from([0.0, 8.0]), ride=st.just(7.0), op
 def test_pgr_dijkstra_finds_what_the_planner_finds(routed, topology, robot, times):
     with routed.connect() as connection:
         ids = store(connection, topology)
-        number = keep_robot_class(connection, robot, times)
-        keep_walks(connection, number, straight(topology, ids, robot.speed), {})
+        number = store_robot_class(connection, robot, times)
+        store_travel_times(connection, number, straight(topology, ids, robot.speed), {})
         read = read_topology(connection)
-        network = read.network(read_robot_class(connection, "tester")[1], times=times)
+        graph = RoutingGraph(read, read_robot_class(connection, "tester").robot, durations=times)
         edges = text("SELECT count(*) FROM route_edge WHERE cost >= 0 OR reverse_cost >= 0")
         costs = {}
         if connection.execute(edges).scalar():
@@ -109,7 +113,7 @@ def test_pgr_dijkstra_finds_what_the_planner_finds(routed, topology, robot, time
         for start, goal in permutations(NAMES, 2):
             cost = costs.get((start, goal))
             try:
-                seconds = network.route(network.site(start), network.site(goal)).seconds
+                seconds = find_route(graph, graph.endpoint(start), graph.endpoint(goal)).seconds
             except NoRouteError:
                 seconds = None
             assert cost == pytest.approx(seconds)
@@ -117,7 +121,7 @@ def test_pgr_dijkstra_finds_what_the_planner_finds(routed, topology, robot, time
 
 
 def straight(topology, ids, speed):
-    """The walks of a topology, as a planner without costmaps has them."""
+    """The travel of a topology along straight lines."""
     stands = [
         (c.places[side], ids[c.name], c.poses[side])
         for c in topology.connectors.values()
@@ -128,4 +132,4 @@ def straight(topology, ids, speed):
         for other, b, q in stands:
             if place == other and a < b:
                 metres = math.dist((p.x, p.y, p.z), (q.x, q.y, q.z))
-                yield Walk(ids[place], a, b, metres / speed, metres)
+                yield MeasuredTravel(ids[place], a, b, metres / speed, metres)

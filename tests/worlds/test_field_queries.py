@@ -13,8 +13,8 @@ import trimesh
 from numpy.typing import NDArray
 from sqlalchemy import Engine
 
+from planner.demo.fields import PAPERS_QUERY, perceived, staged
 from semmap.fields.catalogue import FieldCatalogue, Occupancy
-from semmap.fields.demo import PAPERS_QUERY, perceived, staged
 from semmap.fields.language import Rows, Stored, query
 from semmap.fields.maps import Maps
 from semmap.fields.names import Names

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,12 @@ from shapely import LineString
 from sqlalchemy import Engine, text
 
 from planner.exchange.nav2_route import nav2_graph
-from planner.exchange.source import read_surroundings
+from planner.exchange.reader import read_building_outline
+from planner.readers.entity_lookup import find_entities
+from planner.readers.topology import read_topology
 from planner.route import NoRouteError
-from planner.source.meant import read_places_like
-from planner.source.topology import read_topology
+from planner.route_search import find_route
+from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
@@ -117,7 +120,7 @@ class Building:
                     "WHERE e.map_id = current_map() AND e.kind = 'region' ORDER BY e.id"
                 )
             ).all()
-            self.surroundings = read_surroundings(connection)
+            self.building = read_building_outline(connection)
             self.walls = {
                 row.storey: shapely.from_wkb(bytes(row.outline))
                 for row in connection.execute(
@@ -131,7 +134,7 @@ class Building:
             }
             self.places: dict[Vertex, str] = {}
             for row in rows:
-                (place,) = read_places_like(connection, self.topology, row.name)
+                (place,) = {e.place for e in find_entities(connection, row.name)}
                 self.places[self.vertex(row.storey, row.name, row.label)] = place
 
     def vertex(self, level: str, name: str, label: str | None) -> Vertex:
@@ -175,10 +178,10 @@ def test_where_lanes_and_lifts_lead_there_is_a_route(building: Building) -> None
     lifts = building.lanes.building["lifts"]
     pairs = building.pairs(connected)
     assert {a for a, b in pairs} >= {building.places[a] for a, b in named}
-    network = building.topology.network()
-    sites = {place: network.site(place) for pair in pairs for place in pair}
+    graph = RoutingGraph(building.topology)
+    sites = {place: graph.endpoint(place) for pair in pairs for place in pair}
     for start, goal in pairs:
-        found = network.route(sites[start], sites[goal])
+        found = find_route(graph, sites[start], sites[goal])
         ridden = {step.elevator for step in found.steps if step.behaviour == "use_elevator"}
         levels = {places[start].storey, places[goal].storey}
         assert len(ridden) == len(levels) - 1, (start, goal)
@@ -200,8 +203,8 @@ def test_a_lane_through_a_door_leads_to_the_doors_other_place(building: Building
 
 
 def test_the_route_graph_leads_through_no_wall(building: Building) -> None:
-    network = building.topology.network()
-    graph = nav2_graph(network, surroundings=building.surroundings)["features"]
+    graph = RoutingGraph(building.topology)
+    graph = nav2_graph(graph, building=building.building)["features"]
     nodes = [f["properties"] for f in graph if f["geometry"]["type"] == "Point"]
     at = {node["id"]: node["metadata"] for node in nodes}
     solid = {storey: walls.buffer(-GRAZED) for storey, walls in building.walls.items()}
@@ -222,7 +225,13 @@ def test_the_route_graph_leads_through_no_wall(building: Building) -> None:
 
 def joined(topology: Topology) -> nx.MultiGraph:
     """What is joined inside of the building."""
-    graph = topology.graph()
+    graph = nx.MultiGraph()
+    graph.add_nodes_from(topology.places)
+    for connector in topology.connectors.values():
+        graph.add_edge(*connector.places, key=connector.name, connector=connector)
+    for elevator, cabins in topology.cabins().items():
+        for a, b in combinations(cabins, 2):
+            graph.add_edge(a, b, key=elevator, elevator=elevator)
     graph.remove_nodes_from([OUTSIDE])
     return graph
 
@@ -254,8 +263,12 @@ def test_without_a_lift_the_reason_is_said(building: Building) -> None:
     for a, b in building.pairs(building.lanes.connected()):
         if places[a].storey != places[b].storey:
             with pytest.raises(NoRouteError, match=r"without riding an elevator|use_elevator"):
-                route(building.topology, a, b, behaviours={"pass_door", "drive_through",
-                                                           "call_elevator"})  # fmt: skip
+                route(
+                    building.topology,
+                    a,
+                    b,
+                    behaviours={"pass_door", "drive_through", "call_elevator"},
+                )
             break
     else:
         raise AssertionError("no lane leads to another level")

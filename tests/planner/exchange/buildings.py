@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from planner.topology import OUTSIDE, Connector, Place, Topology
+from planner.topology import OUTSIDE, Place, PlaceConnector, Topology
 from tests.planner.office import door, office
 
 BEHAVIOURS = ("pass_door", "drive_through", "call_elevator")
@@ -39,7 +39,7 @@ def figure_4(**changed: dict[str, object]) -> Topology:
 def buildings(draw: st.DrawFn) -> Topology:
     """Up to three storeys of up to five places each; every state and direction of connectors."""
     places: list[Place] = []
-    connectors: list[Connector] = []
+    connectors: list[PlaceConnector] = []
     numbers = st.floats(-20, 20).map(lambda v: round(v, 2))
     for level in range(draw(st.integers(1, 3))):
         odd = draw(st.sampled_from(NAMES))
@@ -60,12 +60,17 @@ def buildings(draw: st.DrawFn) -> Topology:
         for number, (a, b) in enumerate(joined):
             connectors.append(
                 door(
-                    f"{odd}door{level}-{number}", a, b, draw(numbers), draw(numbers),
-                    draw(st.floats(-math.pi, math.pi)), 4.0 * level,
+                    f"{odd}door{level}-{number}",
+                    a,
+                    b,
+                    draw(numbers),
+                    draw(numbers),
+                    draw(st.floats(-math.pi, math.pi)),
+                    4.0 * level,
                     type="elevator_door" if b.startswith("cabin") else "door",
                     behaviour=draw(st.sampled_from(BEHAVIOURS)),
                     state=draw(st.sampled_from(("open", "open", "closed", "locked"))),
                     direction=draw(st.sampled_from(("both", "both", "forward", "backward"))),
                 )
-            )  # fmt: skip
+            )
     return Topology.of(places, connectors)

@@ -37,9 +37,13 @@ def read(path: Path) -> nx.MultiDiGraph:
         frame = properties.get("frame", "map")
         assert isinstance(frame, str)
         graph.add_node(
-            _id(properties["id"], taken), x=x, y=y, frame=frame,
-            metadata=_metadata(properties), operations=_operations(properties),
-        )  # fmt: skip
+            _id(properties["id"], taken),
+            x=x,
+            y=y,
+            frame=frame,
+            metadata=_metadata(properties),
+            operations=_operations(properties),
+        )
     for edge in edges:
         properties = edge["properties"]
         number = _id(properties["id"], taken)
@@ -51,10 +55,15 @@ def read(path: Path) -> nx.MultiDiGraph:
         assert isinstance(overridable, bool)
         assert cost > 0, f"edge {number} costs nothing"
         graph.add_edge(
-            start, end, number, cost=cost, overridable=overridable,
-            metadata=_metadata(properties), operations=_operations(properties),
+            start,
+            end,
+            number,
+            cost=cost,
+            overridable=overridable,
+            metadata=_metadata(properties),
+            operations=_operations(properties),
             line=edge["geometry"].get("coordinates"),
-        )  # fmt: skip
+        )
     return graph
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 
 from planner.exchange.dot import dot
-from planner.exchange.stands import ExchangeError
+from planner.exchange.route_graph import ExchangeError
 from planner.topology import OUTSIDE, Topology
 from tests.planner.exchange.buildings import buildings, figure_4
 
@@ -93,8 +93,16 @@ def test_what_is_read_back_is_the_topology(building: Topology) -> None:
     connectors = [e for e in read.edges if "color" in e[2]]
     assert len(rides) == max(0, len(building.cabins().get("lift", [])) - 1)
     assert len(rides) + len(connectors) == len(read.edges)
-    said = {(a, b, e["label"].rsplit("\n", 1)[0] if e["label"].endswith(("closed", "locked"))
-             else e["label"]) for a, b, e in connectors}  # fmt: skip
+    said = {
+        (
+            a,
+            b,
+            e["label"].rsplit("\n", 1)[0]
+            if e["label"].endswith(("closed", "locked"))
+            else e["label"],
+        )
+        for a, b, e in connectors
+    }
     assert said == {(*c.places, c.name) for c in building.connectors.values()}
     for c, (_, _, e) in zip(building.connectors.values(), connectors, strict=True):
         assert e.get("dir") == {"both": None, "forward": "forward", "backward": "back"}[c.direction]

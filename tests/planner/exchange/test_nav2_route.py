@@ -11,12 +11,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from planner.exchange.nav2_route import nav2_graph, nav2_graphs, write_nav2
-from planner.exchange.stands import ExchangeError
-from planner.network import Network
+from planner.exchange.route_graph import ExchangeError
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError
+from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Place, Topology
-from planner.walks import StraightWalks, Walked
+from planner.travel_cost import StraightTravelCost, Travel
 from semmap.geometry.pose import Pose
 from tests.planner.exchange.buildings import buildings, figure_4
 from tests.planner.exchange.nav2_reader import read
@@ -27,8 +27,8 @@ RELAXED = settings(
 )
 
 
-def written(network: Network, tmp_path: Path, **options: object) -> nx.MultiDiGraph:
-    (path,) = write_nav2(network, tmp_path / "graph.geojson", **options)
+def written(routing: RoutingGraph, tmp_path: Path, **options: object) -> nx.MultiDiGraph:
+    (path,) = write_nav2(routing, tmp_path / "graph.geojson", **options)
     return read(path)
 
 
@@ -38,7 +38,7 @@ def at(graph: nx.MultiDiGraph, place: str) -> list[int]:
 
 def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
     topology = figure_4(door5={"state": "closed"})
-    graph = written(topology.network(), tmp_path)
+    graph = written(RoutingGraph(topology), tmp_path)
     assert len(graph) == 2 * len(topology.connectors)
     assert {n["frame"] for n in graph.nodes.values()} == {"map_floor_1st", "map_floor_3rd"}
     kinds = [e["metadata"]["kind"] for *_, e in graph.edges(data=True)]
@@ -59,35 +59,38 @@ def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
 
 
 def test_one_storey_has_one_frame_and_says_where_its_elevator_leads(tmp_path: Path) -> None:
-    graph = written(figure_4().network(), tmp_path, storey="floor-3rd")
+    graph = written(RoutingGraph(figure_4()), tmp_path, storey="floor-3rd")
     assert {n["frame"] for n in graph.nodes.values()} == {"map"}
     (cabin,) = at(graph, "elevator-3rd")
     switch = graph.nodes[cabin]["operations"]["switch_map"]
     assert switch["trigger"] == "NODE"
     assert switch["metadata"]["storeys"] == ["floor-1st", "floor-3rd"]
     with pytest.raises(ExchangeError, match="no storey attic; there are: floor-1st, floor-3rd"):
-        nav2_graph(figure_4().network(), storey="attic")
+        nav2_graph(RoutingGraph(figure_4()), storey="attic")
 
 
 def test_locked_connectors_and_wrong_directions_are_no_edges(tmp_path: Path) -> None:
     topology = figure_4(door5={"state": "locked"}, door2={"direction": "forward"})
     passed = [
         e["metadata"]["connector"]
-        for *_, e in written(topology.network(), tmp_path).edges(data=True)
+        for *_, e in written(RoutingGraph(topology), tmp_path).edges(data=True)
         if e["metadata"]["kind"] == "passage"
     ]
     assert "door5" not in passed
     assert passed.count("door2") == 1
-    opened = nav2_graph(topology.network(RobotClass(unlocks=True)))["features"]
-    assert any(f["properties"]["metadata"].get("connector") == "door5"
-               for f in opened if "startid" in f["properties"])  # fmt: skip
+    opened = nav2_graph(RoutingGraph(topology, RobotClass(unlocks=True)))["features"]
+    assert any(
+        f["properties"]["metadata"].get("connector") == "door5"
+        for f in opened
+        if "startid" in f["properties"]
+    )
 
 
 @RELAXED
 @given(building=buildings())
 def test_shortest_ways_are_those_of_routes(building: Topology, tmp_path: Path) -> None:
     try:
-        graph = written(building.network(), tmp_path)
+        graph = written(RoutingGraph(building), tmp_path)
     except ExchangeError:
         assert not building.connectors or all(
             c.state == "locked" for c in building.connectors.values()
@@ -123,23 +126,23 @@ def test_a_building_with_too_many_ids_becomes_a_file_a_storey(tmp_path: Path) ->
         [p for t in parts for p in t.places.values()],
         [c for t in parts for c in t.connectors.values()],
     )
-    files = write_nav2(both.network(), tmp_path / "graph.geojson")
+    files = write_nav2(RoutingGraph(both), tmp_path / "graph.geojson")
     assert [f.name for f in files] == ["graph.one.geojson", "graph.two.geojson"]
     assert len(read(files[1])) == 370
-    with pytest.raises(ExchangeError, match=r"hall with 260 connectors: .* part such places"):
-        nav2_graphs(star(260).network())
+    with pytest.raises(ExchangeError, match=r"hall with 260 connectors: .* divide such places"):
+        nav2_graphs(RoutingGraph(star(260)))
 
 
 def test_nothing_to_write_is_said(tmp_path: Path) -> None:
     with pytest.raises(ExchangeError, match="add connectors that join its rooms"):
-        write_nav2(Topology.of([Place("a")], []).network(), tmp_path / "graph.geojson")
+        write_nav2(RoutingGraph(Topology.of([Place("a")], [])), tmp_path / "graph.geojson")
     assert not list(tmp_path.iterdir())
 
 
-class Blocked(StraightWalks):
+class Blocked(StraightTravelCost):
     """No way leads through one place."""
 
-    def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Walked:
+    def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
         walked = super().between(place, a, b)
         if place == "corridor1":
             walked.seconds[:] = np.inf
@@ -147,9 +150,12 @@ class Blocked(StraightWalks):
 
 
 def test_a_walk_that_there_is_not_is_no_edge(tmp_path: Path) -> None:
-    graph = written(figure_4().network(walks=Blocked()), tmp_path)
-    walked = {e["metadata"]["place"] for *_, e in graph.edges(data=True)
-              if e["metadata"]["kind"] == "walk"}  # fmt: skip
+    graph = written(RoutingGraph(figure_4(), costs=Blocked()), tmp_path)
+    walked = {
+        e["metadata"]["place"]
+        for *_, e in graph.edges(data=True)
+        if e["metadata"]["kind"] == "walk"
+    }
     assert "corridor3" in walked
     assert "corridor1" not in walked
     assert OUTSIDE not in walked

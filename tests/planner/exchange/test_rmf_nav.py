@@ -13,11 +13,12 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from sqlalchemy import Engine
 
+from planner.exchange.reader import read_building_outline
 from planner.exchange.rmf_nav import write_rmf_nav
-from planner.exchange.source import read_surroundings
-from planner.exchange.stands import ExchangeError
+from planner.exchange.route_graph import ExchangeError
+from planner.readers.topology import read_topology
 from planner.route import NoRouteError
-from planner.source.topology import read_topology
+from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Place, Topology
 from tests.planner.exchange.buildings import buildings, figure_4
 from tests.planner.office import route
@@ -79,10 +80,20 @@ def _number(value: Any) -> float:
 
 
 def test_the_office_with_doors_and_lift(tmp_path: Path) -> None:
-    graph = read(write_rmf_nav(figure_4().network(), tmp_path / "0.yaml", name="office"))
+    graph = read(write_rmf_nav(RoutingGraph(figure_4()), tmp_path / "0.yaml", name="office"))
     doors = graph.graph["doors"]
-    assert set(doors) == {"door1", "door2", "door5", "door6", "door7", "door8", "exit", "side_door",
-                          "edoor1", "edoor3"} - {"edoor1", "edoor3"}  # fmt: skip
+    assert set(doors) == {
+        "door1",
+        "door2",
+        "door5",
+        "door6",
+        "door7",
+        "door8",
+        "exit",
+        "side_door",
+        "edoor1",
+        "edoor3",
+    } - {"edoor1", "edoor3"}
     assert doors["door1"] == {"endpoints": [[1.55, 4.0], [2.45, 4.0]], "map": "floor-1st"}
     assert graph.edges["door1@lab1", "door1@corridor1"]["door_name"] == "door1"
     way = nx.shortest_path(graph, "lab1", "office4")
@@ -93,8 +104,8 @@ def test_the_office_of_the_map_has_its_cabin_and_its_rooms(
     office_engine: Engine, tmp_path: Path
 ) -> None:
     with office_engine.connect() as connection:
-        topology, around = read_topology(connection), read_surroundings(connection)
-    path = write_rmf_nav(topology.network(), tmp_path / "0.yaml", surroundings=around)
+        topology, around = read_topology(connection), read_building_outline(connection)
+    path = write_rmf_nav(RoutingGraph(topology), tmp_path / "0.yaml", building=around)
     graph = read(path)
     (lift,) = graph.graph["lifts"].values()
     assert lift == pytest.approx((3.0, 8.3, 0.0, 1.6, 1.8))
@@ -107,13 +118,13 @@ def test_the_office_of_the_map_has_its_cabin_and_its_rooms(
 @given(building=buildings())
 def test_what_lanes_join_is_what_routes_join(building: Topology, tmp_path: Path) -> None:
     try:
-        graph = read(write_rmf_nav(building.network(), tmp_path / "0.yaml"))
+        graph = read(write_rmf_nav(RoutingGraph(building), tmp_path / "0.yaml"))
     except ExchangeError:
         return
     rooms = [p for p in building.places.values() if p.elevator is None and p.name != OUTSIDE]
     for start in rooms:
         if start.name not in graph:
-            assert not building.doors_of(start.name)
+            assert not building.connectors_of(start.name)
             continue
         reached = nx.descendants(graph, start.name)
         for goal in rooms:
@@ -129,5 +140,5 @@ def test_what_lanes_join_is_what_routes_join(building: Topology, tmp_path: Path)
 
 def test_nothing_to_drive_is_said(tmp_path: Path) -> None:
     with pytest.raises(ExchangeError, match="add connectors that join the rooms"):
-        write_rmf_nav(Topology.of([Place("a")], []).network(), tmp_path / "0.yaml")
+        write_rmf_nav(RoutingGraph(Topology.of([Place("a")], [])), tmp_path / "0.yaml")
     assert not list(tmp_path.iterdir())

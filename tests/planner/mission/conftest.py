@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from sqlalchemy import Engine, text
 
-from planner.demo import office_files
-from planner.mission import Journal, Runner, Seen
+from planner.demo.office import office_files
+from planner.mission import MissionStore, Runner, Sighting
 from planner.mission.failures import FailureRule
-from planner.mission.sim import SimulatedRobot
-from planner.mission.truth import Truth
+from planner.mission.sim_robot import SimulatedRobot
+from planner.mission.sim_world import SimWorld
 from semmap.database import connect
 from semmap.geometry.pose import Pose
 from semmap.ingest.importer import import_file
@@ -39,58 +39,62 @@ def mission_url(make_database: MakeDatabase) -> str:
 
 
 AS_IT_WAS = (
-    "DELETE FROM reservation", "DELETE FROM execution", "DELETE FROM mission",
+    "DELETE FROM reservation",
+    "DELETE FROM execution",
+    "DELETE FROM mission",
     "DELETE FROM entity WHERE kind = 'agent' OR name = 'muffin2'",
     "UPDATE placement p SET holder_id = k.holder_id, relation = k.relation, pose = k.pose "
     "FROM public.was_placement k WHERE k.entity_id = p.entity_id "
     "AND (p.holder_id, p.relation, p.pose) IS DISTINCT FROM (k.holder_id, k.relation, k.pose)",
     "UPDATE connector c SET state = k.state, seen_at = NULL "
     "FROM public.was_connector k WHERE k.entity_id = c.entity_id",
-)  # fmt: skip
+)
 
 
 class World:
-    """A map and the truth, side by side."""
+    """A map and the world, side by side."""
 
     def __init__(self, url: str, folder: Path) -> None:
         self.url = url
-        self.file = folder / "truth"
+        self.file = folder / "sim_world"
         self.engine: Engine = connect(url)
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """The map and the truth as they were."""
+        """The map and the world as they were."""
         with self.engine.begin() as connection:
             for statement in AS_IT_WAS:
                 connection.execute(text(statement))
-        with self.journal() as journal:
-            self.topology = journal.topology()
-            things = [(t.name, t.place, t.seen) for t in journal.things() if "muffin" in t.name]
-        self.things = things
-        self.truth = Truth.make(self.file, self.topology, things)
+        with self.store() as store:
+            self.topology = store.topology()
+            objects = [(t.name, t.place, t.seen) for t in store.objects() if "muffin" in t.name]
+        self.objects = objects
+        self.world = SimWorld.make(self.file, self.topology, objects)
         self.add_robot("robot", "lab1", START)
 
     def add_robot(self, name: str, place: str, pose: Pose) -> None:
-        with self.journal() as journal:
-            journal.add_robot(name, place, pose)
-        self.truth.put_robot(name, place, pose)
+        with self.store() as store:
+            store.add_robot(name, place, pose)
+        self.world.put_robot(name, place, pose)
 
-    def journal(self, runner: str = "test") -> Journal:
-        return Journal(self.engine, "office", runner)
+    def store(self, runner: str = "test") -> MissionStore:
+        return MissionStore(self.engine, "office", runner)
 
     def robot(self, name: str = "robot", **more: Any) -> SimulatedRobot:
-        return SimulatedRobot(name, self.truth, self.topology, **{"speed": SPEED, **more})
+        return SimulatedRobot(name, self.world, self.topology, **{"speed": SPEED, **more})
 
     def fail(self, *said: str) -> None:
-        self.truth.add_rules(FailureRule.parse(s) for s in said)
+        self.world.add_rules(FailureRule.parse(s) for s in said)
 
     def run(self, goal: str = "on(muffin, desk1)", robot: str = "robot", **more: Any) -> Any:
-        with self.journal() as journal:
+        with self.store() as store:
             runner = Runner(
-                journal, self.robot(robot), simple_planner,
+                store,
+                self.robot(robot),
+                simple_planner,
                 **{"speed": SPEED, "tick": 0.0, **more},
-            )  # fmt: skip
-            return runner.run(journal.add(robot, goal))
+            )
+            return runner.run(store.add(robot, goal))
 
     def ask(self, sql: str, **values: Any) -> list[Any]:
         with self.engine.begin() as connection:
@@ -107,32 +111,35 @@ class World:
             "INSERT INTO placement (entity_id, holder_id, pose, relation) "
             "SELECT entity_id('muffin2'), w.entity_id, pose_compose(pose_inverse(w.pose), "
             "CAST(:pose AS float8[])), 'on' FROM world w WHERE w.entity_id = entity_id(:holder) "
-            "RETURNING 1", pose=pose.row, holder=holder,
-        )  # fmt: skip
+            "RETURNING 1",
+            pose=pose.row,
+            holder=holder,
+        )
         self.ask(
             "INSERT INTO entity_model (entity_id, model_id, role) SELECT entity_id('muffin2'), "
             "model_id, role FROM entity_model WHERE entity_id = entity_id('muffin1') RETURNING 1"
         )
-        self.truth.put_thing("muffin2", place, Seen(holder, "on", pose))
+        self.world.put_object("muffin2", place, Sighting(holder, "on", pose))
 
     def holder(self, name: str) -> tuple[str, str]:
         return tuple(
             self.ask(
                 "SELECT h.name, p.relation FROM placement p JOIN entity h ON h.id = p.holder_id "
-                "WHERE p.entity_id = entity_id(:name)", name=name,
+                "WHERE p.entity_id = entity_id(:name)",
+                name=name,
             )[0]
-        )  # fmt: skip
+        )
 
     def check(self, robot: str = "robot") -> None:
-        """The map says of robot and things what is true."""
-        place, pose = self.truth.robot(robot)
+        """The map says of robot and objects what is true."""
+        place, pose = self.world.robot(robot)
         assert self.holder(robot) == (place, "in")
         assert near(self.world_pose(robot), pose)
-        for name, (_, seen) in self.truth.things().items():
+        for name, (_, seen) in self.world.objects().items():
             assert self.holder(name) == (seen.holder, seen.relation), name
             at = seen.pose
-            if self.truth.has_robot(seen.holder):
-                at = self.truth.robot(seen.holder)[1] @ at
+            if self.world.has_robot(seen.holder):
+                at = self.world.robot(seen.holder)[1] @ at
             assert near(self.world_pose(name), at), name
 
     def world_pose(self, name: str) -> Pose:
@@ -140,7 +147,7 @@ class World:
         return Pose(*row[0][0])
 
     def close(self) -> None:
-        self.truth.close()
+        self.world.close()
         self.engine.dispose()
 
 

@@ -12,11 +12,11 @@ from typing import Any
 
 from sqlalchemy import create_engine
 
-from planner.mission import Journal, Runner, Stage
-from planner.mission.behaviours import Doing, Outcome
-from planner.mission.runner import Event
-from planner.mission.sim import SimulatedRobot
-from planner.mission.truth import Truth
+from planner.mission import Command, MissionStore, Runner
+from planner.mission.behaviours import Outcome, RunningBehaviour
+from planner.mission.runner import MissionEvent
+from planner.mission.sim_robot import SimulatedRobot
+from planner.mission.sim_world import SimWorld
 from tests.planner.mission.simple import simple_planner
 
 SOAK = "SEMMAP_SOAK" in os.environ
@@ -41,15 +41,15 @@ def run_and_die(
 
     Parameters
     ----------
-    died_at : it dies at the first moment (event, stage) that is not among these; which is returned
+    died_at : it dies at the first moment (event, command) that is not among these, and returns it
     at : it dies at this moment alone
     chance : it dies so probably at each look at the robot
-    """  # fmt: skip
+    """
     here, there = _context.Pipe(duplex=False)
     process = _context.Process(
         target=_child,
         args=(there, url, file, mission, robot, chance, seed, died_at, speed, expiry, at),
-    )  # fmt: skip
+    )
     process.start()
     there.close()
     process.join(60)
@@ -65,19 +65,27 @@ def run_and_die(
 
 
 def _child(
-    pipe: Any, url: str, file: Path, mission: int, robot: str, chance: float, seed: int,
-    died_at: frozenset[tuple[str, str]] | None, speed: float, expiry: float,
+    pipe: Any,
+    url: str,
+    file: Path,
+    mission: int,
+    robot: str,
+    chance: float,
+    seed: int,
+    died_at: frozenset[tuple[str, str]] | None,
+    speed: float,
+    expiry: float,
     at: tuple[str, str] | None,
-) -> None:  # fmt: skip
+) -> None:
     draw = random.Random(seed)
 
     def die() -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
-    def hear(event: Event) -> None:
-        moment = (event.what, str(event.stage))
-        ends = event.stage is None and event.what != "planned"
-        if ends or event.what not in kinds_of(event.stage):
+    def on_event(event: MissionEvent) -> None:
+        moment = (event.kind, str(event.command))
+        ends = event.command is None and event.kind != "planned"
+        if ends or event.kind not in kinds_of(event.command):
             return
         if (died_at is not None and moment not in died_at) or moment == at:
             pipe.send(moment)
@@ -88,17 +96,17 @@ def _child(
             die()
 
     engine = create_engine(url, connect_args={"options": "-c search_path=semmap,public"})
-    with Journal(engine, "office", f"{os.getpid()}") as journal:
-        truth = Truth(file)
-        body = Mortal(SimulatedRobot(robot, truth, journal.topology(), speed=speed), look)
+    with MissionStore(engine, "office", f"{os.getpid()}") as store:
+        world = SimWorld(file)
+        body = Mortal(SimulatedRobot(robot, world, store.topology(), speed=speed), look)
         Runner(
-            journal, body, simple_planner, speed=speed, tick=0.0005, expiry=expiry, hear=hear
-        ).run(mission)  # fmt: skip
+            store, body, simple_planner, speed=speed, tick=0.0005, expiry=expiry, on_event=on_event
+        ).run(mission)
 
 
-def kinds_of(stage: Stage | None) -> tuple[str, ...]:
+def kinds_of(command: Command | None) -> tuple[str, ...]:
     """The moments at which it may die: a step that ended is like one that has not begun yet."""
-    handles = stage is None or stage.behaviour in ("pickup", "place", "use_elevator")
+    handles = command is None or command.behaviour in ("pickup", "place", "use_elevator")
     return (
         ("planned", "started", "acted", "ended", "failed")
         if handles or SOAK
@@ -118,11 +126,11 @@ class Mortal:
         if name == "observe":
             self._look()
             return found
-        return lambda stage: _Watched(found(stage), self._look)
+        return lambda command: _Watched(found(command), self._look)
 
 
 class _Watched:
-    def __init__(self, doing: Doing, look: Callable[[], None]) -> None:
+    def __init__(self, doing: RunningBehaviour, look: Callable[[], None]) -> None:
         self._doing = doing
         self._look = look
 
@@ -136,4 +144,4 @@ class _Watched:
         self._doing.cancel()
 
 
-__all__ = ["Stage", "run_and_die"]
+__all__ = ["Command", "run_and_die"]

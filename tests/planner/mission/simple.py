@@ -1,4 +1,4 @@
-"""A planner for one thing at a time: the shortest way to it, and with it to where it shall lie."""
+"""A planner for one object at a time: the shortest way to it, and with it to where it shall lie."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 
 from sqlalchemy import text
 
-from planner.mission.without import topology_without
 from planner.plan import Action, Plan
+from planner.readers.topology import read_topology
 from planner.route import NoRouteError, Route
-from planner.source.topology import read_topology
+from planner.route_search import find_route
+from planner.routing_graph import RoutingGraph
 from semmap.geometry.pose import Pose
 
 WHERE = """
@@ -32,7 +33,7 @@ def simple_planner(
     connection: Any, robot: str, goal: str, *, without: frozenset[str] = frozenset()
 ) -> Plan:
     topology = read_topology(connection)
-    network = topology_without(topology, without).network()
+    graph = RoutingGraph(topology.without(without))
     where = {r: connection.execute(text(WHERE), {"name": r}).one_or_none() for r in (robot,)}
     here, pose = where[robot].place, Pose(*where[robot].pose)
     said = re.fullmatch(r"(on|in)\((\w+), ([\w-]+)\)", goal)
@@ -42,28 +43,30 @@ def simple_planner(
     if what == "robot":
         if here == target:
             return Plan(goal, (), 0.0, 0.0)
-        return plan(goal, way(network.route(network.site(here, pose), network.site(target))))
+        return plan(
+            goal, way(find_route(graph, graph.endpoint(here, pose), graph.endpoint(target)))
+        )
     names = [what, *connection.execute(text(INSTANCES), {"type": what}).scalars()]
-    things = {n: connection.execute(text(WHERE), {"name": n}).one_or_none() for n in names}
-    things = {n: row for n, row in things.items() if row is not None}
-    if any(row.holder == target and row.relation == relation for row in things.values()):
+    objects = {n: connection.execute(text(WHERE), {"name": n}).one_or_none() for n in names}
+    objects = {n: row for n, row in objects.items() if row is not None}
+    if any(row.holder == target and row.relation == relation for row in objects.values()):
         return Plan(goal, (), 0.0, 0.0)
-    held = [n for n, row in things.items() if row.holder == robot]
+    held = [n for n, row in objects.items() if row.holder == robot]
     to = connection.execute(text(WHERE), {"name": target}).one()
     over = stand(to)
     if held:
-        route = network.route(network.site(here, pose), network.site(to.place, over))
+        route = find_route(graph, graph.endpoint(here, pose), graph.endpoint(to.place, over))
         put = Action("place", (held[0], target), 10.0, way(route)[-1].steps, over)
         return plan(goal, [*way(route)[:-1], put])
     best: tuple[float, list[Action]] | None = None
     why: Exception = ValueError(f"no {what} is left")
-    for name, row in things.items():
+    for name, row in objects.items():
         if name in without:
             continue
         at = stand(row)
         try:
-            first = network.route(network.site(here, pose), network.site(row.place, at))
-            then = network.route(network.site(row.place, at), network.site(to.place, over))
+            first = find_route(graph, graph.endpoint(here, pose), graph.endpoint(row.place, at))
+            then = find_route(graph, graph.endpoint(row.place, at), graph.endpoint(to.place, over))
         except NoRouteError as error:
             why = error
             continue
@@ -78,7 +81,7 @@ def simple_planner(
 
 
 def stand(row: Any) -> Pose:
-    """Beside a thing, towards the middle of its room."""
+    """Beside an object, towards the middle of its room."""
     at, room = Pose(*row.pose), Pose(*row.room)
     return Pose.planar(at.x, at.y - 0.7 if at.y > 2 else at.y + 0.7, 0.0, room.z)
 
@@ -86,7 +89,7 @@ def stand(row: Any) -> Pose:
 def way(route: Route) -> list[Action]:
     """An action a transition, with the walk before it; the walk at the end is one more."""
     actions, waiting = [], []
-    for step in route.stages:
+    for step in route.steps:
         waiting.append(step)
         if step.behaviour not in ("navigate", "open_door", "unlock_door", "switch_map"):
             actions.append(Action(step.behaviour, (), step.seconds, tuple(waiting)))

@@ -1,4 +1,4 @@
-"""Two robots never hold the same thing; one that died lets go of it in time."""
+"""Two robots never hold the same object; one that died lets go of it in time."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import pytest
 
 from planner.mission import Runner
 from planner.mission.claims import claims_of
-from planner.mission.patience import Patience
-from planner.mission.sim import SimulatedRobot
-from planner.mission.stage import stages_of
-from planner.mission.truth import Truth
+from planner.mission.command import commands_of
+from planner.mission.retry_policy import RetryPolicy
+from planner.mission.sim_robot import SimulatedRobot
+from planner.mission.sim_world import SimWorld
 from planner.plan import Action, Plan
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
@@ -29,21 +29,29 @@ UPSTAIRS = Pose.planar(1.0, 4.0, 0.0, 7.0)
 
 def claims(topology: Topology, start: str, goal: str, width: float | None = None) -> list[Any]:
     found = route(topology, start, goal)
-    actions = tuple(Action(s.behaviour, (), s.seconds, (s,)) for s in found.stages)
-    stages = stages_of(Plan("", actions, 0.0, 0.0))
+    actions = tuple(Action(s.behaviour, (), s.seconds, (s,)) for s in found.steps)
+    commands = commands_of(Plan("", actions, 0.0, 0.0))
     lifts = {c: lift for lift, cabins in topology.cabins().items() for c in cabins}
-    return list(zip([s.behaviour for s in stages], claims_of(stages, lifts, width), strict=True))
+    return list(
+        zip([s.behaviour for s in commands], claims_of(commands, lifts, width), strict=True)
+    )
 
 
 def test_one_claim_at_a_time_from_the_way_to_it_until_behind_it() -> None:
     assert claims(office(), "lab1", "corridor3") == [
-        ("navigate", "door1"), ("pass_door", "door1"),
-        ("navigate", "door2"), ("pass_door", "door2"),
-        ("navigate", "elevator"), ("call_elevator", "elevator"), ("pass_door", "elevator"),
-        ("use_elevator", "elevator"), ("switch_map", "elevator"),
+        ("navigate", "door1"),
+        ("pass_door", "door1"),
+        ("navigate", "door2"),
+        ("pass_door", "door2"),
+        ("navigate", "elevator"),
+        ("call_elevator", "elevator"),
         ("pass_door", "elevator"),
-        ("navigate", "door5"), ("pass_door", "door5"),
-    ]  # fmt: skip
+        ("use_elevator", "elevator"),
+        ("switch_map", "elevator"),
+        ("pass_door", "elevator"),
+        ("navigate", "door5"),
+        ("pass_door", "door5"),
+    ]
 
 
 def test_two_fit_through_a_wide_door() -> None:
@@ -60,12 +68,12 @@ def test_two_never_hold_it_at_once(world: World) -> None:
     lock = threading.Lock()
 
     def claim_and_release(robot: str) -> None:
-        with world.journal(robot) as journal:
-            mission = journal.add(robot, "x")
-            journal.take(mission)
+        with world.store(robot) as store:
+            mission = store.add(robot, "x")
+            store.take(mission)
             got = 0
             while got < 100:
-                if journal.claim(mission, ["elevator"], 5.0) is not None:
+                if store.claim(mission, ["elevator"], 5.0) is not None:
                     continue
                 with lock:
                     inside.append(robot)
@@ -73,7 +81,7 @@ def test_two_never_hold_it_at_once(world: World) -> None:
                 time.sleep(0.0002)
                 with lock:
                     inside.remove(robot)
-                journal.release(mission, ["elevator"])
+                store.release(mission, ["elevator"])
                 got += 1
 
     together([lambda r=r: claim_and_release(r) for r in ("robot", "other")])
@@ -83,7 +91,7 @@ def test_two_never_hold_it_at_once(world: World) -> None:
 
 def test_a_claim_expires_unless_it_is_renewed(world: World) -> None:
     world.add_robot("other", "lab1", Pose.planar(14.0, 2.5))
-    with world.journal("one") as one, world.journal("two") as two:
+    with world.store("one") as one, world.store("two") as two:
         first, second = one.add("robot", "x"), two.add("other", "x")
         one.take(first)
         two.take(second)
@@ -107,15 +115,15 @@ def test_two_robots_and_one_elevator(world: World) -> None:
     results: list[tuple[str, str]] = []
 
     def rounds(robot: str, first: bool) -> None:
-        truth = Truth(world.file)
-        body = SimulatedRobot(robot, truth, world.topology, speed=SPEED)
-        with world.journal(robot) as journal:
-            runner = Runner(journal, body, simple_planner, speed=SPEED, tick=0.001, expiry=20.0)
+        own = SimWorld(world.file)
+        body = SimulatedRobot(robot, own, world.topology, speed=SPEED)
+        with world.store(robot) as store:
+            runner = Runner(store, body, simple_planner, speed=SPEED, tick=0.001, expiry=20.0)
             for i in range(ROUNDS):
                 goal = "foyer-3rd" if first == (i % 2 == 0) else "foyer-1st"
-                found = runner.run(journal.add(robot, f"in(robot, {goal})"))
+                found = runner.run(store.add(robot, f"in(robot, {goal})"))
                 results.append((found.state, str(found.reason)))
-        truth.close()
+        own.close()
 
     together([lambda: rounds("robot", True), lambda: rounds("other", False)])
     assert set(results) == {("done", "None")}
@@ -129,7 +137,7 @@ def test_two_robots_and_one_elevator(world: World) -> None:
 def check_the_elevator(world: World) -> None:
     """Nobody calls it or enters it while another is in it."""
     inside: str | None = None
-    for robot, what, about in world.truth.events():
+    for robot, what, about in world.world.events():
         if about != "elevator":
             continue
         if what in ("called", "entered"):
@@ -140,17 +148,19 @@ def check_the_elevator(world: World) -> None:
 
 def test_the_claim_of_a_robot_that_died_expires(world: World) -> None:
     world.add_robot("other", "foyer-3rd", UPSTAIRS)
-    with world.journal() as journal:
-        mission = journal.add("robot", "in(robot, foyer-3rd)")
+    with world.store() as store:
+        mission = store.add("robot", "in(robot, foyer-3rd)")
     at = ("started", "call_elevator(elevator)")
     assert run_and_die(world.url, world.file, mission, "robot", expiry=1.5, at=at) == at
     assert world.ask("SELECT count(*) FROM reservation") == [(1,)]
     heard = []
     began = time.monotonic()
-    result = world.run("in(robot, foyer-1st)", "other", tick=0.01, speed=50.0, hear=heard.append)
+    result = world.run(
+        "in(robot, foyer-1st)", "other", tick=0.01, speed=50.0, on_event=heard.append
+    )
     assert result.state == "done"
     assert time.monotonic() - began > 0.5
-    assert "elevator is in use" in [e.said for e in heard if e.what == "waits"]
+    assert "elevator is in use" in [e.message for e in heard if e.kind == "waits"]
     check_the_elevator(world)
     assert run_and_die(world.url, world.file, mission, "robot") == 0
     assert world.ask("SELECT state FROM mission WHERE id = :m", m=mission) == [("done",)]
@@ -162,10 +172,10 @@ def test_the_claim_of_a_robot_that_died_expires(world: World) -> None:
 def test_who_died_in_the_cabin_gets_out_of_it(world: World, dead_in: str) -> None:
     """The other finds the cabin occupied, gives the elevator back, and waits."""
     world.add_robot("other", "foyer-3rd", UPSTAIRS)
-    with world.journal() as journal:
-        mission = journal.add("robot", "in(robot, foyer-3rd)")
-    stage = "use_elevator(elevator, elevator-1st, elevator-3rd)"
-    at = ("started" if dead_in == "elevator-1st" else "ended", stage)
+    with world.store() as store:
+        mission = store.add("robot", "in(robot, foyer-3rd)")
+    command = "use_elevator(elevator, elevator-1st, elevator-3rd)"
+    at = ("started" if dead_in == "elevator-1st" else "ended", command)
     assert run_and_die(world.url, world.file, mission, "robot", expiry=0.1, at=at) == at
     results: list[Any] = []
     together(
@@ -180,14 +190,14 @@ def test_who_died_in_the_cabin_gets_out_of_it(world: World, dead_in: str) -> Non
 
 
 def other_goes_down(world: World) -> Any:
-    truth = Truth(world.file)
-    body = SimulatedRobot("other", truth, world.topology, speed=200.0)
-    with world.journal("other") as journal:
+    own = SimWorld(world.file)
+    body = SimulatedRobot("other", own, world.topology, speed=200.0)
+    with world.store("other") as store:
         runner = Runner(
-            journal, body, simple_planner, speed=200.0, tick=0.005, patience=Patience(50, 100)
+            store, body, simple_planner, speed=200.0, tick=0.005, retry_policy=RetryPolicy(50, 100)
         )
-        result = runner.run(journal.add("other", "in(robot, foyer-1st)"))
-    truth.close()
+        result = runner.run(store.add("other", "in(robot, foyer-1st)"))
+    own.close()
     return result
 
 

@@ -21,9 +21,19 @@ def test_rules(said: str, rule: FailureRule) -> None:
 
 
 @pytest.mark.parametrize(
-    "said", ["", "door5", "door5 gone", "grasp fails", "pickup fails 1.5", "jump fails once",
-             "pickup fails -1", "pickup fails nan", "pickup fails 0"]
-)  # fmt: skip
+    "said",
+    [
+        "",
+        "door5",
+        "door5 gone",
+        "grasp fails",
+        "pickup fails 1.5",
+        "jump fails once",
+        "pickup fails -1",
+        "pickup fails nan",
+        "pickup fails 0",
+    ],
+)
 def test_what_is_none(said: str) -> None:
-    with pytest.raises(ValueError, match="is no failure: say 'door5 locked'"):
+    with pytest.raises(ValueError, match="is not a failure; write 'door5 locked'"):
         FailureRule.parse(said)

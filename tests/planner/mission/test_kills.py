@@ -13,9 +13,14 @@ from tests.planner.mission.runs import run_and_die
 
 ROUNDS = 200 if "SEMMAP_SOAK" in os.environ else 20
 FAILURES = (
-    "pickup fails 0.2", "drop fails 0.1", "navigate fails 0.05", "pass_door fails 0.05",
-    "call_elevator fails 0.1", "open_door fails 0.1", "place fails 0.1",
-)  # fmt: skip
+    "pickup fails 0.2",
+    "drop fails 0.1",
+    "navigate fails 0.05",
+    "pass_door fails 0.05",
+    "call_elevator fails 0.1",
+    "open_door fails 0.1",
+    "place fails 0.1",
+)
 LOCKED = ("door6 locked", "door7 locked", "door5 locked", "door2 locked")
 
 
@@ -25,7 +30,7 @@ def check_what_it_claims(world: World) -> None:
     if not begun:
         world.check()
         return
-    happened = [(what, about) for _, what, about in world.truth.events()]
+    happened = [(what, about) for _, what, about in world.world.events()]
     holder, relation = world.holder("muffin1")
     if holder == "robot":
         assert ("took", "muffin1") in happened
@@ -37,15 +42,17 @@ def check_what_it_claims(world: World) -> None:
     place, _ = world.holder("robot")
     passed = {about for what, about in happened if what in ("passed", "rode")}
     been = {"lab1", "corridor3"} | {
-        p for n in passed if n in world.topology.connectors
+        p
+        for n in passed
+        if n in world.topology.connectors
         for p in world.topology.connectors[n].places
-    }  # fmt: skip
+    }
     assert place in been | ({"elevator-3rd"} if "elevator" in passed else set())
 
 
 def test_killed_once_at_every_moment(world: World) -> None:
-    with world.journal() as journal:
-        mission = journal.add("robot", "on(muffin, desk1)")
+    with world.store() as store:
+        mission = store.add("robot", "on(muffin, desk1)")
     moments: set[tuple[str, str]] = set()
     while True:
         at = run_and_die(world.url, world.file, mission, "robot", died_at=frozenset(moments))
@@ -60,11 +67,18 @@ def test_killed_once_at_every_moment(world: World) -> None:
     assert world.ask("SELECT state FROM mission") == [("done",)]
     assert world.holder("muffin1") == ("desk1", "on")
     world.check()
-    done = [(what, about) for _, what, about in world.truth.events()]
+    done = [(what, about) for _, what, about in world.world.events()]
     assert len(done) == len(set(done))  # no action twice
     assert [about for what, about in done if what == "passed"] == [
-        "door1", "door2", "edoor1", "edoor3", "door5", "door6", "door7", "door8"
-    ]  # fmt: skip
+        "door1",
+        "door2",
+        "edoor1",
+        "edoor3",
+        "door5",
+        "door6",
+        "door7",
+        "door8",
+    ]
 
 
 @pytest.mark.parametrize("first", range(0, ROUNDS, 10))
@@ -75,14 +89,19 @@ def test_failures_and_kills_by_chance(world: World, first: int) -> None:
         if seed % 2:  # a shorter way
             world.add_robot("robot", "corridor3", Pose.planar(8.0, 5.2, 0.0, 7.0))
         world.fail(*draw.sample(FAILURES, 3), *draw.sample(LOCKED, draw.randrange(2)))
-        with world.journal() as journal:
-            mission = journal.add("robot", "on(muffin, desk1)")
+        with world.store() as store:
+            mission = store.add("robot", "on(muffin, desk1)")
         for life in range(200):
             chance = 0.05 if life < 3 else 0.0
             at = run_and_die(
-                world.url, world.file, mission, "robot", chance=chance, seed=1000 * seed + life,
+                world.url,
+                world.file,
+                mission,
+                "robot",
+                chance=chance,
+                seed=1000 * seed + life,
                 speed=2000.0,
-            )  # fmt: skip
+            )
             check_what_it_claims(world)
             if at == 0:
                 break
@@ -95,4 +114,4 @@ def test_failures_and_kills_by_chance(world: World, first: int) -> None:
             ((told,),) = world.ask(
                 "SELECT state FROM connector WHERE entity_id = entity_id(:name)", name=name
             )
-            assert told in (door.state, world.truth.door(name))
+            assert told in (door.state, world.world.door(name))

@@ -7,9 +7,9 @@ import os
 import pytest
 from sqlalchemy import create_engine
 
-from planner.mission import MissionError, Seen
-from planner.mission.journal import LostMissionError
-from planner.mission.runner import Event
+from planner.mission import MissionError, Sighting
+from planner.mission.mission_store import LostMissionError
+from planner.mission.runner import MissionEvent
 from semmap.geometry.pose import Pose
 from tests.planner.mission.conftest import START, World
 
@@ -18,17 +18,25 @@ def test_the_muffin_of_figure_4_is_brought_to_desk1(world: World) -> None:
     assert world.run().state == "done"
     assert world.holder("muffin1") == ("desk1", "on")
     world.check()
-    with world.journal() as journal:
-        (mission,) = journal.missions()
-        steps = journal.steps(mission["id"])
+    with world.store() as store:
+        (mission,) = store.missions()
+        steps = store.steps(mission["id"])
     assert {s["state"] for s in steps} == {"done"}
     shown = ("navigate", "switch_map", "open_door")
     assert [(s["action"], *s["arguments"][:1]) for s in steps if s["action"] not in shown] == [
-        ("pass_door", "door1"), ("pass_door", "door2"), ("call_elevator", "elevator"),
-        ("pass_door", "edoor1"), ("use_elevator", "elevator"), ("pass_door", "edoor3"),
-        ("pass_door", "door5"), ("pass_door", "door6"), ("pickup", "muffin1"),
-        ("pass_door", "door7"), ("pass_door", "door8"), ("place", "muffin1"),
-    ]  # fmt: skip
+        ("pass_door", "door1"),
+        ("pass_door", "door2"),
+        ("call_elevator", "elevator"),
+        ("pass_door", "edoor1"),
+        ("use_elevator", "elevator"),
+        ("pass_door", "edoor3"),
+        ("pass_door", "door5"),
+        ("pass_door", "door6"),
+        ("pickup", "muffin1"),
+        ("pass_door", "door7"),
+        ("pass_door", "door8"),
+        ("place", "muffin1"),
+    ]
     assert world.ask("SELECT count(*) FROM reservation") == [(0,)]
     took = dict(world.ask("SELECT behaviour, count(*) FROM execution WHERE succeeded GROUP BY 1"))
     assert took == {"pass_door": 8, "call_elevator": 1, "use_elevator": 1}
@@ -42,7 +50,7 @@ def test_a_door_found_locked_is_told_with_its_time_and_another_way_taken(world: 
         "WHERE entity_id = entity_id('door6')"
     )
     assert (state, seen) == ("locked", True)
-    passed = [about for _, what, about in world.truth.events() if what == "passed"]
+    passed = [about for _, what, about in world.world.events() if what == "passed"]
     assert passed == ["door1", "door2", "edoor1", "edoor3", "door5", "door7", "door7", "door8"]
     world.check()
 
@@ -58,17 +66,25 @@ def test_the_only_way_is_locked(world: World) -> None:
 @pytest.mark.parametrize(
     "said",
     [
-        "pickup fails twice", "drop fails once", "navigate fails twice", "pass_door fails twice",
-        "call_elevator fails twice", "use_elevator fails once", "place fails once",
-        "open_door fails twice", "switch_map fails once",
+        "pickup fails twice",
+        "drop fails once",
+        "navigate fails twice",
+        "pass_door fails twice",
+        "call_elevator fails twice",
+        "use_elevator fails once",
+        "place fails once",
+        "open_door fails twice",
+        "switch_map fails once",
     ],
-)  # fmt: skip
+)
 def test_what_fails_is_tried_again(world: World, said: str) -> None:
     if said.startswith("open_door"):
-        world.ask("UPDATE connector SET state = 'closed' "
-                  "WHERE entity_id = entity_id('door5') RETURNING state")  # fmt: skip
-        with world.truth.change():
-            world.truth.set_door("door5", "closed")
+        world.ask(
+            "UPDATE connector SET state = 'closed' "
+            "WHERE entity_id = entity_id('door5') RETURNING state"
+        )
+        with world.world.change():
+            world.world.set_door("door5", "closed")
     world.fail(said)
     assert world.run().state == "done"
     assert world.holder("muffin1") == ("desk1", "on")
@@ -100,7 +116,7 @@ def test_after_three_grasps_another_muffin(world: World) -> None:
     world.add_muffin("office4", "desk4", Pose(at.x + 0.3, at.y, at.z))
     world.fail("pickup fails 3")
     assert world.run().state == "done"
-    took = [about for _, what, about in world.truth.events() if what in ("took", "put")]
+    took = [about for _, what, about in world.world.events() if what in ("took", "put")]
     assert took[0] == took[1]
     assert {world.holder(m) for m in ("muffin1", "muffin2")} == {("desk1", "on"), ("desk4", "on")}
     tried = {
@@ -133,7 +149,9 @@ def test_two_muffins_lie_beside_each_other(world: World) -> None:
 
 def test_a_thing_that_somebody_moved_is_found_where_it_is(world: World) -> None:
     at = world.world_pose("muffin1")
-    world.truth.put_thing("muffin1", "office4", Seen("office4", "in", Pose(at.x + 3, at.y, 7.0)))
+    world.world.put_object(
+        "muffin1", "office4", Sighting("office4", "in", Pose(at.x + 3, at.y, 7.0))
+    )
     assert world.run().state == "done"
     world.check()
 
@@ -144,15 +162,19 @@ def test_a_goal_that_is_reached_needs_no_step(world: World) -> None:
 
 
 def test_cancelled_in_the_middle(world: World) -> None:
-    def hear(event: Event) -> None:
-        if event.what == "started" and event.stage is not None and event.stage.subject == "door6":
-            with world.journal() as other:
+    def on_event(event: MissionEvent) -> None:
+        if (
+            event.kind == "started"
+            and event.command is not None
+            and event.command.subject == "door6"
+        ):
+            with world.store() as other:
                 assert other.cancel(event_mission())
 
     def event_mission() -> int:
         return int(world.ask("SELECT max(id) FROM mission")[0][0])
 
-    result = world.run(hear=hear, expiry=0.001)
+    result = world.run(on_event=on_event, expiry=0.001)
     assert result.state == "cancelled"
     assert world.ask("SELECT state FROM mission") == [("cancelled",)]
     assert world.ask("SELECT count(*) FROM mission_step WHERE state = 'planned'") == [(0,)]
@@ -163,32 +185,34 @@ def test_cancelled_in_the_middle(world: World) -> None:
 
 
 def test_what_cannot_be_run(world: World) -> None:
-    with world.journal() as journal, world.journal("other") as other:
+    with world.store() as store, world.store("other") as other:
         with pytest.raises(MissionError, match="no robot named nobody"):
-            journal.add("nobody", "on(muffin, desk1)")
+            store.add("nobody", "on(muffin, desk1)")
         with pytest.raises(MissionError, match="no mission 0"):
-            journal.take(0)
-        number = journal.add("robot", "on(muffin, desk4)")
+            store.take(0)
+        number = store.add("robot", "on(muffin, desk4)")
         second = other.add("robot", "on(muffin, desk1)")
-        journal.take(number)
-        with pytest.raises(MissionError, match="at work for another process"):
+        store.take(number)
+        with pytest.raises(MissionError, match="used by another process"):
             other.take(second, wait=0.0)
-        with pytest.raises(MissionError, match="at work for another process"):
+        with pytest.raises(MissionError, match="used by another process"):
             other.take(number, wait=0.1)
-        journal.finish(number, "done")
+        store.finish(number, "done")
         with pytest.raises(MissionError, match="is done"):
             other.take(number)
         other.take(second)
 
 
 def test_who_lost_a_mission_writes_nothing(world: World) -> None:
-    with world.journal("one") as one, world.journal("two") as two:
+    with world.store("one") as one, world.store("two") as two:
         number = one.add("robot", "on(muffin, desk1)")
         one.take(number)
-        world.ask("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid IN "
-                  "(SELECT pid FROM pg_locks WHERE locktype = 'advisory')")  # fmt: skip
+        world.ask(
+            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid IN "
+            "(SELECT pid FROM pg_locks WHERE locktype = 'advisory')"
+        )
         two.take(number)
-    with world.journal("one") as again:
+    with world.store("one") as again:
         for write in (
             lambda: again.replan(number, []),
             lambda: again.finish(number, "done"),

@@ -5,14 +5,15 @@ from __future__ import annotations
 import heapq
 from itertools import count
 
-from planner.network import Network
-from planner.tasks.world import State, Thing, World
+from planner.route_search import seconds_between
+from planner.routing_graph import RoutingGraph
+from planner.tasks.world import TaskObject, TaskState, TaskWorld
 
 
 def shortest(
-    network: Network,
-    world: World,
-    state: State,
+    graph: RoutingGraph,
+    world: TaskWorld,
+    state: TaskState,
     done,
     *,
     movable: list[str],
@@ -23,28 +24,31 @@ def shortest(
     """Milliseconds of the shortest plan after which `done(below, held)`; None: there is none.
 
     `end` is a room in which the robot shall be at last.
-    """  # fmt: skip
+    """
 
-    def ground(thing: Thing):
-        p = thing.pose
-        return type(p)(p.x, p.y, p.z - thing.height, p.qx, p.qy, p.qz, p.qw)
+    def ground(item: TaskObject):
+        p = item.pose
+        return type(p)(p.x, p.y, p.z - item.height, p.qx, p.qy, p.qz, p.qw)
 
-    things = world.things
-    sites = {None: network.site(state.place, state.pose)}
+    items = world.objects
+    sites = {None: graph.endpoint(state.place, state.pose)}
     for name in {*movable, *surfaces}:
-        sites[name] = network.site(things[name].place, ground(things[name]))
+        sites[name] = graph.endpoint(items[name].place, ground(items[name]))
     keys = list(sites)
-    took = network.times_between([sites[k] for k in keys], [sites[k] for k in keys])
-    drive = {(a, b): (0 if a == b else took[i, j]) for i, a in enumerate(keys)
-             for j, b in enumerate(keys)}  # fmt: skip
+    took = seconds_between(graph, [sites[k] for k in keys], [sites[k] for k in keys])
+    drive = {
+        (a, b): (0 if a == b else took[i, j])
+        for i, a in enumerate(keys)
+        for j, b in enumerate(keys)
+    }
     home = {}
     if end is not None:
-        last = network.times_between([sites[k] for k in keys], [network.site(end)])[:, 0]
+        last = seconds_between(graph, [sites[k] for k in keys], [graph.endpoint(end)])[:, 0]
         home = dict(zip(keys, last, strict=True))
-    capacity = network.robot.capacity
+    capacity = graph.robot.capacity
     first = (
         None,
-        frozenset((n, things[n].holder, n) for n in movable if n not in state.carrying),
+        frozenset((n, items[n].holder, n) for n in movable if n not in state.carrying),
         frozenset(state.carrying),
         tuple(limits.get(n, 0) for n in movable),
     )
@@ -76,14 +80,14 @@ def shortest(
                     place = spot.get(on, on)
                     if drive[at, place] > 1e18:
                         continue
-                    more = round(1000 * drive[at, place]) + round(1000 * network.times.place)
+                    more = round(1000 * drive[at, place]) + round(1000 * graph.durations.place)
                     new = (place, where | {(name, on, place)}, held - {name}, left)
                     heapq.heappush(queue, (cost + more, next(order), new, False))
             elif len(held) < capacity and left[i] and name not in below.values():
                 place = spot[name]
                 if drive[at, place] > 1e18:
                     continue
-                more = round(1000 * drive[at, place]) + round(1000 * network.times.pickup)
+                more = round(1000 * drive[at, place]) + round(1000 * graph.durations.pickup)
                 fewer = (*left[:i], left[i] - 1, *left[i + 1 :])
                 gone = frozenset(w for w in where if w[0] != name)
                 new = (place, gone, held | {name}, fewer)

@@ -2,9 +2,10 @@ from pathlib import Path
 
 import pytest
 
-from planner.tasks import NoPlanError, State, Thing, World, parse_goal, plan_task
+from planner.routing_graph import RoutingGraph
+from planner.tasks import NoPlanError, TaskObject, TaskState, TaskWorld, find_plan, parse_goal
 from planner.tasks.domain_file import DomainError, read_domain
-from planner.tasks.posing import pose_problem
+from planner.tasks.problem_builder import build_problem
 from semmap.geometry.pose import Pose
 from tests.planner.office import office
 from tests.planner.tasks.test_pddl import solved
@@ -12,70 +13,101 @@ from tests.planner.tasks.test_pddl import solved
 TIDY = Path(__file__).parents[3] / "examples" / "office" / "tidy.yaml"
 
 
-def garden(**plant: object) -> World:
+def garden(**plant: object) -> TaskWorld:
     fixed = {"fixed": True, "height": 0.4}
-    return World(
+    return TaskWorld(
         [
-            Thing("plant1", ("potted_plant",), None, "lab1", "lab1", Pose(4, 1, 0.4), **fixed,
-                  properties=plant),
-            Thing("sink1", ("sink",), None, "lab1", "lab1", Pose(6, 2, 0.4), **fixed),
-            Thing("desk1", ("table",), None, "lab1", "lab1", Pose(1, 1, 0.4), **fixed),
-            Thing("cup1", ("cup",), None, "desk1", "lab1", Pose(1, 1, 0.8)),
-            Thing("cup2", ("cup",), None, "desk1", "lab1", Pose(1, 1.4, 0.8)),
+            TaskObject(
+                "plant1",
+                ("potted_plant",),
+                None,
+                "lab1",
+                "lab1",
+                Pose(4, 1, 0.4),
+                **fixed,
+                properties=plant,
+            ),
+            TaskObject("sink1", ("sink",), None, "lab1", "lab1", Pose(6, 2, 0.4), **fixed),
+            TaskObject("desk1", ("table",), None, "lab1", "lab1", Pose(1, 1, 0.4), **fixed),
+            TaskObject("cup1", ("cup",), None, "desk1", "lab1", Pose(1, 1, 0.8)),
+            TaskObject("cup2", ("cup",), None, "desk1", "lab1", Pose(1, 1.4, 0.8)),
         ]
-    )  # fmt: skip
+    )
 
 
 def test_a_plant_is_watered_with_a_cup_that_is_filled_first(tmp_path):
-    network, domain = office().network(), read_domain(TIDY)
-    world, state = garden(), State("lab1", Pose(1, 2, 0))
-    plan = plan_task(network, world, state, "watered(a potted_plant)", domain=domain)
+    graph, domain = RoutingGraph(office()), read_domain(TIDY)
+    world, state = garden(), TaskState("lab1", Pose(1, 2, 0))
+    plan = find_plan(graph, world, state, "watered(a potted_plant)", domain=domain)
     assert [str(a) for a in plan.actions] == [
-        "pickup(cup2, desk1)", "fill(cup2, sink1)", "water(potted_plant, cup2)",
+        "pickup(cup2, desk1)",
+        "fill(cup2, sink1)",
+        "water(potted_plant, cup2)",
         "place(cup2, desk1)",
-    ]  # fmt: skip
+    ]
     assert plan.actions[2].names == ("plant1", "cup2")
     assert plan.optimal
     goal = parse_goal("watered(a potted_plant)", domain.relations)
-    problem = pose_problem(network, world, state, goal, extend=domain.extend)
+    problem = build_problem(graph, world, state, goal, extend=domain.extend)
     assert solved(problem, tmp_path) == pytest.approx(1000 * plan.seconds, abs=4)
 
 
 def test_what_is_so_by_now_takes_nothing():
-    plan = plan_task(office().network(), garden(watered=True), State("lab1"), "watered(plant1)",
-                     domain=read_domain(TIDY))  # fmt: skip
+    plan = find_plan(
+        RoutingGraph(office()),
+        garden(watered=True),
+        TaskState("lab1"),
+        "watered(plant1)",
+        domain=read_domain(TIDY),
+    )
     assert plan.actions == ()
 
 
 def test_what_no_action_brings_about_is_said():
-    with pytest.raises(NoPlanError, match=r"brings about watered\(desk1\)"):
-        plan_task(office().network(), garden(), State("lab1"), "watered(desk1)",
-                  domain=read_domain(TIDY))  # fmt: skip
+    with pytest.raises(NoPlanError, match=r"achieves watered\(desk1\)"):
+        find_plan(
+            RoutingGraph(office()),
+            garden(),
+            TaskState("lab1"),
+            "watered(desk1)",
+            domain=read_domain(TIDY),
+        )
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("actions:\n  water:\n    efects: [a(b)]\n", "line 3: water: what is efects"),
+        ("actions:\n  water:\n    efects: [a(b)]\n", "line 3: water: unknown key efects"),
         ("actions:\n  water:\n    parameters: {p: plant}\n", "line 2: water has no effects"),
-        ("actions:\n  w:\n    parameters: {p: plant}\n    effects: [wet(q)]\n",
-         "line 4: w: wet is of q, which is no parameter; there are: p"),
-        ("actions:\n  w:\n    effects: [on(a, b)]\n", "line 3: w: on is of a, which is no"),
-        ("actions:\n  w:\n    parameters: {p: plant, q: table}\n    effects: [on(p, q)]\n",
-         "line 4: w: on is the planner's own"),
-        ("actions:\n  w:\n    parameters: {p: plant}\n    at: r\n    effects: [wet(p)]\n",
-         "line 4: w: at is a parameter, not r"),
+        (
+            "actions:\n  w:\n    parameters: {p: plant}\n    effects: [wet(q)]\n",
+            "line 4: w: wet uses q, which is not a parameter; there are: p",
+        ),
+        ("actions:\n  w:\n    effects: [on(a, b)]\n", "line 3: w: on uses a, which is not"),
+        (
+            "actions:\n  w:\n    parameters: {p: plant, q: table}\n    effects: [on(p, q)]\n",
+            "line 4: w: on is defined by the planner",
+        ),
+        (
+            "actions:\n  w:\n    parameters: {p: plant}\n    at: r\n    effects: [wet(p)]\n",
+            "line 4: w: at is a parameter, not r",
+        ),
         ("actions:\n  w:\n    effects: [wet]\n", "line 3: w: a fact reads"),
-        ("actions:\n  w:\n    effects: [wet()]\n    seconds: soon\n", "line 4: w: seconds is a"),
-        ("actions: [", "line 1: no YAML"),
+        ("actions:\n  w:\n    effects: [wet()]\n    seconds: soon\n", "line 4: w: seconds: give a"),
+        ("actions: [", "line 1: invalid YAML"),
         ("- a", "line 1: the file begins with actions:"),
         ("", "line 1: the file begins with actions:"),
         ("actions:\n  pickup:\n    effects: [wet()]\n", "line 2: an action cannot be named pickup"),
-        ("actions:\n  a: {effects: [wet()]}\n  a: {effects: [wet()]}\n", "line 3: a comes twice"),
-        ("actions:\n  a: {parameters: {p: x}, effects: [wet(p)]}\n  b: {effects: [wet()]}\n",
-         "line 3: b: wet is of 0 things here, of 1 before"),
+        (
+            "actions:\n  a: {effects: [wet()]}\n  a: {effects: [wet()]}\n",
+            "line 3: a is there twice",
+        ),
+        (
+            "actions:\n  a: {parameters: {p: x}, effects: [wet(p)]}\n  b: {effects: [wet()]}\n",
+            "line 3: b: wet is of 0 objects here, of 1 before",
+        ),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_named_with_their_line(tmp_path, text, message):
     path = tmp_path / "mine.yaml"
     path.write_text(text)

@@ -5,12 +5,13 @@ import warnings
 import pytest
 from hypothesis import given, settings
 
-from planner.tasks import NoPlanError, State, parse_goal, plan_task
+from planner.routing_graph import RoutingGraph
+from planner.tasks import NoPlanError, TaskState, find_plan, parse_goal
 from planner.tasks.pddl import write_pddl
-from planner.tasks.posing import pose_problem
+from planner.tasks.problem_builder import build_problem
 from tests.planner.office import office
 from tests.planner.tasks.houses import houses
-from tests.planner.tasks.test_plan import office_world
+from tests.planner.tasks.test_solver import office_world
 
 
 def solved(problem, folder):
@@ -33,33 +34,37 @@ def solved(problem, folder):
         if cost is None:
             continue
         bound = dict(zip(step.action.parameters, step.actual_parameters, strict=True))
-        value = cost.substitute({task.environment.expression_manager.ParameterExp(p): v
-                                 for p, v in bound.items()}).simplify()  # fmt: skip
-        total += value.constant_value() if value.is_constant() else (
-            task.initial_value(value).constant_value())  # fmt: skip
+        value = cost.substitute(
+            {task.environment.expression_manager.ParameterExp(p): v for p, v in bound.items()}
+        ).simplify()
+        total += (
+            value.constant_value()
+            if value.is_constant()
+            else (task.initial_value(value).constant_value())
+        )
     return total
 
 
 def test_figure_4_costs_the_same(tmp_path):
-    network = office().network()
+    graph = RoutingGraph(office())
     goal = parse_goal("on(muffin, desk1)")
-    problem = pose_problem(network, office_world(), State("lab1"), goal)
-    plan = plan_task(network, office_world(), State("lab1"), goal)
+    problem = build_problem(graph, office_world(), TaskState("lab1"), goal)
+    plan = find_plan(graph, office_world(), TaskState("lab1"), goal)
     assert solved(problem, tmp_path) == pytest.approx(1000 * plan.seconds, abs=2)
 
 
 @settings(max_examples=8)
 @given(houses(most_things=2))
 def test_random_houses_cost_the_same(tmp_path_factory, house):
-    network = house.topology.network(house.robot)
+    graph = RoutingGraph(house.topology, house.robot)
     goal = parse_goal(house.goal)
     try:
-        problem = pose_problem(network, house.world, house.state, goal)
+        problem = build_problem(graph, house.world, house.state, goal)
     except NoPlanError:
         return
     found = solved(problem, tmp_path_factory.mktemp("pddl"))
     try:
-        plan = plan_task(network, house.world, house.state, goal)
+        plan = find_plan(graph, house.world, house.state, goal)
     except NoPlanError:
         assert found is None
         return

@@ -1,0 +1,124 @@
+"""`semmap robot`: the classes of robots in a database."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from navgrid.robot_options import MaxSlope, MaxStep, Parts, State, Urdf
+from semmap import cli
+
+if TYPE_CHECKING:
+    from planner.robot_class import RobotClass
+
+__all__ = ["robot"]
+
+robot = typer.Typer(no_args_is_help=True, help="Classes of robots: their shape and abilities.")
+
+
+@robot.command()
+def add(
+    name: Annotated[str, typer.Argument(help="Name of the class.")],
+    urdf: Urdf,
+    state: State = None,
+    parts: Parts = None,
+    speed: Annotated[float, typer.Option(help="Metres a second on clear ground.")] = 0.5,
+    max_step: MaxStep = 0.02,
+    max_slope: MaxSlope = 6.0,
+    reach: Annotated[
+        str, typer.Option(help="Distance of objects that it takes: MIN,MAX metres.")
+    ] = "0.2,0.8",
+    heights: Annotated[
+        str, typer.Option(help="Height of objects that it takes: MIN,MAX metres.")
+    ] = "0.0,1.6",
+    capacity: Annotated[int, typer.Option(help="Number of objects that it carries at once.")] = 1,
+    behaviour: Annotated[
+        list[str] | None, typer.Option(help="A behaviour that it has; repeatable. By default all.")
+    ] = None,
+    permission: Annotated[
+        list[str] | None, typer.Option(help="A permission that it has; repeatable.")
+    ] = None,
+    opens: Annotated[bool, typer.Option(help="It opens closed doors.")] = True,
+    unlocks: Annotated[bool, typer.Option(help="It unlocks locked doors.")] = False,
+    outside: Annotated[bool, typer.Option(help="It may leave the building.")] = False,
+    json_: cli.Json = False,
+) -> None:
+    """Add a class of robots from a URDF, or replace the class of this name."""
+    import math
+
+    from navgrid.costmap_command import numbers
+    from navgrid.robot_options import parts_of
+    from navgrid.terrain import Gait
+    from planner.readers.robot_class import store_robot_class
+    from planner.robot_class import RobotClass
+
+    near = numbers(reach, 2, "--reach MIN,MAX")
+    high = numbers(heights, 2, "--heights MIN,MAX")
+    added = RobotClass(
+        name,
+        tuple(parts_of(urdf, state, parts)),
+        Gait(max_step, math.radians(max_slope)),
+        speed,
+        None if behaviour is None else frozenset(behaviour),
+        frozenset(permission or ()),
+        opens,
+        unlocks,
+        outside,
+        (near[0], near[1]),
+        (high[0], high[1]),
+        capacity,
+    )
+    with cli.database() as engine, engine.begin() as connection:
+        store_robot_class(connection, added)
+    _show([added], json_)
+
+
+@robot.command()
+def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List the classes of robots."""
+    from planner.readers.robot_class import read_robot_class, read_robot_class_names
+
+    with cli.open_map(map_name) as connection:
+        names = read_robot_class_names(connection)
+        found = [read_robot_class(connection, name).robot for name in names]
+    _show(found, json_)
+
+
+@robot.command()
+def rm(name: Annotated[str, typer.Argument(help="Name of the class to delete.")]) -> None:
+    """Delete a class of robots and its travel times."""
+    from planner.readers.robot_class import delete_robot_class
+
+    with cli.database() as engine, engine.begin() as connection:
+        delete_robot_class(connection, name)
+
+
+def _show(robots: list[RobotClass], json_: bool) -> None:
+    rows: list[dict[str, Any]] = [
+        {
+            "name": r.name,
+            "parts": {p.name: list(p.interval) for p in r.parts},
+            "speed": r.speed,
+            "reach": list(r.reach),
+            "heights": list(r.heights),
+            "capacity": r.capacity,
+            "behaviours": None if r.behaviours is None else sorted(r.behaviours),
+            "permissions": sorted(r.permissions),
+        }
+        for r in robots
+    ]
+    if json_:
+        print(json.dumps(rows))
+        return
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("robot", "parts", "m/s", "reaches", "carries"):
+        table.add_column(column)
+    for r in robots:
+        shape = ", ".join(f"{p.name} {p.interval[0]:.2f} to {p.interval[1]:.2f} m" for p in r.parts)
+        reach = f"{r.reach[0]:g} to {r.reach[1]:g} m"
+        table.add_row(r.name, shape or "no shape", f"{r.speed:g}", reach, str(r.capacity))
+    cli.out.print(table)

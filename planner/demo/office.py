@@ -1,0 +1,39 @@
+"""The files of the example building, `examples/office`, which a checkout has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from navgrid.robot_options import parts_of
+from planner.robot_class import RobotClass
+
+__all__ = ["delivery_robot", "office_files", "office_folder"]
+
+
+def office_folder() -> Path:
+    """The folder of the example building.
+
+    Raises
+    ------
+    LookupError
+        This package was installed without the examples.
+    """
+    folder = Path(__file__).parents[2] / "examples" / "office"
+    if not (folder / "office.sdf").is_file():
+        raise LookupError(
+            f"{folder} does not exist: run the demo in a checkout of semmap, or name a world file"
+        )
+    return folder
+
+
+def office_files() -> list[Path]:
+    """The world files of the example building, in the order in which they are imported."""
+    folder = office_folder()
+    return [folder / "office.sdf", folder / "office_rooms.geojson"]
+
+
+def delivery_robot(name: str = "delivery") -> RobotClass:
+    """The robot of the example building: a base, an arm and a pole, 0.8 m/s."""
+    folder = office_folder()
+    parts = parts_of(folder / "delivery_robot.urdf", None, folder / "delivery_robot_parts.yaml")
+    return RobotClass(name, tuple(parts), speed=0.8)

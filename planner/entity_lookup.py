@@ -1,0 +1,76 @@
+"""What a word in a query stands for: a place, an object, a region or an agent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import shapely
+
+from semmap.geometry.pose import Pose
+
+__all__ = ["EntityLookup", "LocatedEntity", "NoLookup"]
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedEntity:
+    """An entity of the map, and where it is.
+
+    Attributes
+    ----------
+    name
+        Unique in the map.
+    kind
+        What it is.
+    place
+        Name of the room that holds it or in which it lies; None if the map has none.
+    pose
+        In the map's frame; None if it has no placement.
+    footprint
+        The area that it covers on the ground; None without geometry.
+    heights
+        Its lowest and highest z, metres.
+    id
+        Id in the database; None if it comes from elsewhere.
+    """
+
+    name: str
+    kind: Literal["room", "object", "region", "agent"]
+    place: str | None
+    pose: Pose | None = None
+    footprint: shapely.Geometry | None = None
+    heights: tuple[float, float] | None = None
+    id: int | None = None
+
+
+class EntityLookup(Protocol):
+    """Finds entities by name, label or type, and places by pose."""
+
+    def find(self, word: str) -> Sequence[LocatedEntity]:
+        """The entity of this name, or else all entities of this label or type."""
+        ...
+
+    def place_at(self, pose: Pose) -> str | None:
+        """The name of the place in which a pose lies; None if it lies in no place."""
+        ...
+
+    def similar_names(self, word: str) -> Sequence[str]:
+        """Names, labels and types that may be meant by a word that means nothing."""
+        ...
+
+
+class NoLookup:
+    """Finds nothing: for a topology that does not come from a map."""
+
+    def find(self, word: str) -> Sequence[LocatedEntity]:
+        """No entity."""
+        return ()
+
+    def place_at(self, pose: Pose) -> str | None:
+        """No place."""
+        return None
+
+    def similar_names(self, word: str) -> Sequence[str]:
+        """No name."""
+        return ()

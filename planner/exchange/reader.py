@@ -1,0 +1,69 @@
+"""Reads the outlines of rooms and the cabins of elevators from the current map."""
+
+from __future__ import annotations
+
+import shapely
+from shapely import MultiPolygon, Polygon
+from sqlalchemy import Connection, text
+
+from planner.exchange.building_outline import BuildingOutline, Cabin
+from semmap.geometry.pose import Pose
+
+__all__ = ["read_building_outline"]
+
+_ROOMS = """
+SELECT e.name, w.storey_id, l.name AS elevator, w.pose, ST_AsBinary(w.footprint) AS outline
+FROM room r JOIN entity e ON e.id = r.entity_id JOIN world w ON w.entity_id = e.id
+     LEFT JOIN entity l ON l.id = r.elevator_id
+WHERE e.map_id = current_map() AND w.footprint IS NOT NULL ORDER BY e.name
+"""
+
+_WALLS = """
+SELECT w.storey_id, ST_AsBinary(w.footprint) AS outline
+FROM object_type o JOIN world w ON w.entity_id = o.id
+WHERE o.map_id = current_map() AND o.type = 'wall' AND w.footprint IS NOT NULL
+"""
+
+MOST_WALL = 0.3
+"""Share of a room above which a footprint is not a wall, but the hull of walls around the room."""
+
+
+def read_building_outline(connection: Connection) -> BuildingOutline:
+    """The outlines of all rooms without walls, and each elevator's cabin on one of its storeys."""
+    standing: dict[int | None, list[shapely.Geometry]] = {}
+    for row in connection.execute(text(_WALLS)):
+        standing.setdefault(row.storey_id, []).append(shapely.from_wkb(bytes(row.outline)))
+    walls = {storey: shapely.union_all(parts) for storey, parts in standing.items()}
+    outlines: dict[str, Polygon | MultiPolygon] = {}
+    cabins: dict[str, Cabin] = {}
+    for row in connection.execute(text(_ROOMS)):
+        outline = shapely.from_wkb(bytes(row.outline))
+        if not isinstance(outline, Polygon | MultiPolygon):
+            continue
+        outlines[row.name] = _without(outline, walls.get(row.storey_id))
+        if row.elevator is not None:
+            cabins.setdefault(row.elevator, _cabin(Pose(*row.pose), outline))
+    return BuildingOutline(outlines, cabins)
+
+
+def _without(
+    outline: Polygon | MultiPolygon, walls: shapely.Geometry | None
+) -> Polygon | MultiPolygon:
+    if walls is None:
+        return outline
+    rest = outline.difference(walls)
+    whole = isinstance(rest, Polygon | MultiPolygon)
+    return rest if whole and rest.area >= (1 - MOST_WALL) * outline.area else outline
+
+
+def _cabin(pose: Pose, outline: Polygon | MultiPolygon) -> Cabin:
+    """The box around a cabin along the axes of its own frame."""
+    own = shapely.affinity.rotate(outline, -pose.yaw, origin=(pose.x, pose.y), use_radians=True)
+    x0, y0, x1, y1 = own.bounds
+    (middle,) = shapely.affinity.rotate(
+        shapely.Point((x0 + x1) / 2, (y0 + y1) / 2),
+        pose.yaw,
+        origin=(pose.x, pose.y),
+        use_radians=True,
+    ).coords
+    return Cabin(middle[0], middle[1], pose.yaw, x1 - x0, y1 - y0)

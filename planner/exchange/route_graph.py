@@ -1,0 +1,247 @@
+"""Route graphs for other software: approach poses, waypoints, and the moves between them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, TypeAlias
+
+import numpy as np
+from shapely import MultiPolygon, Polygon
+
+from planner.exchange.visibility_graph import corner_paths
+from planner.routing_graph import RoutingGraph
+from planner.topology import OUTSIDE, PlaceConnector, Topology
+from semmap.geometry.pose import Pose
+
+__all__ = [
+    "ApproachPose",
+    "ExchangeError",
+    "Move",
+    "RouteGraph",
+    "Waypoint",
+    "around_corners",
+    "route_graph",
+    "with_middles",
+]
+
+
+Outline: TypeAlias = Polygon | MultiPolygon
+
+
+class ExchangeError(ValueError):
+    """A format cannot express a topology; the message says how to fix it."""
+
+
+@dataclass(frozen=True)
+class ApproachPose:
+    """The pose before a connector, on one of its sides (0 or 1), facing it."""
+
+    connector: PlaceConnector
+    side: int
+    storey: str
+    elevator: str | None = None
+
+    @property
+    def place(self) -> str:
+        return self.connector.places[self.side]
+
+    @property
+    def pose(self) -> Pose:
+        return self.connector.poses[self.side]
+
+    @property
+    def point(self) -> tuple[float, float, float]:
+        return (self.pose.x, self.pose.y, self.pose.z)
+
+    @property
+    def name(self) -> str:
+        """Unique, as names of places and connectors are."""
+        return f"{self.connector.name}@{self.place}"
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A point of a place that belongs to no connector: at a corner, or in the middle."""
+
+    name: str
+    place: str
+    storey: str
+    point: tuple[float, float, float]
+    elevator: str | None = None
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move from one node to another, in one direction.
+
+    Attributes
+    ----------
+    start, end
+        Indices of nodes.
+    kind
+        Travel inside a place, a passage through a connector, or a ride in an elevator.
+    connector
+        The connector of a passage.
+    elevator
+        The elevator of a ride, or the one into which a passage leads.
+    """
+
+    start: int
+    end: int
+    kind: Literal["walk", "passage", "ride"]
+    seconds: float
+    connector: PlaceConnector | None = None
+    elevator: str | None = None
+
+
+@dataclass(frozen=True)
+class RouteGraph:
+    """The nodes and moves of a routing graph, or of one storey of it."""
+
+    nodes: tuple[ApproachPose | Waypoint, ...]
+    moves: tuple[Move, ...]
+
+    @property
+    def storeys(self) -> list[str]:
+        return list(dict.fromkeys(node.storey for node in self.nodes))
+
+    def busiest(self) -> tuple[str, int]:
+        """The place with the most connectors, and how many it has."""
+        counted = Counter(s.place for s in self.nodes if isinstance(s, ApproachPose))
+        return counted.most_common(1)[0]
+
+
+def route_graph(
+    routing: RoutingGraph, *, storey: str | None = None, storeyless: str = "map"
+) -> RouteGraph:
+    """The approach poses of a routing graph, and the moves that its robot can make between them.
+
+    Shortest paths over the moves are those of the routing graph. No move leads through `OUTSIDE`,
+    which the map does not describe.
+
+    Parameters
+    ----------
+    storey
+        Only this one, without rides, which lead away from it.
+    storeyless
+        Name of the storey of places that have none.
+
+    Raises
+    ------
+    ExchangeError
+        There is no such storey.
+    """
+    topology = routing.topology
+    nodes = [
+        ApproachPose(
+            c, side, _storey(topology, c, side) or storeyless, _elevator(topology, c, side)
+        )
+        for c in routing.connectors
+        for side in (0, 1)
+    ]
+    kept = list(range(len(nodes)))
+    if storey is not None:
+        known = dict.fromkeys(p.storey or storeyless for p in topology.places.values())
+        if storey not in known:
+            raise ExchangeError(f"there is no storey {storey}; there are: {', '.join(known)}")
+        kept = [n for n in kept if nodes[n].storey == storey]
+    number = {node: i for i, node in enumerate(kept)}
+    moves = []
+    for edge, (tail, head) in enumerate(zip(routing.tails, routing.heads, strict=True)):
+        start, end, seconds = int(tail), int(head), float(routing.seconds[edge])
+        if start not in number or end not in number or math.isinf(seconds):
+            continue
+        a, b = number[start], number[end]
+        if edge in routing.rides:
+            moves.append(Move(a, b, "ride", seconds, elevator=routing.rides[edge]))
+        elif edge < len(nodes):  # passages come first
+            into = nodes[end].elevator if nodes[end].elevator != nodes[start].elevator else None
+            moves.append(Move(a, b, "passage", seconds, nodes[start].connector, into))
+        elif nodes[start].place != OUTSIDE:
+            moves.append(Move(a, b, "walk", seconds))
+    return RouteGraph(tuple(nodes[n] for n in kept), tuple(moves))
+
+
+def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float) -> RouteGraph:
+    """The graph with one more waypoint in each place, named as it and joined with its nodes."""
+    nodes, moves = list(made.nodes), list(made.moves)
+    for place, numbers in _inside(made).items():
+        if nodes[numbers[0]].elevator is not None:
+            continue
+        points = np.array([nodes[n].point for n in numbers])
+        outline = outlines.get(place)
+        x, y = points[:, :2].mean(axis=0)
+        if outline is not None:
+            middle = outline.centroid
+            if not outline.contains(middle):
+                middle = outline.representative_point()
+            x, y = middle.x, middle.y
+        z = float(points[0, 2])
+        number = len(nodes)
+        nodes.append(Waypoint(place, place, nodes[numbers[0]].storey, (float(x), float(y), z)))
+        for n in numbers:
+            seconds = math.dist(nodes[n].point, nodes[number].point) / speed
+            moves += [Move(n, number, "walk", seconds), Move(number, n, "walk", seconds)]
+    return RouteGraph(tuple(nodes), tuple(moves))
+
+
+def around_corners(made: RouteGraph, outlines: Mapping[str, Outline], speed: float) -> RouteGraph:
+    """The graph with travel through a wall replaced by travel over waypoints at corners.
+
+    A piece between corners takes its length at `speed`, or more if the travel over it does. Travel
+    that stays inside, and places without outline, are not changed.
+    """
+    nodes = list(made.nodes)
+    bent: dict[tuple[int, int], list[int]] = {}
+    for place, numbers in _inside(made).items():
+        if place not in outlines:
+            continue
+        ways = corner_paths(outlines[place], np.array([nodes[n].point[:2] for n in numbers]))
+        used = sorted({c for way in ways.between.values() for c in way})
+        first, z = nodes[numbers[0]], nodes[numbers[0]].point[2]
+        at = {}
+        for count, corner in enumerate(used, 1):
+            x, y = ways.corners[corner]
+            at[corner] = len(nodes)
+            nodes.append(Waypoint(f"{place}#{count}", place, first.storey, (float(x), float(y), z)))
+        for (i, j), way in ways.between.items():
+            if way:
+                bent[numbers[i], numbers[j]] = [at[c] for c in way]
+                bent[numbers[j], numbers[i]] = [at[c] for c in reversed(way)]
+    moves = []
+    legs: dict[tuple[int, int], float] = {}
+    for move in made.moves:
+        over = bent.get((move.start, move.end)) if move.kind == "walk" else None
+        if over is None:
+            moves.append(move)
+            continue
+        steps = list(pairwise([move.start, *over, move.end]))
+        metres = [math.dist(nodes[a].point, nodes[b].point) for a, b in steps]
+        pace = max(move.seconds / sum(metres), 1 / speed)
+        for step, length in zip(steps, metres, strict=True):
+            legs[step] = min(legs.get(step, math.inf), pace * length)
+    moves += [Move(a, b, "walk", seconds) for (a, b), seconds in legs.items()]
+    return RouteGraph(tuple(nodes), tuple(moves))
+
+
+def _inside(made: RouteGraph) -> dict[str, list[int]]:
+    """The indices of the nodes of each place inside the building."""
+    inside: dict[str, list[int]] = {}
+    for number, node in enumerate(made.nodes):
+        if node.place != OUTSIDE:
+            inside.setdefault(node.place, []).append(number)
+    return inside
+
+
+def _storey(topology: Topology, connector: PlaceConnector, side: int) -> str | None:
+    """The storey of a side; outside, that of the other side."""
+    here, there = (topology.places[connector.places[s]] for s in (side, 1 - side))
+    return here.storey or (there.storey if here.name == OUTSIDE else None)
+
+
+def _elevator(topology: Topology, connector: PlaceConnector, side: int) -> str | None:
+    return topology.places[connector.places[side]].elevator

@@ -1,0 +1,83 @@
+"""The reason why no route exists: what blocks the route that needs the fewest blocked edges."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planner.graph import Graph
+from planner.routing_graph import Endpoint, RoutingGraph
+from planner.topology import OUTSIDE
+
+__all__ = ["infeasibility"]
+
+_BLOCKED = 1e9
+"""Seconds that a blocked passage costs here."""
+
+
+def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
+    """Why no route leads from one endpoint to the other, in words.
+
+    It names the blocked edges of the route that needs the fewest of them.
+
+    Parameters
+    ----------
+    graph
+        Penalties that are applied to it count.
+    """
+    robot = graph.robot
+    message = f"no route from {start.place} to {goal.place}"
+    if start.place == goal.place and start.pose is not None and goal.pose is not None:
+        a, b = (f"({p.x:.2f}, {p.y:.2f})" for p in (start.pose, goal.pose))
+        return f"{message}: {robot.name} finds no path in {start.place} from {a} to {b}"
+    for place in (start.place, goal.place):
+        if not len(graph.nodes.get(place, ())):
+            return f"{message}: {place} has no door; add a connector that joins it"
+    for endpoint in (start, goal):
+        if np.isinf(endpoint.seconds).all():
+            return f"{message}: {_enclosed(graph, endpoint)}"
+    blocked = _blocked_edges(graph)
+    weights = graph.base.copy()
+    for edge, (_, more) in blocked.items():
+        weights[edge] = more if math.isinf(weights[edge]) else weights[edge] + more
+    tails, heads = graph.arcs
+    relaxed = Graph(tails, heads, weights, 2 * len(graph.poses))
+    path = relaxed.shortest(*graph.path_ends(start, goal))
+    if path is None:
+        ride = "" if robot.rides_elevators else " without an elevator (behaviour use_elevator)"
+        return f"{message}: nothing joins them{ride}; add the connector that is missing"
+    reasons = dict.fromkeys(blocked[int(e)][0] for e in path[1] if int(e) in blocked)
+    return f"{message}: {'; '.join(reasons)}"
+
+
+def _blocked_edges(graph: RoutingGraph) -> dict[int, tuple[str, float]]:
+    """The blocked edges: each with the reason, and the seconds that using it costs here."""
+    blocked: dict[int, tuple[str, float]] = {}
+    for node in range(2 * len(graph.connectors)):
+        reason = graph.robot.blocking_reason(graph.connectors[node // 2], node % 2)
+        if reason is not None:
+            blocked[node] = reason, _BLOCKED
+    for place, edges in graph.travel_edges.items():
+        for edge in range(edges.start, edges.stop):
+            if math.isfinite(graph.seconds[edge]):
+                continue
+            a, b = (graph.connectors[nodes[edge] // 2].name for nodes in (graph.tails, graph.heads))
+            if place == OUTSIDE:
+                reason = f"{a} leads outside, which the map does not describe"
+                blocked[edge] = reason, 100 * _BLOCKED
+            else:
+                reason = f"{graph.robot.name} finds no path in {place} from {a} to {b}"
+                blocked[edge] = reason, 10 * _BLOCKED
+    for edge, reason in graph.penalties.blocked.items():
+        before, more = blocked.get(edge, (reason, 0.0))
+        blocked[edge] = before, more + _BLOCKED
+    return blocked
+
+
+def _enclosed(graph: RoutingGraph, endpoint: Endpoint) -> str:
+    assert endpoint.pose is not None
+    x, y = endpoint.pose.x, endpoint.pose.y
+    return (
+        f"from ({x:.2f}, {y:.2f}) in {endpoint.place} {graph.robot.name} reaches none of its doors"
+    )

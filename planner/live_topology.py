@@ -1,0 +1,322 @@
+"""A routing graph that follows the map in the database.
+
+Travel times are stored in the database, so that loading is quick. What changed in the map is read
+through its change feed, and only the travel in affected places is measured again.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import threading
+from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+from sqlalchemy import Connection
+
+from navgrid.scene import Scene
+from planner.duration import Durations
+from planner.readers.entity_lookup import MapLookup
+from planner.readers.map_source import MapSource, open_feed
+from planner.readers.robot_class import read_robot_class
+from planner.readers.scenes import read_objects, read_storey_regions, read_storey_scene
+from planner.readers.topology import read_connectors, read_kinds, read_places, read_regions
+from planner.readers.travel_time_store import TravelTimeStore
+from planner.robot_class import RobotClass
+from planner.routing_graph import RoutingGraph
+from planner.storey_costmaps import StoreyCostmaps
+from planner.topology import PlaceConnector, Topology
+from semmap.query.change_feed import ChangeFeed, Look
+
+__all__ = ["LiveTopology", "TopologyChange"]
+
+Progress = Callable[[str, int, int], None]
+OnChange = Callable[["TopologyChange"], None]
+
+
+class TopologyChange(NamedTuple):
+    """What a `LiveTopology` has taken over from the map.
+
+    Attributes
+    ----------
+    reloaded
+        Everything was loaded again: the routing graph is a new one.
+    places
+        The places in which travel was measured again.
+    connectors
+        The connectors whose passages changed.
+    """
+
+    reloaded: bool = False
+    places: frozenset[str] = frozenset()
+    connectors: frozenset[str] = frozenset()
+
+    def __bool__(self) -> bool:
+        return self.reloaded or bool(self.places) or bool(self.connectors)
+
+
+class LiveTopology:
+    """The topology of a map for one class of robots: loaded, and kept up to date.
+
+    Parameters
+    ----------
+    source
+        An engine, or a map.
+    map_name
+        Name of the map; by default the newest.
+    robot
+        A class of robots, or the name of one in the database; by default one that has no shape.
+    progress
+        Called with the name of a place that is measured, its number, and the number of places.
+
+    Attributes
+    ----------
+    graph : RoutingGraph
+        As of the last look at the map.
+    lookup : MapLookup
+        Finds entities of the map.
+
+    Raises
+    ------
+    LookupError
+        There is no such map or class of robots.
+    """
+
+    graph: RoutingGraph
+
+    def __init__(
+        self,
+        source: MapSource,
+        map_name: str | None = None,
+        robot: str | RobotClass | None = None,
+        *,
+        progress: Progress | None = None,
+    ) -> None:
+        self._robot = robot
+        self._progress = progress
+        self._feed: ChangeFeed = open_feed(source, map_name)
+        self.lookup = MapLookup(self._feed.snapshot)
+        self._store: TravelTimeStore | None = None
+        self._agents: set[int] = set()
+        self._validity: dict[int, list[datetime]] = {}  # when regions become valid or invalid
+        self._looked: datetime | None = None
+        self._warm = False
+        self._lock = threading.RLock()
+        self.catch_up()
+
+    def snapshot(self) -> AbstractContextManager[Connection]:
+        """A transaction that sees the present state of the map."""
+        return self._feed.snapshot()
+
+    @property
+    def topology(self) -> Topology:
+        """The topology, as of the last look at the map."""
+        return self.graph.topology
+
+    @property
+    def costmaps(self) -> StoreyCostmaps | None:
+        """The costmaps; None for a robot without shape."""
+        costs = self.graph.costs
+        return costs if isinstance(costs, StoreyCostmaps) else None
+
+    def catch_up(self, on_change: OnChange | None = None) -> TopologyChange:
+        """Take over what changed in the map since the last look; the first time, everything.
+
+        Parameters
+        ----------
+        on_change
+            Called with the changes once `graph` has them, before travel times are stored.
+        """
+        with self._lock:
+            with self._feed.look() as look:
+                if look.changed is None:
+                    change = self._load(look)
+                else:
+                    ids = look.changed | self._expired(look.moment)
+                    change = self._apply(look, ids) if ids else TopologyChange()
+                if change:
+                    if on_change is not None:
+                        on_change(change)
+                    self._store_travel_times(look, change)
+            self._feed.take_in(look)
+            self._looked = look.moment
+            if self._warm:
+                self.warm()
+            return change
+
+    def warm(self) -> None:
+        """Make all costmaps, now and after each reload: then changes are taken over quickly."""
+        with self._lock:
+            self._warm = True
+            if self.costmaps is not None and not self.costmaps.is_complete():
+                self.costmaps.complete()
+
+    def follow(
+        self,
+        stop: threading.Event,
+        on_change: OnChange | None = None,
+        *,
+        patience: float = 0.2,
+    ) -> None:
+        """Catch up whenever the map changes, until `stop` is set.
+
+        A restart of the server does not end it.
+
+        Parameters
+        ----------
+        on_change
+            As for `catch_up`.
+        patience
+            Seconds between looks at `stop`, and between attempts to connect.
+        """
+
+        def wake(payloads: tuple[str, ...] | None) -> None:
+            if payloads is None:
+                self.warm()
+                self.catch_up(on_change)
+            elif self._expired(datetime.now(UTC)) or not all(map(self._is_irrelevant, payloads)):
+                self.catch_up(on_change)
+
+        self._feed.follow(stop, wake, patience=patience)
+
+    def _is_irrelevant(self, payload: str) -> bool:
+        """Whether a notification reports nothing but agents that moved.
+
+        Anyone can send on the channel: an invalid payload counts as relevant.
+        """
+        try:
+            message = json.loads(payload)
+            only_moved = not {"added", "changed", "removed", "reshaped"} & message.keys()
+            moved = message["moved"]
+            return only_moved and isinstance(moved, list) and self._agents.issuperset(moved)
+        except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+            return False
+
+    def _expired(self, moment: datetime) -> set[int]:
+        """The regions that became valid or invalid since the last look."""
+        before = self._looked
+        if before is None:
+            return {*self._validity}
+        return {n for n, ends in self._validity.items() if any(before < t <= moment for t in ends)}
+
+    # -- loading --------------------------------------------------------------------------------
+
+    def _load(self, look: Look) -> TopologyChange:
+        """Read everything, with the travel times that still hold; measure the others."""
+        connection = look.connection
+        with _no_garbage_collection():
+            places = read_places(connection)
+            connectors = read_connectors(connection, places)
+            regions, validity = read_regions(connection)
+            topology = Topology.of(places, connectors, regions)
+        robot, durations, store = RobotClass(), Durations(), None
+        if isinstance(self._robot, RobotClass):
+            robot = self._robot
+        elif self._robot is not None:
+            read = read_robot_class(connection, self._robot)
+            robot, durations, store = read.robot, read.durations, TravelTimeStore(read)
+        costmaps, stored = None, None
+        if robot.parts:
+            costmaps = StoreyCostmaps(topology, robot, self._read_scene)
+            if self._progress is not None:
+                costmaps.report_to(self._report(self._progress, len(topology.places)))
+            if store is not None:
+                stored = store.load(connection, topology, some_expire=bool(validity))
+        graph = RoutingGraph(topology, robot, costmaps, durations=durations, stored=stored)
+        if store is not None:
+            store.add(graph.measured)
+        self.graph, self._store, self._validity = graph, store, validity
+        return TopologyChange(reloaded=True)
+
+    @staticmethod
+    def _report(progress: Progress, total: int) -> Callable[[str, int], None]:
+        return lambda place, number: progress(place, number, total)
+
+    def _read_scene(self, storey: str) -> Scene:
+        with self._feed.snapshot() as connection:
+            return read_storey_scene(connection, storey)
+
+    def _store_travel_times(self, look: Look, change: TopologyChange) -> None:
+        if self._store is None or self.costmaps is None:
+            return
+        if not change.reloaded or self._store.is_due:
+            self._store.store(look.connection, self.graph, look.cursor)
+
+    # -- changes --------------------------------------------------------------------------------
+
+    def _apply(self, look: Look, ids: Collection[int]) -> TopologyChange:
+        """Take over states of connectors, moved objects and regions; load all if more changed."""
+        connection = look.connection
+        kinds = read_kinds(connection, ids)
+        self._agents |= {number for number, kind in kinds.items() if kind == "agent"}
+        removed = {number for number in ids if number not in kinds}
+        movable = removed | {n for n, kind in kinds.items() if kind in ("object", "region")}
+        connectors = {n for n, kind in kinds.items() if kind == "connector"}
+        building = {*kinds.values()} & {"room", "storey"}
+        if not movable and not connectors and not building:
+            return TopologyChange()
+        if (
+            building
+            or removed & self._building_ids()
+            or (self._store is not None and self._store.is_outdated(connection))
+            or (movable and self.costmaps is not None and not self.costmaps.is_complete())
+        ):
+            return self._load(look)
+        changed = set()
+        for connector in read_connectors(connection, self.topology.places.values(), connectors):
+            before = self.topology.connectors.get(connector.name)
+            if before is None or _geometry(before) != _geometry(connector):
+                return self._load(look)
+            if before != connector:
+                self.graph.change_connector(connector)
+                changed.add(connector.name)
+        with_regions = "region" in kinds.values()
+        if removed or with_regions:
+            regions, self._validity = read_regions(connection)
+            self.graph.change_regions(regions)
+        places = self._apply_moves(look, movable, with_regions)
+        return TopologyChange(places=frozenset(places), connectors=frozenset(changed))
+
+    def _building_ids(self) -> set[int | None]:
+        """The ids of all places and connectors."""
+        topology = self.topology
+        places = {p.id for p in topology.places.values()}
+        return places | {c.id for c in topology.connectors.values()}
+
+    def _apply_moves(self, look: Look, ids: Collection[int], with_regions: bool) -> set[str]:
+        """Measure travel again where objects or regions changed costs; returns these places."""
+        costmaps = self.costmaps
+        if not ids or costmaps is None:
+            return set()
+        storeys = costmaps.storeys() if with_regions else []
+        regions = {s: read_storey_regions(look.connection, s, ids) for s in storeys}
+        objects = read_objects(look.connection, ids)
+        with self.graph.lock:
+            places = costmaps.update(ids, objects, regions)
+            for place in places:
+                self.graph.measure_again(place)
+        if self._store is not None:
+            self._store.add(places)
+        return places
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Pause the garbage collector while thousands of objects are made that all stay alive.
+
+    Each collection would look at all of them: a tenth of the time of loading 1,000 rooms.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _geometry(connector: PlaceConnector) -> tuple[object, ...]:
+    """The values of a connector on which the travel to it depends."""
+    return connector.places, connector.poses, connector.width

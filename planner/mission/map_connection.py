@@ -1,0 +1,86 @@
+"""A connection to one map that stays open, so that its session holds locks."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Self
+
+from sqlalchemy import Connection, Engine, text
+from sqlalchemy.exc import DBAPIError
+
+__all__ = ["MapConnection", "MissionError"]
+
+
+class MissionError(ValueError):
+    """A mission cannot be made or run; the message says why."""
+
+
+class MapConnection:
+    """An open connection that sees one map. Use it in a ``with`` statement.
+
+    Parameters
+    ----------
+    map_name
+        By default the newest map.
+
+    Raises
+    ------
+    MissionError
+        There is no such map.
+    """
+
+    def __init__(self, engine: Engine, map_name: str | None = None) -> None:
+        self._connection = engine.connect()
+        try:
+            with self._begin() as connection:
+                self.map_name = _see_map(connection, map_name)
+        except MissionError:
+            self._connection.close()
+            raise
+
+    def close(self) -> None:
+        """Close the connection and release its locks."""
+        if not self._connection.invalidated:
+            with suppress(DBAPIError):  # without the server, the locks are released anyway
+                self._connection.rollback()
+                self._connection.execute(text("SELECT pg_advisory_unlock_all()"))
+                self._connection.commit()
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _begin(self) -> _Transaction:
+        return _Transaction(self._connection)
+
+
+class _Transaction:
+    """A transaction on a connection that stays open."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def __enter__(self) -> Connection:
+        return self._connection
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self._connection.commit()
+        elif not self._connection.invalidated:
+            self._connection.rollback()
+
+
+def _see_map(connection: Connection, name: str | None) -> str:
+    """Choose the map of a session; returns its name."""
+    if name is None:
+        name = connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
+        if name is None:
+            raise MissionError("there is no map: semmap import FILE makes one")
+    known = connection.execute(text("SELECT id FROM map WHERE name = :name"), {"name": name})
+    if known.scalar() is None:
+        raise MissionError(f"there is no map {name}: `semmap maps` lists them")
+    connection.execute(text("SELECT set_config('semmap.map', :name, false)"), {"name": name})
+    return str(name)

@@ -1,0 +1,195 @@
+"""Writes what a robot observed into the map: its pose, objects, doors, and durations.
+
+What was observed is written, not what was expected.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+
+import shapely
+from sqlalchemy import Connection, text
+
+from planner.mission.behaviours import Observation, Outcome, Sighting
+from planner.mission.command import Command
+from planner.mission.placement_search import find_free_spot
+from semmap.geometry.pose import Pose
+
+__all__ = [
+    "ObjectRow",
+    "find_placement",
+    "read_objects",
+    "write_door",
+    "write_execution",
+    "write_observation",
+]
+
+
+@dataclass(frozen=True)
+class ObjectRow:
+    """An object that holds no other, with its place and pose."""
+
+    name: str
+    place: str
+    seen: Sighting
+
+
+def write_observation(connection: Connection, robot: int, seen: Observation) -> None:
+    """Write the pose of a robot, the objects that it holds, sees, or no longer holds."""
+    connection.execute(
+        text(_PLACE_ROBOT), {"robot": robot, "place": seen.place, "pose": seen.pose.row}
+    )
+    for name, grip in seen.holds.items():
+        connection.execute(text(_HOLD), {"item": name, "robot": robot, "pose": grip.row})
+    if seen.seen:
+        objects = [
+            {"item": n, "holder": s.holder, "relation": s.relation, "pose": s.pose.row}
+            for n, s in seen.seen.items()
+        ]
+        connection.execute(text(_PUT), {"seen": json.dumps(objects)})
+    held = connection.execute(text(_HELD), {"robot": robot}).scalars()
+    for name in [n for n in held if n not in seen.holds]:
+        # not held any more and not in view: somewhere in this place
+        connection.execute(text(_LOSE), {"item": name, "place": seen.place})
+    for name, state in seen.doors.items():
+        if state in ("open", "closed", "locked"):
+            write_door(connection, name, state)
+
+
+def write_door(connection: Connection, name: str, state: str) -> None:
+    """Write the observed state of a connector, and the present time."""
+    connection.execute(text(_DOOR), {"name": name, "state": state})
+
+
+def write_execution(connection: Connection, robot: int, command: Command, outcome: Outcome) -> None:
+    """Write the duration of a passage, a call or a ride, from which planners compute means."""
+    if command.step is None or command.subject is None or outcome.seconds <= 0:
+        return
+    height = command.step.approach.z - command.step.leave.z if command.step.approach else 0.0
+    connection.execute(
+        text(_EXECUTED),
+        {
+            "behaviour": command.behaviour,
+            "subject": command.subject,
+            "seconds": outcome.seconds,
+            "height": abs(height),
+            "succeeded": outcome.succeeded,
+            "robot": robot,
+        },
+    )
+
+
+def find_placement(connection: Connection, item: str, target: str, towards: Pose) -> Pose | None:
+    """The free pose on a target that is nearest to another pose; None if there is none.
+
+    The pose is on the top of the target's box, clear of the objects on it; in a room, it is on the
+    floor in front of the robot.
+    """
+    row = connection.execute(text(_TARGET), {"name": target}).one_or_none()
+    size = connection.execute(text(_SIZE), {"name": item}).one_or_none()
+    if row is None or size is None:
+        return None
+    if row.kind == "room":
+        ahead = towards @ Pose(0.5, 0.0, 0.0)
+        return Pose.planar(ahead.x, ahead.y, 0.0, row.floor + size.above)
+    if row.footprint is None:
+        return None
+    held = connection.execute(text(_ON_TARGET), {"target": row.id, "item": item}).scalars()
+    found = find_free_spot(
+        shapely.from_wkb(bytes(row.footprint)),
+        [shapely.from_wkb(bytes(k)) for k in held],
+        max(size.radius, 0.01),
+        (towards.x, towards.y),
+    )
+    if found is None:
+        return None
+    yaw = math.remainder(Pose(*size.pose).yaw, math.tau)
+    return Pose.planar(found[0], found[1], yaw, row.top + size.above)
+
+
+def read_objects(connection: Connection) -> list[ObjectRow]:
+    """The objects of the current map that lie in or on something."""
+    rows = connection.execute(text(_THINGS)).all()
+    return [ObjectRow(r.name, r.place, Sighting(r.holder, r.relation, Pose(*r.pose))) for r in rows]
+
+
+_PLACE_ROBOT = """
+UPDATE placement p SET holder_id = w.entity_id, relation = 'in', confidence = NULL, pose = there
+FROM world w, LATERAL pose_compose(pose_inverse(w.pose), CAST(:pose AS float8[])) there
+WHERE p.entity_id = :robot AND w.entity_id = entity_id(:place)
+  AND (p.holder_id, p.pose) IS DISTINCT FROM (w.entity_id, there)
+"""
+
+_HOLD = """
+UPDATE placement SET holder_id = :robot, relation = 'in', confidence = NULL, pose = :pose
+WHERE entity_id = entity_id(:item)
+  AND (holder_id, pose) IS DISTINCT FROM (CAST(:robot AS bigint), CAST(:pose AS float8[]))
+"""
+
+# An object within a centimetre of its place in the map has not moved.
+_PUT = """
+UPDATE placement p
+SET holder_id = h.entity_id, relation = s.relation, confidence = NULL,
+    pose = pose_compose(pose_inverse(h.pose), s.pose)
+FROM jsonb_to_recordset(CAST(:seen AS jsonb))
+         AS s (item text, holder text, relation text, pose float8[]),
+     entity e, world w, entity k, world h
+WHERE e.map_id = current_map() AND e.name = s.item AND e.kind = 'object'
+  AND p.entity_id = e.id AND w.entity_id = e.id
+  AND k.map_id = current_map() AND k.name = s.holder AND h.entity_id = k.id
+  AND (p.holder_id IS DISTINCT FROM h.entity_id OR p.relation <> s.relation
+       OR abs(w.pose[1] - s.pose[1]) > 0.01 OR abs(w.pose[2] - s.pose[2]) > 0.01
+       OR abs(w.pose[3] - s.pose[3]) > 0.01)
+"""
+
+_HELD = """
+SELECT e.name FROM placement p JOIN entity e ON e.id = p.entity_id
+WHERE p.holder_id = :robot AND e.kind = 'object'
+"""
+
+_LOSE = "SELECT put(entity_id(:item), entity_id(:place), 'in', 0)"
+
+_DOOR = """
+UPDATE connector SET state = :state, seen_at = clock_timestamp()
+WHERE entity_id = entity_id(:name) AND (state <> :state OR :state = 'locked')
+"""
+
+_EXECUTED = """
+INSERT INTO execution (robot_class_id, behaviour, entity_id, seconds, height, succeeded)
+SELECT (SELECT c.id FROM robot_class c JOIN entity r ON r.id = :robot
+        WHERE c.name = r.properties->>'robot_class'),
+       :behaviour, id, :seconds, :height, :succeeded
+FROM entity WHERE id = entity_id(:subject)
+"""
+
+_TARGET = """
+SELECT e.id, e.kind, ST_ZMax(w.box) AS top, ST_AsBinary(w.footprint) AS footprint,
+       w.pose[3] + coalesce(r.floor, 0) AS floor
+FROM entity e JOIN world w ON w.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
+WHERE e.map_id = current_map() AND e.name = :name
+"""
+
+_SIZE = """
+SELECT w.pose, w.pose[3] - ST_ZMin(w.box) AS above,
+       sqrt((ST_XMax(w.box) - ST_XMin(w.box)) ^ 2 + (ST_YMax(w.box) - ST_YMin(w.box)) ^ 2) / 2
+       AS radius
+FROM entity e JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = current_map() AND e.name = :name
+"""
+
+_ON_TARGET = """
+SELECT ST_AsBinary(w.footprint) FROM placement p JOIN world w ON w.entity_id = p.entity_id
+WHERE p.holder_id = :target AND w.footprint IS NOT NULL AND p.entity_id <> entity_id(:item)
+"""
+
+_THINGS = """
+SELECT e.name, r.name AS place, h.name AS holder, p.relation, w.pose
+FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id
+     JOIN entity h ON h.id = p.holder_id
+     CROSS JOIN LATERAL (SELECT k.name FROM holders_of(ARRAY[e.id]) WITH ORDINALITY o (id, n)
+                         JOIN entity k ON k.id = o.id AND k.kind = 'room' ORDER BY o.n LIMIT 1) r
+WHERE e.map_id = current_map() AND e.kind = 'object' AND h.kind IN ('object', 'room')
+  AND NOT EXISTS (SELECT FROM placement c WHERE c.holder_id = e.id)
+"""

@@ -1,0 +1,53 @@
+"""Finds a free spot on a surface to put an object down."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import shapely
+
+__all__ = ["find_free_spot"]
+
+STEP = 0.05
+"""Metres between the spots that are tried."""
+
+
+def find_free_spot(
+    surface: shapely.Geometry,
+    occupied: Iterable[shapely.Geometry],
+    radius: float,
+    towards: tuple[float, float],
+) -> tuple[float, float] | None:
+    """The free spot of a surface that is nearest to a point.
+
+    Parameters
+    ----------
+    surface
+        Outline of the surface, metres.
+    occupied
+        Footprints of the objects on it.
+    radius
+        Of a circle around the footprint of the object, metres.
+    towards
+        (x, y) of the robot.
+
+    Returns
+    -------
+    (x, y) of the middle of the circle, which lies on the surface and is free; None without one.
+    """
+    free = surface.buffer(-radius)
+    taken = shapely.union_all([k for k in occupied if not k.is_empty])
+    if not taken.is_empty:
+        free = free.difference(taken.buffer(radius + 0.01))
+    if free.is_empty:
+        return None
+    x0, y0, x1, y1 = free.bounds
+    x, y = (k.ravel() for k in np.meshgrid(np.arange(x0, x1, STEP), np.arange(y0, y1, STEP)))
+    inside = shapely.contains_xy(free, x, y)
+    if not inside.any():
+        point = free.representative_point()
+        return point.x, point.y
+    x, y = x[inside], y[inside]
+    nearest = int(np.argmin(np.hypot(x - towards[0], y - towards[1])))
+    return float(x[nearest]), float(y[nearest])

@@ -1,0 +1,81 @@
+"""When a mission tries again, when it avoids something, and when it gives up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+__all__ = ["Failure", "RetryPolicy"]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A step of a mission that failed, with the entity that it acted on and the cause."""
+
+    action: str
+    subject: str | None
+    cause: str
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class RetryPolicy:
+    """Limits on the failures of a mission.
+
+    Attributes
+    ----------
+    tries
+        Maximum failures of a behaviour on an entity before the mission avoids the entity.
+    failures
+        Maximum failures of all steps.
+    wait
+        Seconds, by the robot's clock, before a failed step is tried again.
+    queue
+        Seconds, by the robot's clock, to wait for a claim before planning again.
+    """
+
+    tries: int = 3
+    failures: int = 20
+    wait: float = 1.0
+    queue: float = 120.0
+
+    def __post_init__(self) -> None:
+        if self.tries < 1 or self.failures < 1 or self.wait < 0 or self.queue <= 0:
+            raise ValueError(
+                f"{self}: tries and failures are 1 or more, wait 0 or more, queue above 0 s"
+            )
+
+    def avoided(self, failures: Iterable[Failure]) -> dict[str, str]:
+        """The entities that a mission avoids after these failures, each with the reason in words.
+
+        Locked doors are not among them, since the map has their state.
+        """
+        counts: dict[tuple[str, str], int] = {}
+        found: dict[str, str] = {}
+        for failure in failures:
+            if failure.subject is None or failure.cause in ("locked", *_NOT_COUNTED):
+                continue
+            key = failure.action, failure.subject
+            counts[key] = counts.get(key, 0) + 1
+            if counts[key] >= self.tries:
+                found[failure.subject] = (
+                    f"{failure.action} of {failure.subject} failed {counts[key]} times: "
+                    f"{failure.message or failure.cause}"
+                )
+        return found
+
+    def reason_to_give_up(self, failures: Iterable[Failure]) -> str | None:
+        """Why the mission gives up, in words; None if it continues."""
+        real = [f for f in failures if f.cause not in _NOT_COUNTED]
+        ways = [f for f in real if f.subject is None]
+        if len(ways) >= 2 * self.tries:
+            return (
+                f"{ways[-1].action} failed {len(ways)} times: {ways[-1].message or ways[-1].cause}"
+            )
+        if len(real) >= self.failures:
+            return f"{len(real)} steps failed, at last: {real[-1].message or real[-1].cause}"
+        return None
+
+
+_NOT_COUNTED = ("interrupted", "cancelled")
+"""Causes that do not count as failures of the robot."""

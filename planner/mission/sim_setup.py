@@ -1,0 +1,83 @@
+"""Makes the simulated world of a map, in a file, and a robot in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from planner.live_topology import LiveTopology
+from planner.mission.failures import FailureRule
+from planner.mission.mission_store import MissionError, MissionStore
+from planner.mission.sim_robot import SimulatedRobot
+from planner.mission.sim_world import SimWorld
+from planner.topology import Topology
+from semmap.geometry.pose import Pose
+
+__all__ = ["entry_pose", "open_world", "simulated_robot"]
+
+_NOWHERE = "no room holds {}: give its start (--from)"
+
+
+def entry_pose(topology: Topology, place: str) -> Pose:
+    """The approach pose of the first door of a place.
+
+    Raises
+    ------
+    MissionError
+    """
+    doors = topology.connectors_of(place)
+    if not doors:
+        raise MissionError(f"{place} has no door: a robot cannot leave it; add a connector")
+    connector, side = doors[0]
+    return connector.poses[side]
+
+
+def open_world(
+    file: Path,
+    store: MissionStore,
+    topology: Topology,
+    robot: str,
+    rules: Sequence[FailureRule] = (),
+    *,
+    resume: bool = False,
+) -> SimWorld:
+    """The simulated world in a file, with the robot; made from the map if there is no file.
+
+    Raises
+    ------
+    MissionError
+        The pose of the robot is unknown, or there is no mission to resume.
+    """
+    where = store.robot(robot)
+    if file.is_file():
+        world = SimWorld(file)
+        if where is None and not world.has_robot(robot):
+            world.close()
+            raise MissionError(_NOWHERE.format(robot))
+        world.add_rules(rules)
+    elif resume:
+        raise MissionError(f"{file}, the simulated world, is gone: name its --world")
+    elif where is None:
+        raise MissionError(_NOWHERE.format(robot))
+    else:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        objects = [(t.name, t.place, t.seen) for t in store.objects()]
+        world = SimWorld.make(file, topology, objects, rules)
+    if where is not None and not world.has_robot(robot):
+        world.put_robot(robot, *where)
+    return world
+
+
+def simulated_robot(
+    live: LiveTopology, world: SimWorld, name: str, *, speed: float, seed: int = 0
+) -> SimulatedRobot:
+    """A robot of the class of a live topology, on its costmaps; `speed` is that of its clock."""
+    return SimulatedRobot(
+        name,
+        world,
+        live.topology,
+        speed=speed,
+        seed=seed,
+        velocity=live.graph.robot.speed,
+        path=live.costmaps.path if live.costmaps is not None else None,
+    )

@@ -1,0 +1,122 @@
+"""Finds the entities of a map that a word may stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
+import shapely
+from sqlalchemy import Connection, text
+
+from planner.entity_lookup import LocatedEntity
+from semmap.geometry.pose import Pose
+
+__all__ = ["MapLookup", "find_entities", "read_place_at", "read_similar_names"]
+
+_FIND = """
+WITH RECURSIVE wanted AS (
+    SELECT e.id FROM entity e WHERE e.map_id = current_map() AND e.name = :word
+    UNION
+    SELECT e.id FROM entity e WHERE e.map_id = current_map() AND e.label = :word
+      AND NOT EXISTS (SELECT FROM entity n WHERE n.map_id = current_map() AND n.name = :word)
+    UNION
+    SELECT e.id FROM type_closure t JOIN entity e ON e.type = t.sub
+    WHERE t.super = :word AND e.map_id = current_map()
+      AND NOT EXISTS (SELECT FROM entity n WHERE n.map_id = current_map() AND n.name = :word)
+), up (id, at, depth) AS (
+    SELECT id, id, 0 FROM wanted
+    UNION ALL
+    SELECT u.id, p.holder_id, u.depth + 1 FROM up u JOIN placement p ON p.entity_id = u.at
+    WHERE p.holder_id IS NOT NULL AND NOT EXISTS (SELECT FROM room r WHERE r.entity_id = u.at)
+), held AS (
+    SELECT DISTINCT ON (u.id) u.id, e.name AS place
+    FROM up u JOIN room r ON r.entity_id = u.at JOIN entity e ON e.id = u.at ORDER BY u.id, u.depth
+)
+SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.place, g.entity_id IS NOT NULL AS is_region,
+       ST_AsBinary(w.footprint) AS footprint, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
+       (SELECT n.name FROM world rw JOIN entity n ON n.id = rw.entity_id
+        WHERE h.place IS NULL AND n.kind = 'room' AND n.map_id = e.map_id
+          AND rw.storey_id IS NOT DISTINCT FROM coalesce(w.storey_id, rw.storey_id)
+          AND ST_Intersects(rw.footprint, ST_PointOnSurface(w.footprint)) LIMIT 1) AS around
+FROM wanted q JOIN entity e ON e.id = q.id LEFT JOIN world w ON w.entity_id = e.id
+LEFT JOIN held h ON h.id = e.id LEFT JOIN region g ON g.entity_id = e.id
+WHERE e.kind IN ('room', 'object', 'region', 'agent')
+ORDER BY e.name LIMIT :most
+"""
+
+_NAMES = """
+SELECT DISTINCT unnest(ARRAY[type, label]) FROM entity
+WHERE map_id = current_map() AND kind IN ('room', 'object', 'region')
+UNION
+(SELECT name FROM entity WHERE map_id = current_map() AND name ILIKE :start
+ AND kind IN ('room', 'object', 'region', 'agent') LIMIT 2000)
+"""
+
+_PLACE_AT = """
+SELECT e.name FROM world w JOIN entity e ON e.id = w.entity_id JOIN room r ON r.entity_id = e.id
+WHERE e.map_id = current_map() AND ST_Covers(w.footprint, ST_MakePoint(:x, :y))
+  AND w.pose[3] + r.floor <= :z + 0.5 ORDER BY w.pose[3] + r.floor DESC LIMIT 1
+"""
+
+
+class MapLookup:
+    """An `EntityLookup` in the present state of a map.
+
+    Parameters
+    ----------
+    snapshot
+        Opens a transaction that sees the map.
+    """
+
+    def __init__(self, snapshot: Callable[[], AbstractContextManager[Connection]]) -> None:
+        self._snapshot = snapshot
+
+    def find(self, word: str) -> list[LocatedEntity]:
+        """The entity of this name, or else all entities of this label or type."""
+        with self._snapshot() as connection:
+            return find_entities(connection, word)
+
+    def place_at(self, pose: Pose) -> str | None:
+        """The name of the room in which a pose lies; None if it lies in no room."""
+        with self._snapshot() as connection:
+            return read_place_at(connection, pose)
+
+    def similar_names(self, word: str) -> list[str]:
+        """Names, labels and types that may be meant by a word that means nothing."""
+        with self._snapshot() as connection:
+            return read_similar_names(connection, word)
+
+
+def find_entities(connection: Connection, word: str, most: int = 1000) -> list[LocatedEntity]:
+    """The entity of the current map with this name, or else all of this label or type.
+
+    ``kitchen`` stands for the rooms whose label or type is kitchen, subtypes included; ``muffin1``
+    for an object, in the room that holds it; ``home`` for a region.
+    """
+    rows = connection.execute(text(_FIND), {"word": word, "most": most}).all()
+    return [
+        LocatedEntity(
+            row.name,
+            row.kind,
+            row.name if row.kind == "room" else row.place or row.around,
+            None if row.pose is None else Pose(*row.pose),
+            None if row.footprint is None else shapely.from_wkb(bytes(row.footprint)),
+            None if row.low is None else (row.low, row.high),
+            row.id,
+        )
+        for row in rows
+    ]
+
+
+def read_similar_names(connection: Connection, word: str) -> list[str]:
+    """All types and labels of the current map, and the names that begin like a word."""
+    start = word[:2].replace("\\", r"\\").replace("%", r"\%").replace("_", r"\_") + "%"
+    rows = connection.execute(text(_NAMES), {"start": start}).scalars()
+    return [name for name in rows if name is not None]
+
+
+def read_place_at(connection: Connection, pose: Pose) -> str | None:
+    """The room of the current map in which a pose lies: the highest whose floor is not above it."""
+    values = {"x": pose.x, "y": pose.y, "z": pose.z}
+    name = connection.execute(text(_PLACE_AT), values).scalar()
+    return None if name is None else str(name)

@@ -1,0 +1,205 @@
+"""Reads and stores classes of robots, with how long their behaviours take."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+import numpy as np
+from psycopg.rows import namedtuple_row
+from sqlalchemy import Connection, text
+
+from navgrid.terrain import Gait
+from planner.duration import Durations
+from planner.readers.rows import fetch_rows
+from planner.robot_class import RobotClass
+from semmap.robot import Part
+
+__all__ = [
+    "StoredRobotClass",
+    "delete_robot_class",
+    "read_robot_class",
+    "read_robot_class_digest",
+    "read_robot_class_names",
+    "store_robot_class",
+]
+
+_SAME_NAME = ("speed", "opens", "unlocks", "outside", "capacity")
+"""Attributes of `RobotClass` whose columns have the same name."""
+
+_DURATIONS = {
+    "call": "call_seconds",
+    "ride": "ride_seconds",
+    "ride_per_metre": "ride_seconds_per_metre",
+    "open": "open_seconds",
+    "unlock": "unlock_seconds",
+    "pickup": "pickup_seconds",
+    "place": "place_seconds",
+}
+"""Attributes of `Durations`, and their columns."""
+
+_SAME_TRAVEL = """
+SELECT id, parts = CAST(:parts AS jsonb) AND max_step = :max_step AND max_slope = :max_slope
+       AND speed = :speed AS same
+FROM robot_class WHERE name = :name
+"""
+
+_READ = """
+SELECT r.*, md5(r::text) AS digest,
+       CASE WHEN reaches_back(t.cursor)
+            THEN ARRAY(SELECT unnest(s.entities) FROM changes_since(t.cursor) s
+                       WHERE s.map_id = t.map_id) END AS unmeasured,
+       (SELECT jsonb_agg(jsonb_build_array(d.behaviour, e.name, d.seconds))
+        FROM mean_duration d JOIN entity e ON e.id = d.entity_id
+        WHERE d.robot_class_id = r.id AND e.map_id = current_map()) AS measured
+FROM robot_class r
+LEFT JOIN travel_time_map t ON t.robot_class_id = r.id AND t.map_id = (SELECT current_map())
+WHERE r.name = %s
+"""
+
+
+class StoredRobotClass(NamedTuple):
+    """A class of robots as the database has it.
+
+    Attributes
+    ----------
+    id
+        In the database.
+    robot, durations
+        The class, and how long its behaviours take, with the measured means in the current map.
+    digest
+        Of the row in the database: it changes whenever the class is stored with other values.
+    unmeasured
+        Ids of the entities of the current map that changed after all travel times of the class were
+        measured; None if they never were, or if the changes since then are not all kept.
+    """
+
+    id: int
+    robot: RobotClass
+    durations: Durations
+    digest: str
+    unmeasured: frozenset[int] | None
+
+
+def store_robot_class(
+    connection: Connection, robot: RobotClass, durations: Durations | None = None
+) -> int:
+    """Store a class of robots, or replace the one of its name; returns its id.
+
+    Travel times that were measured for another shape, other limits or another speed are deleted.
+    """
+    durations = durations or Durations()
+    row: dict[str, Any] = {
+        "name": robot.name,
+        "parts": json.dumps([_part_as_json(part) for part in robot.parts]),
+        "width": max((float(np.ptp(p.footprint[:, 1])) for p in robot.parts), default=None),
+        "height": max((p.interval[1] for p in robot.parts), default=None),
+        "max_step": robot.drive_limits.max_step,
+        "max_slope": robot.drive_limits.max_slope,
+        "behaviours": None if robot.behaviours is None else sorted(robot.behaviours),
+        "permissions": sorted(robot.permissions),
+        "reach": list(robot.reach),
+        "heights": list(robot.heights),
+        **{name: getattr(robot, name) for name in _SAME_NAME},
+        **{column: getattr(durations, name) for name, column in _DURATIONS.items()},
+    }
+    before = connection.execute(text(_SAME_TRAVEL), row).one_or_none()
+    columns = list(row)
+    values = ", ".join("CAST(:parts AS jsonb)" if c == "parts" else f":{c}" for c in columns)
+    updates = ", ".join(f"{c} = EXCLUDED.{c}" for c in columns if c != "name")
+    number = connection.execute(
+        text(
+            f"INSERT INTO robot_class ({', '.join(columns)}) VALUES ({values}) "
+            f"ON CONFLICT (name) DO UPDATE SET {updates} RETURNING id"
+        ),
+        row,
+    ).scalar_one()
+    if before is not None and not before.same:
+        for table in ("travel_time", "travel_time_place", "travel_time_map"):
+            connection.execute(
+                text(f"DELETE FROM {table} WHERE robot_class_id = :id"), {"id": number}
+            )
+    return int(number)
+
+
+def delete_robot_class(connection: Connection, name: str) -> None:
+    """Delete a class of robots and its travel times.
+
+    Raises
+    ------
+    LookupError
+        There is no class of this name.
+    """
+    read_robot_class(connection, name)
+    connection.execute(text("DELETE FROM robot_class WHERE name = :name"), {"name": name})
+
+
+def read_robot_class_names(connection: Connection) -> list[str]:
+    """The names of all classes of robots, in alphabetical order."""
+    return [*connection.execute(text("SELECT name FROM robot_class ORDER BY name")).scalars()]
+
+
+def read_robot_class(connection: Connection, name: str) -> StoredRobotClass:
+    """The class of robots of this name.
+
+    Raises
+    ------
+    LookupError
+        There is no class of this name; the message has the names of all.
+    """
+    found = fetch_rows(connection, _READ, (name,), namedtuple_row)
+    if not found:
+        known = ", ".join(read_robot_class_names(connection))
+        raise LookupError(
+            f"there is no robot class named {name}; "
+            + (f"there are: {known}" if known else "semmap robot add makes one from a URDF")
+        )
+    (row,) = found
+    robot = RobotClass(
+        row.name,
+        tuple(_part(part) for part in row.parts),
+        Gait(row.max_step, row.max_slope),
+        behaviours=None if row.behaviours is None else frozenset(row.behaviours),
+        permissions=frozenset(row.permissions or ()),
+        reach=(row.reach[0], row.reach[1]),
+        heights=(row.heights[0], row.heights[1]),
+        **{name: getattr(row, name) for name in _SAME_NAME},
+    )
+    durations = Durations(
+        **{name: getattr(row, column) for name, column in _DURATIONS.items()},
+        measured={(behaviour, of): float(mean) for behaviour, of, mean in row.measured or ()},
+    )
+    unmeasured = None if row.unmeasured is None else frozenset(row.unmeasured)
+    return StoredRobotClass(row.id, robot, durations, row.digest, unmeasured)
+
+
+def read_robot_class_digest(connection: Connection, robot_class: int) -> str | None:
+    """The present digest of a class of robots by its id; None if it was deleted."""
+    digest = connection.execute(
+        text("SELECT md5(r::text) FROM robot_class r WHERE id = :id"), {"id": robot_class}
+    ).scalar()
+    return None if digest is None else str(digest)
+
+
+def _part_as_json(part: Part) -> dict[str, Any]:
+    return {
+        "name": part.name,
+        "links": list(part.links),
+        "interval": list(part.interval),
+        "footprint": part.footprint.tolist(),
+        "inscribed_radius": part.inscribed_radius,
+        "circumscribed_radius": part.circumscribed_radius,
+        "inflate_by": part.inflate_by,
+    }
+
+
+def _part(value: dict[str, Any]) -> Part:
+    return Part(
+        value["name"],
+        tuple(value["links"]),
+        (value["interval"][0], value["interval"][1]),
+        np.array(value["footprint"]),
+        value["inscribed_radius"],
+        value["circumscribed_radius"],
+        value["inflate_by"],
+    )

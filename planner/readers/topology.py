@@ -1,0 +1,192 @@
+"""Reads the topology of the current map: its rooms, their connectors, and regions."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from psycopg.rows import namedtuple_row
+from sqlalchemy import Connection, text
+
+from planner.readers.rows import fetch_rows
+from planner.readers.types import read_supertypes
+from planner.topology import OUTSIDE, Place, PlaceConnector, PlaceRegion, Topology
+from semmap.geometry.pose import Pose
+
+__all__ = ["read_connectors", "read_kinds", "read_places", "read_regions", "read_topology"]
+
+_PLACES = """
+SELECT e.name, e.type, e.label, s.name, l.name, NULLIF(e.properties, '{}'),
+       coalesce(w.pose[3] + r.floor, 0), e.id
+FROM room r JOIN entity e ON e.id = r.entity_id LEFT JOIN world w ON w.entity_id = e.id
+LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN entity l ON l.id = r.elevator_id
+WHERE e.map_id = current_map() ORDER BY e.name
+"""
+
+_CONNECTORS = """
+SELECT array_send(w.pose || c.pose_a || c.pose_b), c.place_a, c.place_b,
+       e.name, c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
+       NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id
+FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = current_map() AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
+ORDER BY e.name
+"""
+
+_THREE_POSES = np.dtype([("head", "V20"), ("poses", [("length", ">i4"), ("value", ">f8")], 21)])
+"""Three poses in the binary format of an array of 21 numbers."""
+
+_NO_PROPERTIES: Mapping[str, Any] = {}
+"""Shared by all entities without properties."""
+
+_REGIONS = """
+SELECT e.id, e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
+       NULLIF(lower(g.valid), '-infinity') AS since, NULLIF(upper(g.valid), 'infinity') AS until,
+       g.origin = 'drawn' AND w.footprint IS NOT NULL AND coalesce(g.valid @> now(), true)
+           AS valid_now
+FROM region g JOIN entity e ON e.id = g.entity_id LEFT JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = (SELECT current_map()) ORDER BY e.name
+"""
+
+_REACHED = """
+SELECT w.entity_id, array_agg(n.name ORDER BY n.name)
+FROM world w JOIN world rw ON ST_Intersects(rw.footprint, w.footprint)
+     AND (w.storey_id IS NULL OR rw.storey_id IS NOT DISTINCT FROM w.storey_id)
+JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = current_map()
+WHERE w.entity_id = ANY (:ids) GROUP BY w.entity_id
+"""
+
+
+def read_topology(connection: Connection) -> Topology:
+    """The topology of the current map, with all poses in the map's frame."""
+    places = read_places(connection)
+    return Topology.of(places, read_connectors(connection, places), read_regions(connection)[0])
+
+
+def read_places(connection: Connection) -> list[Place]:
+    """The rooms of the current map, and the cabins of its elevators, by name."""
+    rows = fetch_rows(connection, _PLACES)
+    types = read_supertypes(connection, {row[1] for row in rows})
+    return [
+        Place(
+            name,
+            type_,
+            label,
+            storey,
+            elevator,
+            types.get(type_, ()),
+            own or _NO_PROPERTIES,
+            z,
+            id_,
+        )
+        for name, type_, label, storey, elevator, own, z, id_ in rows
+    ]
+
+
+def read_regions(connection: Connection) -> tuple[list[PlaceRegion], dict[int, list[datetime]]]:
+    """The regions that are drawn on the current map and valid now.
+
+    Returns
+    -------
+    The regions, and by id the moments at which regions become valid or invalid, if there are any.
+    """
+    rows = fetch_rows(connection, _REGIONS, rows=namedtuple_row)
+    ends = {row.id: [t for t in (row.since, row.until) if t is not None] for row in rows}
+    timed = {number: moments for number, moments in ends.items() if moments}
+    drawn = [row for row in rows if row.valid_now]
+    if not drawn:
+        return [], timed
+    types = read_supertypes(connection, {row.type for row in drawn})
+    reached = connection.execute(text(_REACHED), {"ids": [row.id for row in drawn]})
+    places = {number: tuple(names) for number, names in reached}
+    regions = [
+        PlaceRegion(
+            row.name,
+            shapely.from_wkb(bytes(row.footprint)),
+            places[row.id],
+            row.label,
+            types.get(row.type, ()),
+            row.properties,
+        )
+        for row in drawn
+        if row.id in places
+    ]
+    return regions, timed
+
+
+def read_connectors(
+    connection: Connection, places: Iterable[Place], ids: Collection[int] | None = None
+) -> list[PlaceConnector]:
+    """The connectors that join these places.
+
+    Parameters
+    ----------
+    ids
+        Ids of the connectors to read; by default all.
+    """
+    if ids is not None and not ids:
+        return []
+    names: dict[int | None, str] = {p.id: p.name for p in places if p.id is not None}
+    names[None] = OUTSIDE
+    wanted = None if ids is None else [*ids]
+    rows = fetch_rows(connection, _CONNECTORS, (wanted, wanted))
+    rows = [row for row in rows if row[1] in names and row[2] in names]
+    if not rows:
+        return []
+    packed = np.frombuffer(b"".join([row[0] for row in rows]), _THREE_POSES)
+    poses = packed["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
+    a, b = (map(Pose._make, _composed(poses[:, 0], poses[:, k]).tolist()) for k in (1, 2))
+    return [
+        PlaceConnector(
+            name,
+            (names[place_a], names[place_b]),
+            both,
+            form,
+            direction,
+            state,
+            behaviour,
+            width,
+            height,
+            step,
+            frozenset(permissions or ()),
+            properties or _NO_PROPERTIES,
+            number,
+        )
+        for both, (
+            _,
+            place_a,
+            place_b,
+            name,
+            form,
+            direction,
+            state,
+            behaviour,
+            width,
+            height,
+            step,
+            permissions,
+            properties,
+            number,
+        ) in zip(zip(a, b, strict=True), rows, strict=True)
+    ]
+
+
+def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 7) poses a @ b, row by row."""
+    v, w = a[:, 3:6], a[:, 6:]
+    t = 2 * np.cross(v, b[:, :3])
+    at = a[:, :3] + b[:, :3] + w * t + np.cross(v, t)
+    x, s = b[:, 3:6], b[:, 6:]
+    turned = w * x + s * v + np.cross(v, x)
+    return np.concatenate([at, turned, w * s - (v * x).sum(axis=1, keepdims=True)], axis=1)
+
+
+def read_kinds(connection: Connection, ids: Collection[int]) -> dict[int, str]:
+    """The kind of each entity that exists among those with these ids."""
+    rows = connection.execute(
+        text("SELECT id, kind FROM entity WHERE id = ANY (:ids)"), {"ids": [*ids]}
+    )
+    return {row.id: row.kind for row in rows}

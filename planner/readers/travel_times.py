@@ -1,0 +1,169 @@
+"""Reads and stores measured travel times, and the states of places in which they were measured.
+
+A travel time takes a costmap to measure. If the contents of a place change, so does its digest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Connection, text
+
+from planner.measured_travel import MeasuredTravel
+from planner.readers.robot_class import read_robot_class_digest
+from planner.readers.rows import fetch_rows
+
+__all__ = [
+    "compute_place_digests",
+    "may_store_travel_times",
+    "read_place_digests",
+    "read_travel_times",
+    "store_measured_until",
+    "store_travel_times",
+]
+
+
+_PACKED = np.dtype(
+    [("place", ">i8"), ("a", ">i8"), ("b", ">i8"), ("seconds", ">f8"), ("metres", ">f8")]
+)
+"""A row as the column `packed` has it."""
+
+_READ = "SELECT coalesce(string_agg(packed, ''), '') FROM travel_time WHERE robot_class_id = %s"
+
+_INSERT = """
+INSERT INTO travel_time (robot_class_id, place_id, from_id, to_id, seconds, metres)
+SELECT :robot, * FROM unnest(CAST(:place AS bigint[]), CAST(:a AS bigint[]), CAST(:b AS bigint[]),
+                             CAST(:seconds AS float8[]), CAST(:metres AS float8[]))
+"""
+
+_INSERT_PLACES = """
+INSERT INTO travel_time_place
+SELECT :robot, * FROM unnest(CAST(:places AS bigint[]), CAST(:digests AS text[]))
+"""
+
+_INSERT_MAP = """
+INSERT INTO travel_time_map VALUES (:robot, current_map(), :cursor)
+ON CONFLICT (robot_class_id, map_id) DO UPDATE SET cursor = EXCLUDED.cursor
+"""
+
+_DIGESTS = """
+WITH RECURSIVE carried (id) AS (
+    SELECT p.entity_id FROM placement p JOIN entity a ON a.id = p.holder_id AND a.kind = 'agent'
+    WHERE a.map_id = current_map()
+    UNION SELECT p.entity_id FROM carried c JOIN placement p ON p.holder_id = c.id
+)
+SELECT r.entity_id AS id, md5(concat_ws('|',
+    (SELECT string_agg(concat_ws(',', c.entity_id, c.place_a, c.place_b, k.pose, c.pose_a, c.pose_b,
+                                 c.width), ';' ORDER BY c.entity_id)
+     FROM connector c JOIN world k ON k.entity_id = c.entity_id
+     WHERE c.place_a = r.entity_id OR c.place_b = r.entity_id),
+    (SELECT string_agg(concat_ws(',', e.id, e.type, e.properties, o.pose, g.valid,
+                       (SELECT string_agg(em.model_id::text, ' ' ORDER BY em.model_id)
+                        FROM entity_model em WHERE em.entity_id = e.id)), ';' ORDER BY e.id)
+     FROM world o JOIN entity e ON e.id = o.entity_id LEFT JOIN region g ON g.entity_id = e.id
+     WHERE e.map_id = current_map() AND e.kind IN ('room', 'object', 'region')
+       AND (g.valid IS NULL OR g.valid @> now()) AND e.id NOT IN (SELECT id FROM carried)
+       AND o.box && ST_Expand(w.box, :reach)
+       AND (o.storey_id IS NULL OR o.storey_id IS NOT DISTINCT FROM w.storey_id
+            OR e.kind = 'object')))) AS digest
+FROM room r JOIN world w ON w.entity_id = r.entity_id
+JOIN entity n ON n.id = r.entity_id AND n.map_id = current_map()
+WHERE CAST(:places AS bigint[]) IS NULL OR r.entity_id = ANY (:places)
+"""
+
+_MAY_WRITE = """
+SELECT has_table_privilege('travel_time', 'INSERT') AND has_table_privilege('travel_time', 'DELETE')
+       AND NOT pg_is_in_recovery() AND current_setting('transaction_read_only') = 'off'
+"""
+
+_LOCK = "SELECT pg_try_advisory_xact_lock(hashtext('semmap travel times'), :id)"
+
+
+def read_travel_times(connection: Connection, robot_class: int) -> NDArray[Any]:
+    """The travel times of a class of robots in all maps.
+
+    Returns
+    -------
+    (n,) array with the fields of `MeasuredTravel`.
+    """
+    rows = np.frombuffer(fetch_rows(connection, _READ, (robot_class,))[0][0], _PACKED)
+    return rows.astype(_PACKED.newbyteorder("="))
+
+
+def store_travel_times(
+    connection: Connection,
+    robot_class: int,
+    travel: Iterable[MeasuredTravel],
+    digests: dict[int, str],
+) -> None:
+    """Replace the travel times in some places.
+
+    Parameters
+    ----------
+    digests
+        The digest of each of these places, by id.
+    """
+    places = {"robot": robot_class, "places": [*digests]}
+    where = "WHERE robot_class_id = :robot AND place_id = ANY (:places)"
+    connection.execute(text(f"DELETE FROM travel_time {where}"), places)
+    connection.execute(text(f"DELETE FROM travel_time_place {where}"), places)
+    rows = [*travel]
+    columns = {k: [getattr(row, k) for row in rows] for k in MeasuredTravel._fields}
+    connection.execute(text(_INSERT), {"robot": robot_class, **columns})
+    connection.execute(text(_INSERT_PLACES), places | {"digests": [*digests.values()]})
+
+
+def compute_place_digests(
+    connection: Connection, reach: float, places: Collection[int] | None = None
+) -> dict[int, str]:
+    """The digest of the present state of each place of the current map, by id.
+
+    It covers all that travel times in the place depend on.
+
+    Parameters
+    ----------
+    reach
+        Metres beyond a place within which objects have an effect in it.
+    places
+        Ids of places; by default all.
+    """
+    values = {"reach": reach, "places": None if places is None else [*places]}
+    rows = connection.execute(text(_DIGESTS), values)
+    return {row.id: row.digest for row in rows}
+
+
+def read_place_digests(connection: Connection, robot_class: int) -> dict[int, str]:
+    """The digests for which the stored travel times were measured, by id of the place."""
+    rows = connection.execute(
+        text("SELECT place_id, digest FROM travel_time_place WHERE robot_class_id = :robot"),
+        {"robot": robot_class},
+    )
+    return {row.place_id: row.digest for row in rows}
+
+
+def store_measured_until(connection: Connection, robot_class: int, cursor: str) -> None:
+    """Store up to which change the travel times in the current map are measured."""
+    connection.execute(text(_INSERT_MAP), {"robot": robot_class, "cursor": cursor})
+
+
+def may_store_travel_times(connection: Connection, robot_class: int, digest: str | None) -> bool:
+    """Whether this transaction may store travel times of a class of robots.
+
+    It may if it has the right to write, if the class still has this digest, and if no other
+    transaction stores travel times of the class. If so, the class is locked until the transaction
+    ends.
+
+    Raises
+    ------
+    sqlalchemy.exc.OperationalError
+        Another transaction has just changed the class.
+    """
+    allowed = connection.execute(text(_MAY_WRITE)).scalar()
+    if not allowed or digest != read_robot_class_digest(connection, robot_class):
+        return False
+    values = {"id": robot_class}
+    connection.execute(text("SELECT FROM robot_class WHERE id = :id FOR SHARE"), values)
+    return bool(connection.execute(text(_LOCK), values).scalar())

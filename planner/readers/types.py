@@ -1,0 +1,25 @@
+"""Reads semantic types with their supertypes."""
+
+from __future__ import annotations
+
+from collections.abc import Set
+
+from sqlalchemy import Connection, text
+
+__all__ = ["read_supertypes"]
+
+_SUPERTYPES = """
+SELECT sub, array_agg(super ORDER BY super <> sub, super) AS supers FROM type_closure
+WHERE sub = ANY (:types) GROUP BY sub
+"""
+
+
+def read_supertypes(
+    connection: Connection, types: Set[str | None]
+) -> dict[str | None, tuple[str, ...]]:
+    """Each of these types with itself and its supertypes, itself first; None has no entry."""
+    named = [t for t in types if t]
+    if not named:
+        return {}
+    found = connection.execute(text(_SUPERTYPES), {"types": named})
+    return {sub: tuple(supers) for sub, supers in found}

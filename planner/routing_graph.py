@@ -1,0 +1,450 @@
+"""The topology as a graph of travel times for one class of robots.
+
+Nodes are approach poses: the poses before a connector, one on each of its sides. Three kinds of
+edges join them. A travel edge joins two approach poses in one place, a passage the two of one
+connector, a ride those in the cabins of one elevator. So of two doors to one corridor, a route
+takes the nearer one (Deeken et al., section 4.1 and Figure 4).
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import permutations, product
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.duration import Durations
+from planner.graph import Graph, PathEnd
+from planner.robot_class import RobotClass
+from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
+from planner.travel_cost import StraightTravelCost, TravelCost
+from semmap.geometry.pose import Pose
+
+__all__ = ["Edges", "Endpoint", "Penalties", "RoutingGraph", "TravelEdges"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Edges = Sequence[int] | Ints
+
+_DECISIVE = attrgetter("state", "type", "behaviour", "permissions", "width", "height", "step")
+"""What decides whether a robot is blocked, except the direction and the slope of a ramp."""
+
+
+@dataclass(frozen=True, eq=False)
+class Endpoint:
+    """Where a route begins or ends: a place, or a pose in it.
+
+    Attributes
+    ----------
+    place
+        Name of the place.
+    pose
+        In the map's frame. None stands for the whole place: every approach pose in it is 0 s away.
+    nodes
+        (n,) the approach poses of the place, by number.
+    seconds, metres
+        (n,) the travel from the endpoint to each of them, or back.
+    """
+
+    place: str
+    pose: Pose | None
+    nodes: Ints
+    seconds: Floats
+    metres: Floats
+
+
+class TravelEdges(NamedTuple):
+    """Travel edges as arrays, one edge for each direction.
+
+    Attributes
+    ----------
+    tails, heads
+        (n,) int64: from which approach pose to which.
+    seconds, metres
+        (n,) float64; infinite where no path leads.
+    """
+
+    tails: Ints
+    heads: Ints
+    seconds: Floats
+    metres: Floats
+
+    def take(self, which: Any) -> TravelEdges:
+        """Some of the edges, by an index array, a mask or a slice."""
+        return TravelEdges(
+            self.tails[which], self.heads[which], self.seconds[which], self.metres[which]
+        )
+
+
+@dataclass
+class Penalties:
+    """Changes of edges for one query, by number of the edge.
+
+    Attributes
+    ----------
+    seconds
+        Additional cost. It decides which route is chosen, and does not count as duration.
+    blocked
+        Edges that must not be used, each with the reason in words.
+    detours
+        Seconds and metres of travel edges that lead around something.
+    """
+
+    seconds: dict[int, float] = field(default_factory=dict)
+    blocked: dict[int, str] = field(default_factory=dict)
+    detours: dict[int, tuple[float, float]] = field(default_factory=dict)
+
+    def add(self, edges: Iterable[int], seconds: float, reason: str) -> None:
+        """Make edges cost more; infinite seconds block them for this reason."""
+        for edge in edges:
+            if math.isinf(seconds):
+                self.blocked.setdefault(edge, reason)
+            else:
+                self.seconds[edge] = self.seconds.get(edge, 0.0) + seconds
+
+
+class RoutingGraph:
+    """Approach poses, and the directed edges between them with their seconds and metres.
+
+    The graph owns no map: whoever follows a map tells it what changed, by `change_connector`,
+    `change_regions` and `measure_again`.
+
+    Parameters
+    ----------
+    topology
+        Is not changed by the graph.
+    robot
+        By default a robot without shape that opens closed doors.
+    costs
+        Measures the travel inside of places; by default straight lines at the robot's speed.
+    durations
+        How long all other behaviours take.
+    stored
+        Travel edges that were measured before. The travel in a place is measured if one of its
+        edges is missing.
+
+    Attributes
+    ----------
+    topology : Topology
+        The present one.
+    poses : list of Pose
+        The approach poses in the map's frame; number 2 i + side belongs to connector i and lies in
+        its ``places[side]``.
+    place_of : list of str
+        The place of each approach pose.
+    nodes : dict of str to (n,) int64
+        The approach poses of each place.
+    tails, heads
+        (E,) int32: from which approach pose to which each edge leads.
+    seconds, metres, base
+        (E,) float64. A blocked edge has infinite `seconds`, and in `base` the seconds that it would
+        take.
+    travel_edges : dict of str to slice
+        The travel edges of each place.
+    rides : dict of int to str
+        The edges that are rides, each with its elevator.
+    measured : list of str
+        The places whose travel was measured by this graph.
+    lock
+        Held by whoever changes the graph or applies penalties.
+
+    Examples
+    --------
+    >>> from planner.topology import Place
+    >>> door = PlaceConnector("door1", ("lab", "hall"), (Pose(0.0, -1.0), Pose(0.0, 1.0)))
+    >>> graph = RoutingGraph(Topology.of([Place("lab"), Place("hall")], [door]))
+    >>> graph.seconds
+    array([2., 2.])
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        robot: RobotClass | None = None,
+        costs: TravelCost | None = None,
+        *,
+        durations: Durations | None = None,
+        stored: TravelEdges | None = None,
+    ) -> None:
+        self.topology = topology
+        self.robot = robot or RobotClass()
+        self.costs = costs or StraightTravelCost(self.robot.speed)
+        self.durations = durations or Durations()
+        self.connectors = list(topology.connectors.values())
+        self.index = {c.name: i for i, c in enumerate(self.connectors)}
+        self.poses = [pose for c in self.connectors for pose in c.poses]
+        self.place_of = [place for c in self.connectors for place in c.places]
+        inside: dict[str, list[int]] = {}
+        for node, place in enumerate(self.place_of):
+            inside.setdefault(place, []).append(node)
+        self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
+        self._cabins = {c: elevator for elevator, all_ in topology.cabins().items() for c in all_}
+        self._make_edges(stored)
+        self.graph = Graph(*self.arcs, self.seconds, 2 * len(self.poses), least=self._least())
+        self.penalties = Penalties()
+        self.lock = threading.RLock()
+
+    @property
+    def arcs(self) -> tuple[Ints, Ints]:
+        """(E,) tails and (E,) heads of the edges in `graph`, which has two nodes a pose.
+
+        A robot arrives at the first and departs from the second. Travel and rides lead from an
+        arrival to a departure, passages from a departure to an arrival: so no travel follows
+        another, and alternatives do not differ by a stop at a door on the way.
+        """
+        count = len(self.poses)
+        inside = np.arange(len(self.tails)) >= count
+        return self.tails + count * inside, self.heads + count * ~inside
+
+    # -- making the edges: passages first, then travel place by place, then rides ---------------
+
+    def _make_edges(self, stored: TravelEdges | None) -> None:
+        count = 2 * len(self.connectors)
+        nodes = np.arange(count)
+        through = np.repeat([c.metres for c in self.connectors], 2)
+        parts = [TravelEdges(nodes, nodes ^ 1, self._passing(self.connectors, through), through)]
+        self.travel_edges: dict[str, slice] = {}
+        self.measured: list[str] = []
+        at = count
+        if stored is not None:
+            block, counts = self._complete(stored)
+            parts.append(block)
+            for place, n in counts.items():
+                self.travel_edges[place] = slice(at, at + n)
+                at += n
+        for place in self.nodes:
+            if place not in self.travel_edges:
+                travel = self._measure(place)
+                self.measured.append(place)
+                parts.append(travel)
+                self.travel_edges[place] = slice(at, at + len(travel.tails))
+                at += len(travel.tails)
+        self.rides: dict[int, str] = {}
+        parts.append(self._make_rides(at))
+        tails, heads, base, metres = (np.concatenate(k) for k in zip(*parts, strict=True))
+        self.tails, self.heads = tails.astype(np.int32), heads.astype(np.int32)
+        self.base, self.metres = base.astype(np.float64), metres.astype(np.float64)
+        self.seconds = self.base.copy()
+        self.seconds[:count][self._blocked(self.connectors)] = math.inf
+        if OUTSIDE in self.travel_edges and not self.robot.outside:
+            self.seconds[self.travel_edges[OUTSIDE]] = math.inf
+
+    def _make_rides(self, first: int) -> TravelEdges:
+        """The rides of all elevators; the first one gets this number."""
+        rides: list[tuple[int, int, float, float]] = []
+        if self.robot.rides_elevators:
+            for elevator, cabins in self.topology.cabins().items():
+                for here, there in permutations(cabins, 2):
+                    for a, b in product(self.nodes.get(here, ()), self.nodes.get(there, ())):
+                        p, q = self.poses[a], self.poses[b]
+                        across = math.hypot(p.x - q.x, p.y - q.y)
+                        seconds = self.durations.of_riding(elevator, p.z - q.z)
+                        seconds += across / self.robot.speed
+                        self.rides[first + len(rides)] = elevator
+                        rides.append((int(a), int(b), seconds, across))
+        columns = np.array(rides).reshape(-1, 4).T
+        tails, heads = columns[:2].astype(np.int64)
+        return TravelEdges(tails, heads, columns[2], columns[3])
+
+    def _least(self) -> Floats:
+        """(E,) lower bounds of the seconds: doors stand open, travel follows straight lines."""
+        count = len(self.poses)
+        least = self.base.copy()
+        least[:count] = np.minimum(least[:count], self.metres[:count] / self.robot.speed)
+        unreachable = np.flatnonzero(np.isinf(least))
+        a, b = ([self.poses[n] for n in k[unreachable]] for k in (self.tails, self.heads))
+        least[unreachable] = [
+            math.hypot(p.x - q.x, p.y - q.y) / self.robot.speed for p, q in zip(a, b, strict=True)
+        ]
+        return least
+
+    def _complete(self, stored: TravelEdges) -> tuple[TravelEdges, dict[str, int]]:
+        """The stored edges of places that lack none, and the number of edges of each."""
+        numbers = {place: i for i, place in enumerate(self.nodes)}
+        of = np.array([numbers[p] for p in self.place_of], np.int64)[stored.tails]
+        order = np.argsort(of, kind="stable")
+        counts = np.bincount(of, minlength=len(numbers))
+        poses = np.array([len(nodes) for nodes in self.nodes.values()])
+        complete = counts == poses * (poses - 1)
+        if OUTSIDE in numbers:
+            complete[numbers[OUTSIDE]] = False
+        block = stored.take(order[complete[of[order]]])
+        return block, {
+            p: n for p, n, c in zip(numbers, counts.tolist(), complete, strict=True) if c
+        }
+
+    def _measure(self, place: str) -> TravelEdges:
+        nodes = self.nodes[place]
+        poses = [self.poses[n] for n in nodes]
+        others = ~np.eye(len(poses), dtype=bool)
+        costs = StraightTravelCost(self.robot.speed) if place == OUTSIDE else self.costs
+        travel = costs.between(place, poses, poses)
+        a, b = (k[others] for k in np.meshgrid(nodes, nodes, indexing="ij"))
+        return TravelEdges(a, b, travel.seconds[others], travel.metres[others])
+
+    def _passing(self, connectors: Sequence[PlaceConnector], metres: Floats) -> Floats:
+        """(2 n,) seconds of passing each connector from either side, over so many metres."""
+        durations, cabins = self.durations, self._cabins
+        found = metres / self.robot.speed
+        for i, connector in enumerate(connectors):
+            if durations.measured:
+                found[2 * i : 2 * i + 2] = durations.of_passing(connector, self.robot.speed)
+            if connector.state != "open":
+                found[2 * i : 2 * i + 2] += durations.of_opening(connector)
+            a, b = connector.places
+            if (a in cabins or b in cabins) and cabins.get(a) != cabins.get(b):
+                for side, there in enumerate((b, a)):  # the elevator has to be called first
+                    if there in cabins:
+                        found[2 * i + side] += durations.of_calling(cabins[there])
+        return found
+
+    def _blocked(self, connectors: Sequence[PlaceConnector]) -> NDArray[np.bool_]:
+        """(2 n,) whether the robot cannot pass each connector from either side."""
+        blocked: list[bool] = []
+        known: dict[tuple[object, ...], bool] = {}  # most doors are alike
+        for c, key in zip(connectors, map(_DECISIVE, connectors), strict=True):
+            answer = known.get(key)
+            if answer is None or c.type == "ramp":
+                answer = known[key] = self.robot.blocking_reason(c) is not None
+            blocked.append(answer)
+        found = np.repeat(np.array(blocked, np.bool_), 2)
+        for i, c in enumerate(connectors):
+            if c.direction != "both":
+                found[2 * i : 2 * i + 2] |= [not c.passes(0), not c.passes(1)]
+        return found
+
+    # -- changes --------------------------------------------------------------------------------
+
+    def change_connector(self, connector: PlaceConnector) -> None:
+        """Replace a connector by one of another state, direction or size.
+
+        Raises
+        ------
+        ValueError
+            Its places or poses are others than before.
+        """
+        number = self.index[connector.name]
+        before = self.connectors[number]
+        if (before.places, before.poses) != (connector.places, connector.poses):
+            raise ValueError(
+                f"{connector.name} now joins other places or has other poses: make a new graph"
+            )
+        with self.lock:
+            self.connectors[number] = connector
+            self.topology = self.topology.with_connector(connector)
+            edges = np.array([2 * number, 2 * number + 1])
+            self.base[edges] = self._passing([connector], np.repeat(connector.metres, 2))
+            self.seconds[edges] = np.where(self._blocked([connector]), math.inf, self.base[edges])
+            self.graph.set_weights(edges, self.seconds[edges])
+
+    def change_regions(self, regions: Iterable[PlaceRegion]) -> None:
+        """Replace the regions of the topology; they have an effect on edges by penalties alone."""
+        with self.lock:
+            self.topology = self.topology.with_regions(regions)
+
+    def measure_again(self, place: str) -> None:
+        """Measure the travel in a place again, after something changed there."""
+        edges = self.travel_edges.get(place)
+        if edges is None or edges.start == edges.stop:
+            return
+        with self.lock:
+            travel = self.travel_in(place)
+            self.base[edges], self.metres[edges] = travel.seconds, travel.metres
+            if place != OUTSIDE or self.robot.outside:
+                self.seconds[edges] = self.base[edges]
+            self.graph.set_weights(np.arange(edges.start, edges.stop), self.seconds[edges])
+
+    def travel_in(self, place: str) -> TravelEdges:
+        """The travel in a place as `costs` measure it now, in the order of its edges."""
+        edges = self.travel_edges.get(place, slice(0, 0))
+        travel = self._measure(place)
+        order = np.empty(len(travel.tails), np.int64)
+        there = np.lexsort((self.heads[edges], self.tails[edges]))
+        order[there] = np.lexsort((travel.heads, travel.tails))
+        return travel.take(order)
+
+    @contextmanager
+    def penalised(self, penalties: Penalties) -> Iterator[None]:
+        """Apply penalties inside a ``with`` block; other threads that change the graph wait."""
+        with self.lock:
+            more, blocked, detours = penalties.seconds, penalties.blocked, penalties.detours
+            edges = np.array(sorted({*more, *blocked, *detours}), np.int64)
+            usual = self.seconds[edges], self.metres[edges]
+            for edge, (seconds, metres) in detours.items():
+                self.seconds[edge], self.metres[edge] = seconds, metres
+            weights = self.seconds[edges] + [more.get(int(e), 0.0) for e in edges]
+            weights[[int(e) in blocked for e in edges]] = math.inf
+            if len(edges):
+                self.graph.set_weights(edges, weights)
+            self.penalties = penalties
+            try:
+                yield
+            finally:
+                self.penalties = Penalties()
+                self.seconds[edges], self.metres[edges] = usual
+                if len(edges):
+                    self.graph.set_weights(edges, self.seconds[edges])
+
+    # -- reading --------------------------------------------------------------------------------
+
+    def elevator_to_call(self, node: int) -> str | None:
+        """The elevator that must come before the passage from an approach pose can begin."""
+        here, there = (self._cabins.get(self.place_of[n]) for n in (node, node ^ 1))
+        return there if here != there else None
+
+    def edges_into(self, place: str) -> list[int]:
+        """The passages and rides that lead into a place."""
+        nodes = self.nodes.get(place, np.empty(0, np.int64))
+        return [int(n) ^ 1 for n in nodes] + [
+            e for e in self.rides if self.place_of[int(self.heads[e])] == place
+        ]
+
+    def endpoint(self, place: str, pose: Pose | None = None) -> Endpoint:
+        """A place, or a pose in it, as the start or the goal of routes.
+
+        Raises
+        ------
+        UnknownPlaceError
+        """
+        self.topology.place(place)
+        nodes = self.nodes.get(place, np.empty(0, np.int64))
+        if pose is None or not len(nodes):
+            return Endpoint(place, pose, nodes, np.zeros(len(nodes)), np.zeros(len(nodes)))
+        travel = self.costs.between(place, [pose], [self.poses[n] for n in nodes])
+        return Endpoint(place, pose, nodes, travel.seconds[0], travel.metres[0])
+
+    def departures(self, start: Endpoint) -> tuple[Ints, Floats]:
+        """The nodes of `graph` at which paths from an endpoint begin, and the seconds to them.
+
+        From a cabin, a ride may begin at once, too.
+        """
+        if self.topology.places[start.place].elevator is None:
+            return start.nodes, start.seconds
+        nodes = np.concatenate([start.nodes, start.nodes + len(self.poses)])
+        return nodes, np.concatenate([start.seconds, start.seconds])
+
+    def arrivals(self, goal: Endpoint) -> tuple[Ints, Floats]:
+        """The nodes of `graph` at which paths to an endpoint end, and the seconds from them.
+
+        In a cabin, a ride may be the end, too.
+        """
+        nodes = goal.nodes + len(self.poses)
+        if self.topology.places[goal.place].elevator is None:
+            return nodes, goal.seconds
+        both = np.concatenate([nodes, goal.nodes])
+        return both, np.concatenate([goal.seconds, goal.seconds])
+
+    def path_ends(self, start: Endpoint, goal: Endpoint) -> tuple[list[PathEnd], list[PathEnd]]:
+        """Sources and targets in `graph` of paths from one endpoint to another."""
+        sources, targets = (
+            [(int(n), float(s)) for n, s in zip(nodes, seconds, strict=True) if s < math.inf]
+            for nodes, seconds in (self.departures(start), self.arrivals(goal))
+        )
+        return sources, targets

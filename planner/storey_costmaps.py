@@ -1,0 +1,328 @@
+"""The costmaps on which a class of robots drives inside places (Deeken et al., 4.1 and 4.3).
+
+A path leads over the cells of its place and of the doorways of its connectors, whatever their
+states: a closed door blocks its passage, not the path to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from navgrid.area import area_cells
+from navgrid.costmap import Costmap
+from navgrid.grid import Grid
+from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
+from navgrid.scene import Scene, Thing, grid_of
+from navgrid.travel import travel, way
+from planner.robot_class import RobotClass
+from planner.topology import OUTSIDE, PlaceRegion, Topology
+from planner.travel_cost import Travel
+from semmap.geometry.pose import Pose
+
+__all__ = ["RoomCostmap", "StoreyCostmaps"]
+
+SNAP = 0.5
+"""Metres within which a pose that is too close to an obstacle counts as the nearest free cell."""
+
+Window = tuple[slice, slice]
+
+
+class RoomCostmap:
+    """The part of a storey's costmap that a place covers.
+
+    Attributes
+    ----------
+    window : (slice, slice)
+        Rows and columns of the storey's grid.
+    grid : Grid
+        The grid of this window.
+    cells : (rows, columns) bool
+        Which cells of the window belong to the place.
+    """
+
+    def __init__(self, outline: shapely.Geometry, grid: Grid) -> None:
+        x0, y0, x1, y1 = outline.bounds
+        (c0, r0), (c1, r1) = (
+            [math.floor((v - o) / grid.resolution) for v, o in zip(at, grid.origin, strict=True)]
+            for at in ((x0, y0), (x1, y1))
+        )
+        rows, columns = grid.shape
+        r0, c0 = (min(max(v, 0), size - 1) for v, size in ((r0, rows), (c0, columns)))
+        r1, c1 = (min(max(v, a), size - 1) for v, a, size in ((r1, r0, rows), (c1, c0, columns)))
+        self.window: Window = (slice(r0, r1 + 1), slice(c0, c1 + 1))
+        origin = (grid.origin[0] + c0 * grid.resolution, grid.origin[1] + r0 * grid.resolution)
+        self.grid = Grid(origin, grid.resolution, (r1 - r0 + 1, c1 - c0 + 1))
+        self.cells = area_cells(outline, self.grid)
+
+
+class StoreyCostmaps:
+    """The costmaps of all storeys of a topology, for one class of robots: a `TravelCost`.
+
+    Each costmap is made when it is needed first.
+
+    Parameters
+    ----------
+    read_scene
+        Returns the scene of a storey, by its name; "" in a map that has no storeys.
+    resolution
+        Metres a cell.
+    slow
+        How much slower the robot drives on the most expensive passable cells than on clear ones: 1
+        doubles the time.
+
+    Raises
+    ------
+    ValueError
+        The robot has no shape.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        robot: RobotClass,
+        read_scene: Callable[[str], Scene],
+        resolution: float = 0.05,
+        slow: float = 1.0,
+    ) -> None:
+        if not robot.parts:
+            raise ValueError(
+                f"robot {robot.name} has no shape, which its costmaps need; give it a URDF "
+                "(semmap robot add)"
+            )
+        self.topology, self.robot, self.slow = topology, robot, slow
+        self.resolution = resolution
+        self._read_scene = read_scene
+        self._progress: Callable[[str, int], None] | None = None
+        self._costmaps: dict[str, Costmap] = {}
+        self._rooms: dict[str, RoomCostmap | None] = {}
+        self._avoided: dict[str, list[PlaceRegion]] = {}
+
+    def report_to(self, progress: Callable[[str, int], None]) -> None:
+        """Call `progress` for each new place, with its name and how many places there were."""
+        self._progress = progress
+
+    # -- costmaps -------------------------------------------------------------------------------
+
+    def costmap(self, storey: str) -> Costmap:
+        """The costmap of a storey, without its doors and agents."""
+        if storey not in self._costmaps:
+            scene = self._read_scene(storey)
+            permanent = tuple(t for t in scene.things if t.kind not in ("connector", "agent"))
+            grid = grid_of(scene, self.resolution)
+            self._costmaps[storey] = Costmap(
+                replace(scene, things=permanent),
+                self.robot.parts,
+                grid,
+                gait=self.robot.drive_limits,
+            )
+        return self._costmaps[storey]
+
+    def storeys(self) -> list[str]:
+        """The storeys whose costmaps are made by now."""
+        return [*self._costmaps]
+
+    def is_complete(self) -> bool:
+        """Whether the costmaps of all storeys are made by now."""
+        places = (p for p in self.topology.places if p != OUTSIDE)
+        return {self.storey_of(p) for p in places} <= {*self._costmaps}
+
+    def complete(self) -> None:
+        """Make all costmaps that are not made yet."""
+        for place in self.topology.places:
+            if place != OUTSIDE:
+                self.room(place)
+
+    def storey_of(self, place: str) -> str:
+        """The storey of a place; "" in a map that has no storeys."""
+        return self.topology.places[place].storey or ""
+
+    def room(self, place: str) -> RoomCostmap | None:
+        """The part of the costmap that a place covers; None if the map has no outline of it."""
+        if place not in self._rooms:
+            if self._progress is not None:
+                self._progress(place, len(self._rooms) + 1)
+            costmap = self.costmap(self.storey_of(place))
+            wanted = {place} | {c.name for c, _ in self.topology.connectors_of(place)}
+            outlines = {p.name: p.outline for p in costmap.scene.places if p.name in wanted}
+            union = shapely.union_all([*outlines.values()])
+            self._rooms[place] = RoomCostmap(union, costmap.grid) if place in outlines else None
+        return self._rooms[place]
+
+    def costs(self, place: str) -> NDArray[np.uint8] | None:
+        """(rows, columns) uint8: the costs in the window of a place, `UNKNOWN` outside of it.
+
+        None if the map has no outline of the place.
+        """
+        room, storey = self.room(place), self.storey_of(place)
+        if room is None:
+            return None
+        costs: NDArray[np.uint8] = self.costmap(storey).master[room.window].copy()
+        costs[~room.cells] = UNKNOWN
+        for region in self._avoided.get(storey, ()):
+            costs[area_cells(region.outline, room.grid) & (costs != UNKNOWN)] = LETHAL
+        return costs
+
+    @contextmanager
+    def also_avoiding(self, regions: Mapping[str, Sequence[PlaceRegion]]) -> Iterator[None]:
+        """Keep paths out of regions, given by storey, inside a ``with`` block."""
+        before = self._avoided
+        self._avoided = before | {s: [*before.get(s, ()), *more] for s, more in regions.items()}
+        try:
+            yield
+        finally:
+            self._avoided = before
+
+    # -- paths ----------------------------------------------------------------------------------
+
+    def between(self, place: str, a: Sequence[Pose], b: Sequence[Pose]) -> Travel:
+        """The travel from each of n poses in a place to each of m; infinite without a path."""
+        seconds = np.full((len(a), len(b)), math.inf)
+        metres = seconds.copy()
+        costs, room = self.costs(place), self.room(place)
+        if costs is None or room is None:
+            return Travel(seconds, metres)
+        ends = [[self._snapped(costs, room.grid, pose) for pose in poses] for poses in (a, b)]
+        rows, columns = ([i for i, end in enumerate(e) if end is not None] for e in ends)
+        if rows and columns:
+            cells, targets = (np.array([e[0] for e in k if e is not None]) for k in ends)
+            from_pose, to_pose = (np.array([e[1] for e in k if e is not None]) for k in ends)
+            price, length = travel(
+                costs, self.resolution, cells, targets=targets, slow=self.slow, threads=1
+            )
+            aside = from_pose[:, None] + to_pose[None, :]
+            seconds[np.ix_(rows, columns)] = (price + aside) / self.robot.speed
+            metres[np.ix_(rows, columns)] = length + aside
+        return Travel(seconds, metres)
+
+    def path(self, place: str, a: Pose, b: Pose) -> NDArray[np.float64] | None:
+        """(N, 2) points of the path from pose to pose in a place, metres; None without a path."""
+        costs, room = self.costs(place), self.room(place)
+        if costs is None or room is None:
+            return None
+        ends = [self._snapped(costs, room.grid, pose) for pose in (a, b)]
+        if ends[0] is None or ends[1] is None:
+            return None
+        found = way(costs, self.resolution, ends[0][0], ends[1][0], slow=self.slow)
+        if found is None:
+            return None
+        points = np.array(room.grid.origin) + (found[:, ::-1] + 0.5) * self.resolution
+        return np.concatenate([[[a.x, a.y]], points, [[b.x, b.y]]])
+
+    def _snapped(
+        self, costs: NDArray[np.uint8], grid: Grid, pose: Pose
+    ) -> tuple[tuple[int, int], float] | None:
+        """The passable cell nearest to a pose, and its distance; None if beyond `SNAP`."""
+        at = (np.array([pose.y, pose.x]) - grid.origin[::-1]) / grid.resolution
+        row, column = (math.floor(v) for v in at)
+        inside = 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]
+        if inside and costs[row, column] < INSCRIBED:
+            return (row, column), 0.0
+        reach = math.ceil(SNAP / grid.resolution)
+        r0, c0 = max(0, row - reach), max(0, column - reach)
+        near = costs[r0 : max(r0, row + reach + 1), c0 : max(c0, column + reach + 1)]
+        free = np.argwhere(near < INSCRIBED)
+        if not len(free):
+            return None
+        away = np.linalg.norm(free + np.array([r0 + 0.5, c0 + 0.5]) - at, axis=1) * grid.resolution
+        best = int(np.argmin(away))
+        if away[best] > SNAP:
+            return None
+        return (int(free[best, 0]) + r0, int(free[best, 1]) + c0), float(away[best])
+
+    def blocking_reason(self, place: str, pose: Pose, *, measured: bool = False) -> str | None:
+        """Why the robot can be neither at a pose of a place nor within `SNAP` of it; else None.
+
+        A pose inside an obstacle is blocked, however near its border is.
+
+        Parameters
+        ----------
+        measured
+            The pose comes from a sensor: by its error it may lie inside an obstacle.
+        """
+        costs, room = self.costs(place), self.room(place)
+        if costs is None or room is None:
+            return f"the map has no outline of {place}"
+        near = self._snapped(costs, room.grid, pose)
+        storey = self.storey_of(place)
+        costmap = self.costmap(storey)
+        try:
+            row, column = costmap.cell(pose.x, pose.y)
+        except ValueError:
+            return f"the pose is outside of {place}"
+        point = shapely.Point(pose.x, pose.y)
+        regions = self._avoided.get(storey, ())
+        avoided = [r.name for r in regions if shapely.intersects(r.outline, point)]
+        inside = costmap.master[row, column] == LETHAL
+        if near is not None and (measured or not (inside or avoided)):
+            return None
+        if avoided:
+            return f"the pose is in {' and '.join(avoided)}, which is to be avoided"
+        names = _entities_at(costmap, pose, LETHAL if inside else INSCRIBED)
+        if names:
+            return f"{', '.join(names)} is in the way"
+        return f"the pose is outside of {place}"
+
+    def occupants(self, pose: Pose) -> tuple[str, ...]:
+        """The names of the entities at a pose, whether or not it lies in a place."""
+        floors = [
+            (place.floor, name)
+            for name, place in self.topology.places.items()
+            if name != OUTSIDE and place.floor <= pose.z + SNAP
+        ]
+        if not floors:
+            return ()
+        return _entities_at(self.costmap(self.storey_of(max(floors)[1])), pose, LETHAL)
+
+    # -- changes --------------------------------------------------------------------------------
+
+    def update(
+        self,
+        ids: Collection[int],
+        objects: Iterable[Thing] = (),
+        regions: Mapping[str, Sequence[Thing]] | None = None,
+    ) -> set[str]:
+        """Apply changes of objects and regions; returns the places whose costs changed.
+
+        Parameters
+        ----------
+        ids
+            Ids of all entities that changed; those that are missing below were removed.
+        objects
+            The changed objects that exist.
+        regions
+            The changed regions that exist, by storey.
+        """
+        objects, regions = [*objects], regions or {}
+        changed: set[str] = set()
+        for storey, costmap in self._costmaps.items():
+            here = [t for t in objects if costmap.scene.reaches(t)]
+            here += regions.get(storey, ())
+            before = costmap.master.copy()
+            window = costmap.update(here, {*ids} - {t.id for t in here})
+            if window is None:
+                continue
+            differs = np.zeros(costmap.grid.shape, np.bool_)
+            differs[window] = before[window] != costmap.master[window]
+            if not differs.any():
+                continue
+            for place in self.topology.places:
+                room = self.room(place) if self.storey_of(place) == storey else None
+                if room is not None and (differs[room.window] & room.cells).any():
+                    changed.add(place)
+        return changed
+
+
+def _entities_at(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:
+    """The names of the entities that cause at least this cost at a pose."""
+    try:
+        sources = costmap.why(pose.x, pose.y)
+    except ValueError:
+        return ()
+    return tuple(dict.fromkeys(n for b in sources if b.cost >= cost for n in b.entities))

@@ -1,0 +1,220 @@
+"""Plans tasks on the present state of a map: which actions reach a goal in the least time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqlalchemy import Connection
+
+from planner.base_pose import NoBasePoseError, poses_to_reach
+from planner.live_topology import LiveTopology
+from planner.plan import Plan
+from planner.readers.entity_lookup import find_entities
+from planner.readers.map_source import MapSource
+from planner.robot_class import RobotClass
+from planner.routing_graph import RoutingGraph
+from planner.tasks.domain_file import Domain
+from planner.tasks.goal import Goal, parse_goal
+from planner.tasks.problem import Problem
+from planner.tasks.problem_builder import build_problem
+from planner.tasks.reader import read_state, read_world
+from planner.tasks.sites import ApproachPoseOf
+from planner.tasks.solver import PATIENCE, find_plan
+from planner.tasks.world import TaskObject, TaskState, TaskWorld
+from semmap.geometry.pose import Pose
+
+__all__ = ["Task", "TaskPlanner", "plan_task"]
+
+
+def plan_task(
+    source: MapSource,
+    goal: str,
+    *,
+    start: str | None = None,
+    map_name: str | None = None,
+    robot: str | RobotClass | None = None,
+    domain: Domain | None = None,
+    patience: float = PATIENCE,
+) -> Plan:
+    """The actions that reach a goal in the least time, on the present state of a map.
+
+    Parameters
+    ----------
+    source, map_name, robot
+        As for `planner.LiveTopology`.
+    goal
+        ``on(muffin, desk1) and in(robot, kitchen)``: names, labels or types of the map.
+    start
+        The room, agent or region in which the robot is; by default the robot of the map, or else
+        its home.
+    domain
+        Additional actions.
+    patience
+        Seconds after which the best plan found so far is returned.
+
+    Raises
+    ------
+    planner.tasks.GoalError
+        The goal cannot be read, or contradicts itself.
+    planner.tasks.NoPlanError
+        No plan reaches the goal; the message says why.
+    LookupError
+        The map has no entity of a name, or the start is not clear.
+    """
+    live = LiveTopology(source, map_name, robot)
+    with live.snapshot() as connection:
+        return TaskPlanner(live, domain).task(connection, goal, start).plan(patience)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A goal, with all that a plan for it depends on.
+
+    Attributes
+    ----------
+    graph
+        Travel times of the robot.
+    world
+        The objects that a plan can use.
+    state
+        Where the robot is, and what it carries.
+    domain
+        Additional actions.
+    approach_pose
+        Where the robot's base stands for an object; None: before the object.
+    """
+
+    graph: RoutingGraph
+    world: TaskWorld
+    state: TaskState
+    goal: Goal
+    domain: Domain | None = None
+    approach_pose: ApproachPoseOf | None = None
+
+    def plan(self, patience: float = PATIENCE) -> Plan:
+        """The plan that takes the least time, or the best one found within `patience` seconds.
+
+        Raises
+        ------
+        planner.tasks.NoPlanError
+        """
+        return find_plan(
+            self.graph,
+            self.world,
+            self.state,
+            self.goal,
+            domain=self.domain,
+            approach_pose=self.approach_pose,
+            patience=patience,
+        )
+
+    def problem(self) -> Problem:
+        """The facts that the solver is given.
+
+        Raises
+        ------
+        planner.tasks.NoPlanError
+        """
+        extend = None if self.domain is None else self.domain.extend
+        return build_problem(
+            self.graph,
+            self.world,
+            self.state,
+            self.goal,
+            approach_pose=self.approach_pose,
+            extend=extend,
+        )
+
+
+class TaskPlanner:
+    """Plans tasks for a class of robots on a map that changes.
+
+    Parameters
+    ----------
+    live
+        Topology and travel times of the class.
+    domain
+        Additional actions.
+    """
+
+    def __init__(self, live: LiveTopology, domain: Domain | None = None) -> None:
+        self._live = live
+        self._domain = domain
+
+    def check(self, goal: str) -> None:
+        """Refuse a goal that cannot be read.
+
+        Raises
+        ------
+        planner.tasks.GoalError
+        """
+        self._parsed(goal)
+
+    def task(
+        self,
+        connection: Connection,
+        goal: str,
+        start: str | None = None,
+        *,
+        agent: str | None = None,
+        without: frozenset[str] = frozenset(),
+    ) -> Task:
+        """A task on the state of the map that a transaction sees.
+
+        Parameters
+        ----------
+        start
+            As for `plan_task`.
+        agent
+            Name of the agent that may carry objects.
+        without
+            Names of objects, connectors and elevators that plans must not use.
+        """
+        parsed, domain = self._parsed(goal), self._domain
+        graph = self._live.graph
+        if without:
+            topology = graph.topology.without(without)
+            graph = RoutingGraph(topology, graph.robot, graph.costs, durations=graph.durations)
+        state = read_state(connection, graph.topology, start)
+        words = () if domain is None else domain.words
+        heights = graph.robot.heights
+        world = read_world(connection, parsed, graph.topology, heights, words=words, robot=agent)
+        usable = [o for o in world.objects.values() if o.name not in without]
+        world = TaskWorld(usable, world.known)
+        approach_pose = _approach_poses(connection, self._live)
+        return Task(graph, world, state, parsed, domain, approach_pose)
+
+    def __call__(
+        self,
+        connection: Connection,
+        robot: str,
+        goal: str,
+        *,
+        without: frozenset[str] = frozenset(),
+    ) -> Plan:
+        """The plan of a mission (`planner.mission.runner.Planner`)."""
+        self._live.catch_up()
+        return self.task(connection, goal, robot, agent=robot, without=without).plan()
+
+    def _parsed(self, goal: str) -> Goal:
+        return parse_goal(goal, () if self._domain is None else self._domain.relations)
+
+
+def _approach_poses(connection: Connection, live: LiveTopology) -> ApproachPoseOf | None:
+    """Finds approach poses of objects on the costmaps; None for a robot without shape."""
+    costmaps = live.costmaps
+    if costmaps is None:
+        return None
+    found: dict[str, Pose | None] = {}
+
+    def approach_pose(of: TaskObject) -> Pose | None:
+        if of.name not in found:
+            entity = next(iter(find_entities(connection, of.name)), None)
+            try:
+                poses = [] if entity is None else poses_to_reach(costmaps, entity)
+            except NoBasePoseError:
+                poses = []
+            found[of.name] = poses[0] if poses else of.pose
+        return found[of.name]
+
+    return approach_pose

@@ -1,0 +1,225 @@
+"""Reads the objects that a goal can use, and the state of the robot, from the current map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from sqlalchemy import Connection, text
+
+from planner.tasks.goal import Goal
+from planner.tasks.world import TaskObject, TaskState, TaskWorld
+from planner.topology import Topology
+from semmap.geometry.pose import Pose
+
+__all__ = ["read_state", "read_world"]
+
+# By indexes alone: on (map, name), on (type, id) and on the holder. What a word means; in rooms
+# that are named, what stands there; up to the room, what those stand on; and what stands on them.
+_THINGS = """
+WITH RECURSIVE named AS MATERIALIZED (
+    SELECT id, kind FROM entity WHERE map_id = current_map() AND name = ANY (:words)
+    UNION
+    SELECT e.id, e.kind FROM object_type t JOIN entity e ON e.id = t.id
+    WHERE t.type = ANY (:words) AND t.map_id = current_map()
+    UNION
+    SELECT id, kind FROM entity WHERE map_id = current_map() AND label = ANY (:words)
+    UNION
+    SELECT entity_id, 'object' FROM placement WHERE holder_id = CAST(:robot AS bigint)
+), wanted AS MATERIALIZED (
+    SELECT id FROM named WHERE kind = 'object'
+    UNION
+    SELECT p.entity_id FROM named n JOIN placement p ON p.holder_id = n.id WHERE n.kind = 'room'
+), up (id) AS (
+    SELECT id FROM wanted
+    UNION
+    SELECT p.holder_id FROM up JOIN placement p ON p.entity_id = up.id
+    JOIN entity h ON h.id = p.holder_id AND h.kind = 'object'
+), down (id) AS (
+    SELECT id FROM up
+    UNION
+    SELECT p.entity_id FROM down JOIN placement p ON p.holder_id = down.id
+)
+SELECT e.id, e.name, e.type, e.label, e.properties, h.name AS holder, h.id AS holder_id,
+       h.kind AS holder_kind, w.pose, ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0,
+       ST_ZMin(w.box) AS z0, ST_XMax(w.box) AS x1, ST_YMax(w.box) AS y1, ST_ZMax(w.box) AS z1,
+       ST_Area(w.footprint) AS ground,
+       (SELECT array_agg(ARRAY[s.height, ST_Area(s.outline)]) FROM entity_model m
+        JOIN support_surface s ON s.model_id = m.model_id
+        WHERE m.entity_id = e.id AND s.outline IS NOT NULL) AS levels,
+       EXISTS (SELECT FROM entity_model m JOIN support_surface s ON s.model_id = m.model_id
+               WHERE m.entity_id = e.id) AS looked
+FROM down JOIN entity e ON e.id = down.id LEFT JOIN world w ON w.entity_id = e.id
+LEFT JOIN placement p ON p.entity_id = e.id LEFT JOIN entity h ON h.id = p.holder_id
+WHERE e.kind = 'object' ORDER BY e.name
+"""
+
+_SUPERTYPES = """
+SELECT sub, array_agg(super ORDER BY super <> sub, super) AS supers FROM type_closure
+WHERE sub = ANY (:types) GROUP BY sub
+"""
+
+_KNOWN = """
+SELECT name FROM entity WHERE map_id = current_map() AND kind = 'object'
+UNION SELECT type FROM object_type WHERE map_id = current_map()
+"""
+
+_STATE = """
+SELECT e.id, e.name, w.pose, e.kind, e.type,
+       ARRAY(WITH RECURSIVE up (id, depth) AS (
+                 SELECT e.id, 0 UNION ALL
+                 SELECT p.holder_id, up.depth + 1 FROM up JOIN placement p ON p.entity_id = up.id)
+             SELECT r.name FROM up JOIN entity r ON r.id = up.id AND r.kind = 'room'
+             ORDER BY up.depth) AS rooms,
+       ARRAY(SELECT t.name FROM placement p JOIN entity t ON t.id = p.entity_id
+             WHERE p.holder_id = e.id AND e.kind = 'agent' ORDER BY t.name) AS carrying
+FROM entity e LEFT JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = current_map() AND (
+      CAST(:name AS text) IS NOT NULL AND e.name = :name
+      OR CAST(:name AS text) IS NULL AND (
+         e.kind = 'agent' AND (e.type IS NULL OR e.type = ANY (subtypes('robot')))
+         OR e.kind = 'region' AND e.type = ANY (subtypes('home_region'))))
+ORDER BY e.kind, e.name
+"""
+
+
+def read_world(
+    connection: Connection,
+    goal: Goal,
+    topology: Topology,
+    heights: tuple[float, float],
+    *,
+    words: Iterable[str] = (),
+    robot: str | None = None,
+) -> TaskWorld:
+    """The objects that a goal can use: those that its words stand for, below and on them.
+
+    Parameters
+    ----------
+    heights
+        Lowest and highest z above the floor of the objects that the robot takes, metres.
+    words
+        Additional names or types that a domain file needs.
+    robot
+        Name of the agent that may carry objects.
+    """
+    searched = sorted({w.text for w in goal.words()} | set(words))
+    number = connection.execute(
+        text(
+            "SELECT id FROM entity WHERE map_id = current_map() AND kind = 'agent' AND name = :name"
+        ),
+        {"name": robot},
+    ).scalar()
+    searched += [
+        p.name
+        for p in topology.places.values()
+        if p.name not in searched and ({p.type, p.label, *p.types} & set(searched))
+    ]
+    rows = connection.execute(text(_THINGS), {"words": searched, "robot": number}).all()
+    types = {
+        sub: tuple(supers)
+        for sub, supers in connection.execute(
+            text(_SUPERTYPES), {"types": [*{row.type for row in rows if row.type}]}
+        )
+    }
+    by_id = {row.id: row for row in rows}
+    known: list[str] = []
+    found = {row.name for row in rows} | {t for ts in types.values() for t in ts}
+    found |= {row.label for row in rows} | set(topology.places)
+    if any(w not in found for w in searched):
+        known = [*connection.execute(text(_KNOWN)).scalars()]
+    on_it: dict[int, float] = {}
+    for row in rows:
+        if row.holder_id in by_id:
+            on_it[row.holder_id] = on_it.get(row.holder_id, 0.0) + (row.ground or 0.0)
+    return TaskWorld(
+        [
+            _task_object(row, by_id, types, topology, heights, on_it.get(row.id, 0.0))
+            for row in rows
+        ],
+        known,
+    )
+
+
+def _task_object(
+    row: Any,
+    by_id: dict[int, Any],
+    types: dict[str, tuple[str, ...]],
+    topology: Topology,
+    heights: tuple[float, float],
+    taken: float,
+) -> TaskObject:
+    below, place = row, None
+    for _ in range(len(by_id) + 1):
+        if below.holder_id not in by_id:
+            place = below.holder if below.holder in topology.places else None
+            break
+        below = by_id[below.holder_id]
+    floor = topology.places[place].floor if place is not None else 0.0
+    properties = row.properties
+    size, height, top = (0.0, 0.0, 0.0), 0.0, 0.0
+    if row.x0 is not None:
+        size = (row.x1 - row.x0, row.y1 - row.y0, row.z1 - row.z0)
+        height, top = (row.z0 + row.z1) / 2 - floor, row.z1 - floor
+    surface, surface_height = float("inf"), top
+    if row.looked:
+        levels = [(row.pose[2] - floor + z, area) for z, area in row.levels or ()]
+        within = [level for level in levels if heights[0] <= level[0] <= heights[1]]
+        surface = max(sum(area for _, area in within or levels) - taken, 0.0)
+        if levels:
+            surface_height = max(within or levels, key=lambda level: level[1])[0]
+    weight = properties.get("weight", properties.get("mass"))
+    return TaskObject(
+        row.name,
+        types.get(row.type, ()),
+        row.label,
+        row.holder if row.holder_kind != "agent" else None,
+        place,
+        None if row.pose is None else Pose(*row.pose),
+        height=height,
+        size=size,
+        weight=float(weight) if isinstance(weight, int | float) else None,
+        fixed=bool(properties.get("static", False)),
+        graspable=properties.get("graspable"),
+        surface=surface,
+        surface_height=surface_height,
+        properties=properties,
+    )
+
+
+def read_state(connection: Connection, topology: Topology, start: str | None = None) -> TaskState:
+    """The place and pose of the robot, and the objects that it carries.
+
+    Parameters
+    ----------
+    start
+        Name of a room, an agent or a region; by default the robot of the map, or else its home.
+
+    Raises
+    ------
+    UnknownPlaceError
+        The map has no entity of this name.
+    LookupError
+        Without `start`: the map has no robot and no home, or has several.
+    """
+    if start is not None and start in topology.places:
+        return TaskState(start)
+    rows = connection.execute(text(_STATE), {"name": start}).all()
+    agents = [row for row in rows if row.kind == "agent"]
+    rows = agents or rows
+    if start is not None and not rows:
+        topology.place(start)
+    if not rows:
+        raise LookupError("the map has no robot and no home region: give its start with --from")
+    if len(rows) > 1:
+        names = ", ".join(row.name for row in rows)
+        raise LookupError(f"the robot may be {names}; name one with --from")
+    row = rows[0]
+    places = [p for p in row.rooms if p in topology.places]
+    places += [p for r in topology.regions if r.name == row.name for p in r.places]
+    if not places:
+        raise LookupError(f"no room holds {row.name}; place it in one, or give a room with --from")
+    pose = None
+    if row.pose is not None and row.kind in ("agent", "region"):
+        pose = Pose(*row.pose)
+    return TaskState(places[0], pose, tuple(row.carrying))

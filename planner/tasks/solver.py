@@ -1,0 +1,251 @@
+"""Solves tasks with clingo: a logic program over the events of a task.
+
+The events are pickups, placings and actions of domain files. A drive between two events is one atom
+with its exact time, which is minimised; `expand_plan` expands it afterwards. This is exact because
+only drives happen between two events, and their times depend only on the two sites: the call of an
+elevator takes a constant expected time, and a closed door is opened, and left as it was, at each
+passage.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import clingo
+from clingo import Function, Number, String, Symbol
+
+from planner.plan import Plan
+from planner.routing_graph import RoutingGraph
+from planner.tasks.goal import ROBOT, Goal, parse_goal
+from planner.tasks.lower_bound import lower_bound
+from planner.tasks.plan_expansion import TaskEvent, expand_plan
+from planner.tasks.problem import NoPlanError, Problem, milliseconds
+from planner.tasks.problem_builder import build_problem
+from planner.tasks.sites import ApproachPoseOf
+from planner.tasks.world import TaskState, TaskWorld
+
+if TYPE_CHECKING:
+    from planner.tasks.domain_file import Domain
+
+__all__ = ["find_plan", "solve"]
+
+PATIENCE = 10.0
+"""Seconds after which the best plan found so far is taken."""
+
+
+def find_plan(
+    graph: RoutingGraph,
+    world: TaskWorld,
+    state: TaskState,
+    goal: Goal | str,
+    *,
+    domain: Domain | None = None,
+    approach_pose: ApproachPoseOf | None = None,
+    patience: float = PATIENCE,
+) -> Plan:
+    """The plan that reaches a goal in the least time.
+
+    Each object that the goal moves is picked up once, and once more if it is in the way of another.
+    So up to five deliveries are proven to be optimal within `patience`.
+
+    Parameters
+    ----------
+    domain
+        Additional actions.
+    approach_pose
+        Returns the base pose for an object; by default its `approach_pose`, or else its own pose.
+    patience
+        Seconds after which the best plan found so far is returned; see its `bound`.
+
+    Raises
+    ------
+    UnknownObjectError, GoalError, NoPlanError
+        With what is unknown, contradictory or in the way.
+    """
+    if isinstance(goal, str):
+        goal = parse_goal(goal, domain.relations if domain else ())
+    extend = None if domain is None else domain.extend
+    problem = build_problem(graph, world, state, goal, approach_pose=approach_pose, extend=extend)
+    events, meant, proven = solve(problem, patience)
+    plan = expand_plan(graph, problem, events, meant)
+    bound = plan.seconds if proven else min(lower_bound(problem), plan.seconds)
+    return Plan(goal.text, plan.actions, plan.seconds, bound)
+
+
+def solve(
+    problem: Problem, patience: float = PATIENCE
+) -> tuple[list[TaskEvent], dict[str, str], bool]:
+    """Events in order, the goal's words by object, and whether the solution is optimal."""
+    control = clingo.Control(["--warn=none"])
+    control.add("base", [], _program())
+    with control.backend() as backend:
+        for fact in _facts(problem):
+            backend.add_rule([backend.add_atom(fact)])
+    control.ground([("base", [])])
+    best: list[Symbol] = []
+
+    def take(model: clingo.Model) -> None:
+        best[:] = model.symbols(shown=True)
+
+    until = time.monotonic() + patience
+    with control.solve(on_model=take, async_=True) as handle:
+        done = handle.wait(max(until - time.monotonic(), 0.0))
+        if not done:
+            handle.cancel()
+        result = handle.get()
+    if not best:
+        if not done:
+            raise NoPlanError(
+                f"no plan was found within {patience:g} s; split the goal, or allow more time"
+            )
+        raise NoPlanError(_why_none(problem))
+    return *_read(best, problem), bool(result.exhausted)
+
+
+@cache
+def _program() -> str:
+    return Path(__file__).with_name("domain.lp").read_text()
+
+
+def _facts(problem: Problem) -> Iterator[Symbol]:
+    def fact(name: str, *arguments: int | str | Symbol) -> Symbol:
+        return Function(
+            name,
+            [
+                Number(a) if isinstance(a, int) else String(a) if isinstance(a, str) else a
+                for a in arguments
+            ],
+        )
+
+    words = {w: i for i, w in enumerate([*problem.candidates, *problem.regions])}
+    yield fact("slots", problem.slots)
+    yield fact("capacity", problem.capacity)
+    yield fact("start", 0)
+    yield fact("pickup_time", milliseconds(problem.pickup))
+    yield fact("place_time", milliseconds(problem.place))
+    for i, row in enumerate(problem.seconds):
+        for j, seconds in enumerate(row):
+            if seconds < float("inf"):
+                yield fact("drive", i, j, milliseconds(float(seconds)))
+    for word, names in problem.candidates.items():
+        for name in names:
+            yield fact("candidate", words[word], name)
+    for a, b in problem.differ:
+        yield fact("differ", words[a], words[b])
+    for word, places in problem.regions.items():
+        for place in places:
+            yield fact("means", words[word], place)
+    for i, site in enumerate(problem.sites):
+        yield fact("site_in", i, site.place)
+    for name, limit in problem.limits.items():
+        yield fact("movable", name, limit)
+    for name in problem.carriers:
+        yield fact("carrier", name)
+    for on, names in problem.takes.items():
+        for name in names:
+            yield fact("takes", on, name)
+    for name, number in problem.spots.items():
+        yield fact("fixed" if name in problem.fixed else "initially_at", name, number)
+    for name, on in problem.on.items():
+        yield fact("initially_on", name, on)
+    for name in problem.held:
+        yield fact("initially_held", name)
+    for number, place in problem.finals:
+        yield fact("last", number, place)
+    for k, atom in enumerate(problem.goal.atoms):
+        numbers = [-1 if w.text == ROBOT else words[w] for w in atom.words]
+        if atom.relation == "carries":
+            yield fact("need_carried", numbers[1])
+        elif atom.relation == "on" or (
+            atom.relation == "in" and atom.words[1] not in problem.regions
+        ):
+            yield fact("need_on", *numbers)
+        elif atom.relation == "in" and numbers[0] < 0:
+            yield fact("need_robot", numbers[1])
+        elif atom.relation == "in":
+            yield fact("need_in", *numbers)
+        else:
+            yield fact("need_fact", k)
+            options: list[tuple[str, ...]] = [()]
+            for word in atom.words:
+                options = [(*o, n) for o in options for n in problem.candidates[word]]
+            for option in options:
+                of = fact(atom.relation, *option)
+                yield fact("option", k, of)
+                for number, name in zip(numbers, option, strict=True):
+                    yield fact("uses", k, of, number, name)
+    for known in problem.facts:
+        yield fact("initially", fact(*known))
+    for i, operator in enumerate(problem.operators):
+        yield fact("operator", i, milliseconds(operator.seconds))
+        if operator.at is not None:
+            if operator.at in problem.fixed:
+                yield fact("acts_on_site", i, problem.spots[operator.at])
+            else:
+                yield fact("acts_at", i, operator.at)
+        for name in operator.held:
+            yield fact("needs_held", i, name)
+        for a_on, b_on in operator.on:
+            yield fact("needs_on", i, a_on, b_on)
+        for name_, facts in (
+            ("needs", operator.needs),
+            ("needs_not", operator.needs_not),
+            ("adds", operator.adds),
+            ("deletes", operator.deletes),
+        ):
+            for args in facts:
+                yield fact(name_, i, fact(*args))
+
+
+def _read(shown: list[Symbol], problem: Problem) -> tuple[list[TaskEvent], dict[str, str]]:
+    """The events of a model, and the goal's words by the objects that they stand for."""
+    by_slot: dict[int, TaskEvent] = {}
+    called: dict[str, list[str]] = {}
+    words = list(problem.candidates)
+    finish: TaskEvent | None = None
+    for symbol in shown:
+        values = [
+            a.number if a.type is clingo.SymbolType.Number else a.string for a in symbol.arguments
+        ]
+        if symbol.name == "is":
+            called.setdefault(str(values[1]), []).append(words[int(values[0])].text)
+        elif symbol.name == "finish":
+            finish = TaskEvent("finish", (), site=int(values[0]))
+        elif symbol.name == "do":
+            by_slot[int(values[1])] = TaskEvent(
+                "do", (), operator=problem.operators[int(values[0])]
+            )
+        else:
+            by_slot[int(values[-1])] = TaskEvent(symbol.name, tuple(map(str, values[:-1])))
+    events = [by_slot[slot] for slot in sorted(by_slot)]
+    texts_of_goal = [text for texts in called.values() for text in set(texts)]
+    names = {n: texts[0] for n, texts in called.items() if texts_of_goal.count(texts[0]) == 1}
+    return [*events, finish] if finish else events, names
+
+
+def _why_none(problem: Problem) -> str:
+    """A likely reason why there is no plan."""
+    for on, names in problem.takes.items():
+        for name in names:
+            if name not in problem.spots:
+                continue
+            here, there = problem.spots[name], problem.spots.get(on)
+            if there is not None and problem.seconds[here, there] == float("inf"):
+                places = [problem.sites[i].place for i in (here, there)]
+                return (
+                    f"{name} cannot be brought from {places[0]} to {places[1]}: "
+                    "no route leads there"
+                )
+    if problem.held:
+        return (
+            f"no order of actions reaches {problem.goal.text}: the robot already carries "
+            f"{', '.join(problem.held)} (capacity {problem.capacity})"
+        )
+    return (
+        f"no order of actions reaches {problem.goal.text} with one pickup of each object; "
+        "split the goal"
+    )

@@ -1,0 +1,111 @@
+"""semmap run and semmap missions, on the office."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import Result
+
+from planner.mission import MissionError
+from tests.command_line import semmap
+from tests.planner.mission.conftest import World
+
+
+class Commands:
+    def __init__(self, url: str, folder: Path) -> None:
+        self.url = url
+        self.world = folder / "world"
+
+    def run(self, *arguments: object) -> Result:
+        return semmap(self.url, *arguments)
+
+    def simulate(self, *arguments: object) -> Result:
+        return self.run("run", *arguments, "--simulate", "--speed", 100000, "--world", self.world)
+
+
+@pytest.fixture
+def said(world: World, tmp_path: Path) -> Commands:
+    return Commands(world.url, tmp_path)
+
+
+def test_figure_4_is_driven_and_the_muffin_lies_on_desk1(said: Commands, world: World) -> None:
+    found = said.simulate("on(muffin, desk1)", "--from", "lab1")
+    assert found.exit_code == 0, found.output
+    assert "pickup(muffin1, desk4)" in found.output
+    assert "place(muffin1, desk1)" in found.output
+    assert found.output.rstrip().endswith("done")
+    assert world.holder("muffin1") == ("desk1", "on")
+    listed = json.loads(said.run("missions", "--json").stdout)
+    assert [(m["robot"], m["goal"], m["state"]) for m in listed] == [
+        ("robot", "on(muffin, desk1)", "done")
+    ]
+    shown = said.run("missions", listed[0]["id"]).output
+    assert "use_elevator" in shown
+
+
+def test_a_reason_as_json(said: Commands, world: World) -> None:
+    found = said.simulate("on(muffin, desk1)", "--from", "lab1", "--fail", "door5 locked", "--json")
+    assert found.exit_code == 1
+    answer: dict[str, Any] = json.loads(found.stdout)
+    assert answer["state"] == "failed"
+    assert "door5 is locked" in answer["reason"]
+    assert {"action": "pass_door", "cause": "locked"}.items() <= answer["steps"][-1].items()
+    assert world.ask("SELECT state FROM connector WHERE entity_id = entity_id('door5')") == [
+        ("locked",)
+    ]
+
+
+def test_resumed_and_cancelled(said: Commands, world: World) -> None:
+    with pytest.raises(MissionError, match="no mission to resume"):
+        said.simulate("--resume")
+    with world.store("dead") as store:
+        number = store.add("robot", "in(muffin, lab2)")
+        store.take(number)
+        second = store.add("robot", "on(muffin, desk4)")
+    with pytest.raises(MissionError, match="is gone"):
+        said.simulate("--resume")
+    assert said.simulate("on(muffin, desk4)", "--agent", "other", "--from", "lab1").exit_code == 0
+    assert said.simulate("--resume").exit_code == 0
+    assert said.run("missions", "--cancel", second).exit_code == 0
+    states = world.ask("SELECT state FROM mission ORDER BY id")
+    assert states == [("done",), ("cancelled",), ("done",)]
+    with pytest.raises(MissionError, match="has ended"):
+        said.run("missions", "--cancel", number)
+    with pytest.raises(MissionError, match="no mission 0"):
+        said.run("missions", 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("on(muffin, desk1)",), "add --simulate"),
+        (("--simulate",), "give either a goal, or --resume"),
+        (("on(muffin, desk1)", "--resume", "--simulate"), "give either a goal, or --resume"),
+    ],
+)
+def test_what_was_not_said(said: Commands, arguments: tuple[str, ...], message: str) -> None:
+    found = said.run("run", *arguments)
+    assert found.exit_code == 2
+    assert message in " ".join(found.output.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("on(muffin, desk1)", "--from", "lab9"), "did you mean lab"),
+        (("on(muffin desk1)",), "on takes 2"),
+        (("on(muffin, desk1)", "--fail", "grasp"), "is not a failure"),
+        (("on(muffin, desk1)", "--agent", "nobody"), "no robot named nobody"),
+        (("on(muffin, desk1)", "--agent", "desk1", "--from", "lab1"), "desk1 is of kind object"),
+    ],
+)
+def test_bad_input_changes_nothing(
+    said: Commands, world: World, arguments: tuple[str, ...], message: str
+) -> None:
+    with pytest.raises((ValueError, LookupError), match=message):
+        said.simulate(*arguments)
+    assert world.ask("SELECT count(*) FROM mission") == [(0,)]
+    assert not said.world.exists()

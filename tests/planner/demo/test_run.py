@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from planner.demo import run as demo
+from semmap import cli
+from semmap.draw.palette import PATH
+from semmap.query import sql_statement
+
+FIGURE_4 = (
+    "pass_door(door1, lab1, corridor1) · pass_door(door2, corridor1, foyer-1st) · call_elevator · "
+    "pass_door(edoor1, foyer-1st, elevator-1st) · use_elevator(floor-1st, floor-3rd) · "
+    "pass_door(edoor3, elevator-3rd, foyer-3rd) · pass_door(door5, foyer-3rd, corridor3) · "
+    "pass_door(door6, corridor3, office4) · pickup(muffin, desk4) · "
+    "pass_door(door7, office4, corridor3) · pass_door(door8, corridor3, lab2) · "
+    "place(muffin, desk1)"
+)
+
+
+@pytest.fixture(scope="module")
+def url(make_database):
+    """A database of its own: the demo moves the muffin."""
+    return make_database().render_as_string(hide_password=False)
+
+
+@pytest.fixture(autouse=True)
+def chosen(url):
+    """What the command line works on."""
+    before, cli.State.url = cli.State.url, url
+    yield
+    cli.State.url = before
+
+
+@pytest.fixture
+def said():
+    return []
+
+
+def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
+    pictures = demo.run_demo([], folder, pixels=700, say=lambda text: said.append(str(text)))
+    assert [str(p.relative_to(folder)) for p in pictures] == [
+        "figure6_parts.png",
+        "figure7_footprints.png",
+        *(f"floor-1st/costmap/{name}.png" for name in ("master", "base", "arm", "pole")),
+        "figure5_staircase.png",
+        *(f"floor-3rd/costmap/{name}.png" for name in ("master", "base", "arm", "pole")),
+        "figure9_layered.png",
+        "figure9_single.png",
+        "figure9_robot.png",
+        "fields.png",
+        "floor-1st/topology.png",
+        "floor-3rd/topology.png",
+        "floor-1st/plan.png",
+        "floor-3rd/plan.png",
+        "rooms.png",
+        "objects.png",
+    ]
+    assert all(p.is_file() for p in pictures)
+    for picture in pictures[-4:-1]:  # each shows its part of the route
+        pixels = np.asarray(Image.open(picture).convert("RGB"), float) / 255
+        assert (np.abs(pixels - to_rgb(PATH)).max(axis=-1) < 0.05).sum() > 100
+    assert any("lab1 -> office4: door1, door2, edoor1, edoor3, door5, door6" in s for s in said)
+    assert any(f"on(muffin, desk1): {FIGURE_4}" in s for s in said)
+    assert any("done: 21 steps by a simulated robot" in s for s in said)
+    before, after = [
+        line.split()[:2] for line in capsys.readouterr().out.splitlines() if "BOX3D" in line
+    ]
+    assert before == ["office4", "desk4"]
+    assert after == ["lab2", "desk1"]
+    with cli.open_map("office") as connection:  # the README's commands come next: desk4 again
+        _, ((room, table, _),) = sql_statement.run_sql(connection, demo.FIGURE_3, write=False)
+    assert (room, table) == ("office4", "desk4")
+    assert (folder / "floor-3rd" / "map.pgm").is_file()
+
+
+def test_another_world_takes_files_and_folders(folder, said, tmp_path):
+    world = tmp_path / "yard"
+    world.mkdir()
+    (world / "yard.sdf").write_text(
+        "<sdf version='1.9'><world name='yard'><model name='crate'><pose>1 2 0.5 0 0 0</pose>"
+        "<link name='l'><visual name='v'><geometry><box><size>1 1 1</size></box></geometry>"
+        "</visual></link></model></world></sdf>"
+    )
+    pictures = demo.run_demo([world], folder, pixels=400, say=lambda text: said.append(str(text)))
+    assert [p.name for p in pictures] == [
+        "figure6_parts.png",
+        "figure7_footprints.png",
+        "master.png",
+        "base.png",
+        "arm.png",
+        "pole.png",
+        "plan.png",
+        "objects.png",
+    ]
+    assert any("none: the map has no rooms that doors join" in s for s in said)
+    with pytest.raises(LookupError, match="no world in it"):
+        demo.run_demo([folder], folder)

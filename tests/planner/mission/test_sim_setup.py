@@ -1,0 +1,68 @@
+"""A simulated world is made of the map once, and opened again as it was left."""
+
+import pytest
+
+from planner.live_topology import LiveTopology
+from planner.mission.failures import FailureRule
+from planner.mission.mission_store import MissionError
+from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.readers.robot_class import delete_robot_class, store_robot_class
+from planner.robot_class import RobotClass
+from planner.topology import Place, Topology
+from semmap.geometry.pose import Pose
+from tests.planner.mission.conftest import START
+from tests.planner.office import office
+
+
+def test_a_robot_enters_before_the_first_door_of_a_place():
+    pose = entry_pose(office(), "lab1")
+    assert (pose.x, pose.y) == pytest.approx((2.0, 3.3))
+    with pytest.raises(MissionError, match="cell has no door"):
+        entry_pose(Topology.of([Place("cell")], []), "cell")
+
+
+def test_the_world_is_as_the_map_and_stays_as_it_was_left(world, tmp_path):
+    file = tmp_path / "worlds" / "world"
+    rules = [FailureRule.parse("door5 locked")]
+    with world.store() as store:
+        own = open_world(file, store, world.topology, "robot", rules)
+        assert own.robot("robot") == ("lab1", START)
+        assert own.door("door5") == "locked"
+        assert own.door("door1") == "open"
+        assert {t.name: t.place for t in store.objects()} == {
+            name: place for name, (place, _) in own.objects().items()
+        }
+        own.put_robot("robot", "foyer-1st", Pose.planar(3.0, 5.0))
+        own.close()
+        again = open_world(file, store, world.topology, "robot", resume=True)
+        assert again.robot("robot") == ("foyer-1st", Pose.planar(3.0, 5.0))
+        assert again.door("door5") == "locked"
+        again.close()
+
+
+def test_what_cannot_be_opened_leaves_no_file(world, tmp_path):
+    file = tmp_path / "another"
+    with world.store() as store:
+        with pytest.raises(MissionError, match="is gone: name its --world"):
+            open_world(file, store, world.topology, "robot", resume=True)
+        with pytest.raises(MissionError, match=r"no room holds stranger: .*--from"):
+            open_world(file, store, world.topology, "stranger")
+        assert not file.exists()
+        open_world(file, store, world.topology, "robot").close()
+        with pytest.raises(MissionError, match="no room holds stranger"):
+            open_world(file, store, world.topology, "stranger", [FailureRule.parse("door1 locked")])
+        own = open_world(file, store, world.topology, "robot")
+        assert own.door("door1") == "open"  # the stranger's rules were not taken in
+        own.close()
+
+
+def test_a_simulated_robot_is_as_fast_as_its_class(world):
+    with world.engine.begin() as connection:
+        store_robot_class(connection, RobotClass("crawler", speed=0.25))
+    try:
+        live = LiveTopology(world.engine, "office", "crawler")
+        robot = simulated_robot(live, world.world, "robot", speed=60.0, seed=3)
+        assert (robot._velocity, robot.speed, robot.name) == (0.25, 60.0, "robot")
+    finally:
+        with world.engine.begin() as connection:
+            delete_robot_class(connection, "crawler")

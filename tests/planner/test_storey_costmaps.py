@@ -1,0 +1,259 @@
+"""Walks are those of SciPy on the costmap's cells; changes are those of a ground made anew."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from navgrid.area import area_cells
+from navgrid.inflation import INSCRIBED
+from navgrid.scene import Place as Floor
+from navgrid.scene import Scene, Thing
+from planner.robot_class import RobotClass
+from planner.routing_graph import RoutingGraph
+from planner.storey_costmaps import SNAP, StoreyCostmaps
+from planner.topology import Place, PlaceConnector, PlaceRegion, Topology
+from semmap.geometry.mesh import box_mesh
+from semmap.geometry.pose import Pose
+from semmap.robot import Part
+
+OUTLINE = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
+BASE = Part("base", ("base",), (0.0, 0.5), OUTLINE, 0.2, 0.2 * 2**0.5, "inscribed")
+ROBOT = RobotClass("cube", (BASE,), speed=0.5)
+STEPS = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if math.gcd(a, b) == 1]
+
+
+def box(number, x, y, half, kind="object", name=None, high=1.0):
+    mesh = box_mesh((x - half, y - half, 0.02), (x + half, y + half, high))
+    return Thing(number, name or f"box{number}", kind, (kind,), mesh.triangles)
+
+
+def rooms():
+    """Two rooms of 3 m by 3 m side by side, a wall between them, a door of 1 m in it."""
+    connector = PlaceConnector(
+        "door",
+        ("left", "right"),
+        (Pose.planar(2.3, 1.5, 0.0), Pose.planar(3.9, 1.5, math.pi)),
+        width=1.0,
+        id=3,
+    )
+    hatch = replace(
+        connector,
+        name="hatch",
+        id=4,
+        poses=(Pose.planar(0.5, 2.5, math.pi / 2), Pose.planar(0.5, 3.5, -math.pi / 2)),
+        places=("left", "above"),
+    )
+    return Topology.of(
+        [Place(n, storey="ground", id=i) for i, n in enumerate(("left", "right", "above"))],
+        [connector, hatch],
+    )
+
+
+def scene(things=()):
+    floors = (
+        Floor("left", shapely.box(0, 0, 3, 3), 0.0),
+        Floor("right", shapely.box(3.2, 0, 6, 3), 0.0),
+        Floor("door", shapely.box(2.3, 1.0, 3.9, 2.0), 0.0),
+        Floor("hatch", shapely.box(0.0, 2.5, 1.0, 3.5), 0.0),
+    )
+    return Scene("ground", 0.0, tuple(things), floors, (-0.5, 3.0))
+
+
+def ground(things=(), topology=None):
+    return StoreyCostmaps(
+        topology or rooms(), ROBOT, lambda storey: scene(things), resolution=0.1, slow=2.0
+    )
+
+
+def oracle(costs, resolution, slow, starts, targets):
+    """Prices from cells to cells by SciPy; as `navgrid.travel` defines steps, written anew."""
+    rows, columns = costs.shape
+    free = costs < INSCRIBED
+    tails, heads, prices = [], [], []
+    for r, c in np.argwhere(free):
+        for dr, dc in STEPS:
+            q, d = r + dr, c + dc
+            if not (0 <= q < rows and 0 <= d < columns and free[q, d]):
+                continue
+            if abs(dr) == 1 and abs(dc) == 1:
+                sides = [(r, d), (q, c)]
+            elif dr and dc:
+                long = (dr // 2 if abs(dr) == 2 else 0, dc // 2 if abs(dc) == 2 else 0)
+                sides = [(r + long[0], c + long[1]), (q - long[0], d - long[1])]
+            else:
+                sides = []
+            if not all(free[s] for s in sides):
+                continue
+            mean = 1 + slow * (int(costs[r, c]) + int(costs[q, d])) / 2 / 252
+            tails.append(r * columns + c)
+            heads.append(q * columns + d)
+            prices.append(math.hypot(dr, dc) * resolution * mean)
+    matrix = coo_matrix((prices, (tails, heads)), shape=(costs.size,) * 2).tocsr()
+    found = dijkstra(matrix, indices=[r * columns + c for r, c in starts])
+    return found[:, [r * columns + c for r, c in targets]]
+
+
+boxes = st.lists(
+    st.tuples(st.floats(0.3, 5.7), st.floats(0.3, 2.7), st.sampled_from([0.1, 0.25, 0.5])),
+    max_size=4,
+)
+
+
+def things_of(said):
+    return [box(10 + i, *b) for i, b in enumerate(said)]
+
+
+def snapped(costs, grid, pose):
+    """The passable cell nearest to a pose, by brute force: its own, or the nearest middle."""
+    own = (
+        math.floor((pose.y - grid.origin[1]) / grid.resolution),
+        math.floor((pose.x - grid.origin[0]) / grid.resolution),
+    )
+    if all(0 <= v < n for v, n in zip(own, costs.shape, strict=True)) and costs[own] < INSCRIBED:
+        return own, 0.0
+    cells = np.argwhere(costs < INSCRIBED)
+    if not len(cells):
+        return None
+    x, y = ((cells[:, 1 - k] + 0.5) * grid.resolution + grid.origin[k] for k in (0, 1))
+    away = np.hypot(x - pose.x, y - pose.y)
+    best = int(away.argmin())
+    assume((away < away[best] + 1e-9).sum() == 1)  # of two that are as near, either may be taken
+    return (tuple(map(int, cells[best])), float(away[best])) if away[best] <= SNAP else None
+
+
+@settings(max_examples=15)
+@given(
+    boxes, st.lists(st.tuples(st.floats(0.0, 3.2), st.floats(-0.3, 3.3)), min_size=2, max_size=4)
+)
+def test_walks_are_those_of_scipy(said, points):
+    made = ground(things_of(said))
+    poses = [Pose.planar(x, y, 0.0) for x, y in points]
+    walked = made.between("left", poses[:2], poses)
+    costs, room = made.costs("left"), made.room("left")
+    ends = [snapped(costs, room.grid, p) for p in poses]
+    for i, j in np.ndindex(2, len(poses)):
+        if ends[i] is None or ends[j] is None:
+            assert math.isinf(walked.seconds[i, j])
+            continue
+        price = oracle(costs, 0.1, 2.0, [ends[i][0]], [ends[j][0]])[0, 0]
+        expected = (price + ends[i][1] + ends[j][1]) / ROBOT.speed
+        assert walked.seconds[i, j] == pytest.approx(expected)
+        path = made.path("left", poses[i], poses[j])
+        if math.isinf(expected):
+            assert path is None
+            continue
+        length = np.linalg.norm(np.diff(path[1:-1], axis=0), axis=1).sum()
+        assert walked.metres[i, j] == pytest.approx(length + ends[i][1] + ends[j][1])
+        assert tuple(path[0]) == points[i]
+        assert tuple(path[-1]) == points[j]
+        rows, columns = np.floor((path[1:-1] - room.grid.origin) / 0.1 + 1e-9).astype(int).T[::-1]
+        assert (costs[rows, columns] < INSCRIBED).all()
+
+
+def test_ways_lead_over_the_place_and_its_doorways_alone():
+    made = ground()
+    room = made.room("left")
+    cells = area_cells(
+        shapely.union_all(
+            [shapely.box(0, 0, 3, 3), shapely.box(2.3, 1, 3.9, 2), shapely.box(0, 2.5, 1, 3.5)]
+        ),
+        room.grid,
+    )
+    assert (room.cells == cells).all()
+    assert (made.costs("left")[~cells] == 255).all()
+    assert made.room("above") is None
+    walked = made.between("above", [Pose()], [Pose(1.0)])
+    assert np.isinf(walked.seconds).all()
+    assert np.isinf(walked.metres).all()
+    # cells that touch the room from outside are no further than one cell away from it
+    away = distance_transform_edt(~area_cells(shapely.box(0, 0, 3, 3), room.grid))
+    assert away[cells].max() > 1
+
+
+def test_a_closed_door_changes_no_walk():
+    topology = rooms()
+    door = box(3, 3.1, 1.5, 0.5, "connector", "door")
+    for state in ("open", "closed", "locked"):
+        leaf = replace(door, state=state)
+        made = RoutingGraph(topology, ROBOT, costs=ground([leaf]))
+        plain = RoutingGraph(topology, ROBOT, costs=ground())
+        assert (made.base == plain.base).all()
+        assert np.isfinite(made.base[made.travel_edges["left"]]).all()
+
+
+@settings(max_examples=15)
+@given(boxes, boxes, st.data())
+def test_changed_things_change_what_they_touch(said, then, data):
+    before = things_of(said)
+    made = ground(before)
+    for place in ("left", "right"):
+        made.room(place)
+    former = {p: made.costs(p) for p in ("left", "right")}
+    kept = data.draw(st.sets(st.sampled_from([t.id for t in before]))) if before else set()
+    now = [t for t in before if t.id in kept] + [
+        t for t in (box(10 + i, *b) for i, b in enumerate(then)) if t.id not in kept
+    ]
+    ids = ({t.id for t in before} | {t.id for t in now}) - kept
+    changed = made.update(ids, [t for t in now if t.id in ids])
+    anew = ground(now)
+    for place in ("left", "right"):
+        assert (made.costs(place) == anew.costs(place)).all()
+        assert (place in changed) == (made.costs(place) != former[place]).any()
+
+
+def test_a_region_blocks_and_leaves():
+    made, free = ground(), ground().costs("left")
+    made.room("left"), made.room("right")
+    wet = Thing(
+        20,
+        "wet",
+        "region",
+        ("region",),
+        outline=shapely.box(1, 1, 2, 2),
+        properties={"blocked": True},
+    )
+    assert "left" in made.update({20}, (), {"ground": [wet]})
+    assert (made.costs("left") == ground([wet]).costs("left")).all()
+    assert "left" in made.update({20})
+    assert (made.costs("left") == free).all()
+
+
+def test_avoided_regions_are_gone_around_while_they_are_avoided():
+    made = ground()
+    a, b = Pose.planar(0.5, 1.5, 0.0), Pose.planar(2.5, 1.5, 0.0)
+    free = made.between("left", [a], [b]).metres[0, 0]
+    band = PlaceRegion("band", shapely.box(1.2, 0.6, 1.8, 3.0), ("left",))
+    with made.also_avoiding({"ground": [band]}):
+        around = made.between("left", [a], [b]).metres[0, 0]
+        assert around > free + 0.5
+        path = made.path("left", a, b)
+        assert not shapely.LineString(path).intersects(band.outline.buffer(-0.11))
+        assert (
+            made.blocking_reason("left", Pose(1.5, 1.5))
+            == "the pose is in band, which is to be avoided"
+        )
+    assert made.between("left", [a], [b]).metres[0, 0] == free
+
+
+def test_a_pose_too_near_to_something_is_snapped_and_one_in_it_refused():
+    made = ground([box(10, 1.5, 1.5, 0.4, name="crate")])
+    assert made.blocking_reason("left", Pose(0.5, 0.5)) is None
+    assert made.blocking_reason("left", Pose(1.0, 1.5)) is None  # 0.1 m before it
+    assert made.blocking_reason("left", Pose(1.2, 1.5)) == "crate is in the way"
+    assert made.blocking_reason("left", Pose(1.2, 1.5), measured=True) is None
+    assert made.blocking_reason("left", Pose(5.0, 1.5)) == "the pose is outside of left"
+    assert made.blocking_reason("left", Pose(50.0, 1.5)) == "the pose is outside of left"
+    assert made.blocking_reason("above", Pose(0.5, 4.0)) == "the map has no outline of above"
+
+
+def test_a_robot_without_a_shape_has_no_ground():
+    with pytest.raises(ValueError, match=r"robot robot has no shape.*semmap robot add"):
+        StoreyCostmaps(rooms(), RobotClass(), lambda storey: scene())
