@@ -286,7 +286,7 @@ def _required(path: Path, said: dict[str, Any], name: str) -> Any:
 def _float(path: Path, element: str, value: Any) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise MapFileError(path, element, f"is {value!r}", "Give a finite number")

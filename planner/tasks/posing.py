@@ -248,10 +248,10 @@ class _Poser:
             if target in made.candidates:
                 kept = [n for n in made.candidates[target] if n in taken]
                 if len(kept) <= target.number:
-                    raise NoPlanError(_some(reasons))
+                    raise NoPlanError(_some(reasons) or f"{atom}: nothing else fits there")
                 made.candidates[target] = kept
             elif not taken and not any(self._satisfied(word, n) for n in made.candidates[word]):
-                raise NoPlanError(_some(reasons))
+                raise NoPlanError(_some(reasons) or f"{atom}: nothing else fits there")
 
     def _options(self, target: Word) -> list[str]:
         made = self.made
