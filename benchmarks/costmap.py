@@ -20,8 +20,8 @@ from navgrid.source import read_scene, read_things
 from semmap.database import connect
 from semmap.geometry.mesh import join
 from semmap.geometry.pose import Pose
-from semmap.ingest.store import store_world
-from semmap.ingest.types import load_tbox
+from semmap.ingest.ontology.type_store import load_tbox
+from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Shape, World
 from semmap.query.change_feed import changed_since, cursor
 from semmap.robot import Group, load_robot, robot_parts

@@ -10,9 +10,9 @@ import yaml
 
 from navgrid.grid import Grid
 from semmap import limits
-from semmap.ingest.annotation_file import read_features
+from semmap.ingest.annotation.feature_file import read_features
 from semmap.ingest.importer import read_world
-from semmap.ingest.tbox import read_tbox
+from semmap.ingest.ontology.tbox import read_tbox
 from semmap.ingest.world import WorldError
 from semmap.limits import LIMITS, NAME_CHARACTERS, TRIANGLES, Limit, table
 

@@ -15,9 +15,10 @@ from sqlalchemy import Connection, Engine
 
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.holders import derive_inventories, postpone_derivation
-from semmap.ingest.mesh_file import read_mesh_world
+from semmap.ingest.meshes.mesh_file import read_mesh_world
+from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
-from semmap.ingest.route_graph import (
+from semmap.ingest.route_graph.graph_file import (
     EDGE,
     check_names,
     is_route_graph,
@@ -25,8 +26,7 @@ from semmap.ingest.route_graph import (
     settle_nodes,
 )
 from semmap.ingest.sdf import read_sdf
-from semmap.ingest.store import Progress, Stored, store_world
-from semmap.ingest.types import load_tbox
+from semmap.ingest.store.world_store import Progress, Stored, store_world
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
 

@@ -7,7 +7,7 @@ from collections.abc import Container
 from functools import cache
 from pathlib import Path
 
-from semmap.ingest.tbox import read_tbox
+from semmap.ingest.ontology.tbox import read_tbox
 
 __all__ = ["guess_type", "unique_name", "words"]
 

@@ -13,7 +13,7 @@ from shapely import MultiPolygon, Polygon
 from sqlalchemy import Connection
 
 from semmap.geometry.pose import Pose
-from semmap.ingest.types import load_tbox
+from semmap.ingest.ontology.type_store import load_tbox
 
 __all__ = ["Outline", "Owner", "Wanted", "at_its_middle", "keep", "level_region", "with_article"]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
-from semmap.ingest.mesh_file import MeshFileError, read_mesh
+from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh
 from semmap.limits import EXTENT, LINKS, PARTS, TEXT_BYTES, TRIANGLES
 from semmap.robot.error import RobotError
 

@@ -32,7 +32,7 @@ from semmap.fields.region_map import RegionMap
 from semmap.geometry.outline import hull_points
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.importer import read_world
-from semmap.ingest.tbox import read_tbox
+from semmap.ingest.ontology.tbox import read_tbox
 from semmap.ingest.world import World, WorldError
 from semmap.robot import RobotError, load_robot, robot_parts
 from tests.fuzz.kind import Kind
@@ -45,10 +45,10 @@ from tests.fuzz.mutate import (
     xml_tree,
     yaml_tree,
 )
-from tests.ingest.test_mesh_file import dae
-from tests.ingest.test_rmf import text as building
-from tests.ingest.test_route_graph import graph
-from tests.ingest.test_sdf import FRAMES, LINK, TETRAHEDRON
+from tests.ingest.meshes.test_mesh_file import dae
+from tests.ingest.rmf.test_building import text as building
+from tests.ingest.route_graph.test_graph_file import graph
+from tests.ingest.sdf.test_world_file import FRAMES, LINK, TETRAHEDRON
 from tests.planner.office import office
 from tests.planner.tasks.test_domain_file import TIDY, garden
 from tests.robot.robots import BY_HAND

@@ -18,6 +18,7 @@ from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.geometry.pose import Pose
 from semmap.geometry.tin import decode
 from semmap.ingest.importer import import_file
+from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.regions import (
     draw_region,
     find_observation_area,
@@ -25,8 +26,7 @@ from semmap.ingest.regions import (
     find_walkable_floor,
     region_of_faces,
 )
-from semmap.ingest.store import store_world
-from semmap.ingest.types import load_tbox
+from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Place, Shape, World
 from semmap.model import Region
 from semmap.query.meshes import model_triangles

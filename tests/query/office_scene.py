@@ -15,7 +15,7 @@ from sqlalchemy import Engine, text
 
 from semmap.geometry.mesh import Mesh, box_mesh, join, prism_mesh
 from semmap.geometry.pose import Pose
-from semmap.ingest.store import store_world
+from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Connects, Entry, Kind, Level, Place, Shape, World
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
