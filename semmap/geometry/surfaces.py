@@ -14,11 +14,11 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons, without_gaps, without_slivers
 from semmap.geometry.parts import closed_parts
 
-__all__ = ["Surface", "support_surfaces"]
+__all__ = ["LevelPatch", "support_surfaces"]
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class LevelPatch:
     """A level patch in the mesh's frame.
 
     Attributes
@@ -42,7 +42,7 @@ def support_surfaces(
     max_tilt: float = math.radians(5),
     level: float = 0.005,
     clearance: float = 0.04,
-) -> list[Surface]:
+) -> list[LevelPatch]:
     """Table tops, boards, seats: upward, level, free above; the highest first.
 
     Parameters
@@ -86,7 +86,7 @@ def support_surfaces(
             own = layer.faces[np.sort(tree.query(outline, predicate="intersects"))]
             faces = own if len(own) else layer.faces
             height = float(np.average(heights[faces], weights=doubled[faces]))
-            found.append(Surface(height, outline, float(outline.area), faces))
+            found.append(LevelPatch(height, outline, float(outline.area), faces))
     return sorted(found, key=lambda s: (-s.height, -s.area))
 
 

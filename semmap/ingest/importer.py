@@ -26,7 +26,7 @@ from semmap.ingest.route_graph.graph_file import (
     settle_nodes,
 )
 from semmap.ingest.sdf import read_sdf
-from semmap.ingest.store.world_store import Progress, Stored, store_world
+from semmap.ingest.store.world_store import Progress, StoreSummary, store_world
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
 
@@ -181,7 +181,7 @@ def _map_id(connection: Connection, name: str) -> int:
 
 
 def _summary(
-    world: World, stored: Stored, map_name: str, source: str, holders: int
+    world: World, stored: StoreSummary, map_name: str, source: str, holders: int
 ) -> ImportSummary:
     kinds: dict[str, int] = {}
     for entry in world.entries:

@@ -58,9 +58,16 @@ def at_its_middle(outline: Outline, height: float) -> tuple[Pose, Outline]:
 
 
 def level_region(
-    name: str, type_: str, origin: Origin, owner: Owner | None, outline: Outline, low: float,
-    high: float, *, properties: dict[str, Any],
-) -> Wanted:  # fmt: skip
+    name: str,
+    type_: str,
+    origin: Origin,
+    owner: Owner | None,
+    outline: Outline,
+    low: float,
+    high: float,
+    *,
+    properties: dict[str, Any],
+) -> Wanted:
     """A region given in the map's frame: its own frame is level, its pose that in its owner."""
     pose, flat = at_its_middle(outline, low)
     if owner is not None:

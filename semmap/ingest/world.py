@@ -13,15 +13,15 @@ from semmap.geometry.pose import IDENTITY, Pose
 
 __all__ = [
     "OUTSIDE",
-    "Connects",
+    "ConnectorDetail",
     "Entry",
-    "Level",
-    "Link",
-    "Place",
+    "PlaceDetail",
     "Shape",
     "Skipped",
+    "StoreyDetail",
     "World",
     "WorldError",
+    "WorldLink",
 ]
 
 Kind = Literal["room", "object", "region", "connector", "elevator", "storey", "agent"]
@@ -81,7 +81,7 @@ class Shape:
 
 
 @dataclass
-class Place:
+class PlaceDetail:
     """What a room adds: heights in metres in its own frame, and the elevator whose cabin it is."""
 
     floor: float = 0.0
@@ -90,7 +90,7 @@ class Place:
 
 
 @dataclass
-class Level:
+class StoreyDetail:
     """What a storey adds: elevation above the map's origin and clear height, in metres."""
 
     elevation: float = 0.0
@@ -98,7 +98,7 @@ class Level:
 
 
 @dataclass
-class Connects:
+class ConnectorDetail:
     """What a connector adds (Deeken et al., section 3.4).
 
     The two places that it joins (the second may be `OUTSIDE`), and a pose in each, in the
@@ -138,12 +138,12 @@ class Entry:
     holder: str | None = None
     pose: Pose | None = IDENTITY
     shapes: list[Shape] = field(default_factory=list)
-    detail: Place | Level | Connects | None = None
+    detail: PlaceDetail | StoreyDetail | ConnectorDetail | None = None
     front: float = 0.0
 
 
 @dataclass
-class Link:
+class WorldLink:
     """A named relation between two entries (Deeken et al., section 3.3, A3)."""
 
     subject: str
@@ -159,7 +159,7 @@ class World:
     name: str
     source: Path
     entries: list[Entry] = field(default_factory=list)
-    links: list[Link] = field(default_factory=list)
+    links: list[WorldLink] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     georeference: dict[str, Any] | None = None

@@ -15,7 +15,7 @@ from semmap.robot.error import RobotError
 from semmap.robot.urdf import Joint, Robot
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["Group", "RobotError", "find_groups", "read_groups"]
+__all__ = ["LinkGroup", "RobotError", "find_groups", "read_groups"]
 
 ABOVE_BASE = 0.08
 """Metres above the base's largest link up to which what is fixed to it belongs to the base."""
@@ -25,7 +25,7 @@ UPRIGHT = 0.95
 
 
 @dataclass(frozen=True)
-class Group:
+class LinkGroup:
     """A part's name and its links; by which radius its layer is inflated, None as it fits."""
 
     name: str
@@ -33,7 +33,7 @@ class Group:
     inflate_by: Literal["inscribed", "circumscribed"] | None = None
 
 
-def read_groups(path: Path | str, robot: Robot) -> list[Group]:
+def read_groups(path: Path | str, robot: Robot) -> list[LinkGroup]:
     """The parts that a YAML file names; links that it does not name make up a part ``rest``.
 
     Each part is a list of links, ``*`` and ``?`` standing for what they match, or a mapping::
@@ -62,9 +62,9 @@ def read_groups(path: Path | str, robot: Robot) -> list[Group]:
                 raise RobotError(f"{path}: part {name}: {robot.name} has no link {pattern}; {mend}")
             found += [link for link in matched if link not in taken]
             taken.update(matched)
-        groups.append(Group(str(name), tuple(found), inflate_by))
+        groups.append(LinkGroup(str(name), tuple(found), inflate_by))
     rest = tuple(link for link in robot.links if link not in taken and link in robot.meshes)
-    return [*groups, Group("rest", rest)] if rest else groups
+    return [*groups, LinkGroup("rest", rest)] if rest else groups
 
 
 def _part(
@@ -81,7 +81,7 @@ def _part(
     return links, inflate_by
 
 
-def find_groups(robot: Robot) -> list[Group]:
+def find_groups(robot: Robot) -> list[LinkGroup]:
     """Base, torso and limbs, found along the kinematic tree.
 
     The base is what hangs on the root and does not rise above its largest link. The torso is what
@@ -100,9 +100,11 @@ def find_groups(robot: Robot) -> list[Group]:
     for joint in robot.joints:
         part, child = of[joint.parent], joint.child
         lifts = not joint.moves or (joint.type == "prismatic" and _is_upright(robot, joint))
-        if part == "base" and tops.get(child, -np.inf) <= limit and not _carries(
-            robot, child, tops, limit, joint
-        ):  # fmt: skip
+        if (
+            part == "base"
+            and tops.get(child, -np.inf) <= limit
+            and not _carries(robot, child, tops, limit, joint)
+        ):
             of[child] = "base"
         elif part in ("base", "torso") and lifts:
             of[child] = "torso" if child in tops or part == "torso" or joint.moves else "base"
@@ -123,7 +125,7 @@ def find_groups(robot: Robot) -> list[Group]:
     for link in robot.links:
         groups.setdefault(names.get(of[link], of[link]), []).append(link)
     return [
-        Group(name, tuple(links))
+        LinkGroup(name, tuple(links))
         for name, links in groups.items()
         if any(link in robot.meshes for link in links)
     ]

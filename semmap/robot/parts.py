@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from semmap.robot.grouping import Group, RobotError, find_groups, read_groups
+from semmap.robot.grouping import LinkGroup, RobotError, find_groups, read_groups
 from semmap.robot.urdf import Robot
 
 __all__ = ["Part", "footprint_string", "robot_parts"]
@@ -51,7 +51,7 @@ class Part:
 def robot_parts(
     robot: Robot,
     state: Mapping[str, float],
-    grouping: Path | str | Sequence[Group] | None = None,
+    grouping: Path | str | Sequence[LinkGroup] | None = None,
 ) -> list[Part]:
     """The parts of a robot in a joint state.
 
@@ -66,7 +66,7 @@ def robot_parts(
         A state that the robot cannot take, a grouping that does not fit it.
     """
     if grouping is None:
-        groups: Sequence[Group] = find_groups(robot)
+        groups: Sequence[LinkGroup] = find_groups(robot)
     elif isinstance(grouping, str | Path):
         groups = read_groups(grouping, robot)
     else:
@@ -81,7 +81,7 @@ def robot_parts(
     return parts
 
 
-def _part(group: Group, points: NDArray[np.float64]) -> Part:
+def _part(group: LinkGroup, points: NDArray[np.float64]) -> Part:
     hull = shapely.MultiPoint(points[:, :2]).convex_hull
     if hull.geom_type != "Polygon":  # a sheet on edge
         hull = hull.buffer(1e-3)

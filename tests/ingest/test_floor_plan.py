@@ -214,5 +214,7 @@ def test_rooms_come_in_the_same_order_however_the_lines_do(plan, random):
     shuffled = [w if random.random() < 0.5 else w.reverse() for w in plan.walls]
     random.shuffle(shuffled)
     first, second = enclose(plan.walls, plan.doors), enclose(shuffled, plan.doors)
-    assert all(a.equals_exact(b, 1e-3, normalize=True)
-               for a, b in zip(first.rooms, second.rooms, strict=True))  # fmt: skip
+    assert all(
+        a.equals_exact(b, 1e-3, normalize=True)
+        for a, b in zip(first.rooms, second.rooms, strict=True)
+    )

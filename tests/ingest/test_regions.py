@@ -27,7 +27,7 @@ from semmap.ingest.regions import (
     region_of_faces,
 )
 from semmap.ingest.store.world_store import store_world
-from semmap.ingest.world import Entry, Place, Shape, World
+from semmap.ingest.world import Entry, PlaceDetail, Shape, World
 from semmap.model import Region
 from semmap.query.meshes import model_triangles
 from tests.command_line import semmap
@@ -55,10 +55,18 @@ def connection(engine: Engine) -> Any:
         connection.execute(text("INSERT INTO map (name) VALUES ('home')"))
         add(
             connection,
-            Entry("kitchen", "room", "kitchen", shapes=[outline_of_room()], detail=Place(0, 2.5)),
-            Entry("table", "object", "table", holder="kitchen", pose=PLACED,
-                  shapes=[Shape("mesh", TABLE)]),
-        )  # fmt: skip
+            Entry(
+                "kitchen", "room", "kitchen", shapes=[outline_of_room()], detail=PlaceDetail(0, 2.5)
+            ),
+            Entry(
+                "table",
+                "object",
+                "table",
+                holder="kitchen",
+                pose=PLACED,
+                shapes=[Shape("mesh", TABLE)],
+            ),
+        )
         yield connection
 
 
@@ -86,8 +94,9 @@ def named(connection: Connection, name: str) -> int:
 
 
 def footprint(connection: Connection, region: int) -> Any:
-    wkb = ask(connection, "SELECT ST_AsBinary(footprint) FROM world WHERE entity_id = :id",
-              id=region)  # fmt: skip
+    wkb = ask(
+        connection, "SELECT ST_AsBinary(footprint) FROM world WHERE entity_id = :id", id=region
+    )
     return shapely.from_wkb(bytes(wkb))
 
 
@@ -136,8 +145,10 @@ def test_a_region_as_the_orm_sees_it(connection: Connection) -> None:
     (surface,) = find_support_surfaces(connection, table)
     region = Session(connection).get_one(Region, surface)
     assert (region.name, region.type, region.origin) == (
-        "table_surface_1", "support_surface", "support_surface",
-    )  # fmt: skip
+        "table_surface_1",
+        "support_surface",
+        "support_surface",
+    )
     assert region.of is not None
     assert (region.of.name, region.holder and region.holder.name) == ("table", "table")
     assert region.faces is not None
@@ -194,8 +205,10 @@ def test_a_subset_of_faces_is_just_these_triangles_in_the_world(
     soup = number.uniform(-1, 1, (2500, 3, 3))
     mesh = Mesh(soup.reshape(-1, 3), np.arange(7500, dtype=np.int32).reshape(-1, 3))
     pose = Pose.from_rpy(1.5, 2.5, 0.8, 0.3, -0.2, 1.1)
-    add(connection, Entry("soup", "object", holder="kitchen", pose=pose,
-                          shapes=[Shape("mesh", mesh)]))  # fmt: skip
+    add(
+        connection,
+        Entry("soup", "object", holder="kitchen", pose=pose, shapes=[Shape("mesh", mesh)]),
+    )
     thing = named(connection, "soup")
     chosen = [0, 1023, 1024, 1500, 2499][:: 6 // (count + 1)]
     region = region_of_faces(connection, thing, chosen, "handle", "handle_region")
@@ -250,8 +263,9 @@ def test_drawn_regions_stay_where_they_were_drawn(connection: Connection) -> Non
     assert heights(connection, reach) == pytest.approx((0.7, 1.2))
     free = draw_region(connection, home, "free", ROOM, properties={"by": "hand"})
     assert same(footprint(connection, free), ROOM)
-    connection.execute(text("SELECT move_to(:id, 2, 2, 0, :yaw)"),
-                       {"id": table, "yaw": math.radians(120)})  # fmt: skip
+    connection.execute(
+        text("SELECT move_to(:id, 2, 2, 0, :yaw)"), {"id": table, "yaw": math.radians(120)}
+    )
     assert same(footprint(connection, reach), shapely.box(1, 2, 3, 3))
     assert same(footprint(connection, wet), triangle)
 
@@ -271,8 +285,17 @@ def test_a_mesh_rooms_floor_is_in_the_mesh(connection: Connection) -> None:
     ground = box_mesh((0, 0, 0), (4, 3, 2.6))
     steps = box_mesh((3, 0, 0), (4, 3, 0.5))
     shell = Shape("mesh", join([ground, steps]))
-    add(connection, Entry("hall", "room", "corridor", pose=Pose.planar(10, 0, math.pi / 2),
-                          shapes=[shell], detail=Place(0, 2.6)))  # fmt: skip
+    add(
+        connection,
+        Entry(
+            "hall",
+            "room",
+            "corridor",
+            pose=Pose.planar(10, 0, math.pi / 2),
+            shapes=[shell],
+            detail=PlaceDetail(0, 2.6),
+        ),
+    )
     region = find_walkable_floor(connection, named(connection, "hall"))
     assert footprint(connection, region).area == pytest.approx(9, rel=2e-3)
     whole = shapely.box(7, 0, 10, 3)
@@ -317,8 +340,9 @@ def test_a_repeat_changes_nothing_and_a_change_changes_the_same(connection: Conn
 def test_what_somebody_noted_of_a_region_stays(connection: Connection) -> None:
     table = named(connection, "table")
     (surface,) = find_support_surfaces(connection, table)
-    connection.execute(text("UPDATE entity SET properties = '{\"clean\": true}' WHERE id = :id"),
-                       {"id": surface})  # fmt: skip
+    connection.execute(
+        text("UPDATE entity SET properties = '{\"clean\": true}' WHERE id = :id"), {"id": surface}
+    )
     find_support_surfaces(connection, table)
     kept = ask(connection, "SELECT properties FROM entity WHERE id = :id", id=surface)
     assert kept == {"clean": True}
@@ -403,20 +427,37 @@ def test_regions_by_command(flat: str) -> None:
         ("table_1_surface_1", "table_1", 0.8, 0.8),
         ("table_2_surface_1", "table_2", 0.8, 0.8),
     ]
-    (wet,) = answer(flat, "regions", "draw", "wet", "--polygon", "0,0 1,0 1,1", "--type",
-                    "blocked_region", "--holder", "kitchen", "--property", "until=2")  # fmt: skip
+    (wet,) = answer(
+        flat,
+        "regions",
+        "draw",
+        "wet",
+        "--polygon",
+        "0,0 1,0 1,1",
+        "--type",
+        "blocked_region",
+        "--holder",
+        "kitchen",
+        "--property",
+        "until=2",
+    )
     assert (wet["area"], wet["high"], wet["type"]) == (0.5, 2.5, "blocked_region")
-    (home,) = answer(flat, "regions", "draw", "home", "--box", "1,1,0,2,2,0.5", "--type",
-                     "home_region")  # fmt: skip
+    (home,) = answer(
+        flat, "regions", "draw", "home", "--box", "1,1,0,2,2,0.5", "--type", "home_region"
+    )
     assert (home["of"], home["high"]) == (None, 0.5)
     (floor,) = answer(flat, "regions", "find", "floor", "--type", "room")
     assert (floor["of"], floor["low"], floor["origin"]) == ("kitchen", 0.0, "walkable_floor")
     (ring,) = answer(flat, "regions", "find", "observation", "table_1", "--near", "0.3")
     assert (ring["holder"], ring["type"]) == ("table_1", "observation_area")
     assert [r["name"] for r in answer(flat, "regions", "ls")] == [
-        "home", "kitchen_floor", "table_1_observation", "table_1_surface_1", "table_2_surface_1",
+        "home",
+        "kitchen_floor",
+        "table_1_observation",
+        "table_1_surface_1",
+        "table_2_surface_1",
         "wet",
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,16 @@ from semmap.ingest.annotation.feature_values import (
 )
 from semmap.ingest.floor_plan import rooms_beside
 from semmap.ingest.naming import unique_name
-from semmap.ingest.world import OUTSIDE, Connects, Entry, Kind, Level, Place, Shape, World
+from semmap.ingest.world import (
+    OUTSIDE,
+    ConnectorDetail,
+    Entry,
+    Kind,
+    PlaceDetail,
+    Shape,
+    StoreyDetail,
+    World,
+)
 
 __all__ = ["read_annotation"]
 
@@ -53,8 +62,14 @@ STANDING = (0.6, 0.5, 0.4, 0.8, 1.0, 0.3)
 """Where a robot stands before a door: the first of these distances that lies in the place."""
 
 ORDER: tuple[Kind, ...] = (
-    "storey", "elevator", "room", "connector", "region", "object", "agent",
-)  # fmt: skip
+    "storey",
+    "elevator",
+    "room",
+    "connector",
+    "region",
+    "object",
+    "agent",
+)
 """A holder comes before what it holds."""
 
 Form = Literal["door", "elevator_door", "stairs", "ramp"]
@@ -163,13 +178,16 @@ class _Reading:
     def __init__(self, path: Path, name: str | None) -> None:
         self.file = read_features(path)
         self.out = World(
-            name or path.stem, path, skipped=self.file.skipped, notes=self.file.notes,
+            name or path.stem,
+            path,
+            skipped=self.file.skipped,
+            notes=self.file.notes,
             georeference=self.file.georeference,
-        )  # fmt: skip
+        )
         self.names = {OUTSIDE}
         self.said = {str(f.properties.get("name", "")).strip() for f in self.file.features}
         self.poses: dict[str, Pose | None] = {}  # of entries, in the map
-        self.storeys: dict[str, Level] = {}
+        self.storeys: dict[str, StoreyDetail] = {}
         self.spaces: list[_Space] = []
         self.drafts: list[_Draft] = []
 
@@ -282,7 +300,7 @@ class _Reading:
 
     def storey(self, draft: _Draft) -> None:
         feature = draft.feature
-        level = Level(number(feature, "elevation") or 0.0, number(feature, "height"))
+        level = StoreyDetail(number(feature, "elevation") or 0.0, number(feature, "height"))
         if level.height is not None and level.height < THIN:
             raise Refused(f"its height is {level.height}", "Give the clear height in metres.")
         shapes = []
@@ -309,7 +327,7 @@ class _Reading:
             ceiling = self.storeys[storey].height
         if ceiling is not None and ceiling < floor + THIN:
             raise Refused(f"its ceiling {ceiling} is not above its floor {floor}", "Mend them.")
-        place = Place(floor, ceiling, self.elevator_of(feature))
+        place = PlaceDetail(floor, ceiling, self.elevator_of(feature))
         top = ceiling if ceiling is not None else floor + ROOM_HEIGHT
         pose, shapes = self.placed(feature, storey, floor, top)
         self.add(draft, pose, storey, detail=place, shapes=shapes)
@@ -397,7 +415,7 @@ class _Reading:
         above = supertypes(draft.type or "door")
         form: Form = next((f for f in FORMS if f in above), "door")
         joins = self.joins(feature)
-        connects = Connects(
+        connects = ConnectorDetail(
             joins or ("", ""),
             (Pose.planar(-STANDING[0], 0.0), Pose.planar(STANDING[0], 0.0, math.pi)),
             form,
@@ -447,7 +465,9 @@ class _Reading:
             places.reverse()
         return places[0], places[1]
 
-    def opening(self, draft: _Draft, connects: Connects, joins: tuple[str, str] | None) -> None:
+    def opening(
+        self, draft: _Draft, connects: ConnectorDetail, joins: tuple[str, str] | None
+    ) -> None:
         """A door: x of its frame goes through the opening, from its first place to its second."""
         line = line_of(draft.feature, self.out.notes)
         storey = self.storey_of_joined(draft.feature, joins)
@@ -475,9 +495,11 @@ class _Reading:
         middle = points.mean(axis=0)
         yaw = along + (-math.pi / 2 if from_left else math.pi / 2)
         pose = Pose.planar(
-            float(middle[0]), float(middle[1]), yaw,
+            float(middle[0]),
+            float(middle[1]),
+            yaw,
             self.elevation(storey) + (number(draft.feature, "floor") or 0.0),
-        )  # fmt: skip
+        )
         width = connects.width or line.length
         connects.places, connects.width = joins, width
         connects.poses = (self.standing(pose, joins[0], -1), self.standing(pose, joins[1], 1))
@@ -524,7 +546,7 @@ class _Reading:
             distance = STANDING[0]
         return Pose.planar(side * distance, 0.0, 0.0 if side < 0 else math.pi)
 
-    def way(self, draft: _Draft, connects: Connects, joins: tuple[str, str] | None) -> None:
+    def way(self, draft: _Draft, connects: ConnectorDetail, joins: tuple[str, str] | None) -> None:
         """Stairs or a ramp: a line along the way, from its first place to its second."""
         line = line_of(draft.feature, self.out.notes)
         storey = self.storey_of_joined(draft.feature, joins)

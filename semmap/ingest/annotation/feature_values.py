@@ -18,9 +18,21 @@ from semmap.ingest.ontology.tbox import KINDS, TypeRecord, read_tbox, snake_case
 from semmap.ingest.world import Kind
 
 __all__ = [
-    "area_about", "area_of", "area_prism", "choice", "drawn_as", "flag_of", "heading_of", "kind_of",
-    "line_of", "middle_of", "number", "supertypes", "text", "type_of",
-]  # fmt: skip
+    "area_about",
+    "area_of",
+    "area_prism",
+    "choice",
+    "drawn_as",
+    "flag_of",
+    "heading_of",
+    "kind_of",
+    "line_of",
+    "middle_of",
+    "number",
+    "supertypes",
+    "text",
+    "type_of",
+]
 
 SMALLEST = 1e-4
 """A polygon of less area, in m2, is a slip of the mouse."""

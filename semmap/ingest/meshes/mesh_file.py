@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from semmap.geometry.mesh import Mesh, join
 from semmap.ingest.meshes.mesh_size import check_size
 from semmap.ingest.naming import guess_type
-from semmap.ingest.world import Entry, Place, Shape, World, WorldError
+from semmap.ingest.world import Entry, PlaceDetail, Shape, World, WorldError
 from semmap.limits import EXTENT, PARTS, TRIANGLES
 
 __all__ = ["MeshFileError", "other_case", "read_mesh", "read_mesh_world"]
@@ -143,7 +143,7 @@ def read_mesh_world(
     low, high = mesh.bounds
     if as_ == "room":
         entry.shapes[0].outline = _footprint(mesh)
-        entry.detail = Place(float(low[2]), float(high[2]) if high[2] > low[2] else None)
+        entry.detail = PlaceDetail(float(low[2]), float(high[2]) if high[2] > low[2] else None)
         if entry.shapes[0].outline is None:
             world.notes.append(
                 f"{name}: the mesh encloses no area seen from above; its convex hull is the outline"

@@ -17,18 +17,18 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.floor_plan import FloorPlan, enclose, rooms_beside
 from semmap.ingest.naming import guess_type, unique_name, words
 from semmap.ingest.rmf.alignment import Alignment, align
-from semmap.ingest.rmf.building_file import Building, Edge, LevelPlan, Lift, LiftDoor, Model
+from semmap.ingest.rmf.building_file import Building, Edge, LevelPlan, Lift, LiftDoor, RmfModel
 from semmap.ingest.world import (
     OUTSIDE,
-    Connects,
+    ConnectorDetail,
     Entry,
     Kind,
-    Level,
-    Link,
-    Place,
+    PlaceDetail,
     Shape,
     Skipped,
+    StoreyDetail,
     World,
+    WorldLink,
 )
 from semmap.limits import EXTENT
 
@@ -63,8 +63,13 @@ ROOM_TYPES = ("kitchen", "lobby", "restaurant", "shop", "office", "corridor", "b
 """Words in a room's name that say its type."""
 
 DOOR_PROPERTIES = (
-    "type", "motion_axis", "motion_direction", "motion_degrees", "right_left_ratio", "plugin",
-)  # fmt: skip
+    "type",
+    "motion_axis",
+    "motion_direction",
+    "motion_degrees",
+    "right_left_ratio",
+    "plugin",
+)
 LANE_PROPERTIES = ("speed_limit", "orientation", "mutex")
 
 
@@ -312,7 +317,7 @@ class _Storey:
 
     def storey_entry(self) -> None:
         entry = next(e for e in self.reading.out.entries if e.name == self.holder)
-        entry.detail = Level(self.plan.elevation, self.height)
+        entry.detail = StoreyDetail(self.plan.elevation, self.height)
         named = sum(1 for v in self.plan.vertices if v and v.name)
         entry.properties = {
             "walls": len(self.plan.walls),
@@ -385,7 +390,7 @@ class _Storey:
         own = _moved(outline, pose.inverse())
         entry.holder, entry.pose = self.holder, pose
         entry.shapes = [Shape("polygon", _prism(own, self.height), own)]
-        entry.detail = Place(0.0, self.height, elevator)
+        entry.detail = PlaceDetail(0.0, self.height, elevator)
         self.spaces.append(_Space(self.reading.add(entry), outline, pose))
 
     def connect(self, door: _Door, rooms: Sequence[_Space]) -> None:
@@ -451,7 +456,7 @@ class _Storey:
                 holder=self.holder,
                 pose=frame,
                 shapes=[] if form == "opening" else [_leaf(width)],
-                detail=Connects(
+                detail=ConnectorDetail(
                     (first.name, second.name if second is not None else OUTSIDE),
                     (_standing(frame, first, -1), _standing(frame, second, 1)),
                     type="elevator_door" if form == "elevator_door" else "door",
@@ -486,10 +491,12 @@ class _Storey:
                 ),
                 "-waypoint",
             )
-        links: dict[tuple[str, str], Link] = {}
+        links: dict[tuple[str, str], WorldLink] = {}
         for lane in lanes:
             ends_of_lane = (entries[lane.start], entries[lane.end])
-            link = links.setdefault(ends_of_lane, Link(ends_of_lane[0], "lane", ends_of_lane[1]))
+            link = links.setdefault(
+                ends_of_lane, WorldLink(ends_of_lane[0], "lane", ends_of_lane[1])
+            )
             _describe_lane(link, lane)
         self.reading.out.links += links.values()
 
@@ -499,7 +506,7 @@ class _Storey:
         space = next((s for s in self.spaces if s.outline.covers(point)), None)
         return (space.name, space.pose.inverse() @ pose) if space else (self.holder, pose)
 
-    def model_entry(self, model: Model) -> None:
+    def model_entry(self, model: RmfModel) -> None:
         (x, y), *_ = self.to_map.apply([(model.x, model.y)])
         middle: NDArray[np.float64] = (
             np.median(self.points, axis=0) if len(self.points) else np.zeros(2)
@@ -528,7 +535,7 @@ class _Storey:
         )
 
 
-def _describe_lane(link: Link, lane: Edge) -> None:
+def _describe_lane(link: WorldLink, lane: Edge) -> None:
     """A lane's parameters; lanes of several graphs between the same places are one link."""
     about = link.properties
     graphs = {*about.get("graphs", []), lane.params.get("graph_idx", 0)}

@@ -17,7 +17,16 @@ from semmap.ingest.world import Skipped, WorldError
 from semmap.limits import TEXT_BYTES
 from semmap.yaml_file import FAST, check_structure
 
-__all__ = ["Building", "Edge", "FloorOutline", "LevelPlan", "Lift", "LiftDoor", "Model", "Vertex"]
+__all__ = [
+    "Building",
+    "Edge",
+    "FloorOutline",
+    "LevelPlan",
+    "Lift",
+    "LiftDoor",
+    "RmfModel",
+    "Vertex",
+]
 
 LARGEST = 1e9
 """Pixels, metres or radians; also excludes NaN and infinity."""
@@ -53,7 +62,7 @@ class FloorOutline:
 
 
 @dataclass(frozen=True)
-class Model:
+class RmfModel:
     """A piece of furniture: drawing units, y up; z in metres above the level; yaw in radians."""
 
     name: str
@@ -108,7 +117,7 @@ class LevelPlan:
     doors: list[Edge]
     lanes: list[Edge]
     floors: list[FloorOutline]
-    models: list[Model]
+    models: list[RmfModel]
 
 
 @dataclass
@@ -339,12 +348,12 @@ class _Reader:
             raise _UnusableError("has fewer than three vertices", "Draw the floor as a polygon.")
         return FloorOutline(tuple(self.reference(i, vertices) for i in corners), element)
 
-    def model(self, item: object, element: str) -> Model:
+    def model(self, item: object, element: str) -> RmfModel:
         data = _mapping(item, "it")
         model = _text(data.get("model_name") or data.get("name") or "")
         if not model:
             raise _UnusableError("has no model_name", "Name the model.")
-        return Model(
+        return RmfModel(
             _text(data.get("name") or model) or model,
             model,
             _number(data.get("x"), "x"),

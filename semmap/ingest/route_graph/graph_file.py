@@ -19,7 +19,7 @@ from psycopg.types.json import Jsonb
 from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.feature_file import Refused, checked_property, parse_json
 from semmap.ingest.naming import unique_name
-from semmap.ingest.world import Entry, Link, Skipped, World, WorldError
+from semmap.ingest.world import Entry, Skipped, World, WorldError, WorldLink
 from semmap.limits import EXTENT, TEXT_BYTES
 
 __all__ = [
@@ -189,7 +189,7 @@ class _Reader:
             if (link.subject, link.object) == ends:  # nodes that several edges join have one link
                 link.properties.setdefault("also", []).append(about)
                 return
-        self.out.links.append(Link(ends[0], EDGE, ends[1], about))
+        self.out.links.append(WorldLink(ends[0], EDGE, ends[1], about))
 
 
 def _id_of(feature: Any) -> Any:

@@ -21,7 +21,7 @@ from semmap.ingest.world import Shape, Skipped, World, WorldError
 from semmap.ingest.xml_file import read_xml
 from semmap.limits import EXTENT, NESTING, PARTS, TRIANGLES
 
-__all__ = ["Instance", "Model", "Models", "Role", "Source"]
+__all__ = ["Instance", "Models", "Role", "SdfFile", "SdfModel"]
 
 Role = Literal["visual", "collision"]
 
@@ -29,16 +29,16 @@ MODEL_FRAME = "__model__"
 
 
 @dataclass(frozen=True)
-class Source:
+class SdfFile:
     """The file being read, and those that include it, outermost first; `depth` counts models."""
 
     path: Path
     chain: tuple[Path, ...] = ()
     depth: int = 0
 
-    def included(self, path: Path) -> Source:
+    def included(self, path: Path) -> SdfFile:
         """The file that an include in this one leads to."""
-        return Source(path, (*self.chain, self.path.resolve()), self.depth)
+        return SdfFile(path, (*self.chain, self.path.resolve()), self.depth)
 
     def __str__(self) -> str:
         """How an element of an included file is named; nothing for the world's own file."""
@@ -67,7 +67,7 @@ class _Part:
 
 
 @dataclass
-class Model:
+class SdfModel:
     """What a `<model>` holds, whichever instance it is of.
 
     `source` is the name of the model file that it was made from, its own name for an inline model.
@@ -87,7 +87,7 @@ class Instance:
     """A model, and where the scope around it (the world, an outer model) has it."""
 
     name: str
-    model: Model
+    model: SdfModel
     pose: Pose
     relative_to: str
     static: bool
@@ -105,12 +105,12 @@ class Models:
     def __init__(self, world: World, resources: Resources) -> None:
         self._world, self._resources = world, resources
         self._geometries = Geometries(resources)
-        self._files: dict[Path, Model] = {}
+        self._files: dict[Path, SdfModel] = {}
         self._baked: dict[tuple[tuple[int, Pose], ...], Mesh | None] = {}
 
     # Reading
 
-    def instances(self, scope: Element, frames: Frames, source: Source) -> list[Instance]:
+    def instances(self, scope: Element, frames: Frames, source: SdfFile) -> list[Instance]:
         """The models and includes in a world or model, entered into its frames by unique names."""
         found = []
         for element in scope:
@@ -130,18 +130,18 @@ class Models:
                 found.append(replace(instance, name=name))
         return found
 
-    def _inline(self, element: Element, source: Source) -> Instance:
+    def _inline(self, element: Element, source: SdfFile) -> Instance:
         model = self._read(element, source)
         return Instance(model.name, model, model.pose, model.relative_to, model.static)
 
-    def _include(self, element: Element, source: Source) -> Instance:
+    def _include(self, element: Element, source: SdfFile) -> Instance:
         uri = (element.findtext("uri") or "").strip()
         given = (element.findtext("name") or "").strip()
         name = model_name(uri)
         where = f"{source}include {given or name}".rstrip()
         if not name:
             raise Unusable(where, "it has no <uri>", "Name the model that it includes.")
-        model = Model(name, name, Frames(source.path, f"model {name}", MODEL_FRAME))
+        model = SdfModel(name, name, Frames(source.path, f"model {name}", MODEL_FRAME))
         with leaving_out(
             self._world.skipped
         ):  # without the model, what it is and where are known still
@@ -160,7 +160,7 @@ class Models:
             model.static if static is None else static,
         )
 
-    def _file(self, uri: str, source: Source, where: str) -> Model:
+    def _file(self, uri: str, source: SdfFile, where: str) -> SdfModel:
         path = self._resources.model_file(uri, source.path, where)
         key = path.resolve()
         if key in (*source.chain, source.path.resolve()):
@@ -180,7 +180,7 @@ class Models:
             self._files[key] = replace(model, source=model_name(uri))
         return self._files[key]
 
-    def _read(self, element: Element, source: Source) -> Model:
+    def _read(self, element: Element, source: SdfFile) -> SdfModel:
         name = element.get("name", "").strip() or "model"
         where = f"{source}model {name}"
         source = replace(source, depth=source.depth + 1)
@@ -198,7 +198,7 @@ class Models:
                 stands = frames.pose(instance.name, f"{where}: model {instance.name}")
                 parts += [replace(p, pose=stands @ p.pose) for p in instance.model.parts]
         pose, relative_to = local_pose(element, where)
-        return Model(
+        return SdfModel(
             name,
             source=nested[0].model.source if len(nested) == 1 and not links else name,
             frames=frames,
@@ -242,7 +242,7 @@ class Models:
 
     # Baking
 
-    def shape(self, model: Model, role: Role) -> Shape | None:
+    def shape(self, model: SdfModel, role: Role) -> Shape | None:
         """All surfaces of a model as one mesh in its frame; None where it has none.
 
         Where none of the role asked for can be read, those of the other role stand in.
@@ -260,7 +260,7 @@ class Models:
         is_box = len(parts) == 1 and parts[0].is_level_box
         return Shape("box" if is_box else "mesh", mesh, role=role)
 
-    def _bounded(self, model: Model, role: Role) -> list[_Part]:
+    def _bounded(self, model: SdfModel, role: Role) -> list[_Part]:
         """The parts of a role that have an extent.
 
         A plane collides without bound whatever its size says, so a model that collides as a plane

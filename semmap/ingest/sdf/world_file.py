@@ -20,7 +20,7 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.georeference import utm_crs
 from semmap.ingest.naming import guess_type, unique_name
 from semmap.ingest.sdf.frames import Frames
-from semmap.ingest.sdf.models import Instance, Models, Role, Source
+from semmap.ingest.sdf.models import Instance, Models, Role, SdfFile
 from semmap.ingest.sdf.resources import Resources
 from semmap.ingest.sdf.values import Unusable, leaving_out, local_pose, numbers
 from semmap.ingest.world import Entry, Skipped, World, WorldError
@@ -71,7 +71,7 @@ def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path
 
     models = Models(world, Resources(model_path))
     frames = Frames(path, where, "world")
-    instances = models.instances(scope, frames, Source(path))
+    instances = models.instances(scope, frames, SdfFile(path))
     models.add_frames(scope, frames, where)
     frames.check()
 

@@ -21,16 +21,25 @@ from psycopg.types.json import Jsonb
 from semmap.geometry.outline import hull_points
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.georeference import on_utm
-from semmap.ingest.world import OUTSIDE, Connects, Entry, Level, Place, Shape, World, WorldError
+from semmap.ingest.world import (
+    OUTSIDE,
+    ConnectorDetail,
+    Entry,
+    PlaceDetail,
+    Shape,
+    StoreyDetail,
+    World,
+    WorldError,
+)
 
-__all__ = ["Progress", "Stored", "store_world"]
+__all__ = ["Progress", "StoreSummary", "store_world"]
 
 Progress = Callable[[str, int, int], None]
 """Called with a stage, how much of it is done and how much there is."""
 
 
 @dataclass
-class Stored:
+class StoreSummary:
     """What storing a world did, by entity name."""
 
     added: list[str] = field(default_factory=list)
@@ -48,7 +57,7 @@ def store_world(
     world: World,
     source: str,
     progress: Progress = lambda stage, done, total: None,
-) -> Stored:
+) -> StoreSummary:
     """Bring the map to what the world says, within the caller's transaction.
 
     Parameters
@@ -59,7 +68,7 @@ def store_world(
     source : the name under which a repeated import finds its own entities again
     progress : told about the stages
     """
-    stored = Stored(notes=list(world.notes))
+    stored = StoreSummary(notes=list(world.notes))
     with connection.cursor() as cursor:
         cursor.execute("SELECT pg_advisory_xact_lock(hashtext('semmap.import'))")
         entries = _unique_names(cursor, map_id, world, source, stored)
@@ -127,7 +136,7 @@ def _known(cursor: psycopg.Cursor[Any], map_id: int) -> dict[str, _Known]:
 
 
 def _unique_names(
-    cursor: psycopg.Cursor[Any], map_id: int, world: World, source: str, stored: Stored
+    cursor: psycopg.Cursor[Any], map_id: int, world: World, source: str, stored: StoreSummary
 ) -> list[Entry]:
     """The entries under names that no other source has; references follow.
 
@@ -152,10 +161,10 @@ def _unique_names(
         for entry in world.entries:
             entry.name = renamed.get(entry.name, entry.name)
             entry.holder = renamed.get(entry.holder, entry.holder) if entry.holder else None
-            if isinstance(entry.detail, Connects):
+            if isinstance(entry.detail, ConnectorDetail):
                 a, b = entry.detail.places
                 entry.detail.places = (renamed.get(a, a), renamed.get(b, b))
-            if isinstance(entry.detail, Place) and entry.detail.elevator:
+            if isinstance(entry.detail, PlaceDetail) and entry.detail.elevator:
                 entry.detail.elevator = renamed.get(entry.detail.elevator, entry.detail.elevator)
         for link in world.links:
             link.subject = renamed.get(link.subject, link.subject)
@@ -163,7 +172,7 @@ def _unique_names(
     return world.entries
 
 
-def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: Stored) -> None:
+def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: StoreSummary) -> None:
     """A type that the T-Box lacks becomes one of its own, below the entry's kind, and is said."""
     asked = {entry.type: entry.kind for entry in entries if entry.type}
     cursor.execute("SELECT name FROM semantic_type WHERE name = ANY(%s)", (list(asked),))
@@ -195,14 +204,14 @@ def _digest(entry: Entry) -> str:
     said = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
     said["pose"] = entry.pose._asdict() if entry.pose else None
     said["detail"] = asdict(entry.detail) if entry.detail else None
-    if isinstance(entry.detail, Connects):
+    if isinstance(entry.detail, ConnectorDetail):
         said["detail"]["poses"] = [pose._asdict() for pose in entry.detail.poses]
     said["shapes"] = [(_shape_digest(s), s.role, s.uri) for s in entry.shapes]
     return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def _store_models(
-    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], stored: Stored, progress: Progress
+    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], stored: StoreSummary, progress: Progress
 ) -> dict[int, int]:
     """Model ids by ``id(shape)``; a mesh that is there already is not stored again."""
     digests: dict[int, str] = {}
@@ -330,13 +339,38 @@ def _insert_entities(
     progress("entities", 0, len(entries))
     if not entries:
         return
-    columns = ("id", "map_id", "kind", "name", "label", "type", "properties", "front", "source",
-               "digest")  # fmt: skip
-    _copy(cursor, "entity", columns, (
-        (ids[e.name], map_id, e.kind, e.name, e.label, e.type, Jsonb(e.properties), e.front, source,
-         digests[e.name])
-        for e in entries
-    ))  # fmt: skip
+    columns = (
+        "id",
+        "map_id",
+        "kind",
+        "name",
+        "label",
+        "type",
+        "properties",
+        "front",
+        "source",
+        "digest",
+    )
+    _copy(
+        cursor,
+        "entity",
+        columns,
+        (
+            (
+                ids[e.name],
+                map_id,
+                e.kind,
+                e.name,
+                e.label,
+                e.type,
+                Jsonb(e.properties),
+                e.front,
+                source,
+                digests[e.name],
+            )
+            for e in entries
+        ),
+    )
     progress("entities", len(entries), len(entries))
 
 
@@ -355,7 +389,7 @@ def _update_entities(
 
 
 def _annotate(
-    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], stored: Stored
+    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], stored: StoreSummary
 ) -> None:
     for e in entries:
         cursor.execute(
@@ -404,12 +438,12 @@ def _details(
 def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
     row: dict[str, Any] = {"entity_id": ids[entry.name]}
     match entry.detail:
-        case Level() as level:
+        case StoreyDetail() as level:
             row |= {"elevation": level.elevation, "height": level.height}
-        case Place() as place:
+        case PlaceDetail() as place:
             cabin_of = _id(ids, place.elevator, entry, world) if place.elevator else None
             row |= {"floor": place.floor, "ceiling": place.ceiling, "elevator_id": cabin_of}
-        case Connects() as c:
+        case ConnectorDetail() as c:
             a, b = c.places
             row |= {
                 "form": c.type,
@@ -478,11 +512,15 @@ def _place(
 ) -> None:
     def rows(entries: Sequence[Entry]) -> list[tuple[Any, ...]]:
         return [
-            (ids[e.name], _id(ids, e.holder, e, world) if e.holder else None, e.pose.row,
-             "on" if e.properties.get("relation") == "on" else "in")
+            (
+                ids[e.name],
+                _id(ids, e.holder, e, world) if e.holder else None,
+                e.pose.row,
+                "on" if e.properties.get("relation") == "on" else "in",
+            )
             for e in entries
             if e.pose is not None
-        ]  # fmt: skip
+        ]
 
     placed = rows(fresh)
     progress("placements", 0, len(placed))

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.annotation import read_annotation
-from semmap.ingest.world import Connects, Entry, Level, Place, World, WorldError
+from semmap.ingest.world import ConnectorDetail, Entry, PlaceDetail, StoreyDetail, World, WorldError
 
 OFFICE = Path(__file__).parents[3] / "examples/office/office_rooms.geojson"
 
@@ -98,7 +98,7 @@ def test_a_room(write: Write) -> None:
     (entry,) = world.entries
     assert (entry.kind, entry.type, entry.label) == ("room", "kitchen", "tea kitchen")
     assert entry.properties == {"size": 8}
-    assert entry.detail == Place(0.1, 2.6, None)
+    assert entry.detail == PlaceDetail(0.1, 2.6, None)
     assert placed_outline(world, "k").equals(shapely.box(1, 2, 5, 4))
     solid = entry.shapes[0].mesh.moved(entry.pose)
     assert np.allclose(solid.bounds, [[1, 2, 0.1], [5, 4, 2.6]])
@@ -114,8 +114,8 @@ def test_rooms_stand_on_their_storey(write: Write) -> None:
         )
     )
     entries = by_name(world)
-    assert entries["up"].detail == Level(3.5, 2.8)
-    assert (entries["a"].holder, entries["a"].detail) == ("up", Place(0.0, 2.8, None))
+    assert entries["up"].detail == StoreyDetail(3.5, 2.8)
+    assert (entries["a"].holder, entries["a"].detail) == ("up", PlaceDetail(0.0, 2.8, None))
     assert in_map(world, "a").z == 3.5
     assert in_map(world, "b").z == -3.0
     assert world.notes == []
@@ -124,8 +124,11 @@ def test_rooms_stand_on_their_storey(write: Write) -> None:
 def test_the_only_storey_holds_all(write: Write) -> None:
     world = read_annotation(write(LAB, DOOR, HALL, feature(kind="storey", name="s")))
     assert {e.name: e.holder for e in world.entries} == {
-        "s": None, "lab": "s", "hall": "s", "door": "s",
-    }  # fmt: skip
+        "s": None,
+        "lab": "s",
+        "hall": "s",
+        "door": "s",
+    }
 
 
 def test_a_room_with_a_bay_stands_inside_itself(write: Write) -> None:
@@ -175,11 +178,14 @@ def test_cabins_belong_to_an_elevator(write: Write) -> None:
 @pytest.mark.parametrize(
     ("said", "type_"),
     [
-        ("DiningTable", "dining_table"), ("dining table", "dining_table"),
-        ("dining_table", "dining_table"), ("hallway", "corridor"), ("TV", "tv"),
+        ("DiningTable", "dining_table"),
+        ("dining table", "dining_table"),
+        ("dining_table", "dining_table"),
+        ("hallway", "corridor"),
+        ("TV", "tv"),
         ("Zeppelin hangar", "zeppelin_hangar"),
     ],
-)  # fmt: skip
+)
 def test_types_are_words_of_the_tbox(write: Write, said: str, type_: str) -> None:
     (entry,) = read_annotation(write(feature(kind="object", name="x", type=said))).entries
     assert entry.type == type_
@@ -188,12 +194,15 @@ def test_types_are_words_of_the_tbox(write: Write, said: str, type_: str) -> Non
 @pytest.mark.parametrize(
     ("properties", "layer", "kind"),
     [
-        ({"kind": "region"}, "rooms", "region"), ({"type": "mug"}, "rooms", "room"),
-        ({"type": "mug"}, "scribbles", "object"), ({"type": "lab"}, None, "room"),
-        ({"type": "robot"}, None, "agent"), ({}, "Furniture", "object"),
+        ({"kind": "region"}, "rooms", "region"),
+        ({"type": "mug"}, "rooms", "room"),
+        ({"type": "mug"}, "scribbles", "object"),
+        ({"type": "lab"}, None, "room"),
+        ({"type": "robot"}, None, "agent"),
+        ({}, "Furniture", "object"),
         ({"kind": "mug"}, None, "object"),
     ],
-)  # fmt: skip
+)
 def test_the_kind_is_said_or_that_of_the_layer_or_of_the_type(
     write: Write, properties: dict[str, str], layer: str | None, kind: str
 ) -> None:
@@ -205,10 +214,14 @@ def test_the_kind_is_said_or_that_of_the_layer_or_of_the_type(
 def test_names_are_made_and_made_unique(write: Write) -> None:
     world = read_annotation(
         write(
-            feature(type="mug"), feature(type="mug", name="mug1"), feature(type="mug"),
-            feature(kind="object"), feature(type="cup", name="a"), feature(type="cup", name="a"),
+            feature(type="mug"),
+            feature(type="mug", name="mug1"),
+            feature(type="mug"),
+            feature(kind="object"),
+            feature(type="cup", name="a"),
+            feature(type="cup", name="a"),
         )
-    )  # fmt: skip
+    )
     assert [e.name for e in world.entries] == ["mug2", "mug1", "mug3", "object1", "a", "a_2"]
     assert ["a_2" in note for note in world.notes] == [True]
 
@@ -223,8 +236,11 @@ def test_free_properties_keep_their_structure(write: Write) -> None:
     }
     (entry,) = read_annotation(write(feature(kind="object", name="x", **said))).entries
     assert entry.properties == {
-        "a": [1, {"b": None}], "text": {"c": [2]}, "odd": "{not json", "yes": True,
-    }  # fmt: skip
+        "a": [1, {"b": None}],
+        "text": {"c": [2]},
+        "odd": "{not json",
+        "yes": True,
+    }
 
 
 def test_an_entry_without_geometry_is_incomplete(write: Write) -> None:
@@ -283,11 +299,14 @@ def test_regions_lie_in_rooms(write: Write) -> None:
 def test_a_door_joins_what_lies_on_its_sides(write: Write) -> None:
     world = read_annotation(write(HALL, DOOR, LAB))
     door = by_name(world)["door"]
-    assert isinstance(door.detail, Connects)
+    assert isinstance(door.detail, ConnectorDetail)
     assert door.detail.places == ("hall", "lab")  # in the order of the file
     assert (door.detail.type, door.detail.state, door.detail.behaviour, door.detail.width) == (
-        "door", "open", "pass_door", 1.0,
-    )  # fmt: skip
+        "door",
+        "open",
+        "pass_door",
+        1.0,
+    )
     assert door.pose.apply([[1, 0, 0]])[0] == pytest.approx([3.1, 1.5, 0])  # x leads to the lab
     assert np.allclose(door.shapes[0].mesh.bounds, [[-0.025, -0.5, 0], [0.025, 0.5, 2.1]])
 
@@ -296,7 +315,7 @@ def test_a_door_says_what_it_lets_through(write: Write) -> None:
     said = {"height": 1.9, "step": 0.03, "permissions": "staff, night"}
     drawn = feature(line((4.1, 1), (4.1, 2)), kind="door", name="gate", **said)
     gate = by_name(read_annotation(write(HALL, drawn, LAB)))["gate"]
-    assert isinstance(gate.detail, Connects)
+    assert isinstance(gate.detail, ConnectorDetail)
     assert (gate.detail.height, gate.detail.step) == (1.9, 0.03)
     assert gate.detail.permissions == ("staff", "night")
     assert gate.properties == {}
@@ -346,26 +365,32 @@ def test_what_a_door_says(write: Write) -> None:
     drawn = feature(line((4.1, 1), (4.1, 2)), type="fire door", name="d", joins="lab,hall", **said)
     door = by_name(read_annotation(write(LAB, HALL, drawn)))["d"]
     assert (door.detail.state, door.detail.direction, door.detail.behaviour) == (
-        "locked", "backward", "open_gate",
-    )  # fmt: skip
+        "locked",
+        "backward",
+        "open_gate",
+    )
     assert (door.type, door.properties) == ("fire_door", {"colour": "red"})
 
 
 def test_an_elevator_door_and_an_opening(write: Write) -> None:
     world = read_annotation(
         write(
-            LAB, HALL,
+            LAB,
+            HALL,
             feature(line((4.1, 0), (4.1, 1)), type="lift door", name="e"),
             feature(line((4.1, 2), (4.1, 3)), type="opening", name="o"),
         )
-    )  # fmt: skip
+    )
     entries = by_name(world)
     assert (entries["e"].detail.type, entries["e"].detail.behaviour) == (
-        "elevator_door", "call_elevator",
-    )  # fmt: skip
+        "elevator_door",
+        "call_elevator",
+    )
     assert (entries["o"].detail.type, entries["o"].detail.behaviour, entries["o"].shapes) == (
-        "door", "drive_through", [],
-    )  # fmt: skip
+        "door",
+        "drive_through",
+        [],
+    )
 
 
 def test_stairs_lead_from_storey_to_storey(write: Write) -> None:
@@ -394,7 +419,9 @@ def test_a_door_may_join_rooms_that_the_map_has(write: Write) -> None:
 def test_the_rooms_of_the_small_house() -> None:
     world = read_annotation(Path(__file__).parents[2] / "worlds/small_house_rooms.geojson")
     assert (world.skipped, world.notes) == ([], [])
-    assert {e.name: e.detail.places for e in world.entries if isinstance(e.detail, Connects)} == {
+    assert {
+        e.name: e.detail.places for e in world.entries if isinstance(e.detail, ConnectorDetail)
+    } == {
         "bedroom-door": ("bedroom", "living-room"),
         "kitchen-door": ("living-room", "kitchen"),
         "balcony-opening": ("living-room", "balcony"),
@@ -621,7 +648,7 @@ def assert_sound(world: World) -> None:
         for shape in entry.shapes:
             assert shape.outline is None or shape.outline.is_valid
             assert shape.mesh is None or np.isfinite(shape.mesh.vertices).all()
-        if isinstance(entry.detail, Connects):
+        if isinstance(entry.detail, ConnectorDetail):
             assert entry.detail.places[0] != "outside"
         seen.add(entry.name)
     assert storeys <= seen
@@ -662,8 +689,13 @@ def _column(values: np.ndarray) -> np.ndarray:
 @pytest.fixture
 def geopackage(tmp_path: Path) -> Path:
     path = tmp_path / "office.gpkg"
-    layers = {"storey": "storeys", "elevator": "elevators", "room": "rooms", "connector": "doors",
-              "region": "regions"}  # fmt: skip
+    layers = {
+        "storey": "storeys",
+        "elevator": "elevators",
+        "room": "rooms",
+        "connector": "doors",
+        "region": "regions",
+    }
     to_geopackage(OFFICE, path, lambda said: layers[said["kind"]])
     return path
 
@@ -676,17 +708,27 @@ def test_a_geopackage_says_the_same_as_geojson(geopackage: Path) -> None:
     for name, entry in by_name(drawn).items():
         twin = ours[name]
         assert (twin.kind, twin.type, twin.label, twin.holder, twin.detail) == (
-            entry.kind, entry.type, entry.label, entry.holder, entry.detail,
-        )  # fmt: skip
+            entry.kind,
+            entry.type,
+            entry.label,
+            entry.holder,
+            entry.detail,
+        )
         assert twin.pose == entry.pose
         assert [s.mesh.digest() for s in twin.shapes] == [s.mesh.digest() for s in entry.shapes]
 
 
 def test_the_crs_and_styles_of_a_geopackage_are_no_features(geopackage: Path) -> None:
     pyogrio.raw.write(
-        geopackage, geometry=None, field_data=[np.array(["<qgis/>"], dtype=object)],
-        fields=["styleQML"], layer="layer_styles", driver="GPKG", geometry_type=None, append=True,
-    )  # fmt: skip
+        geopackage,
+        geometry=None,
+        field_data=[np.array(["<qgis/>"], dtype=object)],
+        fields=["styleQML"],
+        layer="layer_styles",
+        driver="GPKG",
+        geometry_type=None,
+        append=True,
+    )
     world = read_annotation(geopackage)
     assert world.skipped == []
     assert [n for n in world.notes if "CRS" in n] == world.notes
@@ -695,16 +737,24 @@ def test_the_crs_and_styles_of_a_geopackage_are_no_features(geopackage: Path) ->
 def test_a_table_without_geometry_gives_entries_without(tmp_path: Path) -> None:
     path = tmp_path / "plan.gpkg"
     pyogrio.raw.write(
-        path, geometry=None, fields=["name", "elevation", "seen", "note"], layer="storeys",
+        path,
+        geometry=None,
+        fields=["name", "elevation", "seen", "note"],
+        layer="storeys",
         field_data=[
-            np.array(["s", "t"], dtype=object), np.array([3.5, np.nan]),
+            np.array(["s", "t"], dtype=object),
+            np.array([3.5, np.nan]),
             np.array(["2025-01-02T03:04", "NaT"], dtype="datetime64[ms]"),
             np.array(['{"a": [1]}', None], dtype=object),
         ],
-        driver="GPKG", geometry_type=None,
-    )  # fmt: skip
+        driver="GPKG",
+        geometry_type=None,
+    )
     entries = by_name(read_annotation(path))
-    assert (entries["s"].detail, entries["t"].detail) == (Level(3.5, None), Level(0.0, None))
+    assert (entries["s"].detail, entries["t"].detail) == (
+        StoreyDetail(3.5, None),
+        StoreyDetail(0.0, None),
+    )
     assert entries["s"].properties["note"] == {"a": [1]}
     assert entries["s"].properties["seen"].startswith("2025-01-02T03:04")
     assert entries["t"].properties == {}
@@ -714,10 +764,15 @@ def test_unusable_rows_are_named_by_layer_and_row(tmp_path: Path) -> None:
     path = tmp_path / "plan.gpkg"
     shapes = [shapely.box(0, 0, 4, 3), shapely.Polygon(BOW_TIE[1][0])]
     pyogrio.raw.write(
-        path, geometry=shapely.to_wkb(np.array(shapes)), fields=["name"], layer="rooms",
-        field_data=[np.array(["a", "b"], dtype=object)], driver="GPKG", geometry_type="Polygon",
+        path,
+        geometry=shapely.to_wkb(np.array(shapes)),
+        fields=["name"],
+        layer="rooms",
+        field_data=[np.array(["a", "b"], dtype=object)],
+        driver="GPKG",
+        geometry_type="Polygon",
         crs="EPSG:25832",
-    )  # fmt: skip
+    )
     world = read_annotation(path)
     assert [s.element for s in world.skipped] == ["rooms/2 (b)"]
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from semmap.geometry.mesh import Mesh
 from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh, read_mesh_world
-from semmap.ingest.world import Place, WorldError
+from semmap.ingest.world import PlaceDetail, WorldError
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], float)
 """A tetrahedron with sides 1, 2 and 3 along x, y and z; its volume is 1."""
@@ -264,7 +264,7 @@ def test_room_has_heights_and_its_outline(tmp_path: Path) -> None:
     shell.export(tmp_path / "lab.obj")
     (entry,) = read_mesh_world(tmp_path / "lab.obj", "room").entries
     assert (entry.kind, entry.type) == ("room", "room")
-    assert entry.detail == Place(3.0, 5.5)
+    assert entry.detail == PlaceDetail(3.0, 5.5)
     found = entry.shapes[0].outline
     assert found is not None
     assert found.symmetric_difference(outline).area < 1e-3

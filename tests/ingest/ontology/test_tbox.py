@@ -158,8 +158,10 @@ def test_files_refer_to_each_other(turtle: Callable[..., Path]) -> None:
 
 def test_n_triples(tmp_path: Path) -> None:
     path = tmp_path / "t.nt"
-    path.write_text("<urn:e#Mug> <http://www.w3.org/1999/02/22-rdf-syntax-ns#type> "
-                    "<http://www.w3.org/2002/07/owl#Class> .\n")  # fmt: skip
+    path.write_text(
+        "<urn:e#Mug> <http://www.w3.org/1999/02/22-rdf-syntax-ns#type> "
+        "<http://www.w3.org/2002/07/owl#Class> .\n"
+    )
     assert [r.name for r in read_tbox([path])] == ["mug"]
 
 

@@ -21,25 +21,64 @@ SCALE = 0.02
 
 # Two rooms of 6 x 6 m and 4 x 6 m, a shaft of 2 x 2 m in the second one's corner; pixels, y down.
 CORNERS = [
-    (0, 0), (500, 0), (500, 300), (0, 300),  # 0-3: the house
-    (300, 0), (300, 100), (300, 150), (300, 300),  # 4-7: the wall between the rooms, and its door
-    (100, 300), (150, 300),  # 8-9: the front door
-    (400, 0), (400, 100), (425, 100), (475, 100), (500, 100),  # 10-14: the shaft, its opening
-    (50, 200), (200, 200), (350, 250), (450, 50), (400, 200),  # 15-19: places
-]  # fmt: skip
+    (0, 0),
+    (500, 0),
+    (500, 300),
+    (0, 300),  # 0-3: the house
+    (300, 0),
+    (300, 100),
+    (300, 150),
+    (300, 300),  # 4-7: the wall between the rooms, and its door
+    (100, 300),
+    (150, 300),  # 8-9: the front door
+    (400, 0),
+    (400, 100),
+    (425, 100),
+    (475, 100),
+    (500, 100),  # 10-14: the shaft, its opening
+    (50, 200),
+    (200, 200),
+    (350, 250),
+    (450, 50),
+    (400, 200),  # 15-19: places
+]
 NAMES = {15: "charger", 16: "kitchen", 17: "desk spot"}
 PARAMS = {
     15: {"is_charger": [4, True], "is_parking_spot": [4, True]},
     17: {"is_parking_spot": [4, True], "is_charger": [4, False]},
     18: {"lift_cabin": [1, "lift"]},
 }
-WALLS = [(0, 4), (4, 10), (10, 1), (1, 14), (14, 2), (2, 7), (7, 9), (8, 3), (3, 0), (4, 5), (6, 7),
-         (10, 11), (11, 12), (13, 14)]  # fmt: skip
+WALLS = [
+    (0, 4),
+    (4, 10),
+    (10, 1),
+    (1, 14),
+    (14, 2),
+    (2, 7),
+    (7, 9),
+    (8, 3),
+    (3, 0),
+    (4, 5),
+    (6, 7),
+    (10, 11),
+    (11, 12),
+    (13, 14),
+]
 
 
 def door(a, b, name, **params):
-    return [a, b, {"name": [1, name], "type": [1, "hinged"], "motion_axis": [1, "start"],
-                   "motion_degrees": [3, 90], "motion_direction": [2, 1], **params}]  # fmt: skip
+    return [
+        a,
+        b,
+        {
+            "name": [1, name],
+            "type": [1, "hinged"],
+            "motion_axis": [1, "start"],
+            "motion_degrees": [3, 90],
+            "motion_direction": [2, 1],
+            **params,
+        },
+    ]
 
 
 def level(elevation, *, move=lambda x, y: (x, y)):
@@ -64,10 +103,18 @@ def level(elevation, *, move=lambda x, y: (x, y)):
         ],
         "floors": [{"parameters": {}, "vertices": [0, 1, 2, 3]}],
         "models": [
-            {"model_name": "Shop/OfficeChair", "name": "Shop/OfficeChair", "static": True,
-             "x": move(100, 100)[0], "y": move(100, 100)[1], "yaw": 0.5, "z": 0.1},
-        ] * 2,
-    }  # fmt: skip
+            {
+                "model_name": "Shop/OfficeChair",
+                "name": "Shop/OfficeChair",
+                "static": True,
+                "x": move(100, 100)[0],
+                "y": move(100, 100)[1],
+                "yaw": 0.5,
+                "z": 0.1,
+            },
+        ]
+        * 2,
+    }
 
 
 def turned(x, y):
@@ -83,14 +130,26 @@ def building():
         "levels": {"G": level(0.0), "U": level(4.0, move=turned)},
         "lifts": {
             "lift": {
-                "x": 450, "y": 50, "yaw": 0.0, "width": 1.6, "depth": 1.6,
-                "reference_floor_name": "G", "initial_floor_name": "G",
-                "doors": {"d": {"door_type": 2, "motion_axis_orientation": 0.0, "width": 1.0,
-                                "x": 0.0, "y": -0.9}},
+                "x": 450,
+                "y": 50,
+                "yaw": 0.0,
+                "width": 1.6,
+                "depth": 1.6,
+                "reference_floor_name": "G",
+                "initial_floor_name": "G",
+                "doors": {
+                    "d": {
+                        "door_type": 2,
+                        "motion_axis_orientation": 0.0,
+                        "width": 1.0,
+                        "x": 0.0,
+                        "y": -0.9,
+                    }
+                },
                 "level_doors": {"G": ["d"], "U": ["d"]},
             }
         },
-    }  # fmt: skip
+    }
 
 
 class _Plain(yaml.SafeDumper):
@@ -150,8 +209,12 @@ def test_levels(house):
     assert [(s.name, s.pose.z, s.detail.elevation) for s in storeys] == [("G", 0, 0), ("U", 4, 4)]
     assert storeys[0].detail.height == 2.5
     assert storeys[0].properties == {
-        "walls": 14, "doors": 2, "lanes": 3, "named_places": 3, "models": 2,
-    }  # fmt: skip
+        "walls": 14,
+        "doors": 2,
+        "lanes": 3,
+        "named_places": 3,
+        "models": 2,
+    }
 
 
 def test_a_low_level_ends_below_the_next_one(read):
@@ -197,8 +260,10 @@ def test_a_room_of_two_places_is_numbered(read):
     data["levels"]["G"]["vertices"][15] = [50, 200, 0, "stove"]
     world = read(data)
     assert [e.name for e in world.entries if e.kind == "room" and e.holder == "G"] == [
-        "G-room1", "desk spot", "lift-G",
-    ]  # fmt: skip
+        "G-room1",
+        "desk spot",
+        "lift-G",
+    ]
 
 
 def test_doors_join_what_lies_beside_them(house):
@@ -252,8 +317,10 @@ def test_a_lift_is_an_elevator_with_a_cabin_on_each_level(house):
     for storey, lobby in (("G", "desk spot"), ("U", "desk spot_2")):
         cabin = entry(house, f"lift-{storey}")
         assert (cabin.detail.elevator, cabin.type, cabin.holder) == (
-            "lift", "elevator_cabin", storey,
-        )  # fmt: skip
+            "lift",
+            "elevator_cabin",
+            storey,
+        )
         assert outline(house, cabin.name).equals_exact(
             shapely.box(8.2, -1.8, 9.8, -0.2), 1e-6, normalize=True
         )
@@ -311,8 +378,10 @@ def test_places_and_lanes(house):
     links = {(k.subject, k.object): k.properties for k in house.links if k.relation == "lane"}
     assert links["charger", "kitchen-waypoint"]["bidirectional"] is True
     assert links["kitchen-waypoint", "G-waypoint19"] == {
-        "graphs": [0, 1], "bidirectional": False, "speed_limit": 0.5,
-    }  # fmt: skip
+        "graphs": [0, 1],
+        "bidirectional": False,
+        "speed_limit": 0.5,
+    }
     names = {e.name for e in house.entries}
     assert all(k.subject in names and k.object in names for k in house.links)
 
@@ -405,10 +474,12 @@ UNUSABLE = {
     "a vertex without numbers": (put((*G, "vertices", 16), ["a"]), "levels/G/vertices[16]"),
     "a vertex that is far away": (put((*G, "vertices", 19, 0), 1e7), "levels/G/vertices[19]"),
     "a vertex beyond all measure": (
-        put((*G, "vertices", 16, 0), 1e200), "levels/G/vertices[16]",
+        put((*G, "vertices", 16, 0), 1e200),
+        "levels/G/vertices[16]",
     ),
     "an infinite parameter": (
-        put((*G, "vertices", 16, 4), {"dock_name": [3, math.inf]}), "levels/G/vertices[16]",
+        put((*G, "vertices", 16, 4), {"dock_name": [3, math.inf]}),
+        "levels/G/vertices[16]",
     ),
     "a wall to no vertex": (put((*G, "walls", "end"), [0, 99, {}]), "levels/G/walls[14]"),
     "a wall to a negative vertex": (put((*G, "walls", "end"), [0, -1, {}]), "levels/G/walls[14]"),
@@ -417,15 +488,18 @@ UNUSABLE = {
     "a lane to nowhere": (put((*G, "lanes", "end"), [0, 99]), "levels/G/lanes[3]"),
     "a door without length": (put((*G, "doors", "end"), door(5, 5, "x")), "levels/G/doors[2]"),
     "a floor of one line": (
-        put((*G, "floors", "end"), {"vertices": [0, 4, 1]}), "levels/G/floors[1]",
+        put((*G, "floors", "end"), {"vertices": [0, 4, 1]}),
+        "levels/G/floors[1]",
     ),
     "a floor of two corners": (
-        put((*G, "floors", "end"), {"vertices": [0, 1]}), "levels/G/floors[1]",
+        put((*G, "floors", "end"), {"vertices": [0, 1]}),
+        "levels/G/floors[1]",
     ),
     "a model that flies": (put((*G, "models", 0, "z"), 343_582.0), "levels/G/models[0]"),
     "a model nowhere": (put((*G, "models", 0, "x"), None), "levels/G/models[0]"),
     "a measurement of nothing": (
-        put((*G, "measurements", "end"), [3, 3, {"distance": [3, 1]}]), "levels/G/measurements[1]",
+        put((*G, "measurements", "end"), [3, 3, {"distance": [3, 1]}]),
+        "levels/G/measurements[1]",
     ),
     "a nameless fiducial": (put((*G, "fiducials", "end"), [0, 0]), "levels/G/fiducials[3]"),
     "a lift without size": (put(("lifts", "lift", "width"), 0.0), "lifts/lift"),
@@ -433,7 +507,7 @@ UNUSABLE = {
     "a lift to no level": (put(("lifts", "lift", "level_doors", "X"), ["d"]), "level_doors/X"),
     "a lift door of no name": (put(("lifts", "lift", "level_doors", "U"), ["e"]), "level_doors/U"),
     "a lift door of no width": (put(("lifts", "lift", "doors", "d", "width"), -1), "doors/d"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", UNUSABLE)
@@ -485,7 +559,8 @@ UNTRUSTED = {
     "walls that are a word": (text(levels={"G": {**level(0.0), "walls": "x"}}), "levels/G/walls"),
     "an elevation of NaN": (text(levels={"G": level(math.nan)}), "levels/G/elevation"),
     "no measurement": (
-        text(levels={"G": {**level(0.0), "measurements": []}}, lifts={}), "measurements",
+        text(levels={"G": {**level(0.0), "measurements": []}}, lifts={}),
+        "measurements",
     ),
     "an unknown reference level": (text(reference_level_name="X"), "reference_level_name"),
     "an unknown coordinate system": (text(coordinate_system="wgs84"), "coordinate_system"),
@@ -495,7 +570,7 @@ UNTRUSTED = {
     "deep nesting": ("levels: " + "[" * 100_000, "line 1"),
     "an impossible date": ("levels: 2021-13-45\n", "file"),
     "an object of Python": ("levels: !!python/object/apply:os.getcwd []\n", "line 1"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", UNTRUSTED)
@@ -527,9 +602,17 @@ def places_in(node, way=()):
 
 WAYS = [way for way in places_in(building()) if way]
 JUNK = st.one_of(
-    st.none(), st.booleans(), st.integers(-3, 200), st.floats(), st.text(max_size=3),
-    st.just([]), st.just({}), st.just([[]]), st.just({"x": [1]}), st.just(10**400),
-)  # fmt: skip
+    st.none(),
+    st.booleans(),
+    st.integers(-3, 200),
+    st.floats(),
+    st.text(max_size=3),
+    st.just([]),
+    st.just({}),
+    st.just([[]]),
+    st.just({"x": [1]}),
+    st.just(10**400),
+)
 
 
 @settings(

@@ -36,8 +36,13 @@ def test_finds_the_similarity_that_was_applied(source, wanted):
 @given(points, st.data())
 def test_agrees_with_linear_least_squares(source, data):
     assume(spread(source) > 1)
-    target = np.array(data.draw(st.lists(st.tuples(coordinates, coordinates),
-                                         min_size=len(source), max_size=len(source))))  # fmt: skip
+    target = np.array(
+        data.draw(
+            st.lists(
+                st.tuples(coordinates, coordinates), min_size=len(source), max_size=len(source)
+            )
+        )
+    )
     p = np.array(source)
     zeros, ones = np.zeros(len(p)), np.ones(len(p))
     system = np.concatenate(

@@ -83,8 +83,10 @@ def test_a_drawn_graph_becomes_regions_in_rooms_and_links(office: Engine, tmp_pa
             )
         }
     assert {name: holder for name, (holder, _, _) in held.items()} == {
-        "drawn-node0": "lab1", "before the door": "lab1", "drawn-node7": "corridor1",
-    }  # fmt: skip
+        "drawn-node0": "lab1",
+        "before the door": "lab1",
+        "drawn-node7": "corridor1",
+    }
     assert held["drawn-node0"][2]["metadata"] == {"region": {"kind": "desk", "lights": [1, 2]}}
     found = links(office)
     said = found["drawn-node0", "nav2_edge", "before the door"]
@@ -122,9 +124,12 @@ def test_the_storey_is_said_by_the_frame_the_node_or_the_file(
         import_file(office, write(tmp_path, features, f"g{number}", **more), map_name="office")
         with office.connect() as connection:
             z = connection.execute(
-                text("SELECT w.pose[3] FROM world w JOIN entity e ON e.id = w.entity_id "
-                     "WHERE e.name = :name"), {"name": f"g{number}-node1"},
-            ).scalar_one()  # fmt: skip
+                text(
+                    "SELECT w.pose[3] FROM world w JOIN entity e ON e.id = w.entity_id "
+                    "WHERE e.name = :name"
+                ),
+                {"name": f"g{number}-node1"},
+            ).scalar_one()
         assert z == pytest.approx(7.0)
     before = counts(office)
     with pytest.raises(WorldError, match="says no storey, and the map has floor-1st, floor-3rd"):
@@ -147,8 +152,11 @@ def test_annotations_are_told_from_graphs(tmp_path: Path) -> None:
     assert not is_route_graph(OFFICE)
     assert is_route_graph(write(tmp_path, graph()))
     line = {"type": "LineString", "coordinates": [[0, 0], [1, 0]]}
-    door = {"type": "Feature", "geometry": line,
-            "properties": {"kind": "connector", "joins": "a,b", "note": "startid"}}  # fmt: skip
+    door = {
+        "type": "Feature",
+        "geometry": line,
+        "properties": {"kind": "connector", "joins": "a,b", "note": "startid"},
+    }
     assert not is_route_graph(write(tmp_path, [door]))
     assert not is_route_graph(tmp_path / "missing.geojson")
 
@@ -179,7 +187,7 @@ BAD: tuple[tuple[Change, str], ...] = (
     (lambda f: f[0]["geometry"].update(coordinates=[1e9, 0]), r"has the position \[1000000000"),
     (lambda f: f[0]["geometry"].pop("coordinates"), r"has the position None"),
     (lambda f: [f.pop(0) for _ in range(3)], r"have no node"),
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize(("change", "said"), BAD)
