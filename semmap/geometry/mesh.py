@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.geometry.pose import Pose
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
 
 __all__ = ["Mesh", "box_mesh", "join", "prism_mesh"]
 
@@ -74,10 +78,14 @@ def box_mesh(low: tuple[float, float, float], high: tuple[float, float, float]) 
     return Mesh(corners, np.array(faces, dtype=np.int32))
 
 
-def prism_mesh(outline: object, low: float, high: float) -> Mesh:
-    """The closed surface of a polygon (shapely, holes allowed) extruded from z `low` to `high`."""
+def prism_mesh(outline: Polygon | MultiPolygon, low: float, high: float) -> Mesh:
+    """The closed surface of an area (holes allowed) extruded from z `low` to `high`."""
+    import shapely
     import trimesh
 
-    solid = trimesh.creation.extrude_polygon(outline, height=high - low, engine="earcut")
-    vertices = np.asarray(solid.vertices, dtype=float) + np.array([0.0, 0.0, low])
-    return Mesh(vertices, np.asarray(solid.faces, dtype=np.int32))
+    prisms = []
+    for part in shapely.get_parts(outline):
+        solid = trimesh.creation.extrude_polygon(part, height=high - low, engine="earcut")
+        vertices = np.asarray(solid.vertices, dtype=float) + np.array([0.0, 0.0, low])
+        prisms.append(Mesh(vertices, np.asarray(solid.faces, dtype=np.int32)))
+    return join(prisms)

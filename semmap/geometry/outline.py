@@ -9,8 +9,9 @@ from scipy.spatial import ConvexHull, QhullError
 from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.mesh import Mesh
+from semmap.geometry.pose import Pose
 
-__all__ = ["hull_points", "outline", "silhouette"]
+__all__ = ["hull_points", "outline", "placed_outline", "silhouette"]
 
 
 MANY = 2000
@@ -76,3 +77,11 @@ def silhouette(mesh: Mesh) -> Polygon | MultiPolygon:
     """The exact union of the projected triangles; for meshes of up to some ten thousand."""
     flat = shapely.polygons(mesh.triangles[:, :, :2])
     return shapely.union_all(flat[shapely.area(flat) > 1e-12])
+
+
+def placed_outline(area: Polygon | MultiPolygon, pose: Pose) -> Polygon | MultiPolygon:
+    """Return an area of a frame's xy plane as it lies, seen from above, when `pose` places it."""
+    placed: Polygon | MultiPolygon = shapely.transform(
+        area, lambda xy: pose.apply(np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
+    )
+    return placed

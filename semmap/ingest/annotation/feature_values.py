@@ -7,20 +7,15 @@ import math
 from collections.abc import Mapping
 from typing import cast
 
-import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
-from semmap.geometry.mesh import Mesh, join, prism_mesh
-from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.feature_file import Feature, Refused
 from semmap.ingest.ontology.tbox import KINDS, TypeRecord, read_tbox, snake_case
 from semmap.ingest.world import Kind
 
 __all__ = [
-    "area_about",
     "area_of",
-    "area_prism",
     "choice",
     "drawn_as",
     "flag_of",
@@ -197,19 +192,6 @@ def area_of(feature: Feature, notes: list[str]) -> Polygon | MultiPolygon:
 def middle_of(area: Polygon | MultiPolygon) -> Point:
     """A point of the area, its centroid where that lies in it."""
     return area.centroid if area.contains(area.centroid) else area.representative_point()
-
-
-def area_about(area: Polygon | MultiPolygon, pose: Pose) -> Polygon | MultiPolygon:
-    """An area of the map's plane in the frame of `pose`."""
-    back = pose.inverse()
-    flat: Polygon | MultiPolygon = shapely.transform(
-        area, lambda xy: back.apply(np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
-    )
-    return flat
-
-
-def area_prism(area: Polygon | MultiPolygon, low: float, high: float) -> Mesh:
-    return join([prism_mesh(part, low, high) for part in shapely.get_parts(area)])
 
 
 def line_of(feature: Feature, notes: list[str]) -> LineString:

@@ -13,7 +13,8 @@ from shapely import Point
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.naming import guess_type
-from semmap.ingest.rmf.building import WALL_THICKNESS, read_rmf
+from semmap.ingest.rmf import read_rmf
+from semmap.ingest.rmf.storey_entries import WALL_THICKNESS
 from semmap.ingest.world import OUTSIDE, WorldError
 
 SCALE = 0.02
