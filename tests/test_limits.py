@@ -84,7 +84,7 @@ def test_outlines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SEMMAP_MAX_VERTICES", "3")
     skipped = read_features(path).skipped
     assert [each.problem for each in skipped] == ["has 4 vertices, the limit is 3 vertices"] * 2
-    assert "SEMMAP_MAX_VERTICES raises the limit" in skipped[0].mend
+    assert "SEMMAP_MAX_VERTICES raises the limit" in skipped[0].fix
 
 
 def test_entries_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

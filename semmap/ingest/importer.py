@@ -18,13 +18,8 @@ from semmap.ingest.holders import derive_inventories, postpone_derivation
 from semmap.ingest.meshes.mesh_file import read_mesh_world
 from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
-from semmap.ingest.route_graph.graph_file import (
-    EDGE,
-    check_names,
-    is_route_graph,
-    read_route_graph,
-    settle_nodes,
-)
+from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
+from semmap.ingest.route_graph.node_store import check_names, settle_nodes
 from semmap.ingest.sdf import read_sdf
 from semmap.ingest.store.world_store import Progress, StoreSummary, store_world
 from semmap.ingest.world import Skipped, World, WorldError
@@ -142,7 +137,7 @@ def import_file(
             path,
             first.element,
             f"{first.problem} (and {len(world.skipped) - 1} more)",
-            f"{first.mend} Or import without --strict, which leaves it out.",
+            f"{first.fix} Or import without --strict, which leaves it out.",
         )
     source = source or str(path.resolve())
     with engine.begin() as connection:

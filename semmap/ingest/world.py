@@ -16,6 +16,7 @@ __all__ = [
     "ConnectorDetail",
     "Entry",
     "PlaceDetail",
+    "Refused",
     "Shape",
     "Skipped",
     "StoreyDetail",
@@ -38,17 +39,25 @@ class WorldError(Exception):
     ----------
     path : the file
     element : where in it (an XPath-like name, a line, a feature)
-    mend : what the user can do
+    fix : what the user can do
     """
 
-    def __init__(self, path: Path | str, element: str, problem: str, mend: str) -> None:
-        self.path, self.element, self.problem, self.mend = str(path), element, problem, mend
-        super().__init__(f"{path}: {element}: {problem}. {mend}")
+    def __init__(self, path: Path | str, element: str, problem: str, fix: str) -> None:
+        self.path, self.element, self.problem, self.fix = str(path), element, problem, fix
+        super().__init__(f"{path}: {element}: {problem}. {fix}")
 
 
 def _printable(said: str) -> str:
     """Text that every terminal and database takes."""
     return said.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
+
+
+class Refused(Exception):
+    """An element of a file that cannot be used: what is wrong, and how to fix it."""
+
+    def __init__(self, problem: str, fix: str) -> None:
+        super().__init__(f"{problem}. {fix}")
+        self.problem, self.fix = problem, fix
 
 
 @dataclass(frozen=True)
@@ -57,7 +66,7 @@ class Skipped:
 
     element: str
     problem: str
-    mend: str
+    fix: str
 
     def __post_init__(self) -> None:
         for name, said in vars(self).items():

@@ -1,4 +1,4 @@
-"""XML files that are not trusted: no entities, no DTD, and an error that names line and mend."""
+"""XML files that are not trusted: no entities, no DTD, and an error that names line and fix."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
             path,
             f"line {line}, column {column + 1}",
             f"is not well-formed XML ({str(error).split(':')[0]})",
-            "The file may be truncated: restore it, or mend the XML at this place.",
+            "The file may be truncated: restore it, or fix the XML at this place.",
         ) from error
     except DefusedXmlException as error:
         raise WorldError(

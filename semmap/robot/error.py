@@ -6,4 +6,4 @@ __all__ = ["RobotError"]
 
 
 class RobotError(ValueError):
-    """A robot that cannot be used as it is described: names file, element and mend."""
+    """A robot that cannot be used as it is described: names file, element and fix."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -13,6 +12,7 @@ import numpy as np
 
 from semmap.robot.error import RobotError
 from semmap.robot.urdf import Joint, Robot
+from semmap.suggestions import suggestion
 from semmap.yaml_file import parse_yaml, read_text
 
 __all__ = ["LinkGroup", "RobotError", "find_groups", "read_groups"]
@@ -57,9 +57,8 @@ def read_groups(path: Path | str, robot: Robot) -> list[LinkGroup]:
         for pattern in links:
             matched = [link for link in robot.links if fnmatchcase(link, pattern)]
             if not matched:
-                near = difflib.get_close_matches(pattern, robot.links, n=1)
-                mend = f"did you mean {near[0]}?" if near else f"it has {', '.join(robot.links)}"
-                raise RobotError(f"{path}: part {name}: {robot.name} has no link {pattern}; {mend}")
+                near = suggestion(pattern, robot.links) or f"; it has {', '.join(robot.links)}"
+                raise RobotError(f"{path}: part {name}: {robot.name} has no link {pattern}{near}")
             found += [link for link in matched if link not in taken]
             taken.update(matched)
         groups.append(LinkGroup(str(name), tuple(found), inflate_by))

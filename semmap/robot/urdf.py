@@ -321,7 +321,7 @@ def _mesh(read: Any, file: Path, error: Callable[[str, str], RobotError]) -> Mes
         # RViz and Gazebo scale by COLLADA's unit, and do not turn by its up axis.
         shape = read_mesh(found, dae_up_axis=False)
     except MeshFileError as problem:
-        raise error(f"{found.name}: {problem.problem}", problem.mend) from problem
+        raise error(f"{found.name}: {problem.problem}", problem.fix) from problem
     if read.scale is None:
         return shape
     scale = np.ravel(read.scale)

@@ -9,7 +9,7 @@ from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.outline import placed_outline
 from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.draft_world import Draft, DraftWorld, RoomArea
-from semmap.ingest.annotation.feature_file import Feature, Refused
+from semmap.ingest.annotation.feature_file import Feature
 from semmap.ingest.annotation.feature_values import (
     area_of,
     drawn_as,
@@ -19,7 +19,7 @@ from semmap.ingest.annotation.feature_values import (
     number,
 )
 from semmap.ingest.openings import LEAF_HEIGHT
-from semmap.ingest.world import PlaceDetail, Shape, StoreyDetail
+from semmap.ingest.world import PlaceDetail, Refused, Shape, StoreyDetail
 
 __all__ = [
     "add_elevator",

@@ -10,7 +10,7 @@ from shapely import LineString, Point
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.draft_world import Draft, DraftWorld
-from semmap.ingest.annotation.feature_file import Feature, Refused
+from semmap.ingest.annotation.feature_file import Feature
 from semmap.ingest.annotation.feature_values import (
     choice,
     line_of,
@@ -21,7 +21,7 @@ from semmap.ingest.annotation.feature_values import (
 )
 from semmap.ingest.floor_plan import rooms_beside
 from semmap.ingest.openings import approach_pose, door_leaf
-from semmap.ingest.world import OUTSIDE, ConnectorDetail
+from semmap.ingest.world import OUTSIDE, ConnectorDetail, Refused
 
 __all__ = ["add_connector"]
 

@@ -12,10 +12,10 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.pose import IDENTITY, Pose
-from semmap.ingest.annotation.feature_file import Feature, Refused, read_features
+from semmap.ingest.annotation.feature_file import Feature, read_features
 from semmap.ingest.annotation.feature_values import kind_of, middle_of, number, text, type_of
 from semmap.ingest.naming import unique_name
-from semmap.ingest.world import OUTSIDE, Entry, Kind, StoreyDetail, World
+from semmap.ingest.world import OUTSIDE, Entry, Kind, Refused, StoreyDetail, World
 
 __all__ = ["Draft", "DraftWorld", "RoomArea"]
 

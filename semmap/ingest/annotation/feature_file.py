@@ -18,14 +18,13 @@ import pyogrio
 import shapely
 from numpy.typing import NDArray
 
-from semmap.ingest.world import Skipped, WorldError
+from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.limits import EXTENT, NESTING, TEXT_BYTES, VERTICES
 
 __all__ = [
     "ENDINGS",
     "Feature",
     "FeatureFile",
-    "Refused",
     "checked_property",
     "parse_json",
     "read_features",
@@ -52,14 +51,6 @@ EARTH = 1e8
 GEOREFERENCE = ("crs", "easting", "northing", "height", "rotation")
 
 
-class Refused(Exception):
-    """An element that cannot be used: `problem` says why, `mend` what to do."""
-
-    def __init__(self, problem: str, mend: str) -> None:
-        super().__init__(f"{problem}. {mend}")
-        self.problem, self.mend = problem, mend
-
-
 @dataclass(frozen=True)
 class Feature:
     """One feature: `where` names it for people, `layer` is the layer that it stands in."""
@@ -82,7 +73,7 @@ class FeatureFile:
 
     def skip(self, feature_name: object, where: str, refused: Refused) -> None:
         """Take note of a feature that is left out."""
-        self.skipped.append(Skipped(where, refused.problem, refused.mend))
+        self.skipped.append(Skipped(where, refused.problem, refused.fix))
         if isinstance(feature_name, str):
             self.lost.add(feature_name)
 
@@ -163,12 +154,12 @@ def parse_json(path: Path) -> Any:
             path,
             f"line {error.lineno}, column {error.colno}",
             f"is not JSON ({error.msg})",
-            "The file may be truncated: restore it, or mend the JSON at this place.",
+            "The file may be truncated: restore it, or fix the JSON at this place.",
         ) from error
     except RecursionError as error:
         raise WorldError(path, "file", "is nested too deeply", "Give a GeoJSON file.") from error
     except ValueError as error:
-        raise WorldError(path, "file", f"is not JSON ({error})", "Mend the number.") from error
+        raise WorldError(path, "file", f"is not JSON ({error})", "Correct the number.") from error
 
 
 def _geojson_geometry(geometry: object) -> shapely.Geometry | None:

@@ -10,9 +10,9 @@ from typing import cast
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
-from semmap.ingest.annotation.feature_file import Feature, Refused
+from semmap.ingest.annotation.feature_file import Feature
 from semmap.ingest.ontology.tbox import KINDS, TypeRecord, read_tbox, snake_case
-from semmap.ingest.world import Kind
+from semmap.ingest.world import Kind, Refused
 
 __all__ = [
     "area_of",
@@ -166,7 +166,7 @@ def kind_of(feature: Feature, type_: str | None) -> Kind:
 
 
 def area_of(feature: Feature, notes: list[str]) -> Polygon | MultiPolygon:
-    """The feature's area, mended where that leaves it one area."""
+    """The feature's area, repaired where that leaves it one area."""
     geometry = feature.geometry
     assert isinstance(geometry, Polygon | MultiPolygon)
     if not geometry.is_valid:
@@ -180,7 +180,7 @@ def area_of(feature: Feature, notes: list[str]) -> Polygon | MultiPolygon:
                 "Draw it again.",
             )
         if areas:
-            notes.append(f"{feature.where}: the outline is mended ({reason})")
+            notes.append(f"{feature.where}: the outline is repaired ({reason})")
         geometry = areas[0] if areas else Polygon()
     if geometry.area <= SMALLEST:
         raise Refused("its outline has no area", "Draw it again.")

@@ -34,11 +34,11 @@ X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
 
 
 class MeshFileError(Exception):
-    """A mesh file that cannot be used: `problem` says why, `mend` what to do."""
+    """A mesh file that cannot be used: `problem` says why, `fix` what to do."""
 
-    def __init__(self, problem: str, mend: str) -> None:
-        super().__init__(f"{problem}. {mend}")
-        self.problem, self.mend = problem, mend
+    def __init__(self, problem: str, fix: str) -> None:
+        super().__init__(f"{problem}. {fix}")
+        self.problem, self.fix = problem, fix
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def read_mesh_world(
     try:
         mesh = read_mesh(path, scale=scale)
     except MeshFileError as error:
-        raise WorldError(path, "mesh", error.problem, error.mend) from error
+        raise WorldError(path, "mesh", error.problem, error.fix) from error
     name = name or path.stem
     entry = Entry(
         name,
@@ -327,7 +327,7 @@ def _footprint(mesh: Mesh) -> shapely.Polygon | shapely.MultiPolygon | None:
 
 
 def other_case(path: Path) -> str:
-    """A mend where the file is there under a name that differs in case only, else nothing."""
+    """A fix where the file is there under a name that differs in case only, else nothing."""
     if os.path.isdir(path.parent):  # noqa: PTH112 - False where a name is too long
         for other in path.parent.iterdir():
             if other.name != path.name and other.name.lower() == path.name.lower():

@@ -142,14 +142,14 @@ def _parse(path: Path) -> Graph:
             path,
             f"line {error.lines + 1}",
             f"is not Turtle: {error.message}",
-            "Mend the syntax there.",
+            "Correct the syntax there.",
         ) from error
     except Exception as error:  # rdflib's parsers raise anything, assertions too, on broken text
         raise WorldError(
             path,
             "file",
             f"is not Turtle: {str(error)[:200]}",
-            "It may be truncated: restore it, or mend its syntax.",
+            "It may be truncated: restore it, or fix its syntax.",
         ) from error
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from semmap.ingest.world import Skipped, WorldError
+from semmap.ingest.world import Refused, Skipped, WorldError
 from semmap.limits import TEXT_BYTES
 from semmap.yaml_file import FAST, check_structure
 
@@ -144,14 +144,9 @@ class Building:
         return _Reader(path).building(_load(path))
 
 
-class _UnusableError(Exception):
-    def __init__(self, problem: str, mend: str) -> None:
-        self.problem, self.mend = problem, mend
-
-
 def _load(path: Path) -> dict[str, Any]:
-    def fail(element: str, problem: str, mend: str) -> WorldError:
-        return WorldError(path, element, problem, mend)
+    def fail(element: str, problem: str, fix: str) -> WorldError:
+        return WorldError(path, element, problem, fix)
 
     TEXT_BYTES.check(path.stat().st_size, lambda p, f: fail("file", p, f), "Is it a building.yaml?")
     try:
@@ -176,9 +171,9 @@ def _load(path: Path) -> dict[str, Any]:
 
 def _number(value: object, what: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _UnusableError(f"{what} is {value!r}, not a number", f"Give {what} as a number.")
+        raise Refused(f"{what} is {value!r}, not a number", f"Give {what} as a number.")
     if not abs(value) <= LARGEST:
-        raise _UnusableError(f"{what} is beyond all measure", f"Give {what} a sensible value.")
+        raise Refused(f"{what} is beyond all measure", f"Give {what} a sensible value.")
     return float(value)
 
 
@@ -189,7 +184,7 @@ def _text(value: object) -> str:
 
 def _mapping(value: object, what: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise _UnusableError(f"{what} is not a mapping", f"Write {what} as key: value pairs.")
+        raise Refused(f"{what} is not a mapping", f"Write {what} as key: value pairs.")
     return value
 
 
@@ -198,7 +193,7 @@ def _params(value: object) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, typed in _mapping({} if value is None else value, "its parameters").items():
         if not isinstance(typed, list) or len(typed) != 2:
-            raise _UnusableError(f"parameter {name} is not [type, value]", "Write it as such.")
+            raise Refused(f"parameter {name} is not [type, value]", "Write it as such.")
         if isinstance(typed[1], str):
             found[_text(name)] = _text(typed[1])
         elif isinstance(typed[1], bool):
@@ -217,8 +212,8 @@ class _Reader:
         self.skipped: list[Skipped] = []
         self.flip = 1.0
 
-    def fail(self, element: str, problem: str, mend: str) -> WorldError:
-        return WorldError(self.path, element, problem, mend)
+    def fail(self, element: str, problem: str, fix: str) -> WorldError:
+        return WorldError(self.path, element, problem, fix)
 
     def building(self, data: dict[str, Any]) -> Building:
         system = str(data.get("coordinate_system", "reference_image"))
@@ -260,8 +255,8 @@ class _Reader:
             raise self.fail(where, "is not a mapping", "Write the level as key: value pairs.")
         try:
             elevation = _number(data.get("elevation", 0.0), "elevation")
-        except _UnusableError as error:
-            raise self.fail(f"{where}/elevation", error.problem, error.mend) from None
+        except Refused as error:
+            raise self.fail(f"{where}/elevation", error.problem, error.fix) from None
 
         vertices: list[Vertex | None] = []
         for element, item in self.items(data, where, "vertices"):
@@ -314,45 +309,45 @@ class _Reader:
         """What `parse` makes of an element, or None with the reason in `skipped`."""
         try:
             return parse(*arguments)
-        except _UnusableError as error:
-            self.skipped.append(Skipped(element, error.problem, error.mend))
+        except Refused as error:
+            self.skipped.append(Skipped(element, error.problem, error.fix))
             return None
 
     def vertex(self, item: object) -> Vertex:
         if not isinstance(item, list) or len(item) < 2:
-            raise _UnusableError("is not [x, y, z, name]", "Write it as such.")
+            raise Refused("is not [x, y, z, name]", "Write it as such.")
         name = _text(item[3]) if len(item) > 3 and item[3] is not None else ""
         params = _params(item[4] if len(item) > 4 else None)
         return Vertex(_number(item[0], "x"), self.flip * _number(item[1], "y"), name, params)
 
     def edge(self, item: object, vertices: list[Vertex | None], element: str) -> Edge:
         if not isinstance(item, list) or len(item) < 2:
-            raise _UnusableError("is not [start, end, parameters]", "Write it as such.")
+            raise Refused("is not [start, end, parameters]", "Write it as such.")
         start, end = (self.reference(i, vertices) for i in item[:2])
         return Edge(start, end, _params(item[2] if len(item) > 2 else None), element)
 
     def reference(self, index: object, vertices: list[Vertex | None]) -> int:
         if isinstance(index, bool) or not isinstance(index, int):
-            raise _UnusableError(f"refers to vertex {index!r}", "Refer by number.")
+            raise Refused(f"refers to vertex {index!r}", "Refer by number.")
         if not 0 <= index < len(vertices):
-            raise _UnusableError(
+            raise Refused(
                 f"refers to vertex {index}, which is not there", "Draw it again between vertices."
             )
         if vertices[index] is None:
-            raise _UnusableError(f"refers to vertex {index}, which is unusable", "Mend the vertex.")
+            raise Refused(f"refers to vertex {index}, which is unusable", "Correct the vertex.")
         return index
 
     def floor(self, item: object, vertices: list[Vertex | None], element: str) -> FloorOutline:
         corners = _mapping(item, "it").get("vertices")
         if not isinstance(corners, list) or len(corners) < 3:
-            raise _UnusableError("has fewer than three vertices", "Draw the floor as a polygon.")
+            raise Refused("has fewer than three vertices", "Draw the floor as a polygon.")
         return FloorOutline(tuple(self.reference(i, vertices) for i in corners), element)
 
     def model(self, item: object, element: str) -> RmfModel:
         data = _mapping(item, "it")
         model = _text(data.get("model_name") or data.get("name") or "")
         if not model:
-            raise _UnusableError("has no model_name", "Name the model.")
+            raise Refused("has no model_name", "Name the model.")
         return RmfModel(
             _text(data.get("name") or model) or model,
             model,
@@ -366,7 +361,7 @@ class _Reader:
 
     def fiducial(self, item: object) -> tuple[str, tuple[float, float]]:
         if not isinstance(item, list) or len(item) < 3:
-            raise _UnusableError("is not [x, y, name]", "Write it as such.")
+            raise Refused("is not [x, y, name]", "Write it as such.")
         return _text(item[2]), (_number(item[0], "x"), self.flip * _number(item[1], "y"))
 
     def lifts(self, data: object, plans: dict[str, LevelPlan], reference: str) -> Iterator[Lift]:
@@ -382,13 +377,13 @@ class _Reader:
     def lift(self, name: str, item: object, plans: dict[str, LevelPlan], reference: str) -> Lift:
         data = _mapping(item, "it")
         if not name:
-            raise _UnusableError("has no name", "Name the lift.")
+            raise Refused("has no name", "Name the lift.")
         level = _text(data.get("reference_floor_name") or reference)
         if level not in plans:
-            raise _UnusableError(f"refers to level {level!r}", f"Name one of {', '.join(plans)}.")
+            raise Refused(f"refers to level {level!r}", f"Name one of {', '.join(plans)}.")
         width, depth = (_number(data.get(key), key) for key in ("width", "depth"))
         if width <= 0 or depth <= 0:
-            raise _UnusableError(f"measures {width} x {depth} m", "Give it a size above zero.")
+            raise Refused(f"measures {width} x {depth} m", "Give it a size above zero.")
         doors: dict[str, LiftDoor] = {}
         for key, value in _mapping(data.get("doors") or {}, "doors").items():
             door = self.use(f"lifts/{name}/doors/{key}", self.lift_door, _text(key), value)
@@ -398,8 +393,8 @@ class _Reader:
         for key, value in _mapping(data.get("level_doors") or {}, "level_doors").items():
             element = f"lifts/{name}/level_doors/{key}"
             if _text(key) not in plans:
-                mend = f"Name one of {', '.join(plans)}."
-                self.skipped.append(Skipped(element, "is no level of this building", mend))
+                fix = f"Name one of {', '.join(plans)}."
+                self.skipped.append(Skipped(element, "is no level of this building", fix))
                 continue
             names = [_text(v) for v in value] if isinstance(value, list) else []
             unknown = [n for n in names if n not in doors]
@@ -409,7 +404,7 @@ class _Reader:
                 )
             served[_text(key)] = tuple(n for n in names if n in doors)
         if not served:
-            raise _UnusableError("serves no level", "Give it doors in the traffic editor.")
+            raise Refused("serves no level", "Give it doors in the traffic editor.")
         return Lift(
             name,
             _number(data.get("x"), "x"),
@@ -428,7 +423,7 @@ class _Reader:
         data = _mapping(item, "it")
         width = _number(data.get("width"), "width")
         if width <= 0:
-            raise _UnusableError(f"is {width} m wide", "Give it a width above zero.")
+            raise Refused(f"is {width} m wide", "Give it a width above zero.")
         yaw = _number(data.get("motion_axis_orientation", 0.0), "motion_axis_orientation")
         x, y = (_number(data.get(key), key) for key in ("x", "y"))
         return LiftDoor(name, x, y, width, yaw, int(_number(data.get("door_type", 0), "door_type")))

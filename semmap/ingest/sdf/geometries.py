@@ -80,7 +80,7 @@ class Geometries:
         center = submesh is not None and flag(submesh.findtext("center")) is True
         mesh = self._read(path, part, center)
         if isinstance(mesh, MeshFileError):
-            raise Unusable(where, f"{uri} {mesh.problem}", mesh.mend)
+            raise Unusable(where, f"{uri} {mesh.problem}", mesh.fix)
         return mesh if x == y == z == 1.0 else mesh.moved(IDENTITY, (x, y, z))
 
     def _read(self, path: Path, part: str | None, center: bool) -> Mesh | MeshFileError:

@@ -110,7 +110,7 @@ class Resources:
 
 
 def _other_case(candidates: list[Path]) -> str:
-    """A mend where one of them is there, but differs in upper and lower case."""
+    """A fix where one of them is there, but differs in upper and lower case."""
     return next(filter(None, map(other_case, candidates)), "")
 
 

@@ -19,9 +19,9 @@ _LARGEST = 1e12
 class Unusable(Exception):
     """An element of the file that must be left out; becomes a `Skipped`."""
 
-    def __init__(self, element: str, problem: str, mend: str) -> None:
-        super().__init__(element, problem, mend)
-        self.skipped = Skipped(element, problem, mend)
+    def __init__(self, element: str, problem: str, fix: str) -> None:
+        super().__init__(element, problem, fix)
+        self.skipped = Skipped(element, problem, fix)
 
 
 @contextmanager

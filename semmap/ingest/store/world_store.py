@@ -8,34 +8,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import psycopg
-import shapely
-from psycopg import sql
 from psycopg.types.json import Jsonb
 
-from semmap.geometry.outline import hull_points
-from semmap.geometry.tin import encode_chunks
 from semmap.ingest.georeference import on_utm
+from semmap.ingest.store.copy_rows import copy_rows
+from semmap.ingest.store.detail_store import id_of, store_details
+from semmap.ingest.store.model_store import Progress, shape_digest, store_models
 from semmap.ingest.world import (
-    OUTSIDE,
     ConnectorDetail,
     Entry,
     PlaceDetail,
-    Shape,
-    StoreyDetail,
     World,
-    WorldError,
 )
 
 __all__ = ["Progress", "StoreSummary", "store_world"]
-
-Progress = Callable[[str, int, int], None]
-"""Called with a stage, how much of it is done and how much there is."""
 
 
 @dataclass
@@ -73,7 +64,7 @@ def store_world(
         cursor.execute("SELECT pg_advisory_xact_lock(hashtext('semmap.import'))")
         entries = _unique_names(cursor, map_id, world, source, stored)
         _add_types(cursor, entries, stored)
-        models = _store_models(cursor, entries, stored, progress)
+        models, stored.models = store_models(cursor, entries, progress)
 
         known = _known(cursor, map_id)
         digests = {entry.name: _digest(entry) for entry in entries}
@@ -108,7 +99,7 @@ def store_world(
         _insert_entities(cursor, map_id, fresh, ids, source, digests, progress)
         _update_entities(cursor, changed, ids, digests)
         _annotate(cursor, annotations, ids, stored)
-        _details(cursor, fresh + changed, ids, world)
+        store_details(cursor, fresh + changed, ids, world)
         _give_models(cursor, fresh, changed, ids, models)
         _place(cursor, fresh, changed, ids, world, progress)
         _link(cursor, map_id, world, ids, source)
@@ -190,141 +181,14 @@ def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: St
         stored.notes += [f"type {t}: not in the T-Box, added below {asked[t]}" for t in new]
 
 
-def _shape_digest(shape: Shape) -> str:
-    h = hashlib.sha256(shape.kind.encode())
-    h.update((shape.uri or "").encode() if shape.kind == "cad" else b"")
-    if shape.mesh is not None:
-        h.update(shape.mesh.digest().encode())
-    if shape.outline is not None:
-        h.update(shapely.to_wkb(shape.outline))
-    return h.hexdigest()
-
-
 def _digest(entry: Entry) -> str:
     said = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
     said["pose"] = entry.pose._asdict() if entry.pose else None
     said["detail"] = asdict(entry.detail) if entry.detail else None
     if isinstance(entry.detail, ConnectorDetail):
         said["detail"]["poses"] = [pose._asdict() for pose in entry.detail.poses]
-    said["shapes"] = [(_shape_digest(s), s.role, s.uri) for s in entry.shapes]
+    said["shapes"] = [(shape_digest(s), s.role, s.uri) for s in entry.shapes]
     return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
-
-
-def _store_models(
-    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], stored: StoreSummary, progress: Progress
-) -> dict[int, int]:
-    """Model ids by ``id(shape)``; a mesh that is there already is not stored again."""
-    digests: dict[int, str] = {}
-    shapes: dict[str, Shape] = {}
-    cache: dict[tuple[str, int, int], str] = {}
-    for entry in entries:
-        for shape in entry.shapes:
-            key = (shape.kind, id(shape.mesh), id(shape.outline))
-            digest = cache.get(key) or cache.setdefault(key, _shape_digest(shape))
-            digests[id(shape)] = digest
-            shapes.setdefault(digest, shape)
-    cursor.execute("SELECT digest, id FROM model WHERE digest = ANY(%s)", (list(shapes),))
-    ids: dict[str, int] = dict(cursor.fetchall())
-    new = [(d, s) for d, s in shapes.items() if d not in ids]
-    total = sum(len(s.mesh.faces) for _, s in new if s.mesh is not None)
-    done = 0
-    for digest, shape in new:
-        ids[digest] = _insert_model(cursor, digest, shape)
-        done += 0 if shape.mesh is None else len(shape.mesh.faces)
-        progress("triangles", done, total)
-    stored.models = len(new)
-    return {key: ids[digest] for key, digest in digests.items()}
-
-
-def _insert_model(cursor: psycopg.Cursor[Any], digest: str, shape: Shape) -> int:
-    mesh, outline = shape.mesh, shape.outline
-    if mesh is not None and len(mesh.vertices):
-        hull = hull_points(mesh)
-    elif outline is not None:
-        hull = shapely.get_coordinates(outline, include_z=True)
-    else:
-        raise ValueError(f"a {shape.kind} shape with neither mesh nor outline")
-    points = shapely.multipoints(shapely.points(hull))
-    many = None
-    if outline is not None:
-        flat = shapely.force_2d(outline)
-        many = shapely.MultiPolygon([flat]) if flat.geom_type == "Polygon" else flat
-    faces = 0 if mesh is None or shape.kind == "cloud" else len(mesh.faces)
-    closed = True if shape.kind in ("box", "polygon") else None
-    cursor.execute(
-        "INSERT INTO model (digest, kind, uri, triangles, closed, hull, outline) "
-        "VALUES (%s, %s, %s, %s, %s, ST_GeomFromWKB(%s, 0), ST_GeomFromWKB(%s, 0)) RETURNING id",
-        (
-            digest,
-            shape.kind,
-            shape.uri,
-            faces,
-            closed,
-            shapely.to_wkb(points, output_dimension=3),
-            None if many is None else shapely.to_wkb(many),
-        ),
-    )
-    row = cursor.fetchone()
-    assert row is not None
-    model_id: int = row[0]
-    if mesh is not None:
-        if shape.kind == "cloud":
-            cloud = shapely.multipoints(shapely.points(mesh.vertices))
-            patches = iter([shapely.to_wkb(cloud, output_dimension=3)])
-        else:
-            patches = encode_chunks(mesh.triangles)
-        columns = ("model_id", "number", "geom")
-        with _taking_in(cursor, "chunk", columns) as table:
-            statement = _copy_statement(table, columns) + sql.SQL(" (FORMAT BINARY)")
-            with cursor.copy(statement) as copy:
-                copy.set_types(["int8", "int4", "bytea"])
-                for number, patch in enumerate(patches):
-                    copy.write_row((model_id, number, patch))
-    return model_id
-
-
-def _copy(
-    cursor: psycopg.Cursor[Any], table: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]
-) -> None:
-    with (
-        _taking_in(cursor, table, columns) as into,
-        cursor.copy(_copy_statement(into, columns)) as copy,
-    ):
-        for row in rows:
-            copy.write_row(row)
-
-
-def _copy_statement(table: str, columns: Sequence[str]) -> sql.Composed:
-    return sql.SQL("COPY {} ({}) FROM STDIN").format(sql.Identifier(table), _list(columns))
-
-
-def _list(columns: Sequence[str]) -> sql.Composed:
-    return sql.SQL(", ").join(map(sql.Identifier, columns))
-
-
-@contextmanager
-def _taking_in(cursor: psycopg.Cursor[Any], table: str, columns: Sequence[str]) -> Iterator[str]:
-    """The table to COPY into: a temporary one for those whose rows PostgreSQL checks one by one.
-
-    It knows no COPY into a table with policies; only its owner and superusers are above them.
-    """
-    cursor.execute("SELECT row_security_active(%s)", (f"semmap.{table}",))
-    (checked,) = cursor.fetchone() or (False,)
-    if not checked:
-        yield table
-        return
-    names = {"table": sql.Identifier(table), "columns": _list(columns)}
-    cursor.execute(
-        sql.SQL(
-            "CREATE TEMP TABLE taken_in ON COMMIT DROP AS "
-            "SELECT {columns} FROM {table} WITH NO DATA"
-        ).format(**names)
-    )
-    yield "taken_in"
-    cursor.execute(
-        sql.SQL("INSERT INTO {table} ({columns}) SELECT {columns} FROM taken_in").format(**names)
-    )
-    cursor.execute("DROP TABLE taken_in")
 
 
 def _insert_entities(
@@ -351,7 +215,7 @@ def _insert_entities(
         "source",
         "digest",
     )
-    _copy(
+    copy_rows(
         cursor,
         "entity",
         columns,
@@ -410,75 +274,6 @@ def _annotate(
             stored.notes.append(f"{e.name}: annotated")
 
 
-def _details(
-    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], world: World
-) -> None:
-    """Rows of the tables of each kind; elevators before the cabins, rooms before the doors."""
-    for kind in ("storey", "elevator", "room", "connector", "region"):
-        for e in (e for e in entries if e.kind == kind):
-            columns = _detail(e, ids, world)
-            names = sql.SQL(", ").join(map(sql.Identifier, columns))
-            updates = sql.SQL(", ").join(
-                sql.SQL("{0} = excluded.{0}").format(sql.Identifier(c))
-                for c in columns
-                if c != "entity_id"
-            )
-            action = sql.SQL("UPDATE SET ") + updates if len(columns) > 1 else sql.SQL("NOTHING")
-            cursor.execute(
-                sql.SQL("INSERT INTO {} ({}) VALUES ({}) ON CONFLICT (entity_id) DO {}").format(
-                    sql.Identifier(kind),
-                    names,
-                    sql.SQL(", ").join(sql.Placeholder() * len(columns)),
-                    action,
-                ),
-                list(columns.values()),
-            )
-
-
-def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
-    row: dict[str, Any] = {"entity_id": ids[entry.name]}
-    match entry.detail:
-        case StoreyDetail() as level:
-            row |= {"elevation": level.elevation, "height": level.height}
-        case PlaceDetail() as place:
-            cabin_of = _id(ids, place.elevator, entry, world) if place.elevator else None
-            row |= {"floor": place.floor, "ceiling": place.ceiling, "elevator_id": cabin_of}
-        case ConnectorDetail() as c:
-            a, b = c.places
-            row |= {
-                "form": c.type,
-                "place_a": _id(ids, a, entry, world),
-                "place_b": None if b == OUTSIDE else _id(ids, b, entry, world),
-                "pose_a": c.poses[0].row,
-                "pose_b": c.poses[1].row,
-                "direction": c.direction,
-                "state": c.state,
-                "behaviour": c.behaviour,
-                "width": c.width,
-                "height": c.height,
-                "step": c.step,
-                "permissions": list(c.permissions),
-            }
-        case None if entry.kind == "connector":
-            raise WorldError(
-                world.source, entry.name, "joins no places", "Name the places it joins."
-            )
-        case _:
-            pass
-    return row
-
-
-def _id(ids: dict[str, int], name: str, entry: Entry, world: World) -> int:
-    if name not in ids:
-        raise WorldError(
-            world.source,
-            entry.name,
-            f"names {name}, which neither the file nor the map has",
-            "Import what it names first, or correct the name.",
-        )
-    return ids[name]
-
-
 def _give_models(
     cursor: psycopg.Cursor[Any],
     fresh: Sequence[Entry],
@@ -499,7 +294,7 @@ def _give_models(
             )
         wanted -= has
     if wanted:
-        _copy(cursor, "entity_model", ("entity_id", "model_id", "role"), sorted(wanted))
+        copy_rows(cursor, "entity_model", ("entity_id", "model_id", "role"), sorted(wanted))
 
 
 def _place(
@@ -514,7 +309,7 @@ def _place(
         return [
             (
                 ids[e.name],
-                _id(ids, e.holder, e, world) if e.holder else None,
+                id_of(ids, e.holder, e, world) if e.holder else None,
                 e.pose.row,
                 "on" if e.properties.get("relation") == "on" else "in",
             )
@@ -525,7 +320,7 @@ def _place(
     placed = rows(fresh)
     progress("placements", 0, len(placed))
     if placed:
-        _copy(cursor, "placement", ("entity_id", "holder_id", "pose", "relation"), placed)
+        copy_rows(cursor, "placement", ("entity_id", "holder_id", "pose", "relation"), placed)
     again = rows(changed)
     if again:
         cursor.executemany(

@@ -495,7 +495,7 @@ def test_what_cannot_be_used_is_left_out_by_name(write: Write, bad: Any, problem
     assert skipped.element.startswith("features[1]")
     assert "\0" not in skipped.element.encode().decode()
     assert any(p in skipped.problem for p in problem.split("|")), skipped
-    assert skipped.mend
+    assert skipped.fix
 
 
 def test_a_door_to_a_room_that_is_left_out_is_left_out(write: Write) -> None:
@@ -526,10 +526,10 @@ def test_things_that_hold_each_other_are_left_out(write: Write) -> None:
     assert len(world.skipped) == 2
 
 
-def test_an_outline_that_can_be_mended_is_mended_and_noted(write: Write) -> None:
+def test_an_outline_that_can_be_repaired_is_repaired_and_noted(write: Write) -> None:
     world = read_annotation(write(feature(SPIKE, kind="room", name="r")))
     assert placed_outline(world, "r").equals(shapely.box(0, 0, 2, 2))
-    assert "mended" in world.notes[0]
+    assert "repaired" in world.notes[0]
 
 
 def test_overlapping_rooms_are_noted(write: Write) -> None:
@@ -572,7 +572,7 @@ def test_files_that_are_no_geojson(tmp_path: Path, content: bytes, element: str)
     with pytest.raises(WorldError, match=r"plan\.geojson") as caught:
         read_annotation(path)
     assert caught.value.element.startswith(element)
-    assert caught.value.mend
+    assert caught.value.fix
 
 
 def test_files_that_are_not_there_or_something_else(tmp_path: Path) -> None:

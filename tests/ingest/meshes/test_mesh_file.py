@@ -196,7 +196,7 @@ def test_unusable_files_say_why(tmp_path: Path, case: str) -> None:
     make(tmp_path / name)
     with pytest.raises(MeshFileError, match=problem) as error:
         read_mesh(tmp_path / name)
-    assert error.value.mend
+    assert error.value.fix
     with pytest.raises(WorldError) as world_error:
         read_mesh_world(tmp_path / name)
     assert name in str(world_error.value)

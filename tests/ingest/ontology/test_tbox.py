@@ -229,7 +229,7 @@ def test_an_ontology_that_cannot_be_trusted(
         read_tbox([path])
     assert element in caught.value.element
     assert problem in caught.value.problem
-    assert caught.value.mend
+    assert caught.value.fix
 
 
 def test_files_that_are_no_ontology(tmp_path: Path) -> None:

@@ -518,7 +518,7 @@ def test_what_cannot_be_used_is_left_out_and_named(read, case):
     damage(data)
     world = read(data)
     assert any(element in skipped.element for skipped in world.skipped)
-    assert all(s.problem and s.mend.endswith(".") for s in world.skipped)
+    assert all(s.problem and s.fix.endswith(".") for s in world.skipped)
     assert "desk spot" in {e.name for e in world.entries}
     assert all(e.pose.is_finite() for e in world.entries)
 
@@ -581,7 +581,7 @@ def test_a_file_that_cannot_be_trusted_is_refused(read, case):
         read(content)
     assert element in error.value.element
     assert error.value.path.endswith("house.building.yaml")
-    assert error.value.mend
+    assert error.value.fix
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path):
@@ -641,4 +641,4 @@ def test_random_damage_gives_a_world_or_a_clear_error(read, damages):
 def assert_clear(error):
     assert error.element
     assert error.problem
-    assert error.mend.endswith((".", "?"))
+    assert error.fix.endswith((".", "?"))

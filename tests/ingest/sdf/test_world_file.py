@@ -596,7 +596,7 @@ def test_an_unusable_visual_leaves_its_model_without_it(tmp_path: Path, case: st
     (skipped,) = world.skipped
     assert skipped.element.startswith("model bad: link base: visual v")
     assert problem in skipped.problem
-    assert skipped.mend
+    assert skipped.fix
     assert entry(world, "bad").shapes == []
     assert len(entry(world, "m").shapes) == 1
 
@@ -651,7 +651,7 @@ def test_a_name_that_differs_in_case_is_hinted_at(tmp_path: Path) -> None:
     (tmp_path / "Solid.obj").write_text(TETRAHEDRON)
     link = LINK.replace(BOX.format("1 2 3"), MESH.format("solid.obj"))
     world = read(tmp_path, f'<model name="m">{link}</model>')
-    assert "Solid.obj" in world.skipped[0].mend
+    assert "Solid.obj" in world.skipped[0].fix
 
 
 # What is refused
@@ -686,7 +686,7 @@ def test_a_file_that_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> 
         read_sdf(path)
     assert "bad.world" in str(error.value)
     assert error.value.element
-    assert error.value.mend
+    assert error.value.fix
 
 
 @pytest.mark.parametrize("content", ["", "<sdf", LAUGHS, "<robot/>"])
