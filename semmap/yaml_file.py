@@ -1,4 +1,4 @@
-"""YAML files that people write: read, or refused in the caller's words."""
+"""YAML files that people write, read with the caller's type of error."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from semmap.limits import CONFIG_BYTES, ELEMENTS, NESTING
 __all__ = ["FAST", "check_structure", "parse_yaml", "read_text"]
 
 FAST: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""For large files; the other loader tells better where a mistake is."""
+"""For large files; the other loader locates mistakes better."""
 
 _DIGITS = re.compile(r"[-+.:_0-9a-fA-FxoO]{1000,}")
 """Numbers of so many digits, which take quadratic time to read."""
 
 
 def read_text(path: Path | str, what: str, error: type[Exception]) -> str:
-    """The text of a file; `what` it should be is what the error asks for.
+    """Return the text of a file; errors ask for `what` it should be.
 
     Raises
     ------
     Exception
-        One of type `error`, for a file that is not there, is too large or is no text.
+        One of type `error`: the file does not exist, is too large or is not text.
     """
     try:
         CONFIG_BYTES.check(
@@ -40,16 +40,16 @@ def read_text(path: Path | str, what: str, error: type[Exception]) -> str:
 
 
 def parse_yaml(said: str, file: str, error: type[Exception]) -> Any:
-    """What YAML text says; `file` is what errors call it.
+    """Return the content of YAML text; `file` names it in errors.
 
     Raises
     ------
     Exception
-        One of type `error`: no YAML, a date that is none (2024-13-45), nested without end.
+        One of type `error`: not valid YAML, an invalid date (2024-13-45), nested too deeply.
     """
 
     def refused(line: int, problem: str, fix: str) -> Exception:
-        return error(f"{file}: is no YAML, mend it: line {line} {problem}. {fix}")
+        return error(f"{file}: is not valid YAML: line {line} {problem}. {fix}")
 
     try:
         check_structure(said, refused)
@@ -57,7 +57,7 @@ def parse_yaml(said: str, file: str, error: type[Exception]) -> Any:
     except (yaml.YAMLError, ValueError, RecursionError) as problem:
         if isinstance(problem, error):
             raise
-        raise error(f"{file}: is no YAML, mend it: {problem}") from None
+        raise error(f"{file}: is not valid YAML: {problem}") from None
 
 
 def check_structure(

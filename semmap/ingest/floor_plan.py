@@ -1,4 +1,4 @@
-"""Rooms out of a floor plan drawn as lines: the faces that its walls and doors enclose."""
+"""Rooms from a floor plan drawn as lines: the faces that walls and doors enclose."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ DOORWAY = 0.5
 
 BESIDE = 0.15
 ALONG = 0.8
-"""A border this near to a wall (metres), at an angle whose cosine is above, runs along it: floors
-are seldom drawn exactly to their walls."""
+"""A border runs along a wall if it is this near (metres), at an angle with at least this cosine:
+floors are seldom drawn exactly to their walls."""
 
 
 @dataclass(frozen=True)
 class Opening:
-    """Where two rooms meet with neither wall nor door between them: indices and the border."""
+    """A border between two rooms without wall or door: their indices, and the border."""
 
     rooms: tuple[int, int]
     border: LineString
@@ -39,7 +39,7 @@ class Opening:
 
 @dataclass
 class FloorPlan:
-    """What the lines of one storey enclose.
+    """The faces that the lines of one storey enclose.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Sides:
 def bridge_gaps(
     lines: Sequence[LineString], gap: float, ends: Sequence[LineString] | None = None
 ) -> list[LineString]:
-    """Short lines that close the gaps between the ends of lines and other lines.
+    """Return short lines that close the gaps between the ends of lines and other lines.
 
     Parameters
     ----------
@@ -104,11 +104,11 @@ def enclose(
     smallest: float = 0.5,
     smallest_closed: float = 2.0,
 ) -> FloorPlan:
-    """Find the rooms of a storey.
+    """Return the rooms of a storey.
 
     The lines of walls, doors and floor outlines are joined where they miss each other by at most
-    `gap`, noded, and polygonised. A crack (between a wall and the floor outline drawn beside it,
-    say) goes to the room that it is open to. Where there are floors, a face must lie on them.
+    `gap`, noded, and polygonised. A crack (for example between a wall and the floor outline drawn
+    beside it) joins the room to which it is open. Where there are floors, a face must lie on them.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def enclose(
 def rooms_beside(
     rooms: Sequence[Polygon], line: LineString, reach: float = 0.3, clearance: float = 0.05
 ) -> Sides:
-    """The rooms on both sides of a door, judged by the strips along it.
+    """Return the rooms on both sides of a door, found by the strips along it.
 
     The strips leave out the outer tenths of the line and begin `clearance` beside it; of several
     rooms in a strip `reach` metres deep, the one that fills most of it counts.
@@ -199,7 +199,7 @@ def _is_roomy(face: Polygon, smallest: float) -> bool:
 
 
 def _reading_order(face: Polygon) -> tuple[float, float]:
-    """From top to bottom in rows of a decimetre, then left to right: the same at each import.
+    """Return a sort key from top to bottom in rows of a decimetre, then left to right.
 
     The rows' borders lie off the round numbers that people draw at, so that noise does not
     move a room to the next row.
@@ -211,7 +211,7 @@ def _reading_order(face: Polygon) -> tuple[float, float]:
 def _fill_cracks(
     faces: list[Polygon], barriers: Sequence[LineString], smallest: float
 ) -> tuple[list[Polygon], list[Polygon]]:
-    """Give each crack to the room with which it shares the longest border that is not solid."""
+    """Join each crack to the room with which it shares the longest border that is not solid."""
     solid = shapely.union_all([b.buffer(10 * GRID) for b in barriers])
     rooms = [f for f in faces if _is_roomy(f, smallest)]
     cracks = [f for f in faces if not _is_roomy(f, smallest)]

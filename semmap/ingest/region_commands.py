@@ -1,4 +1,4 @@
-"""What regions add to the command line: `semmap regions find`, `draw` and `ls`."""
+"""The commands `semmap regions find`, `draw` and `ls`."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from semmap.query import entries
 __all__ = ["regions"]
 
 regions = typer.Typer(
-    no_args_is_help=True, help="Parts of rooms and things: drawn, or found in the geometry."
+    no_args_is_help=True, help="Parts of rooms and objects: drawn, or found in the geometry."
 )
 
 
 class Sort(StrEnum):
-    """What can be found in the geometry."""
+    """Kinds of regions that geometry shows."""
 
     surfaces = "surfaces"
     floor = "floor"
@@ -41,26 +41,30 @@ class Sort(StrEnum):
 @regions.command()
 def find(
     sort: Annotated[
-        Sort, typer.Argument(help="Of things: surfaces, observation; of rooms: floor.")
+        Sort, typer.Argument(help="Of objects: surfaces, observation; of rooms: floor.")
     ],
     names: Annotated[list[str] | None, typer.Argument(metavar="NAME...")] = None,
     type_: Annotated[
         str | None, typer.Option("--type", help="All of this type: table, kitchen, room.")
     ] = None,
-    near: Annotated[float, typer.Option(help="observation: metres off the thing, at least.")] = 0.5,
-    far: Annotated[float, typer.Option(help="observation: metres off the thing, at most.")] = 1.2,
-    headroom: Annotated[float, typer.Option(help="floor: metres free above it.")] = 2.0,
-    max_step: Annotated[float, typer.Option(help="floor: metres one steps up or down.")] = 0.03,
+    near: Annotated[
+        float, typer.Option(help="observation: least distance from the object, metres.")
+    ] = 0.5,
+    far: Annotated[
+        float, typer.Option(help="observation: largest distance from the object, metres.")
+    ] = 1.2,
+    headroom: Annotated[float, typer.Option(help="floor: free height above it, metres.")] = 2.0,
+    max_step: Annotated[float, typer.Option(help="floor: highest step up or down, metres.")] = 0.03,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Find what of the geometry has a meaning.
+    """Find regions in the geometry of rooms and objects.
 
-    surfaces: where other things can stand; floor: where one can walk in a room as it is now;
-    observation: the ring around a thing from which to look at it.
+    surfaces: where other objects can stand; floor: the walkable floor of a room as it is now;
+    observation: the ring around an object from which to observe it.
     """
     if not names and type_ is None:
-        raise typer.BadParameter("name rooms or things, or give --type")
+        raise typer.BadParameter("name rooms or objects, or give --type")
     seek: dict[Sort, Callable[[Connection, int], int | list[int]]] = {
         Sort.surfaces: find_support_surfaces,
         Sort.floor: partial(find_walkable_floor, headroom=headroom, max_step=max_step),
@@ -73,11 +77,11 @@ def find(
         for name in names or []:
             made = seek[sort](connection, entity_named(connection, name))
             found += made if isinstance(made, list) else [made]
-        for thing in all_of_type(connection, type_, kind) if type_ else []:
+        for entity in all_of_type(connection, type_, kind) if type_ else []:
             try:
                 with connection.begin_nested():
-                    made = seek[sort](connection, thing)
-            except ValueError as error:  # of many, some may have none
+                    made = seek[sort](connection, entity)
+            except ValueError as error:  # some of many may have none
                 cli.err.print(f"left out: {error}", style="yellow")
                 continue
             found += made if isinstance(made, list) else [made]
@@ -94,17 +98,17 @@ def draw(
     box: Annotated[str | None, typer.Option(help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame.")] = None,
     type_: Annotated[str, typer.Option("--type", help="Such as blocked_region.")] = "region",
     holder: Annotated[
-        str | None, typer.Option(help="Room or thing that it is in and moves with.")
+        str | None, typer.Option(help="Room or object that holds it, and with which it moves.")
     ] = None,
     where: Annotated[
         list[str] | None, typer.Option("--property", help="KEY=VALUE; repeatable.")
     ] = None,
-    since: Annotated[datetime | None, typer.Option(help="It holds from then on.")] = None,
-    until: Annotated[datetime | None, typer.Option(help="It holds until then.")] = None,
+    since: Annotated[datetime | None, typer.Option(help="It is valid from then on.")] = None,
+    until: Annotated[datetime | None, typer.Option(help="It is valid until then.")] = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Draw a region, or draw it anew: a polygon from floor to ceiling, or a box."""
+    """Draw or redraw a region: a polygon from floor to ceiling, or a box."""
     with cli.engine().begin() as connection:
         cli.choose_map(connection, map_name)
         region = draw_region(
@@ -115,7 +119,7 @@ def draw(
             box=None if box is None else box_of(box),
             type=type_,
             holder=None if holder is None else entity_named(connection, holder),
-            properties=dict(property_of(said) for said in where or []),
+            properties=dict(property_of(given) for given in where or []),
             valid=None if since is None and until is None else (zoned(since), zoned(until)),
         )
         answer = listed(connection, [region])
@@ -124,7 +128,7 @@ def draw(
 
 @regions.command()
 def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
-    """List the regions, with what they are a part of and how they came to be."""
+    """List the regions, with their owners and origins."""
     with cli.engine().connect() as connection:
         cli.choose_map(connection, map_name)
         answer = listed(connection)
@@ -134,7 +138,7 @@ def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 def listed(
     connection: Connection, ids: list[int] | None = None
 ) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """The regions of the current map, or those with these ids, as columns and rows."""
+    """Return the regions of the current map, or those with these ids, as columns and rows."""
     result = connection.execute(
         text(
             "SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, "
@@ -154,13 +158,13 @@ def listed(
 
 
 def entity_named(connection: Connection, name: str) -> int:
-    """The id of the entity of that name in the current map; an error names those that come near."""
+    """Return the id of the entity of that name in the current map; an error has similar names."""
     entries.describe(connection, name)
     return int(connection.execute(text("SELECT entity_id(:name)"), {"name": name}).scalar_one())
 
 
 def all_of_type(connection: Connection, type_: str, kind: str) -> list[int]:
-    """The ids of the entities of a kind, of a type and its subtypes, that are placed."""
+    """Return the ids of the placed entities of a kind and type, subtypes included."""
     columns, rows = entries.find(connection, entries.Question(type=type_))
     names = [row[columns.index("name")] for row in rows if row[columns.index("kind")] == kind]
     return list(
@@ -174,14 +178,14 @@ def all_of_type(connection: Connection, type_: str, kind: str) -> list[int]:
     )
 
 
-def outline_of(said: str) -> Polygon:
-    """The polygon that ``x,y x,y x,y ...`` says."""
+def outline_of(given: str) -> Polygon:
+    """Return the polygon of ``x,y x,y x,y ...``."""
     try:
-        corners = [tuple(float(v) for v in corner.split(",")) for corner in said.split()]
+        corners = [tuple(float(v) for v in corner.split(",")) for corner in given.split()]
     except ValueError:
         corners = []
     if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
-        raise ValueError(f'--polygon takes three corners or more, "x,y x,y x,y", not {said}')
+        raise ValueError(f'--polygon takes three corners or more, "x,y x,y x,y", not {given}')
     polygon = shapely.Polygon(corners)
     if not polygon.is_valid:
         raise ValueError(f"--polygon crosses its own border: {shapely.is_valid_reason(polygon)}")
@@ -189,26 +193,26 @@ def outline_of(said: str) -> Polygon:
 
 
 def zoned(moment: datetime | None) -> datetime | None:
-    """A moment that is said without a time zone, in that of the machine."""
+    """Return a moment with a time zone, by default that of the machine."""
     return moment if moment is None or moment.tzinfo else moment.astimezone()
 
 
-def box_of(said: str) -> tuple[float, float, float, float, float, float]:
-    """The box that ``x0,y0,z0,x1,y1,z1`` says."""
+def box_of(given: str) -> tuple[float, float, float, float, float, float]:
+    """Return the box of ``x0,y0,z0,x1,y1,z1``."""
     try:
-        x0, y0, z0, x1, y1, z1 = (float(v) for v in said.split(","))
+        x0, y0, z0, x1, y1, z1 = (float(v) for v in given.split(","))
     except ValueError:
         raise ValueError(
-            f"--box takes six numbers with commas between, x0,y0,z0,x1,y1,z1, not {said}"
+            f"--box takes six numbers with commas between, x0,y0,z0,x1,y1,z1, not {given}"
         ) from None
     return x0, y0, z0, x1, y1, z1
 
 
-def property_of(said: str) -> tuple[str, Any]:
-    """The key and the value, JSON or else text, that ``KEY=VALUE`` says."""
-    key, equals, value = said.partition("=")
+def property_of(given: str) -> tuple[str, Any]:
+    """Return the key and the value, JSON or else text, of ``KEY=VALUE``."""
+    key, equals, value = given.partition("=")
     if not equals or not key:
-        raise ValueError(f"--property takes KEY=VALUE, not {said}")
+        raise ValueError(f"--property takes KEY=VALUE, not {given}")
     try:
         return key, json.loads(value)
     except json.JSONDecodeError:

@@ -1,4 +1,4 @@
-"""Regions as they should be, kept in the database: nothing else of it changes."""
+"""Regions into the database: made, or updated where they differ."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ class Owner:
 
 @dataclass(frozen=True)
 class Wanted:
-    """A region as it should be: outline from z `low` to `high` in its own frame, in its holder."""
+    """The wanted state of a region.
+
+    Its outline, from z `low` to `high`, is in its own frame; its pose is in its holder."""
 
     name: str
     type: str
@@ -51,7 +53,7 @@ class Wanted:
 
 
 def at_its_middle(outline: Outline, height: float) -> tuple[Pose, Outline]:
-    """A frame at a point of the outline, parallel to the one it is given in; the outline in it."""
+    """Return a frame at a point of the outline, parallel to the given one; the outline in it."""
     middle = outline.representative_point()
     x, y = round(middle.x, 6), round(middle.y, 6)
     return Pose(x, y, height), shapely.transform(outline, lambda points: points - (x, y))
@@ -68,7 +70,7 @@ def level_region(
     *,
     properties: dict[str, Any],
 ) -> Wanted:
-    """A region given in the map's frame: its own frame is level, its pose that in its owner."""
+    """Return a region given in the map's frame; its own frame is level."""
     pose, flat = at_its_middle(outline, low)
     if owner is not None:
         pose = owner.pose.inverse() @ pose
@@ -76,7 +78,7 @@ def level_region(
 
 
 def keep(connection: Connection, map_id: int, owner: Owner | None, region: Wanted) -> int:
-    """Bring the map's region of that name to what it should be, and nothing else."""
+    """Make or update the map's region of that name and return its id."""
     connection.exec_driver_sql("SELECT pg_advisory_xact_lock(hashtext('semmap.regions'))")
     _check_type(connection, region)
     entity = _entry(connection, map_id, owner, region)
@@ -107,7 +109,7 @@ def _check_type(connection: Connection, region: Wanted) -> None:
 
 
 def _entry(connection: Connection, map_id: int, owner: Owner | None, region: Wanted) -> int:
-    """The entity and its row of table region, made or brought up to date."""
+    """Make or update the entity and its row of the table region; return its id."""
     values = {
         "map": map_id,
         "name": region.name,
@@ -157,7 +159,7 @@ def _entry(connection: Connection, map_id: int, owner: Owner | None, region: Wan
 
 
 def _give_outline(connection: Connection, entity: int, region: Wanted) -> None:
-    """The drawn model of the region's outline, instead of the one that it had."""
+    """Replace the region's model by the drawn model of its outline."""
     model = connection.exec_driver_sql(
         "SELECT drawn_model(check_outline(ST_GeomFromWKB(%(outline)s, 0), %(name)s), "
         "%(low)s::float8, %(high)s::float8)",

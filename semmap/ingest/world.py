@@ -1,4 +1,4 @@
-"""What a parser hands over: the entries of a world file, and what it left out."""
+"""The result of a parser: the entries of a world file, and what it left out."""
 
 from __future__ import annotations
 
@@ -29,16 +29,17 @@ Kind = Literal["room", "object", "region", "connector", "elevator", "storey", "a
 ShapeKind = Literal["mesh", "box", "cloud", "polygon", "cad"]
 
 OUTSIDE = "outside"
-"""The name of what lies beyond the building: an exterior door joins a place and this."""
+"""The name of the outdoors: an exterior door joins a place and this."""
 
 
 class WorldError(Exception):
-    """A file that cannot be trusted as a whole; nothing of it is imported.
+    """A file that cannot be trusted as a whole; none of it is imported.
 
     Parameters
     ----------
     path : the file
-    element : where in it (an XPath-like name, a line, a feature)
+    element : where in the file (an XPath-like name, a line, a feature)
+    problem : what is wrong
     fix : what the user can do
     """
 
@@ -47,9 +48,9 @@ class WorldError(Exception):
         super().__init__(f"{path}: {element}: {problem}. {fix}")
 
 
-def _printable(said: str) -> str:
-    """Text that every terminal and database takes."""
-    return said.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
+def _printable(given: str) -> str:
+    """Return text that every terminal and database accepts."""
+    return given.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 
 
 class Refused(Exception):
@@ -62,15 +63,15 @@ class Refused(Exception):
 
 @dataclass(frozen=True)
 class Skipped:
-    """An element that cannot be used, left out and named in the summary."""
+    """An element that cannot be used; it is left out and named in the summary."""
 
     element: str
     problem: str
     fix: str
 
     def __post_init__(self) -> None:
-        for name, said in vars(self).items():
-            object.__setattr__(self, name, _printable(said))
+        for name, given in vars(self).items():
+            object.__setattr__(self, name, _printable(given))
 
 
 @dataclass
@@ -91,7 +92,9 @@ class Shape:
 
 @dataclass
 class PlaceDetail:
-    """What a room adds: heights in metres in its own frame, and the elevator whose cabin it is."""
+    """What an entry of kind room adds.
+
+    Heights are metres in its own frame; `elevator` is the one whose cabin it is."""
 
     floor: float = 0.0
     ceiling: float | None = None
@@ -100,7 +103,7 @@ class PlaceDetail:
 
 @dataclass
 class StoreyDetail:
-    """What a storey adds: elevation above the map's origin and clear height, in metres."""
+    """What an entry of kind storey adds: elevation above the origin and clear height, metres."""
 
     elevation: float = 0.0
     height: float | None = None
@@ -108,13 +111,13 @@ class StoreyDetail:
 
 @dataclass
 class ConnectorDetail:
-    """What a connector adds (Deeken et al., section 3.4).
+    """The part of an entry that only connectors have (Deeken et al., section 3.4).
 
     The two places that it joins (the second may be `OUTSIDE`), and a pose in each, in the
     connector's own frame, at which a robot stands facing the connector. x of the connector's
     frame points from the first place to the second. `behaviour` names the robot behaviour that
     passing needs (``pass_door``, ``call_elevator``, ...). `width` and `height` are of the clear
-    opening, `step` that of its threshold, metres; who passes needs one of the `permissions`.
+    opening, `step` that of its threshold, metres; a robot needs one of the `permissions` to pass.
     """
 
     places: tuple[str, str]
@@ -163,7 +166,7 @@ class WorldLink:
 
 @dataclass
 class World:
-    """All that a file says. Names in `entries` are unique; a holder stands before what it holds."""
+    """The content of a file. Names in `entries` are unique; a holder comes before what it holds."""
 
     name: str
     source: Path

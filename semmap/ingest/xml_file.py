@@ -1,4 +1,4 @@
-"""XML files that are not trusted: no entities, no DTD, and an error that names line and fix."""
+"""Untrusted XML files: no entities, no DTD, and errors that name the line and the fix."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["read_xml"]
 
 
 def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
-    """The root element of an XML file.
+    """Return the root element of an XML file.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
         raise WorldError(
             path,
             found,
-            f"is not the root that is expected here, <{'> or <'.join(roots or ())}>",
+            f"is not the expected root, <{'> or <'.join(roots or ())}>",
             "Give a file of this format.",
         )
     return root

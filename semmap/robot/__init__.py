@@ -1,4 +1,4 @@
-"""Robots from URDF: their parts, the intervals of height that these take, their footprints."""
+"""Robots from URDF: their parts, with intervals of height and footprints."""
 
 from semmap.robot.grouping import LinkGroup, RobotError, find_groups, read_groups
 from semmap.robot.parts import Part, footprint_string, robot_parts

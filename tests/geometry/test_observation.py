@@ -41,5 +41,5 @@ def test_distances_that_make_no_ring(near: float, far: float) -> None:
 
 
 def test_a_room_too_small_to_stand_off() -> None:
-    with pytest.raises(ValueError, match="come nearer"):
+    with pytest.raises(ValueError, match="give smaller distances"):
         observation_area(shapely.box(1, 1, 2, 2), 4, 5, shapely.box(0, 0, 3, 3))

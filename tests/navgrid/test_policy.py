@@ -66,7 +66,7 @@ def test_the_first_rule_that_fits_decides(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("said", "says"),
     [
-        ("layers: [", "is no YAML"),
+        ("layers: [", "is not valid YAML"),
         ("- a", "the file: give key: value"),
         ("layers: {a: }\nrules: {}", "rules as a list"),
         ("layers: {}\nrules: []", "needs layers"),

@@ -136,8 +136,8 @@ def test_units_of_collada(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        ({"shoulde": 0.1}, "no joint shoulde that moves; it has roll"),
-        ({"ground": 0.1}, "no joint ground"),
+        ({"shoulde": 0.1}, "no movable joint shoulde; it has roll"),
+        ({"ground": 0.1}, "no movable joint ground"),
         ({"shoulder": 2.0}, "from -1.6 to 1.6, not to 2"),
         ({"lift": -0.1}, "from 0 to 0.4"),
     ],
@@ -150,7 +150,7 @@ def test_states_that_it_cannot_take(robot: Robot, state: dict[str, float], says:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("<robot", "is no URDF"),
+        ("<robot", "is not a usable URDF"),
         ("<robot name='empty'><link name='a'/></robot>", "no link has geometry"),
         (
             BY_HAND.replace('<sphere radius="0.1"/>', '<mesh filename="package://none/head.stl"/>'),
@@ -238,7 +238,7 @@ def test_a_state_is_finite(tmp_path: Path) -> None:
 
 
 def test_no_file(tmp_path: Path) -> None:
-    with pytest.raises(RobotError, match=r"is not there\. Name a URDF"):
+    with pytest.raises(RobotError, match=r"does not exist\. Name a URDF"):
         load_robot(tmp_path / "robot.urdf")
 
 

@@ -1,4 +1,4 @@
-"""Features of GeoJSON and GeoPackage files: geometries in metres, and what people say of them."""
+"""Features of GeoJSON and GeoPackage files: geometries in metres, and properties."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ DEPTHS = {
 """How deep the positions of a GeoJSON geometry are nested."""
 
 STYLE_LAYERS = frozenset({"layer_styles", "qgis_projects"})
-"""Tables of a GeoPackage that say how QGIS shows the others."""
+"""Tables of a GeoPackage that store how QGIS shows the others."""
 
 EARTH = 1e8
-"""No coordinate of a projection of the earth, and no EPSG code, is beyond this."""
+"""Largest coordinate of a projection of the earth, and largest EPSG code."""
 
 GEOREFERENCE = ("crs", "easting", "northing", "height", "rotation")
 
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature: `where` names it for people, `layer` is the layer that it stands in."""
+    """One feature: `where` names it in messages, `layer` is the layer that contains it."""
 
     where: str
     layer: str | None
@@ -63,7 +63,7 @@ class Feature:
 
 @dataclass
 class FeatureFile:
-    """What a file holds; `lost` names the features left out, as far as they have a name."""
+    """The content of a file; `lost` has the names of the features left out."""
 
     features: list[Feature] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
@@ -72,14 +72,14 @@ class FeatureFile:
     georeference: dict[str, object] | None = None
 
     def skip(self, feature_name: object, where: str, refused: Refused) -> None:
-        """Take note of a feature that is left out."""
+        """Record a feature that is left out."""
         self.skipped.append(Skipped(where, refused.problem, refused.fix))
         if isinstance(feature_name, str):
             self.lost.add(feature_name)
 
 
 def read_features(path: Path) -> FeatureFile:
-    """Read all features of a file; coordinates are metres of the map, whatever CRS is stated.
+    """Return all features of a file; coordinates are metres of the map, whatever CRS is stated.
 
     Raises
     ------
@@ -88,7 +88,12 @@ def read_features(path: Path) -> FeatureFile:
     """
     if path.suffix.lower() not in ENDINGS:
         known = ", ".join(ENDINGS)
-        raise WorldError(path, "ending", f"{path.suffix!r} is no annotation's", f"Known: {known}.")
+        raise WorldError(
+            path,
+            "ending",
+            f"{path.suffix!r} is not the ending of an annotation",
+            f"Known: {known}.",
+        )
     read = _read_geopackage if path.suffix.lower() == ".gpkg" else _read_geojson
     try:
         return read(path)
@@ -128,18 +133,18 @@ def _read_geojson(path: Path) -> FeatureFile:
                 raise Refused("is not a Feature", "Make it one, or remove it.")
             if not isinstance(properties, dict | None):
                 raise Refused("its properties are not an object", "Make them one.")
-            said = {
+            given = {
                 k: checked_property(v, k) for k, v in (properties or {}).items() if v is not None
             }
             geometry = _geojson_geometry(member.get("geometry"))
-            out.features.append(Feature(where, layer, geometry, said))
+            out.features.append(Feature(where, layer, geometry, given))
         except Refused as refused:
             out.skip(name, where, refused)
     return out
 
 
 def parse_json(path: Path) -> Any:
-    """The content of a JSON file; a `WorldError` says where it is none."""
+    """Return the content of a JSON file; a `WorldError` names the place of an error."""
     try:
         TEXT_BYTES.check(
             path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
@@ -175,14 +180,14 @@ def _geojson_geometry(geometry: object) -> shapely.Geometry | None:
             {"type": kind, "coordinates": _flattened(coordinates, DEPTHS[kind])}
         )
     except (ValueError, TypeError, IndexError, shapely.errors.ShapelyError) as error:
-        raise Refused(f"is no {kind} ({error})", "Draw it again.") from error
+        raise Refused(f"is not a valid {kind} ({error})", "Draw it again.") from error
     VERTICES.check(shapely.get_num_coordinates(made), Refused, "Simplify it.")
     return None if made.is_empty else made
 
 
 def _check_positions(coordinates: object, depth: int) -> None:
     if not isinstance(coordinates, list):
-        raise Refused("its coordinates are not nested as its type asks", "Draw it again.")
+        raise Refused("its coordinates are not nested as its type requires", "Draw it again.")
     if depth:
         for inner in coordinates:
             _check_positions(inner, depth - 1)
@@ -197,28 +202,28 @@ def _check_range(numbers: list[Any] | NDArray[np.float64]) -> None:
     for number in numbers:
         if EXTENT.exceeded_by(abs(number)):
             raise Refused(
-                f"has {str(number)[:20]}, which is no coordinate of a local frame",
+                f"has {str(number)[:20]}, which is too large for a local frame",
                 f"Draw it within {EXTENT.value:,.0f} m of the map's origin, in metres. "
                 f"{EXTENT.variable} raises the limit.",
             )
 
 
 def _flattened(coordinates: Any, depth: int) -> Any:
-    """Positions as pairs: heights are said by properties."""
+    """Return positions as pairs: heights are properties."""
     return [_flattened(c, depth - 1) for c in coordinates] if depth else coordinates[:2]
 
 
-def _read_georeference(said: object, out: FeatureFile) -> None:
-    """The foreign member that places the map on the earth (see the table `map`)."""
-    if said is None:
+def _read_georeference(given: object, out: FeatureFile) -> None:
+    """Read the foreign member that places the map on the earth (see the table `map`)."""
+    if given is None:
         return
     try:
-        if not isinstance(said, dict) or set(said) != set(GEOREFERENCE):
+        if not isinstance(given, dict) or set(given) != set(GEOREFERENCE):
             raise Refused("is not complete", f"Give the numbers {', '.join(GEOREFERENCE)}.")
-        for key, value in said.items():
+        for key, value in given.items():
             if not isinstance(value, int | float) or not abs(value) <= EARTH:
                 raise Refused(f"{key} is {value!r}", "Give a number.")
-        out.georeference = dict(said)
+        out.georeference = dict(given)
     except Refused as refused:
         out.skip(None, "georeference", refused)
 
@@ -242,7 +247,7 @@ def _read_geopackage(path: Path) -> FeatureFile:
 
 
 def _check_sqlite(path: Path) -> None:
-    """GDAL reads what it can of a damaged file, so that damage is looked for first."""
+    """Refuse a damaged file: GDAL would read a part of it."""
     if not path.is_file():
         raise WorldError(path, "file", "is not there", "Check the path.")
     try:
@@ -274,15 +279,15 @@ def _read_layer(path: Path, layer: str, out: FeatureFile) -> None:
             out.notes.append(note)
     kinds = list(zip(meta["fields"], meta["ogr_types"], meta["ogr_subtypes"], strict=True))
     for row, fid in enumerate(fids):
-        said = {
+        given = {
             str(key): value
             for (key, type_, subtype), column in zip(kinds, columns, strict=True)
             if (value := _plain(column[row], type_, subtype)) is not None
         }
-        name = said.get("name")
+        name = given.get("name")
         where = f"{layer}/{fid}" + (f" ({name})" if name is not None else "")
         try:
-            checked = {k: checked_property(v, k) for k, v in said.items()}
+            checked = {k: checked_property(v, k) for k, v in given.items()}
             geometry = _wkb_geometry(None if wkb is None else wkb[row])
             out.features.append(Feature(where, layer, geometry, checked))
         except Refused as refused:
@@ -302,7 +307,7 @@ def _wkb_geometry(wkb: bytes | None) -> shapely.Geometry | None:
 
 
 def _plain(value: Any, ogr_type: str, subtype: str) -> Any:
-    """A column's value as JSON has it; None for what the table leaves empty."""
+    """Return a column's value as JSON has it; None for an empty cell."""
     if isinstance(value, np.datetime64):
         return None if np.isnat(value) else str(value)
     if isinstance(value, np.generic):
@@ -322,18 +327,18 @@ def _plain(value: Any, ogr_type: str, subtype: str) -> Any:
 
 
 def checked_property(value: Any, key: str) -> Any:
-    """A property that the map can keep; text that holds a JSON object or array is read as that."""
+    """Return a property that the map can keep; text that holds a JSON object or array is parsed."""
     if isinstance(value, str) and value[:1] in ("{", "["):
         with contextlib.suppress(ValueError, RecursionError):
             value = json.loads(value)
     for text in (key, *_texts(value, key)):
         if "\x00" in text or any("\ud800" <= c <= "\udfff" for c in text):
-            raise Refused(f"{key!a} holds a character that no text has", "Remove it.")
+            raise Refused(f"{key!a} holds a character that is not valid in text", "Remove it.")
     return value
 
 
 def _texts(value: Any, key: str, depth: int = 0) -> Iterator[str]:
-    """All texts in a value; a number in it that is not finite is refused."""
+    """Yield all texts in a value; refuse a number that is not finite."""
     if NESTING.exceeded_by(depth):
         raise Refused(f"{key!a} is nested too deeply", "Make it flatter.")
     if isinstance(value, str):

@@ -1,4 +1,4 @@
-"""What a map feature says: its type and kind, words and numbers, areas and lines."""
+"""The values of a map feature: its type and kind, texts and numbers, areas and lines."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 SMALLEST = 1e-4
-"""A polygon of less area, in m2, is a slip of the mouse."""
+"""Least area of a polygon, m2; a smaller one is an accidental click."""
 
 LAYERS: dict[str, Kind] = {
     "rooms": "room",
@@ -64,13 +64,13 @@ def _tbox() -> Mapping[str, TypeRecord]:
 
 @functools.cache
 def _type_of_word() -> Mapping[str, str]:
-    """Names of types and their synonyms; a word that is a name means the type of that name."""
+    """Return the type of each name and synonym; a name takes precedence over a synonym."""
     words = {snake_case(word): r.name for r in _tbox().values() for word in r.synonyms}
     return words | {name: name for name in _tbox()}
 
 
 def supertypes(type_: str) -> set[str]:
-    """A type and all that subsume it; for one that the T-Box lacks, itself."""
+    """Return a type and all its supertypes; a type that the T-Box lacks has only itself."""
     above, todo = set(), [type_]
     while todo:
         above.add(current := todo.pop())
@@ -82,7 +82,7 @@ def supertypes(type_: str) -> set[str]:
 
 
 def text(feature: Feature, key: str) -> str | None:
-    """A property as text; None where it is absent or empty."""
+    """Return a property as text; None where it is absent or empty."""
     value = feature.properties.get(key)
     if value is None or value == "":
         return None
@@ -92,7 +92,7 @@ def text(feature: Feature, key: str) -> str | None:
 
 
 def number(feature: Feature, key: str) -> float | None:
-    """A property as a finite number."""
+    """Return a property as a finite number; None where it is absent or empty."""
     value = feature.properties.get(key)
     if value is None or value == "":
         return None
@@ -108,7 +108,7 @@ def number(feature: Feature, key: str) -> float | None:
 
 
 def choice(feature: Feature, key: str, choices: tuple[str, ...], default: str) -> str:
-    """A property that is one of a few words."""
+    """Return a property that is one of a few words."""
     value = text(feature, key) or default
     if value not in choices:
         raise Refused(f"its {key} is {value!r}", f"Use one of {', '.join(choices)}.")
@@ -116,7 +116,7 @@ def choice(feature: Feature, key: str, choices: tuple[str, ...], default: str) -
 
 
 def flag_of(value: object, key: str) -> bool:
-    """A value as true or false."""
+    """Return a value as true or false."""
     flags = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
     found = flags.get(str(value).strip().lower())
     if found is None:
@@ -125,38 +125,38 @@ def flag_of(value: object, key: str) -> bool:
 
 
 def heading_of(feature: Feature) -> float:
-    """Counter-clockwise from +x, radians."""
+    """Return the heading of a feature, counter-clockwise from +x, radians."""
     degrees = number(feature, "heading_deg")
     return math.radians(degrees) if degrees is not None else number(feature, "heading") or 0.0
 
 
 def type_of(feature: Feature) -> str | None:
-    """The type that a feature says, by its name in the T-Box where that has the word."""
-    said = text(feature, "type")
+    """Return the type of a feature, by its name in the T-Box where that has the word."""
+    given = text(feature, "type")
     kind = snake_case(text(feature, "kind") or "")
-    if said is None:
+    if given is None:
         return kind if kind in _tbox() and kind not in KINDS else None
-    name = snake_case(said)
+    name = snake_case(given)
     if not name:
-        raise Refused(f"its type is {said!r}", "Give a type such as dining_table.")
+        raise Refused(f"its type is {given!r}", "Give a type such as dining_table.")
     return _type_of_word().get(name, name)
 
 
 def kind_of(feature: Feature, type_: str | None) -> Kind:
-    """The kind of entity: as said, else that of the layer, else that of the type."""
-    said = text(feature, "kind")
-    if said is not None:
-        known = _tbox().get(snake_case(said))
-        kind = known.kind if known else LAYERS.get(said.lower())
+    """Return the kind of entity: the property, else that of the layer, else that of the type."""
+    given = text(feature, "kind")
+    if given is not None:
+        known = _tbox().get(snake_case(given))
+        kind = known.kind if known else LAYERS.get(given.lower())
         if kind is None:
-            raise Refused(f"its kind is {said!r}", f"Use one of {', '.join(KINDS)}.")
+            raise Refused(f"its kind is {given!r}", f"Use one of {', '.join(KINDS)}.")
         return cast(Kind, kind)
     kind = LAYERS.get((feature.layer or "").lower())
     if kind is None and type_ is not None and type_ in _tbox():
         kind = cast("Kind | None", _tbox()[type_].kind)
     if kind is None:
         raise Refused(
-            "it says no kind, its layer is none that is known, and its type is not in the T-Box",
+            "it names no kind, its layer is unknown, and its type is not in the T-Box",
             f"Add the property kind: {', '.join(KINDS)}.",
         )
     return kind
@@ -166,7 +166,7 @@ def kind_of(feature: Feature, type_: str | None) -> Kind:
 
 
 def area_of(feature: Feature, notes: list[str]) -> Polygon | MultiPolygon:
-    """The feature's area, repaired where that leaves it one area."""
+    """Return the feature's area, repaired where that leaves one area."""
     geometry = feature.geometry
     assert isinstance(geometry, Polygon | MultiPolygon)
     if not geometry.is_valid:
@@ -190,12 +190,12 @@ def area_of(feature: Feature, notes: list[str]) -> Polygon | MultiPolygon:
 
 
 def middle_of(area: Polygon | MultiPolygon) -> Point:
-    """A point of the area, its centroid where that lies in it."""
+    """Return a point of the area, its centroid where that lies in it."""
     return area.centroid if area.contains(area.centroid) else area.representative_point()
 
 
 def line_of(feature: Feature, notes: list[str]) -> LineString:
-    """The straight line of a connector, from its first to its last point."""
+    """Return the straight line of a connector, from its first to its last point."""
     geometry = feature.geometry
     if geometry is not None and geometry.geom_type == "MultiLineString":
         geometry = shapely.line_merge(geometry)
@@ -217,9 +217,10 @@ def line_of(feature: Feature, notes: list[str]) -> LineString:
             "its line has no length", "Draw it from one side of the opening to the other."
         )
     if geometry.length > 1.01 * line.length:
-        notes.append(f"{feature.where}: its line is taken as straight from end to end")
+        notes.append(f"{feature.where}: its line is read as straight from end to end")
     return line
 
 
 def drawn_as(feature: Feature) -> str:
+    """Return the type of a feature's geometry, for messages."""
     return feature.geometry.geom_type if feature.geometry is not None else "nothing"

@@ -27,14 +27,14 @@ from semmap.limits import EXTENT, PARTS, TRIANGLES
 __all__ = ["MeshFileError", "other_case", "read_mesh", "read_mesh_world"]
 
 Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""Turns coordinates with y up into such with z up."""
+"""Rotation from coordinates with y up to coordinates with z up."""
 
 X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
-"""Turns coordinates with x up (COLLADA: right -y, towards the viewer z) into such with z up."""
+"""Rotation from coordinates with x up (COLLADA: right -y, towards the viewer z) to z up."""
 
 
 class MeshFileError(Exception):
-    """A mesh file that cannot be used: `problem` says why, `fix` what to do."""
+    """A mesh file that cannot be used: what is wrong, and how to fix it."""
 
     def __init__(self, problem: str, fix: str) -> None:
         super().__init__(f"{problem}. {fix}")
@@ -57,7 +57,7 @@ def read_mesh(
     dae_up_axis: bool = True,
     scale: float = 1.0,
 ) -> Mesh:
-    """The surface in a mesh file, all its parts joined; vertices that coincide are one.
+    """Return the surface in a mesh file, all parts joined; vertices that coincide are merged.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def read_mesh(
     part : take only the node or geometry of this name (SDF's `<submesh>`)
     center : put the middle of the bounding box at the origin
     dae_up_axis : follow a COLLADA file's `<up_axis>`; Gazebo does not
-    scale : metres a unit of the file, for formats that know no unit (OBJ, STL, PLY, OFF)
+    scale : metres per unit of the file, for formats without units (OBJ, STL, PLY, OFF)
 
     Returns
     -------
@@ -78,7 +78,7 @@ def read_mesh(
         The file is missing, is not what its ending says, is broken, or has no faces.
     """
     if not os.path.isfile(path):  # noqa: PTH113 - False where a name is too long
-        raise MeshFileError("there is no such mesh file", other_case(path) or "Restore it.")
+        raise MeshFileError("does not exist", other_case(path) or "Restore it.")
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # what a loader warns of either shows below or is harmless
         read = _READERS.get(path.suffix.lower(), _read_any)
@@ -157,7 +157,7 @@ def read_mesh_world(
 
 
 def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
-    """COLLADA through pycollada, with unit, and with up axis if asked for."""
+    """Read COLLADA through pycollada, with its unit, and with its up axis if required."""
     import collada
 
     data = path.read_bytes()
@@ -199,7 +199,7 @@ def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
 
 
 def _dae_asset(data: bytes) -> tuple[float, str]:
-    """Metres a unit and the up axis that a COLLADA file states; refuses a DTD."""
+    """Return the metres per unit and the up axis that a COLLADA file states; refuse a DTD."""
     unit, up = 1.0, "Y_UP"
     try:
         for _, element in iterparse(io.BytesIO(data), events=("end",), forbid_dtd=True):
@@ -223,7 +223,7 @@ def _dae_asset(data: bytes) -> tuple[float, str]:
 
 
 def _dae_node_names(document: object) -> dict[str, set[str]]:
-    """Names of the nodes that instance each geometry, by geometry id."""
+    """Return the names of the nodes that instance each geometry, by geometry id."""
     names: dict[str, set[str]] = {}
     for node in document.xmlnode.iter("{*}node"):  # type: ignore[attr-defined]
         for instance in node.iterfind("{*}instance_geometry"):
@@ -233,7 +233,7 @@ def _dae_node_names(document: object) -> dict[str, set[str]]:
 
 
 def _read_any(path: Path, up_axis: bool) -> list[_Part]:
-    """Any other format, through trimesh."""
+    """Read any other format through trimesh."""
     import trimesh
 
     _check_signature(path)
@@ -265,7 +265,7 @@ _SIGNATURES: dict[str, re.Pattern[bytes]] = {
     ".off": re.compile(rb"\s*(#.*\s+)*\w*OFF"),
     ".3mf": re.compile(rb"PK"),
 }
-"""How a file of each format begins."""
+"""The first bytes of a file of each format."""
 
 
 def _check_signature(path: Path) -> None:
@@ -284,7 +284,7 @@ def _check_signature(path: Path) -> None:
 
 
 def _placed(vertices: ArrayLike, faces: ArrayLike, matrix: NDArray[np.float64]) -> Mesh:
-    """A piece moved by its (4, 4) affine transform; mirrored faces are turned back."""
+    """Return a piece moved by its (4, 4) affine transform; mirrored faces are turned back."""
     v = np.asarray(vertices, dtype=float).reshape(-1, 3)
     f = np.asarray(faces, dtype=np.int64).reshape(-1, 3)
     if len(f) and (f.min() < 0 or f.max() >= len(v)):
@@ -295,7 +295,7 @@ def _placed(vertices: ArrayLike, faces: ArrayLike, matrix: NDArray[np.float64]) 
 
 
 def _tidy(mesh: Mesh, scale: float) -> Mesh:
-    """Scaled, without unused vertices, and with coinciding vertices merged; all faces stay."""
+    """Return the mesh scaled, without unused vertices, with coinciding vertices merged."""
     used, faces = np.unique(mesh.faces, return_inverse=True)
     points = mesh.vertices[used] * scale + 0.0  # no negative zeros
     order = np.lexsort(points.T)
@@ -314,7 +314,7 @@ def _checked(mesh: Mesh) -> Mesh:
 
 
 def _footprint(mesh: Mesh) -> shapely.Polygon | shapely.MultiPolygon | None:
-    """What the mesh covers seen from above, holes filled; None where that is no area."""
+    """Return the area that the mesh covers from above, holes filled; None without an area."""
     corners = mesh.triangles[:, :, :2]
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     flat = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > 1e-9
@@ -327,7 +327,7 @@ def _footprint(mesh: Mesh) -> shapely.Polygon | shapely.MultiPolygon | None:
 
 
 def other_case(path: Path) -> str:
-    """A fix where the file is there under a name that differs in case only, else nothing."""
+    """Return a fix if the file exists under a name that differs in case only, else ""."""
     if os.path.isdir(path.parent):  # noqa: PTH112 - False where a name is too long
         for other in path.parent.iterdir():
             if other.name != path.name and other.name.lower() == path.name.lower():

@@ -1,4 +1,4 @@
-"""How much a mesh file unfolds to, computed from its structure before its loader allocates that.
+"""The size of a mesh file once it is loaded, computed from its structure before loading.
 
 A few hundred bytes can claim millions of vertices, or place one mesh a million times.
 """
@@ -31,11 +31,11 @@ _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 
 
 
 def check_size(path: Path, error: Raise) -> None:
-    """Refuse a mesh file that is larger than `semmap.limits` allow, or becomes so when it is read.
+    """Refuse a mesh file that is larger than `semmap.limits` allow, or becomes so when loaded.
 
     Parameters
     ----------
-    path : a mesh file; `.3mf`, `.dae`, `.glb` and `.gltf` are looked into
+    path : a mesh file; the structure of `.3mf`, `.dae`, `.glb` and `.gltf` is read
     error : makes the exception from a problem and how to fix it
 
     Raises
@@ -66,7 +66,7 @@ def _check_gltf(path: Path, error: Raise) -> None:
 
 
 def _check_accessors(document: Mapping[str, Any], error: Raise) -> None:
-    """Each accessor has its data in the file, and what primitives and nodes take is bounded."""
+    """Check that each accessor has its data in the file, and the number of placed triangles."""
     accessors: Sequence[Mapping[str, Any]] = document.get("accessors", [])
     views: Sequence[Mapping[str, Any]] = document.get("bufferViews", [])
     total = 0
@@ -97,14 +97,14 @@ def _check_accessors(document: Mapping[str, Any], error: Raise) -> None:
 
 
 def _vertices(primitive: Mapping[str, Any], accessors: Sequence[Mapping[str, Any]]) -> int:
-    """How many corners a primitive's triangles have, or its vertices where these are more."""
+    """Return the number of corners of a primitive's triangles, or of its vertices if larger."""
     position = accessors[primitive["attributes"]["POSITION"]]["count"]
     indices = accessors[primitive["indices"]]["count"] if "indices" in primitive else 0
     return int(max(position, indices))
 
 
 def _depth(nodes: Sequence[Mapping[str, Any]], roots: Sequence[int]) -> int:
-    """How deep nodes are nested; more than the number of nodes where they form a cycle."""
+    """Return how deep nodes are nested; more than the number of nodes if they form a cycle."""
     level, depth = set(roots), 0
     while level and depth <= len(nodes):
         level = {child for n in level for child in nodes[n].get("children", [])}
@@ -113,7 +113,7 @@ def _depth(nodes: Sequence[Mapping[str, Any]], roots: Sequence[int]) -> int:
 
 
 def _check_3mf(path: Path, error: Raise) -> None:
-    """Objects place others as components, so that few lines can place very many meshes."""
+    """Check a 3MF, whose objects place others as components: a few lines can place many meshes."""
     with ZipFile(path) as packed:
         members = {m.filename: m.file_size for m in packed.infolist()}
         MESH_BYTES.check(
@@ -145,7 +145,7 @@ def _check_3mf(path: Path, error: Raise) -> None:
 
 
 def _check_dae(path: Path, error: Raise) -> None:
-    """Nodes place others as instances."""
+    """Check a COLLADA file, whose nodes place others as instances."""
     children: dict[str, list[str]] = {"world": []}
     open_: list[str] = ["world"]
     for event, element in _events(path.read_bytes()):
@@ -164,7 +164,7 @@ def _check_dae(path: Path, error: Raise) -> None:
 
 
 def _events(data: bytes) -> Iterator[tuple[str, Any]]:
-    """Starts and ends of XML elements; what has ended is let go."""
+    """Yield starts and ends of XML elements; ended elements are freed."""
     for event, element in iterparse(BytesIO(data), events=("start", "end"), forbid_dtd=True):
         yield event, element
         if event == "end":
@@ -172,7 +172,7 @@ def _events(data: bytes) -> Iterator[tuple[str, Any]]:
 
 
 def _placed(parts: Mapping[str, Sequence[str]], error: Raise) -> float:
-    """How many parts the world consists of."""
+    """Return the number of parts of the world."""
     count = _unfolded(parts, dict.fromkeys(parts, 1), "world")
     if math.isinf(count):
         raise error("its parts contain each other", "Remove the cycle.")
@@ -180,7 +180,7 @@ def _placed(parts: Mapping[str, Sequence[str]], error: Raise) -> float:
 
 
 def _unfolded(parts: Mapping[str, Sequence[str]], weights: Mapping[str, int], root: str) -> float:
-    """The weight of all that a root consists of, each part as often as it is placed.
+    """Return the weight of all parts of a root, each as often as it is placed.
 
     Infinite where parts contain themselves.
     """

@@ -18,10 +18,10 @@ from semmap.limits import TEXT_BYTES
 __all__ = ["KINDS", "TypeRecord", "read_tbox", "snake_case"]
 
 ENDINGS = (".ttl", ".nt")
-"""Of Turtle, and of N-Triples, which is a part of Turtle."""
+"""Endings of Turtle, and of N-Triples, which is a part of Turtle."""
 
 KINDS = ("room", "object", "region", "connector", "elevator", "storey", "agent")
-"""The types that are kinds of entity; each type below one is for entities of that kind."""
+"""The types that are kinds of entity; each subtype is for entities of that kind."""
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class TypeRecord:
     Attributes
     ----------
     name : local name of the class in lower snake case (``dining_table``)
-    label : what people call it
+    label : its name in prose
     iri : the class
     parents : names of the types that subsume it directly
-    kind : which kind of entity it is for (one of `KINDS`), None where it is for none or several
-    comment : what it means
-    synonyms : what else people call it
+    kind : the kind of entity it is for (one of `KINDS`), None for none or several
+    comment : its meaning
+    synonyms : its other names
     """
 
     name: str
@@ -58,10 +58,10 @@ class _Class:
 
 
 def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
-    """Read the classes of ontology files as one hierarchy.
+    """Return the classes of ontology files as one hierarchy.
 
-    A class is what is declared as ``rdfs:Class`` or ``owl:Class``; a subclass stands under each of
-    its superclasses. A superclass of a foreign namespace that no file declares is left out.
+    Classes are declared as ``rdfs:Class`` or ``owl:Class``. A superclass of another namespace that
+    no file declares is left out.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
 
 
 def snake_case(local_name: str) -> str:
-    """The name of a type from the local name of its class.
+    """Return the name of a type from the local name of its class.
 
     >>> snake_case("DiningTable"), snake_case("TVCabinet"), snake_case("coffee-mug")
     ('dining_table', 'tv_cabinet', 'coffee_mug')
@@ -120,7 +120,7 @@ def _parse(path: Path) -> Graph:
     if path.suffix.lower() not in ENDINGS:
         known = ", ".join(ENDINGS)
         raise WorldError(
-            path, "ending", f"{path.suffix!r} is not an ontology's", f"Known: {known}."
+            path, "ending", f"{path.suffix!r} is not the ending of an ontology", f"Known: {known}."
         )
     try:
         TEXT_BYTES.check(
@@ -154,7 +154,7 @@ def _parse(path: Path) -> Graph:
 
 
 def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
-    """Enter what a file says of its classes; several files may speak of one class."""
+    """Add the classes of a file; several files may describe one class."""
     declared = {*graph.subjects(RDF.type, RDFS.Class), *graph.subjects(RDF.type, OWL.Class)}
     for iri in sorted(c for c in declared if isinstance(c, URIRef)):
         found = classes.setdefault(iri, _Class(path, set()))
@@ -169,7 +169,7 @@ def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
 
 
 def _text(graph: Graph, iri: URIRef, predicate: URIRef) -> str | None:
-    """The text that a class has, in English if it has it in several languages."""
+    """Return a text of a class, in English if it has several languages."""
     texts = [o for o in graph.objects(iri, predicate) if isinstance(o, Literal)]
     texts.sort(key=lambda t: (not (t.language or "en").startswith("en"), t.language or "", str(t)))
     return str(texts[0]) if texts else None
@@ -217,5 +217,5 @@ def _parents_first(parents: dict[str, list[str]], path_of: dict[str, Path]) -> l
             path_of[cycle[0]],
             f"class {cycle[0]}",
             f"subsumes itself: {' > '.join(cycle)}",
-            "Take one of these rdfs:subClassOf statements out.",
+            "Remove one of these rdfs:subClassOf statements.",
         ) from error

@@ -1,4 +1,4 @@
-"""The T-Box into the database: `schema/ontology/*.ttl`, as often as its files change."""
+"""The T-Box into the database: `schema/ontology/*.ttl`, again when its files change."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ __all__ = ["load_tbox"]
 
 
 def load_tbox(connection: Connection, paths: Sequence[Path] | None = None) -> int:
-    """Bring the semantic types to what the ontology files say; returns how many types these have.
+    """Store the semantic types of the ontology files; return their number, 0 if nothing changed.
 
-    Types that imports added stay; a type that an ontology now has becomes the ontology's. Nothing
-    is read where the files are as they were.
+    Types that imports added stay; a type that an ontology now has becomes the ontology's. Unchanged
+    files are not read.
     """
     files = sorted((schema_folder() / "ontology").glob("*.ttl")) if paths is None else list(paths)
     digest = hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()

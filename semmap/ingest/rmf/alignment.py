@@ -1,4 +1,4 @@
-"""Levels of an Open-RMF building in one frame: measurements give metres, fiducials align."""
+"""One frame for the levels of an Open-RMF building: measurements scale, fiducials align."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["Alignment", "align"]
 
 @dataclass
 class Alignment:
-    """From the drawing of each level to the map's metres."""
+    """The transform from the drawing of each level to the map's metres."""
 
     levels: dict[str, Similarity]
     notes: list[str] = field(default_factory=list)
 
 
 def align(building: Building) -> Alignment:
-    """Scale the reference level by its measurements, and fit the others to it by fiducials.
+    """Return the transforms: the reference level scaled by its measurements, others fitted to it.
 
     As in Open-RMF, a level's own measurements count only where it is the reference level; here
     they also serve a level that shares fewer than two fiducials with it.
@@ -41,7 +41,7 @@ def align(building: Building) -> Alignment:
         raise WorldError(
             building.path,
             f"levels/{reference.name}/measurements",
-            "there is none that can be used, so that the size of a pixel is unknown",
+            "has no usable measurement, so the size of a pixel is unknown",
             "Draw a measurement on the reference level in the traffic editor.",
         )
     aligned = Alignment({reference.name: Similarity(scale)})
@@ -70,7 +70,7 @@ def align(building: Building) -> Alignment:
 
 
 def _measured_scale(plan: LevelPlan, skipped: list[Skipped]) -> float | None:
-    """Metres a pixel: the mean over the level's measurements; None where there is none."""
+    """Return the metres per pixel, the mean over a level's measurements; None without any."""
     scales = []
     for edge in plan.measurements:
         a, b = _vertex(plan, edge.start), _vertex(plan, edge.end)
@@ -80,7 +80,7 @@ def _measured_scale(plan: LevelPlan, skipped: list[Skipped]) -> float | None:
             scales.append(metres / pixels)
         else:
             skipped.append(
-                Skipped(edge.element, f"says {metres} m for {pixels:g} pixels", "Measure again.")
+                Skipped(edge.element, f"states {metres} m for {pixels:g} pixels", "Measure again.")
             )
     return float(np.mean(scales)) if scales else None
 

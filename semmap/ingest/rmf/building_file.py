@@ -32,7 +32,7 @@ LARGEST = 1e9
 """Pixels, metres or radians; also excludes NaN and infinity."""
 
 COORDINATE_SYSTEMS = {"reference_image": -1.0, "cartesian_meters": 1.0}
-"""What y is multiplied by so that it points up."""
+"""The factor by which y points up."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,8 @@ class Edge:
 
 @dataclass(frozen=True)
 class FloorOutline:
+    """The outline of a floor: the numbers of its vertices."""
+
     vertices: tuple[int, ...]
     element: str
 
@@ -106,7 +108,7 @@ class Lift:
 
 @dataclass
 class LevelPlan:
-    """One level. An unusable vertex is None, so that the numbers of the others hold."""
+    """One level. An unusable vertex is None, so that the others keep their numbers."""
 
     name: str
     elevation: float
@@ -122,7 +124,7 @@ class LevelPlan:
 
 @dataclass
 class Building:
-    """A whole file; what of it could not be used is in `skipped`."""
+    """A whole file; `skipped` has the elements that cannot be used."""
 
     path: Path
     name: str
@@ -139,7 +141,7 @@ class Building:
         Raises
         ------
         WorldError
-            It cannot be read, is no building, or its levels have no structure to rely on.
+            It cannot be read, is not a building, or its levels are malformed.
         """
         return _Reader(path).building(_load(path))
 
@@ -161,7 +163,7 @@ def _load(path: Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark else "file"
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise fail(where, f"is no YAML: {problem}", "Is the file complete?") from None
+        raise fail(where, f"is not valid YAML: {problem}", "Is the file complete?") from None
     except ValueError as error:
         raise fail("file", f"has a value that YAML cannot hold: {error}", "Correct it.") from None
     if not isinstance(data, dict):
@@ -173,12 +175,12 @@ def _number(value: object, what: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise Refused(f"{what} is {value!r}, not a number", f"Give {what} as a number.")
     if not abs(value) <= LARGEST:
-        raise Refused(f"{what} is beyond all measure", f"Give {what} a sensible value.")
+        raise Refused(f"{what} is too large", f"Give {what} a sensible value.")
     return float(value)
 
 
 def _text(value: object) -> str:
-    """A name without what cannot be printed, such as NUL, which no database keeps."""
+    """Return a name without characters that cannot be printed, such as NUL."""
     return "".join(c for c in str(value) if c.isprintable()).strip()
 
 
@@ -189,7 +191,7 @@ def _mapping(value: object, what: str) -> dict[str, Any]:
 
 
 def _params(value: object) -> dict[str, Any]:
-    """The values of ``name: [type, value]``."""
+    """Return the values of ``name: [type, value]``."""
     found: dict[str, Any] = {}
     for name, typed in _mapping({} if value is None else value, "its parameters").items():
         if not isinstance(typed, list) or len(typed) != 2:
@@ -205,7 +207,7 @@ def _params(value: object) -> dict[str, Any]:
 
 
 class _Reader:
-    """Turns the loaded YAML into a `Building`; collects what is left out."""
+    """Makes a `Building` of the loaded YAML; collects what is left out."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -235,7 +237,7 @@ class _Reader:
         if reference not in plans:
             raise self.fail(
                 "reference_level_name",
-                f"{reference!r} is no level of this building",
+                f"{reference!r} is not a level of this building",
                 f"Name one of {', '.join(plans)}.",
             )
         name = _text(data.get("building_name") or data.get("name") or "") or self.path.name
@@ -296,7 +298,7 @@ class _Reader:
         )
 
     def items(self, data: dict[str, Any], where: str, key: str) -> Iterator[tuple[str, Any]]:
-        """The numbered elements of a list that may be missing or empty."""
+        """Yield the elements of a list, with their paths; the list may be missing or empty."""
         found = data.get(key)
         if found is None or found == {}:
             return
@@ -306,7 +308,7 @@ class _Reader:
             yield f"{where}/{key}[{number}]", item
 
     def use(self, element: str, parse: Any, *arguments: Any) -> Any:
-        """What `parse` makes of an element, or None with the reason in `skipped`."""
+        """Return the result of `parse`, or None, with the reason in `skipped`."""
         try:
             return parse(*arguments)
         except Refused as error:
@@ -331,7 +333,7 @@ class _Reader:
             raise Refused(f"refers to vertex {index!r}", "Refer by number.")
         if not 0 <= index < len(vertices):
             raise Refused(
-                f"refers to vertex {index}, which is not there", "Draw it again between vertices."
+                f"refers to vertex {index}, which does not exist", "Draw it again between vertices."
             )
         if vertices[index] is None:
             raise Refused(f"refers to vertex {index}, which is unusable", "Correct the vertex.")
@@ -394,13 +396,17 @@ class _Reader:
             element = f"lifts/{name}/level_doors/{key}"
             if _text(key) not in plans:
                 fix = f"Name one of {', '.join(plans)}."
-                self.skipped.append(Skipped(element, "is no level of this building", fix))
+                self.skipped.append(Skipped(element, "is not a level of this building", fix))
                 continue
             names = [_text(v) for v in value] if isinstance(value, list) else []
             unknown = [n for n in names if n not in doors]
             if unknown:
                 self.skipped.append(
-                    Skipped(element, f"names no door of the lift: {unknown}", "Correct the name.")
+                    Skipped(
+                        element,
+                        f"names doors that the lift does not have: {unknown}",
+                        "Correct the name.",
+                    )
                 )
             served[_text(key)] = tuple(n for n in names if n in doors)
         if not served:

@@ -1,4 +1,4 @@
-"""Similarity transforms of the plane, and the one that fits point pairs best."""
+"""Similarity transforms of the plane, and their fit to pairs of points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Similarity:
     y: float = 0.0
 
     def apply(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Points (N, 2), transformed."""
+        """Return points (N, 2), transformed."""
         c, s = self.scale * np.cos(self.yaw), self.scale * np.sin(self.yaw)
         moved: NDArray[np.float64] = np.asarray(points, float) @ np.array([[c, s], [-s, c]])
         moved += (self.x, self.y)
@@ -28,7 +28,7 @@ class Similarity:
 
 
 def fit_similarity(source: ArrayLike, target: ArrayLike) -> Similarity:
-    """The similarity without reflection that carries `source` to `target` with least squares.
+    """Return the similarity without reflection that maps `source` to `target` by least squares.
 
     In the plane the problem is linear in (a, b) = scale * (cos yaw, sin yaw), and centring
     separates the translation (Umeyama 1991, for two dimensions).

@@ -115,7 +115,7 @@ class StoreyDrawing:
         return DrawnDoor(line, name, properties, f"{edge.element} ({name})")
 
     def _lift_door(self, lift: Lift, door: LiftDoor) -> DrawnDoor:
-        """The elevator door, directed so that the cabin lies to its right."""
+        """Return the elevator door, directed so that the cabin lies to its right."""
         pose = self._world.lift_pose(lift)
         half = 0.5 * door.width * np.array([math.cos(door.yaw), math.sin(door.yaw)])
         middle = np.array([door.x, door.y])

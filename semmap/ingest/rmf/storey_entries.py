@@ -47,13 +47,13 @@ PLACE_TYPES = (
     ("is_cleaning_zone", "cleaning_zone"),
     ("is_parking_spot", "parking_spot"),
 )
-"""A vertex parameter that is set, and the type of place that it makes; the first one counts."""
+"""Vertex parameters and the type of place that each makes; the first that is set counts."""
 
 EQUIPMENT = ("is_charger", "dock_name", "is_cleaning_zone", "spawn_robot_name", "lift_cabin")
-"""Vertices with one of these name a piece of equipment or a task, not the room around it."""
+"""Parameters of vertices that name a piece of equipment or a task, not the room around it."""
 
 ROOM_TYPES = ("kitchen", "lobby", "restaurant", "shop", "office", "corridor", "bathroom", "toilet")
-"""Words in a room's name that say its type."""
+"""Words in a room's name that are its type."""
 
 LANE_PROPERTIES = ("speed_limit", "orientation", "mutex")
 """Parameters of a lane that become properties."""
@@ -164,7 +164,7 @@ class StoreyEntries:
             )
 
     def _namesakes(self, rooms: Sequence[Polygon]) -> dict[int, str]:
-        """The rooms that hold one named vertex which is more than a piece of equipment."""
+        """Return the names of rooms: of the one named vertex in each that is not equipment."""
         inside: dict[int, set[str]] = {}
         for i, vertex in enumerate(self.plan.vertices):
             if vertex is None or not vertex.name or i in self.drawing.far:
@@ -200,7 +200,7 @@ class StoreyEntries:
         elif left is right:
             assert left is not None
             self.world.out.notes.append(
-                f"{door.name}: both sides are {left.name}, so that it joins nothing; kept as object"
+                f"{door.name}: both sides are {left.name}, so it joins nothing; kept as object"
             )
             frame = _frame(door.line, left, right)
             self.world.add(
@@ -218,7 +218,7 @@ class StoreyEntries:
             self._connector(door, left, right, "door", "pass_door")
 
     def _connect_lift(self, door: DrawnDoor, lift: str, rooms: Sequence[DrawnRoom]) -> None:
-        """An elevator door joins the room before it (to its left) and the cabin."""
+        """Join the room before an elevator door (to its left) and the cabin."""
         outlines = [room.outline for room in rooms]
         before = rooms_beside(outlines, door.line, reach=2 * SHAFT_REACH).left
         name = f"{lift}-{self.plan.name}"
@@ -227,7 +227,7 @@ class StoreyEntries:
         self._connector(door, lobby, cabin, "elevator_door", "call_elevator")
 
     def _connect_opening(self, name: str, border: LineString, rooms: int) -> None:
-        """A border without wall or door: a connector without a leaf, at the border's middle."""
+        """Add a border without wall or door as a connector, at the border's middle."""
         half = border.length / 2
         a, b = (border.interpolate(half + d) for d in (-0.25, 0.25))
         sides = rooms_beside([s.outline for s in self.spaces[:rooms]], LineString([a, b]), 0.5)
@@ -272,7 +272,7 @@ class StoreyEntries:
         )
 
     def _place_entries(self) -> None:
-        """Named vertices and the ends of lanes as regions, lanes as links between them."""
+        """Add named vertices and the ends of lanes as regions, lanes as links between them."""
         lanes = [edge for edge, _ in self.drawing.lines(self.plan.lanes)]
         ends = {i for lane in lanes for i in (lane.start, lane.end)}
         entries: dict[int, str] = {}
@@ -305,7 +305,7 @@ class StoreyEntries:
         self.world.out.links += links.values()
 
     def _held(self, pose: Pose) -> tuple[str, Pose]:
-        """The room at a pose in the storey's frame, or the storey, and the pose in that."""
+        """Return the room at a pose in the storey's frame, or the storey, and the pose in it."""
         point = Point(pose.x, pose.y)
         space = next((s for s in self.spaces if s.outline.covers(point)), None)
         return (space.name, space.pose.inverse() @ pose) if space else (self.holder, pose)
@@ -351,7 +351,7 @@ def _describe_lane(link: WorldLink, lane: Edge) -> None:
 
 
 def _frame(line: LineString, left: DrawnRoom | None, right: DrawnRoom | None) -> Pose:
-    """The middle of a door, x from its left to its right, or outward where left is outside."""
+    """Return the frame of a door: x leads from its left to its right, or outward."""
     (ax, ay), (bx, by) = shapely.get_coordinates(line)
     along = math.atan2(by - ay, bx - ax)
     inward = left is None and right is not None

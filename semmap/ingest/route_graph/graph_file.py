@@ -1,7 +1,7 @@
-"""Route graphs that people drew for Nav2's route server (GeoJSON): regions and links.
+"""Route graphs drawn for Nav2's route server (GeoJSON), as regions and links.
 
 Each node is a region of type waypoint, held by the room that it lies in; each edge is a link
-`nav2_edge` from node to node with its cost and what else the file says. A node at which a robot
+`nav2_edge` from node to node with its cost and its other properties. A node at which a robot
 stands before a connector has a link `stands_before` to that connector.
 """
 
@@ -34,7 +34,7 @@ ENDS = ("startid", "endid")
 
 
 def is_route_graph(path: Path) -> bool:
-    """Whether a line in a GeoJSON file has `startid` and `endid`, which no annotation has."""
+    """Return whether a line of a GeoJSON file has `startid` and `endid`: no annotation has."""
     try:
         large = TEXT_BYTES.exceeded_by(path.stat().st_size)  # refused when it is read
         if large or path.suffix.lower() == ".gpkg" or b'"startid"' not in path.read_bytes():
@@ -49,7 +49,7 @@ def is_route_graph(path: Path) -> bool:
 
 
 def read_route_graph(path: Path) -> World:
-    """Read a route graph as Nav2's loader does: a file that it would refuse is refused.
+    """Return the world of a route graph; refuse a file that Nav2's loader would refuse.
 
     A node's name is that in its metadata or properties, else ``FILE-nodeID``; its heading is `yaw`
     of its metadata, radians. Its height is its third coordinate, else that of the storey named by
@@ -97,12 +97,12 @@ class _Reader:
                 self.out.skipped.append(
                     Skipped(
                         f"features[{number}]",
-                        f"is {_kind(feature) or 'without geometry'}, no node or edge",
-                        "Draw nodes as points and edges as lines, the rest in a file of its own.",
+                        f"is {_kind(feature) or 'without geometry'}, not a node or edge",
+                        "Draw nodes as points and edges as lines, the rest in another file.",
                     )
                 )
         if not nodes:
-            raise WorldError(self.path, "features", "have no node", "Draw nodes as points.")
+            raise WorldError(self.path, "features", "contain no node", "Draw nodes as points.")
         for number, feature in nodes:
             self.attempt(f"features[{number}] (node {_id_of(feature)})", self.node, feature)
         for number, feature in edges:
@@ -116,22 +116,24 @@ class _Reader:
             raise WorldError(self.path, where, refused.problem, refused.fix) from None
 
     def node(self, feature: Any) -> None:
-        said = _properties(feature)
-        number = _id(said, "id")
+        given = _properties(feature)
+        number = _id(given, "id")
         if number in self.nodes:
-            raise Refused(f"its id {number} is another node's, too", "Give each node its own id.")
-        about, metadata = _about(said), _metadata(said)
-        frame = said.get("frame", "map")
+            raise Refused(
+                f"its id {number} is also that of another node", "Give each node its own id."
+            )
+        about, metadata = _about(given), _metadata(given)
+        frame = given.get("frame", "map")
         if not isinstance(frame, str):
             raise Refused(f"its frame is {frame!r}", "Give a name, or leave it out.")
         x, y, *z = _position(feature["geometry"].get("coordinates"))
         yaw = metadata.get("yaw", 0.0)
         if isinstance(yaw, bool) or not isinstance(yaw, int | float):
             raise Refused(f"its yaw is {yaw!r}", "Give radians, or leave it out.")
-        name = next((n for n in (metadata.get("name"), said.get("name")) if n is not None), None)
+        name = next((n for n in (metadata.get("name"), given.get("name")) if n is not None), None)
         if name is not None and (not isinstance(name, str) or not name.strip()):
             raise Refused(f"its name is {name!r}", "Give a text, or leave it out.")
-        storey = metadata.get("storey", said.get("storey", self.root.get("storey")))
+        storey = metadata.get("storey", given.get("storey", self.root.get("storey")))
         if storey is not None and not isinstance(storey, str):
             raise Refused(f"its storey is {storey!r}", "Give its name, or leave it out.")
         about |= {"id": number, "frame": frame, "metadata": metadata}
@@ -151,19 +153,22 @@ class _Reader:
         )
 
     def edge(self, feature: Any) -> None:
-        said = _properties(feature)
-        number = _id(said, "id")
+        given = _properties(feature)
+        number = _id(given, "id")
         if number in self.edges:
-            raise Refused(f"its id {number} is another edge's, too", "Give each edge its own id.")
+            raise Refused(
+                f"its id {number} is also that of another edge", "Give each edge its own id."
+            )
         self.edges.add(number)
-        start, end = (_id(said, key) for key in ENDS)
+        start, end = (_id(given, key) for key in ENDS)
         for key, node in zip(ENDS, (start, end), strict=True):
             if node not in self.nodes:
                 raise Refused(
-                    f"its {key} is {node}, which is no node", "Draw that node, or correct the id."
+                    f"its {key} is {node}, which is not a node",
+                    "Draw that node, or correct the id.",
                 )
-        about = _about(said) | {"id": number, "metadata": _metadata(said)}
-        about |= {"cost": _cost(said), "overridable": said.get("overridable", True)}
+        about = _about(given) | {"id": number, "metadata": _metadata(given)}
+        about |= {"cost": _cost(given), "overridable": given.get("overridable", True)}
         if not isinstance(about["overridable"], bool):
             raise Refused(f"overridable is {about['overridable']!r}", "Give true or false.")
         ends = (self.nodes[start], self.nodes[end])
@@ -178,8 +183,8 @@ def _id_of(feature: Any) -> Any:
     return _properties(feature).get("id", "without id")
 
 
-def _id(said: Mapping[str, Any], key: str) -> int:
-    value = said.get(key)
+def _id(given: Mapping[str, Any], key: str) -> int:
+    value = given.get(key)
     whole = isinstance(value, int | float) and not isinstance(value, bool) and value == value // 1
     if not whole or not 0 <= value <= MOST_IDS:  # type: ignore[operator]
         problem = f"has no {key}" if value is None else f"its {key} is {value!r}"
@@ -202,23 +207,23 @@ def _position(coordinates: Any) -> list[float]:
     return numbers[:3]
 
 
-def _cost(said: Mapping[str, Any]) -> float:
-    cost = said.get("cost", 0.0)
+def _cost(given: Mapping[str, Any]) -> float:
+    cost = given.get("cost", 0.0)
     if isinstance(cost, bool) or not isinstance(cost, int | float) or not 0 <= cost < math.inf:
         raise Refused(f"its cost is {cost!r}", "Give a number from zero up, or leave it out.")
     return float(cost)
 
 
-def _about(said: Mapping[str, Any]) -> dict[str, Any]:
-    """The operations, checked, and what else the feature says that the format does not know."""
+def _about(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the checked operations and the properties that the format does not define."""
     known = ("id", "frame", "metadata", "operations", "cost", "overridable", "name", *ENDS)
-    about = {k: checked_property(v, k) for k, v in said.items() if k not in known}
+    about = {k: checked_property(v, k) for k, v in given.items() if k not in known}
     about = {k: v for k, v in about.items() if v is not None}
-    operations = said.get("operations")
+    operations = given.get("operations")
     if operations is None:
         return about
     if not isinstance(operations, dict):
-        raise Refused("its operations are no object", "Write them as name: {type, trigger}.")
+        raise Refused("its operations are not an object", "Write them as name: {type, trigger}.")
     for name, operation in operations.items():
         if not isinstance(operation, dict) or not isinstance(operation.get("type"), str):
             raise Refused(f"its operation {name} has no type", "Name the route server's plugin.")
@@ -231,24 +236,26 @@ def _about(said: Mapping[str, Any]) -> dict[str, Any]:
     return about | {"operations": checked_property(operations, "operations")}
 
 
-def _metadata(said: Mapping[str, Any]) -> dict[str, Any]:
-    metadata = said.get("metadata")
+def _metadata(given: Mapping[str, Any]) -> dict[str, Any]:
+    metadata = given.get("metadata")
     if metadata is None:
         return {}
     if not isinstance(metadata, dict):
-        raise Refused("its metadata is no object", "Write it as name: value.")
+        raise Refused("its metadata is not an object", "Write it as name: value.")
     checked_property(metadata, "metadata")
     _check_primitives(metadata, "metadata")
     return metadata
 
 
 def _check_primitives(metadata: Mapping[str, Any], where: str) -> None:
-    """Nav2's loader throws for null, and for arrays of anything but primitives."""
+    """Refuse null, and arrays of anything but primitives: Nav2's loader fails on them."""
     for key, value in metadata.items():
         if isinstance(value, dict):
             _check_primitives(value, f"{where}.{key}")
             continue
         for inner in value if isinstance(value, list) else [value]:
             if not isinstance(inner, bool | int | float | str):
-                said = "null" if inner is None else "an array of arrays or objects"
-                raise Refused(f"{where}.{key} is {said}, for which Nav2 throws", "Remove it.")
+                given = "null" if inner is None else "an array of arrays or objects"
+                raise Refused(
+                    f"{where}.{key} is {given}, which makes Nav2's loader fail", "Remove it."
+                )

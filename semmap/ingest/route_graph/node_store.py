@@ -14,7 +14,7 @@ from semmap.ingest.world import World, WorldError
 __all__ = ["STANDS_BEFORE", "check_names", "settle_nodes"]
 
 STANDS_BEFORE = "stands_before"
-"""The relation of a node to the connector that one passes from there."""
+"""The relation of a node to the connector that a robot passes from there."""
 
 AT_STAND = 0.25
 """Metres from a connector's pose within which a node is at it."""
@@ -26,12 +26,12 @@ BELOW, ABOVE = 0.5, 0.5
 def check_names(
     connection: psycopg.Connection[Any], map_id: int, world: World, source: str
 ) -> None:
-    """Refuse a graph whose nodes would pass for those of another file of its name.
+    """Refuse a graph whose nodes would be taken for those of another file with its name.
 
     Raises
     ------
     WorldError
-        Two graphs, of two storeys for instance, number their nodes alike.
+        Two graphs, for example of two storeys, number their nodes alike.
     """
     numbered = [e.name for e in world.entries if e.name.startswith(f"{world.name}-node")]
     row = connection.execute(
@@ -53,13 +53,13 @@ def settle_nodes(
 ) -> None:
     """Put the nodes of a graph on their storeys and into their rooms; join them with connectors.
 
-    Within the caller's transaction. A node that says a storey, or whose frame names one, is at that
-    storey's elevation; one that says none is on the only storey, or where its third coordinate is.
+    Within the caller's transaction. A node that names a storey, or whose frame does, is at that
+    storey's elevation; any other is on the only storey, or at its third coordinate.
 
     Raises
     ------
     WorldError
-        A node says a storey that the map does not have, or none where it has several.
+        A node names a storey that the map does not have, or none where it has several.
     """
     nodes = connection.execute(
         "SELECT e.id, e.name, e.properties, w.pose FROM entity e "
@@ -95,29 +95,29 @@ def _storey(
 ) -> str | None:
     if not storeys:
         return None
-    said = properties.get("storey")
-    if said is None:
+    given = properties.get("storey")
+    if given is None:
         frame = properties["frame"]
-        said = next((s for s in storeys if frame in (s, "map_" + re.sub(r"\W+", "_", s))), None)
-    if said is None and len(storeys) == 1:
+        given = next((s for s in storeys if frame in (s, "map_" + re.sub(r"\W+", "_", s))), None)
+    if given is None and len(storeys) == 1:
         return next(iter(storeys))
-    if said is None and properties.get("z_said"):
+    if given is None and properties.get("z_said"):
         return None
-    if said not in storeys:
-        problem = f"is on storey {said}" if said is not None else "says no storey"
+    if given not in storeys:
+        problem = f"is on storey {given}" if given is not None else "names no storey"
         raise WorldError(
             world.source,
             name,
             f"{problem}, and the map has {', '.join(storeys)}",
             'Add "storey": "NAME" to its metadata, or beside "features" for all nodes.',
         )
-    return str(said)
+    return str(given)
 
 
 def _room_at(
     connection: psycopg.Connection[Any], map_id: int, x: float, y: float, z: float
 ) -> int | None:
-    """The room around a point; of several the smallest."""
+    """Return the room around a point; of several the smallest."""
     row = connection.execute(
         "SELECT e.id FROM entity e JOIN room r ON r.entity_id = e.id "
         "JOIN world w ON w.entity_id = e.id WHERE e.map_id = %s "
@@ -130,7 +130,7 @@ def _room_at(
 
 
 def _join_connectors(connection: psycopg.Connection[Any], map_id: int, source: str) -> None:
-    """Links from nodes to the connectors at whose poses they lie, in the place on that side."""
+    """Link nodes to the connectors at whose approach poses they lie, in the place on that side."""
     values = {"map": map_id, "source": source, "near": AT_STAND, "relation": STANDS_BEFORE}
     connection.execute(
         "DELETE FROM link l USING entity e WHERE e.id = l.from_id AND e.map_id = %(map)s "

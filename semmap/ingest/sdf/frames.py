@@ -1,8 +1,8 @@
-"""The named frames of an SDF scope (a model or a world), and where each stands in it.
+"""The named frames of an SDF scope (a model or a world), and their poses in it.
 
 Pose semantics of SDFormat 1.7 and later (http://sdformat.org/tutorials?tut=pose_frame_semantics):
-a pose is given relative to a named frame of the same scope; a nested model opens a scope of its
-own, whose frames the outer one calls ``model::frame``.
+a pose is given relative to a named frame of the same scope; a nested model opens its own
+scope, whose frames the outer scope calls ``model::frame``.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ class Frames:
     def add(
         self, name: str, pose: Pose, relative_to: str = "", inner: Frames | None = None
     ) -> None:
-        """A frame; `inner` is the scope that a nested model opens."""
+        """Add a frame; `inner` is the scope that a nested model opens."""
         self._edges[name] = (relative_to or self._root, pose)
         if inner is not None:
             self._inner[name] = inner
 
     def check(self) -> None:
-        """Raises the WorldError of `pose` if any frames of this scope stand in a circle."""
+        """Raise the WorldError of `pose` if frames of this scope form a circle."""
         for name in self._edges:
             with suppress(Unusable):
                 self.pose(name)
 
     def names(self) -> list[str]:
-        """All frames of this scope but its own."""
+        """Return all frames of this scope but its own."""
         return list(self._edges)
 
     def pose(self, name: str, where: str = "") -> Pose:
-        """The pose of a frame in the scope's own frame; `where` names what stands in it.
+        """Return the pose of a frame in the scope's own frame; `where` is the element, for errors.
 
         Raises
         ------
         Unusable
-            The frame, or one that it stands relative to, is not there.
+            The frame, or one to which it is relative, does not exist.
         WorldError
-            Frames stand relative to each other in a circle.
+            Frames are relative to each other in a circle.
         """
         chain: list[tuple[str, Pose]] = []
         passed: dict[str, None] = {}
@@ -73,7 +73,7 @@ class Frames:
                 raise WorldError(
                     self._path,
                     f"{self._scope}: frame {at}",
-                    f"stands relative to itself ({' -> '.join(circle)})",
+                    f"is relative to itself ({' -> '.join(circle)})",
                     "Change relative_to, attached_to or child so that every frame leads to "
                     f"{self._root}.",
                 )
@@ -95,6 +95,6 @@ class Frames:
             return model, self._inner[model].pose(rest, where)
         raise Unusable(
             where,
-            f"it stands relative to {name!r}, which {self._scope} does not have or cannot place",
+            f"it is relative to {name!r}, which {self._scope} does not have or cannot place",
             f"Name a link, joint, frame or model of {self._scope}.",
         )

@@ -1,4 +1,4 @@
-"""SDF's geometries as triangle meshes, in the frame of their visual or collision."""
+"""SDF geometries as triangle meshes, in the frame of their visual or collision."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from semmap.limits import EXTENT, VERTICES
 __all__ = ["Geometries"]
 
 SMALLEST = 1e-6
-"""Metres: a film; of less nothing can be computed."""
+"""Least size of a solid, metres: smaller ones cannot be computed with."""
 
 SECTIONS = 32
-"""Corners of the polygon inscribed in the circle of a cylinder, cone or capsule."""
+"""Corners of the polygon that approximates the circle of a cylinder, cone or capsule."""
 
 
 class Geometries:
@@ -41,12 +41,12 @@ class Geometries:
         self._files: dict[tuple[Path, str | None, bool], Mesh | MeshFileError] = {}
 
     def mesh(self, geometry: Element | None, named_in: Path, where: str) -> Mesh:
-        """The surface of a geometry.
+        """Return the surface of a geometry.
 
         Raises
         ------
         Unusable
-            It is of a kind that has no surface here, its numbers are wrong, or its file is missing.
+            Its kind is not supported, its numbers are wrong, or its file is missing.
         """
         shape = None if geometry is None else next(iter(geometry), None)
         if geometry is None or shape is None:
@@ -60,7 +60,7 @@ class Geometries:
         else:
             raise Unusable(
                 where,
-                f"<{shape.tag}> is not a surface that is read",
+                f"<{shape.tag}> is not a supported surface",
                 f"Use one of mesh, polyline, {', '.join(_SOLIDS)}.",
             )
         if not len(mesh.faces):
@@ -182,7 +182,7 @@ _SOLIDS: dict[str, Callable[[Element, str], Mesh]] = {
     "cone": _cone,
     "plane": _plane,
 }
-"""The shapes that need no file, by element."""
+"""The shapes that are not read from files, by element."""
 
 
 def _ball(radii: tuple[float, ...]) -> Mesh:
@@ -195,7 +195,7 @@ def _of(solid: trimesh.Trimesh) -> Mesh:
 
 
 def _rotation_from_z(n: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The (3, 3) rotation that turns z into the unit vector `n` by the shortest way."""
+    """Return the (3, 3) rotation that turns z into the unit vector `n` by the shortest way."""
     if n[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
     v = np.array([[0, 0, n[0]], [0, 0, n[1]], [-n[0], -n[1], 0]])

@@ -1,4 +1,4 @@
-"""SDF models: read with what they include and nest, and baked into one shape each."""
+"""SDF models with their includes and nested models, baked into one shape each."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ class SdfFile:
     depth: int = 0
 
     def included(self, path: Path) -> SdfFile:
-        """The file that an include in this one leads to."""
+        """Return the file to which an include in this file leads."""
         return SdfFile(path, (*self.chain, self.path.resolve()), self.depth)
 
     def __str__(self) -> str:
-        """How an element of an included file is named; nothing for the world's own file."""
+        """Return the prefix for elements of an included file; empty for the world's own file."""
         return f"{self.path.parent.name}/{self.path.name}: " if self.chain else ""
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A visual or collision, where it stands in the model's frame."""
+    """A visual or collision, and its pose in the model's frame."""
 
     role: Role
     pose: Pose
@@ -56,19 +56,19 @@ class _Part:
     where: str
 
     def holds(self, tag: str) -> bool:
-        """True where its geometry is an element of this name."""
+        """Return whether its geometry is an element of this name."""
         return self.geometry is not None and self.geometry.find(tag) is not None
 
     @property
     def is_level_box(self) -> bool:
-        """True for a box whose edges lie along the model's axes."""
+        """Whether it is a box whose edges lie along the model's axes."""
         turned = np.abs(self.pose.rotation)
         return self.holds("box") and bool(np.allclose(np.sort(turned), [0, 0, 1], atol=1e-9))
 
 
 @dataclass
 class SdfModel:
-    """What a `<model>` holds, whichever instance it is of.
+    """The content of a `<model>`, shared by its instances.
 
     `source` is the name of the model file that it was made from, its own name for an inline model.
     """
@@ -84,7 +84,7 @@ class SdfModel:
 
 @dataclass(frozen=True)
 class Instance:
-    """A model, and where the scope around it (the world, an outer model) has it."""
+    """A model, and its pose in the scope around it (the world, an outer model)."""
 
     name: str
     model: SdfModel
@@ -98,7 +98,7 @@ class Models:
 
     Parameters
     ----------
-    world : takes note of what is left out
+    world : records what is left out
     resources : finds the files
     """
 
@@ -111,7 +111,7 @@ class Models:
     # Reading
 
     def instances(self, scope: Element, frames: Frames, source: SdfFile) -> list[Instance]:
-        """The models and includes in a world or model, entered into its frames by unique names."""
+        """Return the models and includes in a scope; add their frames under unique names."""
         found = []
         for element in scope:
             if element.tag not in ("model", "include"):
@@ -142,9 +142,7 @@ class Models:
         if not name:
             raise Unusable(where, "it has no <uri>", "Name the model that it includes.")
         model = SdfModel(name, name, Frames(source.path, f"model {name}", MODEL_FRAME))
-        with leaving_out(
-            self._world.skipped
-        ):  # without the model, what it is and where are known still
+        with leaving_out(self._world.skipped):  # without the model, its name and pose are known
             model = self._file(uri, source, where)
         static = flag(element.findtext("static"))
         pose, relative_to = model.pose, ""
@@ -168,7 +166,7 @@ class Models:
                 source.path,
                 where,
                 f"{uri} leads back to {path.name}, which includes this file",
-                "Remove one of the includes that close the circle.",
+                "Remove one of the includes in the circle.",
             )
         if key not in self._files:
             root = read_xml(path, ("sdf",))
@@ -209,7 +207,7 @@ class Models:
         )
 
     def add_frames(self, scope: Element, frames: Frames, where: str) -> list[tuple[str, Element]]:
-        """Enters links, frames and joints; returns the links, each with the name of its frame."""
+        """Add links, frames and joints; return the links, each with the name of its frame."""
         links = []
         for tag in ("link", "frame", "joint"):
             for element in scope.iterfind(tag):
@@ -243,9 +241,9 @@ class Models:
     # Baking
 
     def shape(self, model: SdfModel, role: Role) -> Shape | None:
-        """All surfaces of a model as one mesh in its frame; None where it has none.
+        """Return all surfaces of a model as one mesh in its frame; None where it has none.
 
-        Where none of the role asked for can be read, those of the other role stand in.
+        Where none of the requested role can be read, those of the other role are used.
         """
         parts = self._bounded(model, role)
         mesh = self._mesh(parts, self._world.skipped)
@@ -254,17 +252,17 @@ class Models:
             parts = self._bounded(model, role)
             mesh = self._mesh(parts, skipped=[])
             if mesh is not None:
-                self._note(f"model {model.source}: its {role} geometry stands in")
+                self._note(f"model {model.source}: its {role} geometry is used")
         if mesh is None:
             return None
         is_box = len(parts) == 1 and parts[0].is_level_box
         return Shape("box" if is_box else "mesh", mesh, role=role)
 
     def _bounded(self, model: SdfModel, role: Role) -> list[_Part]:
-        """The parts of a role that have an extent.
+        """Return the parts of a role that have an extent.
 
-        A plane collides without bound whatever its size says, so a model that collides as a plane
-        is endless ground, and the rectangle that shows it is no object.
+        A plane collides without bound whatever its size, so a model that collides as a plane
+        is endless ground, and the rectangle that shows it is not an object.
         """
         endless = any(p.holds("plane") and p.role == "collision" for p in model.parts)
         parts = []
@@ -311,5 +309,5 @@ class Models:
 
 
 def _placed(pose: Pose, inner: Frames, placement: str | None) -> Pose:
-    """The pose of a model of which `pose` places the inner frame `placement`, if one is named."""
+    """Return the pose of a model whose inner frame `placement`, if named, is at `pose`."""
     return pose @ inner.pose(placement.strip()).inverse() if placement else pose

@@ -1,4 +1,4 @@
-"""Where the files that an SDF world names lie on this machine."""
+"""The files that an SDF world names, on this machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LONGEST_PATH = 1024
 
 
 def model_name(uri: str) -> str:
-    """The model that a URI leads to, by name: ``desk`` for ``file://models/desk/model.sdf``."""
+    """Return the name of the model to which a URI leads: ``desk`` for ``file://models/desk/model.sdf``."""
     rest = unquote(uri.partition("://")[2] or uri).rstrip("/")
     name = rest.rpartition("/")[2]
     if name.lower() in ("model.sdf", "model.config"):
@@ -46,12 +46,12 @@ class Resources:
         ]
 
     def find(self, uri: str, named_in: Path, where: str) -> Path:
-        """The file or folder that `uri` names in the file `named_in`.
+        """Return the file or folder that `uri` names in the file `named_in`.
 
         Raises
         ------
         Unusable
-            It is not on this machine; `where` names the element that needs it.
+            It is not on this machine; the error names the element `where`.
         """
         scheme, separator, rest = uri.strip().partition("://")
         if not separator:
@@ -64,7 +64,7 @@ class Resources:
                 "Download it, and refer to it with model:// or file://.",
             )
         if not rest or not rest.isprintable() or len(rest) > _LONGEST_PATH:
-            raise Unusable(where, f"{uri[:80]!r} names no file", "Correct the URI.")
+            raise Unusable(where, f"{uri[:80]!r} does not name a file", "Correct the URI.")
         candidates = list(self._candidates(scheme, rest, named_in))
         for candidate in candidates:
             if os.path.exists(candidate):  # noqa: PTH110 - False where a name is too long
@@ -77,9 +77,9 @@ class Resources:
         )
 
     def model_file(self, uri: str, named_in: Path, where: str) -> Path:
-        """The SDF file of the model (or world) that an `<include>` names.
+        """Return the SDF file of the model (or world) that an `<include>` names.
 
-        A folder's ``model.config`` says which; with several versions the highest is taken.
+        A folder's ``model.config`` names it; of several versions the highest is used.
         """
         found = self.find(uri, named_in, where)
         if found.is_file():
@@ -110,7 +110,7 @@ class Resources:
 
 
 def _other_case(candidates: list[Path]) -> str:
-    """A fix where one of them is there, but differs in upper and lower case."""
+    """Return a fix if one of them exists under a name that differs in case only."""
     return next(filter(None, map(other_case, candidates)), "")
 
 

@@ -1,4 +1,4 @@
-"""What SDF writes as text: numbers, flags and poses."""
+"""Numbers, flags and poses from the text of SDF elements."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from semmap.ingest.world import Skipped
 __all__ = ["Unusable", "flag", "leaving_out", "local_pose", "numbers"]
 
 _LARGEST = 1e12
-"""No length, angle or factor is larger; products of a few such numbers stay finite."""
+"""Largest length, angle or factor; products of a few such numbers stay finite."""
 
 
 class Unusable(Exception):
-    """An element of the file that must be left out; becomes a `Skipped`."""
+    """An element of the file that must be left out; it becomes a `Skipped`."""
 
     def __init__(self, element: str, problem: str, fix: str) -> None:
         super().__init__(element, problem, fix)
@@ -26,7 +26,7 @@ class Unusable(Exception):
 
 @contextmanager
 def leaving_out(skipped: list[Skipped]) -> Iterator[None]:
-    """Leaves out, and names in `skipped` once, what turns out unusable in this block."""
+    """Leave out an element that turns out unusable in this block; add it to `skipped` once."""
     try:
         yield
     except Unusable as unusable:
@@ -35,14 +35,14 @@ def leaving_out(skipped: list[Skipped]) -> Iterator[None]:
 
 
 def numbers(element: Element | None, count: int, where: str) -> tuple[float, ...]:
-    """The `count` finite numbers that an element holds."""
+    """Return the `count` finite numbers of an element."""
     text = "" if element is None or element.text is None else element.text
     try:
         values = tuple(float(word) for word in text.split())
     except ValueError:
         values = ()
     if len(values) != count or not all(abs(v) <= _LARGEST for v in values):
-        found = "it is missing" if element is None else f"it says {text.strip()[:80]!r}"
+        found = "it is missing" if element is None else f"it is {text.strip()[:80]!r}"
         raise Unusable(
             where, f"{count} finite number{'s'[: count > 1]} expected, {found}", "Correct the file."
         )
@@ -50,12 +50,12 @@ def numbers(element: Element | None, count: int, where: str) -> tuple[float, ...
 
 
 def flag(text: str | None) -> bool | None:
-    """A boolean, None where it is absent or says neither."""
+    """Return a boolean; None where it is absent or neither true nor false."""
     return {"true": True, "1": True, "false": False, "0": False}.get((text or "").strip().lower())
 
 
 def local_pose(element: Element, where: str) -> tuple[Pose, str]:
-    """The `<pose>` of an element, and the frame that it names (empty: the default one).
+    """Return the `<pose>` of an element, and the frame that it names (empty: the default).
 
     SDF 1.9 pose: `x y z` in metres and fixed-axis roll, pitch, yaw in radians, in degrees with
     ``degrees="true"``, or a quaternion `x y z w` with ``rotation_format="quat_xyzw"``. The

@@ -1,9 +1,8 @@
 """Gazebo worlds and models in SDF (http://sdformat.org/spec), as entries of a world.
 
-No SDF parser on PyPI is kept well enough to lean on (the bindings of sdformat itself need its C++
-libraries), so the part of the format that says what stands where is read here: this module reads
-the world, `sdf_model` its models, `sdf_frames` where they stand, `sdf_geometry` and `mesh_file`
-their surfaces, and `sdf_resources` finds the files.
+No SDF parser on PyPI is maintained well (the bindings of sdformat need its C++ libraries), so this
+package reads the part of the format that places models: this module the world, `models` its
+models, `frames` their poses, `geometries` their surfaces; `resources` finds the files.
 """
 
 from __future__ import annotations
@@ -30,23 +29,23 @@ from semmap.limits import EXTENT
 __all__ = ["read_sdf"]
 
 MADE_AT_RUN_TIME = ("population", "road")
-"""Elements whose geometry only the simulator makes."""
+"""Elements whose geometry the simulator makes at run time."""
 
 
 def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path] = ()) -> World:
-    """The models of an SDF world, each one entry of kind ``object``; actors as kind ``agent``.
+    """Return the world of an SDF file: models as entries of kind ``object``, actors as ``agent``.
 
     All links and nested models of a model are baked into one mesh in the model's frame, in the pose
     that the file gives them; instances of one model share one `Mesh`. A model that is nothing but
-    one box along its own axes has a shape of kind ``box``. Where no geometry of the kind asked for
-    can be read, the other kind stands in, and is noted. Lights, plugins, physics and views are not
+    one box along its own axes has a shape of kind ``box``. Where no geometry of the requested kind
+    can be read, the other kind is used, and noted. Lights, plugins, physics and views are not
     part of the map.
 
     Parameters
     ----------
     path : an SDF file with a `<world>`, or with a single `<model>`
-    geometry : which surfaces to take, ``visual`` or ``collision``
-    model_path : folders of models, searched first (see `sdf_resources.Resources`)
+    geometry : which surfaces to read, ``visual`` or ``collision``
+    model_path : folders of models, searched first (see `resources.Resources`)
 
     Returns
     -------
@@ -85,7 +84,7 @@ def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path
         world.skipped.append(
             Skipped(
                 f"{element.tag} {element.get('name', '')}".rstrip(),
-                "it takes shape only when the simulator runs",
+                "its geometry exists only when the simulator runs",
                 "Write its models out as <include> elements.",
             )
         )
@@ -93,7 +92,7 @@ def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path
 
 
 def _scope(root: Element, world: World) -> Element:
-    """The element that holds the models: the first world, or the root of a file of one model."""
+    """Return the element that contains the models: the first world, or the root of a model file."""
     worlds = root.findall("world")
     if worlds:
         if worlds[0].get("name", "") not in ("", "default"):
@@ -105,7 +104,10 @@ def _scope(root: Element, world: World) -> Element:
         return worlds[0]
     if root.find("model") is None:
         raise WorldError(
-            world.source, "sdf", "it holds no <world> and no <model>", "Give a world or model file."
+            world.source,
+            "sdf",
+            "it contains no <world> and no <model>",
+            "Give a world or model file.",
         )
     return root
 
@@ -118,11 +120,13 @@ def _georeference(world: Element) -> dict[str, object] | None:
         if element is not None and element.find(tag) is not None
     }
     if not any(values.values()):
-        return None  # what Gazebo writes where nobody said anything
+        return None  # Gazebo writes zeros by default
     where = "spherical_coordinates"
     surface = (world.findtext(f"{where}/surface_model") or "EARTH_WGS84").strip()
     if surface != "EARTH_WGS84":
-        raise Unusable(where, f"{surface} is not the earth", "Use EARTH_WGS84, or leave it out.")
+        raise Unusable(
+            where, f"{surface} is not the surface of the earth", "Use EARTH_WGS84, or leave it out."
+        )
     try:
         utm_crs(values.get("latitude_deg", 0.0), values.get("longitude_deg", 0.0))
     except ValueError as error:
@@ -146,7 +150,7 @@ def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) 
 
 
 def _actor(element: Element, frames: Frames) -> Entry:
-    """An actor where its file puts it; its skin and script are the simulator's."""
+    """Return an actor at its pose, without its skin and script."""
     name = unique_name(element.get("name", "").strip() or "actor", frames)
     where = f"actor {name}"
     pose, relative_to = local_pose(element, where)

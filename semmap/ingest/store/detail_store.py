@@ -24,7 +24,7 @@ __all__ = ["id_of", "store_details"]
 def store_details(
     cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], world: World
 ) -> None:
-    """Rows of the tables of each kind; elevators before the cabins, rooms before the doors."""
+    """Store the rows of each kind's table, elevators before cabins, rooms before doors."""
     for kind in ("storey", "elevator", "room", "connector", "region"):
         for e in (e for e in entries if e.kind == kind):
             columns = _detail(e, ids, world)
@@ -72,7 +72,7 @@ def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
             }
         case None if entry.kind == "connector":
             raise WorldError(
-                world.source, entry.name, "joins no places", "Name the places it joins."
+                world.source, entry.name, "does not join two places", "Name the places it joins."
             )
         case _:
             pass
@@ -80,11 +80,18 @@ def _detail(entry: Entry, ids: dict[str, int], world: World) -> dict[str, Any]:
 
 
 def id_of(ids: dict[str, int], name: str, entry: Entry, world: World) -> int:
+    """Return the id of an entity that an entry names.
+
+    Raises
+    ------
+    WorldError
+        Neither the file nor the map has an entity of that name.
+    """
     if name not in ids:
         raise WorldError(
             world.source,
             entry.name,
-            f"names {name}, which neither the file nor the map has",
+            f"names {name}, which is neither in the file nor in the map",
             "Import what it names first, or correct the name.",
         )
     return ids[name]

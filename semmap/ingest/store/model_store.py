@@ -18,10 +18,11 @@ from semmap.ingest.world import Entry, Shape
 __all__ = ["Progress", "shape_digest", "store_models"]
 
 Progress = Callable[[str, int, int], None]
-"""Called with a stage, how much of it is done and how much there is."""
+"""Called with the name of a stage, the amount done, and the total amount."""
 
 
 def shape_digest(shape: Shape) -> str:
+    """Return a hash of a shape's content: equal shapes are stored once."""
     h = hashlib.sha256(shape.kind.encode())
     h.update((shape.uri or "").encode() if shape.kind == "cad" else b"")
     if shape.mesh is not None:

@@ -1,7 +1,7 @@
-"""A `World` into the database: one transaction, through COPY, repeatable.
+"""A `World` into the database, in one transaction, with COPY.
 
-What the map has from the same source and in the same state is left alone; what changed is updated;
-what the source no longer names is taken out.
+A repeated import leaves unchanged entities of the same source alone, updates changed ones, and
+removes those that the source no longer has.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ __all__ = ["Progress", "StoreSummary", "store_world"]
 
 @dataclass
 class StoreSummary:
-    """What storing a world did, by entity name."""
+    """The entities that storing a world added, changed and removed, by name."""
 
     added: list[str] = field(default_factory=list)
     changed: list[str] = field(default_factory=list)
@@ -49,15 +49,15 @@ def store_world(
     source: str,
     progress: Progress = lambda stage, done, total: None,
 ) -> StoreSummary:
-    """Bring the map to what the world says, within the caller's transaction.
+    """Store a world in a map, within the caller's transaction.
 
     Parameters
     ----------
     connection : psycopg.Connection, its search path on the schema
-    map_id : the map that takes it
-    world : what a parser read
-    source : the name under which a repeated import finds its own entities again
-    progress : told about the stages
+    map_id : the map
+    world : the result of a parser
+    source : the name by which a repeated import finds its entities
+    progress : called at each stage
     """
     stored = StoreSummary(notes=list(world.notes))
     with connection.cursor() as cursor:
@@ -129,9 +129,9 @@ def _known(cursor: psycopg.Cursor[Any], map_id: int) -> dict[str, _Known]:
 def _unique_names(
     cursor: psycopg.Cursor[Any], map_id: int, world: World, source: str, stored: StoreSummary
 ) -> list[Entry]:
-    """The entries under names that no other source has; references follow.
+    """Return the entries under names that no other source has; rename references to them.
 
-    An entry without geometry that names an entity which is there, of its kind, annotates it.
+    An entry without geometry annotates the entity of its name and kind of another source.
     """
     known = _known(cursor, map_id)
     renamed: dict[str, str] = {}
@@ -164,11 +164,11 @@ def _unique_names(
 
 
 def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: StoreSummary) -> None:
-    """A type that the T-Box lacks becomes one of its own, below the entry's kind, and is said."""
-    asked = {entry.type: entry.kind for entry in entries if entry.type}
-    cursor.execute("SELECT name FROM semantic_type WHERE name = ANY(%s)", (list(asked),))
+    """Add types that the T-Box lacks, each below the entry's kind, and note them."""
+    kinds = {entry.type: entry.kind for entry in entries if entry.type}
+    cursor.execute("SELECT name FROM semantic_type WHERE name = ANY(%s)", (list(kinds),))
     there = {name for (name,) in cursor}
-    new = sorted(set(asked) - there)
+    new = sorted(set(kinds) - there)
     if new:
         cursor.execute(
             "INSERT INTO semantic_type (name, origin) SELECT t, 'import' FROM unnest(%s::text[]) t",
@@ -176,19 +176,19 @@ def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: St
         )
         cursor.execute(
             "INSERT INTO type_parent (type, parent) SELECT * FROM unnest(%s::text[], %s::text[])",
-            (new, [asked[t] for t in new]),
+            (new, [kinds[t] for t in new]),
         )
-        stored.notes += [f"type {t}: not in the T-Box, added below {asked[t]}" for t in new]
+        stored.notes += [f"type {t}: not in the T-Box, added below {kinds[t]}" for t in new]
 
 
 def _digest(entry: Entry) -> str:
-    said = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
-    said["pose"] = entry.pose._asdict() if entry.pose else None
-    said["detail"] = asdict(entry.detail) if entry.detail else None
+    given = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
+    given["pose"] = entry.pose._asdict() if entry.pose else None
+    given["detail"] = asdict(entry.detail) if entry.detail else None
     if isinstance(entry.detail, ConnectorDetail):
-        said["detail"]["poses"] = [pose._asdict() for pose in entry.detail.poses]
-    said["shapes"] = [(shape_digest(s), s.role, s.uri) for s in entry.shapes]
-    return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()
+        given["detail"]["poses"] = [pose._asdict() for pose in entry.detail.poses]
+    given["shapes"] = [(shape_digest(s), s.role, s.uri) for s in entry.shapes]
+    return hashlib.sha256(json.dumps(given, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def _insert_entities(
@@ -335,7 +335,7 @@ def _place(
 def _link(
     cursor: psycopg.Cursor[Any], map_id: int, world: World, ids: dict[str, int], source: str
 ) -> None:
-    """The links of the world; of its relations, those that its own entities have no more go."""
+    """Store the links of the world; delete links between its entities that it no longer has."""
     rows = [
         (ids[link.subject], link.relation, ids[link.object], Jsonb(link.properties))
         for link in world.links
@@ -353,33 +353,33 @@ def _link(
             "AND a.source = %(source)s AND b.source = %(source)s "
             "AND a.map_id = %(map)s AND b.map_id = %(map)s AND relation = ANY(%(relations)s) "
             "AND (from_id, relation, to_id) NOT IN "
-            "(SELECT * FROM unnest(%(from)s::bigint[], %(said)s::text[], %(to)s::bigint[]))",
+            "(SELECT * FROM unnest(%(from)s::bigint[], %(given)s::text[], %(to)s::bigint[]))",
             {
                 "source": source,
                 "map": map_id,
                 "relations": sorted({row[1] for row in rows}),
                 "from": [row[0] for row in rows],
-                "said": [row[1] for row in rows],
+                "given": [row[1] for row in rows],
                 "to": [row[2] for row in rows],
             },
         )
 
 
 def _georeference(cursor: psycopg.Cursor[Any], map_id: int, world: World) -> None:
-    """Of a file that has none, the map keeps what it was told before."""
-    said = world.georeference
-    if not said:
+    """Store the georeference; without one in the file, the map keeps its own."""
+    given = world.georeference
+    if not given:
         return
-    if "crs" not in said:
-        said = on_utm(
+    if "crs" not in given:
+        given = on_utm(
             cursor,
-            said.get("latitude_deg", 0.0),
-            said.get("longitude_deg", 0.0),
-            said.get("elevation", 0.0),
-            said.get("heading_deg", 0.0),
+            given.get("latitude_deg", 0.0),
+            given.get("longitude_deg", 0.0),
+            given.get("elevation", 0.0),
+            given.get("heading_deg", 0.0),
         )
     cursor.execute(
         "UPDATE map SET crs = %(crs)s, easting = %(easting)s, northing = %(northing)s, "
         "height = %(height)s, rotation = %(rotation)s WHERE id = %(id)s",
-        {**said, "id": map_id},
+        {**given, "id": map_id},
     )

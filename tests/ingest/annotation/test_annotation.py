@@ -437,7 +437,7 @@ UNUSABLE = [
     (feature(rectangle(0, 0, 0, 5), kind="room", name="bad"), "no area"),
     (feature(("Polygon", [[[0, 0], [1, 1], [2, 2], [0, 0]]]), kind="room", name="bad"), "no area"),
     (feature(BOW_TIE, kind="room", name="bad"), "crosses itself"),
-    (feature(("Polygon", [[[0, 0], [1, 1]]]), kind="room", name="bad"), "no Polygon"),
+    (feature(("Polygon", [[[0, 0], [1, 1]]]), kind="room", name="bad"), "not a valid Polygon"),
     (feature(("Polygon", [[0, 0], [1, 1]]), kind="room", name="bad"), "nested|position"),
     (feature(("Point", [math.nan, 1]), kind="region", name="bad"), "nan"),
     (feature(("Point", [1, math.inf]), kind="region", name="bad"), "inf"),

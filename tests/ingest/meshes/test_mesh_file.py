@@ -155,8 +155,8 @@ def _text(text: str) -> Callable[[Path], None]:
 BOMB = """<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>"""
 
 UNUSABLE: dict[str, tuple[str, Callable[[Path], object], str]] = {
-    "absent": ("a.obj", lambda path: None, "no such"),
-    "folder": ("a.obj", lambda path: path.mkdir(), "no such"),
+    "absent": ("a.obj", lambda path: None, "does not exist"),
+    "folder": ("a.obj", lambda path: path.mkdir(), "does not exist"),
     "empty": ("a.stl", _text(""), "empty file|cannot be read|no faces"),
     "picture": ("a.stl", lambda p: p.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(200)), "not an STL"),
     "unknown ending": ("a.docx", _text("solid"), "cannot be read"),
@@ -167,7 +167,7 @@ UNUSABLE: dict[str, tuple[str, Callable[[Path], object], str]] = {
         "no faces",
     ),
     "NaN": ("a.obj", _text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), "not finite"),
-    "no such vertex": (
+    "does not exist": (
         "a.obj",
         _text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
         "cannot be read|vertices",

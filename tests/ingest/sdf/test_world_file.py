@@ -532,8 +532,8 @@ SKIPPED = {
         LINK.replace(BOX.format("1 2 3"), MESH.format("https://example.org/a.dae")),
         "network",
     ),
-    "no uri": (LINK.replace(BOX.format("1 2 3"), MESH.format("")), "names no file"),
-    "odd uri": (LINK.replace(BOX.format("1 2 3"), MESH.format("a&#10;b")), "names no file"),
+    "no uri": (LINK.replace(BOX.format("1 2 3"), MESH.format("")), "does not name a file"),
+    "odd uri": (LINK.replace(BOX.format("1 2 3"), MESH.format("a&#10;b")), "does not name a file"),
     "not a number": (LINK.replace("1 2 3", "1 two 3"), "3 finite numbers"),
     "NaN": (LINK.replace("1 2 3", "1 nan 3"), "3 finite numbers"),
     "infinite": (LINK.replace("1 2 3", "1 1e999 3"), "3 finite numbers"),
@@ -562,7 +562,7 @@ SKIPPED = {
     "no geometry": (LINK.replace(BOX.format("1 2 3"), ""), "no geometry"),
     "heightmap": (
         LINK.replace(BOX.format("1 2 3"), "<geometry><heightmap/></geometry>"),
-        "not a surface",
+        "not a supported surface",
     ),
     "unknown frame": (
         LINK.replace("<geometry>", '<pose relative_to="x">0 0 0 0 0 0</pose><geometry>'),
@@ -637,7 +637,7 @@ def test_the_other_geometry_stands_in_for_a_missing_one(tmp_path: Path) -> None:
     assert entry(world, "m").shapes[0].role == "collision"
     np.testing.assert_allclose(np.ptp(surface(world, "m").bounds, axis=0), (4, 5, 6))
     assert len(world.skipped) == 1
-    assert "stands in" in world.notes[0]
+    assert "geometry is used" in world.notes[0]
 
 
 def test_what_a_shared_file_lacks_is_said_once(tmp_path: Path) -> None:
