@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Container
 from functools import cache
-from pathlib import Path
 
-from semmap.ingest.ontology.tbox import read_tbox
+from semmap.ingest.ontology.tbox import ontology_files, read_tbox
 
 __all__ = ["guess_type", "unique_name", "words"]
 
@@ -75,19 +74,12 @@ def _phrases() -> dict[tuple[str, ...], str]:
         for type_, phrases in TYPE_WORDS.items()
         for phrase in phrases.split(", ")
     }
-    for record in read_tbox(_ontology()):
+    for record in read_tbox(ontology_files()):
         if record.kind == "object" and record.name != "object":
             for phrase in (record.label, *record.synonyms):
                 known[tuple(words(phrase))] = record.name
     known.pop((), None)
     return known
-
-
-def _ontology() -> list[Path]:
-    """The files of the T-Box: in the installed package, or beside it in the source tree."""
-    package = Path(__file__).resolve().parents[1]
-    folders = (package / "schema" / "ontology", package.parent / "schema" / "ontology")
-    return sorted(next((f for f in folders if f.is_dir()), folders[0]).glob("*.ttl"))
 
 
 def unique_name(name: str, taken: Container[str]) -> str:

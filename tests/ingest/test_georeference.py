@@ -177,7 +177,10 @@ def test_what_was_said_outlasts_a_file_that_says_nothing(engine: Engine, tmp_pat
     ("said", "problem"),
     [
         (degrees(91, 8, 0, 0), "latitude 91° is beyond UTM"),
-        ({"surface_model": "MOON_SCS", **degrees(10, 8, 0, 0)}, "MOON_SCS is not the earth"),
+        (
+            {"surface_model": "MOON_SCS", **degrees(10, 8, 0, 0)},
+            "MOON_SCS is not the surface of the earth",
+        ),
     ],
 )
 def test_what_is_no_place_on_the_grid_is_left_out(

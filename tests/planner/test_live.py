@@ -20,7 +20,7 @@ from planner.source.walks import may_keep, read_walks
 from planner.topology import OUTSIDE, TopologyError
 from semmap.database import connect
 from semmap.ingest.importer import import_file
-from semmap.ingest.regions import draw_region
+from semmap.ingest.regions.extraction import draw_region
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from rdflib.plugins.parsers.notation3 import BadSyntax
 from semmap.ingest.world import WorldError
 from semmap.limits import TEXT_BYTES
 
-__all__ = ["KINDS", "TypeRecord", "read_tbox", "snake_case"]
+__all__ = ["KINDS", "TypeRecord", "ontology_files", "read_tbox", "snake_case"]
 
 ENDINGS = (".ttl", ".nt")
 """Endings of Turtle, and of N-Triples, which is a part of Turtle."""
@@ -55,6 +55,13 @@ class _Class:
     label: str | None = None
     comment: str | None = None
     synonyms: tuple[str, ...] = ()
+
+
+def ontology_files() -> list[Path]:
+    """Return the files of the T-Box: in the installed package, or beside it in a source tree."""
+    package = Path(__file__).resolve().parents[2]
+    folders = (package / "_data" / "schema" / "ontology", package.parent / "schema" / "ontology")
+    return sorted(next((f for f in folders if f.is_dir()), folders[0]).glob("*.ttl"))
 
 
 def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:

@@ -132,7 +132,7 @@ def test_the_storey_is_said_by_the_frame_the_node_or_the_file(
             ).scalar_one()
         assert z == pytest.approx(7.0)
     before = counts(office)
-    with pytest.raises(WorldError, match="says no storey, and the map has floor-1st, floor-3rd"):
+    with pytest.raises(WorldError, match="names no storey, and the map has floor-1st, floor-3rd"):
         import_file(office, write(tmp_path, graph(), "lost"), map_name="office")
     other = tmp_path / "other"
     other.mkdir()
@@ -169,24 +169,24 @@ BAD: tuple[tuple[Change, str], ...] = (
     (set_(0, id="zero"), r"features\[0\] \(node zero\): its id is 'zero'. Give a whole number"),
     (set_(0, id=70000), r"from 0 to 65535"),
     (set_(0, id=1.5), r"its id is 1.5"),
-    (set_(1, id=0), r"features\[1\] \(node 0\): its id 0 is another node's"),
-    (set_(3, id=10), r"features\[4\] \(edge 10\): its id 10 is another edge's"),
-    (set_(4, endid=8), r"features\[4\] \(edge 10\): its endid is 8, which is no node"),
+    (set_(1, id=0), r"features\[1\] \(node 0\): its id 0 is also that of another node"),
+    (set_(3, id=10), r"features\[4\] \(edge 10\): its id 10 is also that of another edge"),
+    (set_(4, endid=8), r"features\[4\] \(edge 10\): its endid is 8, which is not a node"),
     (lambda f: f[4]["properties"].pop("startid"), r"\(edge 10\): has no startid"),
     (set_(3, cost=-1), r"its cost is -1. Give a number from zero up"),
     (set_(3, cost=None), r"its cost is None"),
     (set_(3, overridable="no"), r"overridable is 'no'. Give true or false"),
-    (set_(0, metadata={"a": {"b": None}}), r"metadata.a.b is null, for which Nav2 throws"),
+    (set_(0, metadata={"a": {"b": None}}), r"metadata.a.b is null, which makes Nav2's loader fail"),
     (set_(0, metadata={"a": [[1]]}), r"metadata.a is an array of arrays or objects"),
-    (set_(0, metadata=3), r"its metadata is no object"),
-    (set_(0, metadata={"a": "\x00"}), r"holds a character that no text has"),
+    (set_(0, metadata=3), r"its metadata is not an object"),
+    (set_(0, metadata={"a": "\x00"}), r"holds a character that is not valid in text"),
     (set_(0, frame=None), r"its frame is None"),
     (set_(3, operations={"go": {"type": "go"}}), r"the trigger of its operation go is None"),
     (set_(3, operations={"go": {"trigger": "NODE"}}), r"its operation go has no type"),
     (lambda f: f[0]["geometry"].update(coordinates=[1]), r"has the position \[1\]"),
     (lambda f: f[0]["geometry"].update(coordinates=[1e9, 0]), r"has the position \[1000000000"),
     (lambda f: f[0]["geometry"].pop("coordinates"), r"has the position None"),
-    (lambda f: [f.pop(0) for _ in range(3)], r"have no node"),
+    (lambda f: [f.pop(0) for _ in range(3)], r"contain no node"),
 )
 
 

@@ -19,20 +19,18 @@ __all__ = ["derive_inventories", "find_surfaces", "postpone_derivation"]
 
 
 def postpone_derivation(connection: psycopg.Connection[Any]) -> None:
-    """Do not derive holders at each statement of this transaction: `derive_inventories` does it."""
+    """Derive no holders at the statements of this transaction; `derive_inventories` does it."""
     connection.execute("SELECT set_config('semmap.deriving', 'off', true)")
 
 
 def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
-    """Give each object of the map the holder that the geometry shows.
+    """Give each object of the map the holder that the geometry shows; return how many changed.
 
-    A stated holder stays unless the geometry contradicts it. Within the caller's transaction;
-    returns how many placements changed.
+    A stated holder stays unless the geometry contradicts it. Within the caller's transaction.
     """
     find_surfaces(connection, map_id)
     row = connection.execute(
-        "SELECT derive_again(ARRAY("
-        "SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
+        "SELECT derive_again(ARRAY(SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
         (map_id,),
     ).fetchone()
     assert row is not None
@@ -40,7 +38,7 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
 
 
 def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
-    """Search the models of the map's objects for support surfaces, each model once ever."""
+    """Store the support surfaces of the map's models; each model is searched once."""
     with connection.cursor() as cursor:
         cursor.execute(
             "SELECT DISTINCT m.id FROM model m JOIN entity_model em ON em.model_id = m.id "
@@ -56,9 +54,14 @@ def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
                 cursor.execute(
                     "INSERT INTO support_surface (model_id, number, height, outline, faces) "
                     "VALUES (%s, %s, %s, ST_GeomFromWKB(%s, 0), %s)",
-                    (model_id, number, surface.height, shapely.to_wkb(surface.outline),
-                     [int(f) for f in surface.faces]),
-                )  # fmt: skip
+                    (
+                        model_id,
+                        number,
+                        surface.height,
+                        shapely.to_wkb(surface.outline),
+                        [int(f) for f in surface.faces],
+                    ),
+                )
             if not found:
                 cursor.execute(
                     "INSERT INTO support_surface (model_id, number) VALUES (%s, 0)", (model_id,)

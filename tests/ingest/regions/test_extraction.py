@@ -19,7 +19,7 @@ from semmap.geometry.pose import Pose
 from semmap.geometry.tin import decode
 from semmap.ingest.importer import import_file
 from semmap.ingest.ontology.type_store import load_tbox
-from semmap.ingest.regions import (
+from semmap.ingest.regions.extraction import (
     draw_region,
     find_observation_area,
     find_support_surfaces,
@@ -386,7 +386,7 @@ def test_what_cannot_be_is_refused(connection: Connection) -> None:
 
 def test_every_room_of_the_office_has_a_floor(module_engine: Engine) -> None:
     """Walls of many boxes that touch, and a slab under each storey."""
-    folder = Path(__file__).parents[2] / "examples/office"
+    folder = Path(__file__).parents[3] / "examples/office"
     for name in ("office_rooms.geojson", "office.sdf"):
         import_file(module_engine, folder / name, map_name="office")
     url = module_engine.url.render_as_string(hide_password=False)
@@ -467,7 +467,7 @@ def test_regions_by_command(flat: str) -> None:
         (("find", "surfaces", "--type", "tabel"), "did you mean"),
         (("find", "floor", "table_1"), "no room with an outline but an object"),
         (("find", "floor", "kitchen", "--headroom", "-1"), "give 0 <= step"),
-        (("find", "observation", "kitchen"), "no thing to walk around but a room"),
+        (("find", "observation", "kitchen"), "not an object but a room"),
         (("find", "observation", "table_1", "--near", "3", "--far", "2"), "give 0 <= near < far"),
         (("draw", "wet", "--polygon", "0,0 1,1"), "three corners"),
         (("draw", "wet", "--polygon", "0,0 1,1 1,0 0,1"), "crosses its own border"),

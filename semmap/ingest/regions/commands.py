@@ -7,21 +7,16 @@ from collections.abc import Callable
 from datetime import datetime
 from enum import StrEnum
 from functools import partial
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import shapely
 import typer
-from shapely import Polygon
-from sqlalchemy import Connection, text
 
 from semmap import cli
-from semmap.ingest.regions import (
-    draw_region,
-    find_observation_area,
-    find_support_surfaces,
-    find_walkable_floor,
-)
-from semmap.query import entries
+
+# NumPy, Shapely and SQLAlchemy are slow to import: the functions below import what they use.
+if TYPE_CHECKING:
+    from shapely import Polygon
+    from sqlalchemy import Connection
 
 __all__ = ["regions"]
 
@@ -63,12 +58,14 @@ def find(
     surfaces: where other objects can stand; floor: the walkable floor of a room as it is now;
     observation: the ring around an object from which to observe it.
     """
+    from semmap.ingest.regions import extraction
+
     if not names and type_ is None:
         raise typer.BadParameter("name rooms or objects, or give --type")
     seek: dict[Sort, Callable[[Connection, int], int | list[int]]] = {
-        Sort.surfaces: find_support_surfaces,
-        Sort.floor: partial(find_walkable_floor, headroom=headroom, max_step=max_step),
-        Sort.observation: partial(find_observation_area, near=near, far=far),
+        Sort.surfaces: extraction.find_support_surfaces,
+        Sort.floor: partial(extraction.find_walkable_floor, headroom=headroom, max_step=max_step),
+        Sort.observation: partial(extraction.find_observation_area, near=near, far=far),
     }
     kind = "room" if sort is Sort.floor else "object"
     found: list[int] = []
@@ -109,6 +106,10 @@ def draw(
     json_: cli.Json = False,
 ) -> None:
     """Draw or redraw a region: a polygon from floor to ceiling, or a box."""
+    from sqlalchemy import text
+
+    from semmap.ingest.regions.extraction import draw_region
+
     with cli.engine().begin() as connection:
         cli.choose_map(connection, map_name)
         region = draw_region(
@@ -139,6 +140,8 @@ def listed(
     connection: Connection, ids: list[int] | None = None
 ) -> tuple[list[str], list[tuple[Any, ...]]]:
     """Return the regions of the current map, or those with these ids, as columns and rows."""
+    from sqlalchemy import text
+
     result = connection.execute(
         text(
             "SELECT e.name, e.type, r.origin, o.name AS of, h.name AS holder, "
@@ -159,12 +162,20 @@ def listed(
 
 def entity_named(connection: Connection, name: str) -> int:
     """Return the id of the entity of that name in the current map; an error has similar names."""
+    from sqlalchemy import text
+
+    from semmap.query import entries
+
     entries.describe(connection, name)
     return int(connection.execute(text("SELECT entity_id(:name)"), {"name": name}).scalar_one())
 
 
 def all_of_type(connection: Connection, type_: str, kind: str) -> list[int]:
     """Return the ids of the placed entities of a kind and type, subtypes included."""
+    from sqlalchemy import text
+
+    from semmap.query import entries
+
     columns, rows = entries.find(connection, entries.Question(type=type_))
     names = [row[columns.index("name")] for row in rows if row[columns.index("kind")] == kind]
     return list(
@@ -180,6 +191,8 @@ def all_of_type(connection: Connection, type_: str, kind: str) -> list[int]:
 
 def outline_of(given: str) -> Polygon:
     """Return the polygon of ``x,y x,y x,y ...``."""
+    import shapely
+
     try:
         corners = [tuple(float(v) for v in corner.split(",")) for corner in given.split()]
     except ValueError:

@@ -1,8 +1,8 @@
 """Regions of the map: drawn, parts of a model's surface, or found in geometry.
 
-Deeken et al., section 3.4: a region is a part of a room's or object's geometry that has a meaning
-of its own. It is held by that room or object and so moves along with it. A region of the same name
-is brought up to date, never doubled; one that is as it should be is not touched.
+Deeken et al., section 3.4: a region is a part of a room's or object's geometry with its own
+meaning. That room or object holds it, so they move together. A region of the same name is updated,
+not duplicated; one that is up to date is not changed.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ from semmap.geometry.outline import silhouette
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
-from semmap.ingest.holders import find_surfaces
-from semmap.ingest.region_store import (
+from semmap.ingest.regions.region_store import (
     Outline,
     Owner,
     Wanted,
@@ -35,6 +34,7 @@ from semmap.ingest.region_store import (
     level_region,
     with_article,
 )
+from semmap.ingest.store.holder_store import find_surfaces
 from semmap.limits import SURFACE_TRIANGLES
 from semmap.query.meshes import model_triangles, world_triangles
 
@@ -47,13 +47,13 @@ __all__ = [
 ]
 
 THIN = 0.01
-"""Metres that the region of a surface reaches above it: what stands on the surface touches it."""
+"""Height of a surface's region above it, metres: objects on the surface touch the region."""
 
 ROOM_HEIGHT = 2.5
-"""Metres from a floor to a ceiling of which nothing is known."""
+"""Height of a room whose ceiling is unknown, metres."""
 
 UPRIGHT = 1e-3
-"""Parts of a quaternion in x and y below which an entity stands upright."""
+"""Largest x and y of the quaternion of an upright entity."""
 
 Box = tuple[float, float, float, float, float, float]
 
@@ -70,7 +70,7 @@ def draw_region(
     properties: dict[str, Any] | None = None,
     valid: tuple[datetime | None, datetime | None] | None = None,
 ) -> int:
-    """Make or redraw a region that somebody drew; returns its id.
+    """Make or redraw a drawn region; return its id.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def region_of_faces(
     *,
     model: int | None = None,
 ) -> int:
-    """Make or change a region that is some of the faces of an entity's model; returns its id.
+    """Make or change a region of some faces of an entity's model; return its id.
 
     Its own model is the outline of these faces on the entity's ground (of upright ones, a strip of
     2 mm) over their heights; the view ``region_face`` shows the faces themselves.
@@ -147,7 +147,7 @@ def region_of_faces(
     if model is None and len(models) == 1:
         (model,) = models
     if model is None or model not in models:
-        raise ValueError(f"{owner.name} has the models {models}: say of which the faces are")
+        raise ValueError(f"{owner.name} has the models {models}: name the model that has the faces")
     triangles = model_triangles(_driver(connection), model)
     chosen = sorted({int(face) for face in faces})
     if not chosen or chosen[0] < 0 or chosen[-1] >= len(triangles):
@@ -161,14 +161,21 @@ def region_of_faces(
     low, high = float(part[:, :, 2].min()), float(part[:, :, 2].max())
     pose, outline = at_its_middle(outline, 0.0)
     region = Wanted(
-        name, type, "faces", pose, outline, low, max(high, low + THIN),
-        model_id=model, faces=chosen,
-    )  # fmt: skip
+        name,
+        type,
+        "faces",
+        pose,
+        outline,
+        low,
+        max(high, low + THIN),
+        model_id=model,
+        faces=chosen,
+    )
     return keep(connection, owner.map_id, owner, region)
 
 
 def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
-    """Make regions of the level patches of an object on which things can stand; returns their ids.
+    """Make regions of the support surfaces of an object; return their ids.
 
     They are named ``NAME_surface_1`` and so on, the highest first. Those that a former search found
     and this one does not are taken out.
@@ -191,12 +198,24 @@ def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
         pose, flat = at_its_middle(outline, height)
         found.append((frame @ pose, flat, model, faces))
     kept = [
-        keep(connection, owner.map_id, owner, Wanted(
-            f"{owner.name}_surface_{number}", "support_surface", "support_surface", pose, flat,
-            0.0, THIN, model_id=model, faces=faces,
-        ))
+        keep(
+            connection,
+            owner.map_id,
+            owner,
+            Wanted(
+                f"{owner.name}_surface_{number}",
+                "support_surface",
+                "support_surface",
+                pose,
+                flat,
+                0.0,
+                THIN,
+                model_id=model,
+                faces=faces,
+            ),
+        )
         for number, (pose, flat, model, faces) in enumerate(found, 1)
-    ]  # fmt: skip
+    ]
     connection.exec_driver_sql(
         "DELETE FROM entity e USING region r WHERE r.entity_id = e.id AND r.of_id = %(of)s "
         "AND r.origin = 'support_surface' AND NOT e.id = ANY(%(kept)s::bigint[])",
@@ -213,7 +232,7 @@ def find_walkable_floor(
     max_step: float = 0.03,
     max_slope: float = math.radians(10),
 ) -> int:
-    """Make the region ``NAME_floor``: where one can walk in a room as it is now; returns its id.
+    """Make the region ``NAME_floor``, the walkable floor of a room as it is now; return its id.
 
     Parameters
     ----------
@@ -234,41 +253,50 @@ def find_walkable_floor(
         )
     height, _ = _heights(connection, owner)
     floor = walkable_floor(
-        owner.footprint, height, _shell(connection, owner), _standing_in(connection, owner),
-        headroom=headroom, max_step=max_step, max_slope=max_slope,
-    )  # fmt: skip
+        owner.footprint,
+        height,
+        _shell(connection, owner),
+        _standing_in(connection, owner),
+        headroom=headroom,
+        max_step=max_step,
+        max_slope=max_slope,
+    )
     if floor is None:
         raise ValueError(
             f"nothing of {owner.name} can be walked on at z = {height:.3f} m with {headroom} m "
             "above it free: check the room's floor height, or ask for less headroom"
         )
     region = level_region(
-        f"{owner.name}_floor", "walkable_floor", "walkable_floor", owner, floor.outline, floor.low,
+        f"{owner.name}_floor",
+        "walkable_floor",
+        "walkable_floor",
+        owner,
+        floor.outline,
+        floor.low,
         max(floor.high, floor.low + THIN),
         properties={"headroom": headroom, "max_step": max_step, "max_slope": round(max_slope, 6)},
-    )  # fmt: skip
+    )
     return keep(connection, owner.map_id, owner, region)
 
 
 def find_observation_area(
     connection: Connection, entity: int, *, near: float = 0.5, far: float = 1.2
 ) -> int:
-    """Make the region ``NAME_observation``: where to stand to look at a thing; returns its id.
+    """Make the region ``NAME_observation``, from which to observe an object; return its id.
 
-    A ring from `near` to `far` metres off the thing's footprint, within its room, from floor to
-    ceiling. It is held by the thing and moves with it; its room clips it anew when it is found
+    A ring from `near` to `far` metres from the object's footprint, within its room, from floor to
+    ceiling. The object holds it, and they move together; its room clips it again when it is found
     again.
 
     Raises
     ------
     ValueError
-        No thing with a footprint, distances that make no ring, or nothing of it in the room.
+        The object has no footprint, the distances make no ring, or the ring is outside the room.
     """
     owner = _owner(connection, entity)
     if owner.kind in ("room", "storey", "region") or owner.footprint is None:
         raise ValueError(
-            f"{owner.name} is no thing to walk around but {with_article(owner.kind)}, "
-            "or has no footprint"
+            f"{owner.name} is not an object but {with_article(owner.kind)}, or has no footprint"
         )
     room = _room_of(connection, owner)
     try:
@@ -277,9 +305,15 @@ def find_observation_area(
         raise ValueError(f"{owner.name}: {error}") from None
     low, high = _heights(connection, owner)
     region = level_region(
-        f"{owner.name}_observation", "observation_area", "observation_area", owner, ring, low, high,
+        f"{owner.name}_observation",
+        "observation_area",
+        "observation_area",
+        owner,
+        ring,
+        low,
+        high,
         properties={"near": near, "far": far},
-    )  # fmt: skip
+    )
     return keep(connection, owner.map_id, owner, region)
 
 
@@ -309,7 +343,7 @@ def _owner(connection: Connection, entity: int) -> Owner:
 
 
 def _room_of(connection: Connection, owner: Owner) -> Owner | None:
-    """The entity itself where it is a room, else the nearest room above it in the inventories."""
+    """Return the entity itself if it is a room, else the nearest room that holds it."""
     room = connection.exec_driver_sql(
         "WITH RECURSIVE up (id, depth) AS (SELECT %(id)s::bigint, 0 UNION ALL "
         "SELECT p.holder_id, up.depth + 1 FROM up JOIN placement p ON p.entity_id = up.id "
@@ -322,7 +356,7 @@ def _room_of(connection: Connection, owner: Owner) -> Owner | None:
 
 
 def _heights(connection: Connection, owner: Owner | None) -> tuple[float, float]:
-    """Floor and ceiling of the room of an entity, else what rises from its lowest point."""
+    """Return floor and ceiling of an entity's room, else heights from the entity's lowest point."""
     if owner is None:
         return 0.0, ROOM_HEIGHT
     room = _room_of(connection, owner)
@@ -337,7 +371,7 @@ def _heights(connection: Connection, owner: Owner | None) -> tuple[float, float]
 
 
 def _models(connection: Connection, owner: Owner) -> list[int]:
-    """The models that are seen; where there are none, those that collide."""
+    """Return the visual models, or the collision models where there are none."""
     rows = connection.exec_driver_sql(
         "SELECT em.model_id FROM entity_model em JOIN model m ON m.id = em.model_id "
         "WHERE em.entity_id = %(id)s AND m.triangles > 0 AND (em.role = 'visual' OR NOT EXISTS ("
@@ -349,7 +383,7 @@ def _models(connection: Connection, owner: Owner) -> list[int]:
 
 
 def _shell(connection: Connection, room: Owner) -> Mesh | None:
-    """The room's mesh in the map's frame; None where it is drawn, or has none."""
+    """Return the room's mesh in the map's frame; None where it is drawn, or has none."""
     drawn = connection.exec_driver_sql(
         "SELECT bool_and(m.kind = 'polygon') FROM entity_model em "
         "JOIN model m ON m.id = em.model_id "
@@ -363,21 +397,21 @@ def _shell(connection: Connection, room: Owner) -> Mesh | None:
 
 
 def _standing_in(connection: Connection, room: Owner) -> list[tuple[Mesh, bool]]:
-    """The meshes of things that reach into a room's box, each with whether its rings are filled."""
+    """Return the meshes of objects that reach into a room's box, with `fill` as in `shadow`."""
     rows = connection.exec_driver_sql(
         "SELECT e.id, NOT is_building_part(e.type) FROM entity e "
         "JOIN world w ON w.entity_id = e.id JOIN world r ON r.entity_id = %(id)s "
         "WHERE e.map_id = %(map)s AND e.kind = 'object' AND w.box &&& r.box ORDER BY e.id",
         {"id": room.id, "map": room.map_id},
     ).all()
-    meshes = world_triangles(connection, [thing for thing, _ in rows])
-    return [(to_mesh(meshes[thing]), fill) for thing, fill in rows if thing in meshes]
+    meshes = world_triangles(connection, [entity for entity, _ in rows])
+    return [(to_mesh(meshes[entity]), fill) for entity, fill in rows if entity in meshes]
 
 
 def _surfaces(
     connection: Connection, owner: Owner, frame: Pose
 ) -> list[tuple[int, float, Polygon, list[int]]]:
-    """Model, height, outline and faces of the surfaces that are level in `frame`, highest first.
+    """Return model, height, outline and faces of the surfaces level in `frame`, highest first.
 
     Those that are level in the models' own frame are kept with the models; what lies on its side
     has others, which are looked for here.
