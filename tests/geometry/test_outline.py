@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
-from semmap.geometry.outline import hull_points, outline, silhouette
+from semmap.geometry.outline import hull_points, outline, placed_outline, silhouette
 from semmap.geometry.pose import Pose
 
 metres = st.floats(-5, 5)
@@ -112,3 +112,15 @@ def test_outline_and_silhouette() -> None:
     assert silhouette(mesh).area == pytest.approx(2)
     two = shapely.union(silhouette(mesh), silhouette(mesh.moved(Pose(x=10))))
     assert two.area == pytest.approx(4)
+
+
+def test_a_placed_outline_is_moved_and_turned() -> None:
+    pose = Pose.planar(3.0, -1.0, 0.7, z=5.0)
+    area = shapely.Polygon(
+        [(0, 0), (2, 0), (2, 1), (0, 1)], [[(0.5, 0.2), (1, 0.2), (1, 0.5), (0.5, 0.5)]]
+    )
+    turned = shapely.affinity.rotate(area, 0.7, origin=(0, 0), use_radians=True)
+    wanted = shapely.affinity.translate(turned, 3.0, -1.0)
+    assert placed_outline(area, pose).symmetric_difference(wanted).area < 1e-12
+    back = placed_outline(placed_outline(area, pose), pose.inverse())
+    assert back.symmetric_difference(area).area < 1e-12

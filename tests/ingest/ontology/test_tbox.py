@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semmap.ingest.naming import TYPE_WORDS
-from semmap.ingest.ontology.tbox import KINDS, TypeRecord, read_tbox, snake_case
+from semmap.ingest.ontology.tbox import KINDS, TypeRecord, ontology_files, read_tbox, snake_case
 from semmap.ingest.world import WorldError
 
 ONTOLOGY = sorted(Path(__file__).parents[3].joinpath("schema/ontology").glob("*.ttl"))
@@ -259,3 +259,7 @@ def test_files_that_are_no_ontology(tmp_path: Path) -> None:
 )
 def test_snake_case(local: str, name: str) -> None:
     assert snake_case(local) == name
+
+
+def test_the_files_of_the_ontology_are_found() -> None:
+    assert sorted(ontology_files()) == ONTOLOGY
