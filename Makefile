@@ -1,13 +1,15 @@
 # make demo [WORLD=path]   the main job on examples/office, or on your own world
 # make test                the tests
 # make soak                readers and writers of fields for ten minutes; missions that are killed
+# make fuzz                damaged and random inputs for all readers, languages and native functions, four minutes;
+#                          SEMMAP_FUZZ_SECONDS=3600 make fuzz for an hour
 # make explore             the property tests again, with examples that no run has had
 # make lint                ruff, mypy, import-linter, clang-format
 # make bench               the speed tables
 # make clean               what these left
 
 WORLD ?=
-.PHONY: demo test soak explore lint bench clean
+.PHONY: demo test soak fuzz explore lint bench clean
 
 demo:
 	@scripts/setup
@@ -21,6 +23,10 @@ soak:
 	@scripts/setup
 	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py \
 		tests/planner/mission/test_kills.py tests/planner/mission/test_claims.py
+
+fuzz:
+	@scripts/setup
+	@.venv/bin/python -m tests.fuzz
 
 explore:
 	@scripts/setup

@@ -20,11 +20,11 @@ from navgrid.source import read_scene, read_things
 from semmap.database import connect
 from semmap.geometry.mesh import join
 from semmap.geometry.pose import Pose
-from semmap.ingest.store import store_world
-from semmap.ingest.types import load_tbox
+from semmap.ingest.ontology.type_store import load_tbox
+from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Shape, World
 from semmap.query.change_feed import changed_since, cursor
-from semmap.robot import Group, load_robot, robot_parts
+from semmap.robot import LinkGroup, load_robot, robot_parts
 
 __all__ = ["main"]
 
@@ -78,7 +78,7 @@ def main() -> None:
         store_office(driver, made.scalar_one())
     robot = load_robot(tiago())
     found = {p.name: p.links for p in robot_parts(robot, {})}
-    groups = [Group(n, tuple(li for f in fs for li in found[f])) for n, fs in PARTS.items()]
+    groups = [LinkGroup(n, tuple(li for f in fs for li in found[f])) for n, fs in PARTS.items()]
     parts = robot_parts(robot, {}, groups)
     with engine.connect() as connection:
         connection.execute(text("SELECT set_config('semmap.map', 'office40', false)"))

@@ -16,9 +16,9 @@ from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.database import Cluster, connect
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
-from semmap.ingest.holders import derive_inventories
-from semmap.ingest.store import store_world
-from semmap.ingest.world import Entry, Level, Place, Shape, World
+from semmap.ingest.store.holder_store import derive_inventories
+from semmap.ingest.store.world_store import store_world
+from semmap.ingest.world import Entry, PlaceDetail, Shape, StoreyDetail, World
 
 MOVE = """
 UPDATE placement p SET pose = pose_compose(p.pose, ARRAY[%(by)s, 0, 0, 0, 0, 0, 1])
@@ -28,7 +28,7 @@ WHERE p.entity_id = ANY (%(ids)s)
 
 def building(rooms: int = 100, tables: int = 10, cups: int = 9) -> World:
     """Square rooms of 10 m, each with ten tables, each table with nine cups: 10,000 objects."""
-    entries = [Entry("ground", "storey", detail=Level(0, 3))]
+    entries = [Entry("ground", "storey", detail=StoreyDetail(0, 3))]
     table = Shape("mesh", box_mesh((-0.8, -0.4, 0), (0.8, 0.4, 0.75)))
     cup = Shape("mesh", box_mesh((-0.04, -0.04, 0), (0.04, 0.04, 0.1)))
     for i in range(rooms):
@@ -40,7 +40,7 @@ def building(rooms: int = 100, tables: int = 10, cups: int = 9) -> World:
                 "room",
                 pose=Pose(x, y),
                 shapes=[floor],
-                detail=Place(floor=0, ceiling=2.6),
+                detail=PlaceDetail(floor=0, ceiling=2.6),
             )
         )
         for j in range(tables):

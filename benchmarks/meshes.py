@@ -16,8 +16,8 @@ from semmap.database import connect
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.importer import import_file
-from semmap.ingest.store import store_world
-from semmap.ingest.types import load_tbox
+from semmap.ingest.ontology.type_store import load_tbox
+from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Shape, World
 from semmap.query.meshes import model_triangles
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -117,7 +117,7 @@ def _layer(name: str, value: object, file: str) -> Layer:
     padding = said.get("padding", 0.0)
     if isinstance(padding, bool) or not isinstance(padding, int | float):
         raise PolicyError(f"{file}: layer {name}: padding is metres, not {padding!r}")
-    if not (math.isfinite(padding) and padding >= 0) or name in (NONE, FLOOR):
+    if not 0 <= padding <= sys.float_info.max or name in (NONE, FLOOR):
         raise PolicyError(
             f"{file}: layer {name}: give padding of 0 or more metres, and a name but none and floor"
         )
@@ -128,7 +128,7 @@ def _rule(value: object, number: int, known: set[str], file: str) -> Rule:
     element = f"rule {number}"
     said = _mapping(value, file, element, {"kind", "type", "properties", "state", "layer"})
     layer = said.get("layer")
-    if layer not in known:
+    if not isinstance(layer, str) or layer not in known:
         raise PolicyError(f"{file}: {element}: its layer is one of {', '.join(sorted(known))}")
     kind = said.get("kind")
     if kind is not None and kind not in KINDS:

@@ -306,7 +306,7 @@ void define_graph(py::module_& module) {
         .def(py::init([](const Array<std::int64_t>& tails, const Array<std::int64_t>& heads,
                          const Array<double>& weights, const Array<double>& least,
                          std::int64_t nodes) {
-                 within(nodes, 0, 1 << 26, "nodes");
+                 within(nodes, 0, 1 << 22, "nodes");
                  semmap::Edges edges{ids_of(tails, "tails", nodes), ids_of(heads, "heads", nodes),
                                      weights_of(weights, "weights", tails.size())};
                  expect(tails.size() == heads.size(), "tails and heads differ in length");

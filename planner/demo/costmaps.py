@@ -18,7 +18,7 @@ from planner.demo.office import office_folder
 from semmap import cli
 from semmap.draw.view import StoreyView
 from semmap.geometry.mesh import Mesh
-from semmap.robot import Group, Part, load_robot, robot_parts
+from semmap.robot import LinkGroup, Part, load_robot, robot_parts
 
 __all__ = ["robot_demo"]
 
@@ -56,7 +56,7 @@ def robot_demo(
             region = blocked_region(costmap, folder)
             pictures += [] if region is None else [region]
         if map_name == "office":
-            whole = robot_parts(robot, {}, [Group("robot", robot.links)])
+            whole = robot_parts(robot, {}, [LinkGroup("robot", robot.links)])
             pictures += _between_the_workbenches(connection, storeys, parts, whole, meshes, folder)
     for picture in pictures:
         if picture.name.startswith("figure"):

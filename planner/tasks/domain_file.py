@@ -15,7 +15,7 @@ Initially, a predicate holds for an object if the property of this name is true.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -26,6 +26,8 @@ import yaml
 from planner.tasks.goal import Word
 from planner.tasks.problem import NoPlanError, Operator, Problem
 from planner.tasks.world import TaskWorld
+from semmap.limits import ACTIONS, CONFIG_BYTES
+from semmap.yaml_file import check_structure
 
 __all__ = ["Domain", "DomainError", "UserAction", "read_domain"]
 
@@ -34,6 +36,9 @@ _OWN = {"holding": 1, "on": 2}
 _RESERVED = ("on", "in", "carries", "holding", "pickup", "place", "drive")
 _MOST = 2000
 """Maximum number of actions after their parameters are replaced by objects."""
+
+_MOST_STEPS = 10_000
+"""Ways to bring about a fact that are looked at, one action after another."""
 
 _LITERAL = re.compile(r"\s*(not\s+)?([A-Za-z_][\w-]*)\s*\(([^()]*)\)\s*$")
 
@@ -106,7 +111,7 @@ class Domain:
                     )
             names = [problem.candidates[w] for w in atom.words]
             wanted.update(dict.fromkeys((atom.relation, *chosen) for chosen in product(*names)))
-            slots += self._steps(atom.relation, ())
+            slots += self._steps(atom.relation, (), iter(range(_MOST_STEPS)))
         predicates = {n.predicate for a in self.actions for n in (*a.needs, *a.effects)}
         problem.facts = [
             (predicate, item.name)
@@ -149,8 +154,13 @@ class Domain:
                 )
         return list(lifted), slots
 
-    def _steps(self, predicate: str, before: tuple[str, ...]) -> int:
+    def _steps(self, predicate: str, before: tuple[str, ...], budget: Iterator[int]) -> int:
         """The maximum number of events that achieve a predicate, with pickups and placings."""
+        if next(budget, None) is None:
+            raise NoPlanError(
+                f"{before[0]} needs facts that need others in more than {_MOST_STEPS} ways: "
+                "give the actions of the domain file fewer needs"
+            )
         if predicate in before:
             return 0
         most = 0
@@ -162,7 +172,7 @@ class Domain:
                     + sum(
                         2
                         if need.predicate in _OWN
-                        else self._steps(need.predicate, (*before, predicate))
+                        else self._steps(need.predicate, (*before, predicate), budget)
                         for need in action.needs
                         if need.holds
                     ),
@@ -230,8 +240,17 @@ def read_domain(path: Path) -> Domain:
     DomainError
         With the line of the mistake.
     """
+
+    def refused(line: int, problem: str, fix: str) -> DomainError:
+        return DomainError(f"{path}, line {line}: {problem}. {fix}")
+
     try:
-        tree = yaml.compose(path.read_text(), Loader=yaml.SafeLoader)
+        CONFIG_BYTES.check(
+            path.stat().st_size, lambda p, f: refused(1, p, f), "Name a YAML file of actions."
+        )
+        text = path.read_text("utf-8")
+        check_structure(text, refused)
+        tree = yaml.compose(text, Loader=yaml.SafeLoader)
     except OSError as error:
         raise DomainError(f"{path}: {error.strerror}; name a YAML file of actions") from error
     except UnicodeDecodeError as error:
@@ -263,6 +282,9 @@ class _Reader:
         actions = self.mapping(top["actions"][1], "actions", "maps names to what they need")
         if not actions:
             raise self.fail(tree, "actions: is empty; add an action")
+        ACTIONS.check(
+            len(actions), lambda problem, fix: self.fail(tree, f"{problem}. {fix}"), "Drop some."
+        )
         found = tuple(self.action(name, key, node) for name, (key, node) in actions.items())
         self.arities(found, actions)
         return Domain(found)

@@ -256,10 +256,10 @@ class _ProblemBuilder:
             if target in made.candidates:
                 kept = [n for n in made.candidates[target] if n in taken]
                 if len(kept) <= target.number:
-                    raise NoPlanError(_some(reasons))
+                    raise NoPlanError(_some(reasons) or f"{atom}: nothing else fits there")
                 made.candidates[target] = kept
             elif not taken and not any(self._satisfied(word, n) for n in made.candidates[word]):
-                raise NoPlanError(_some(reasons))
+                raise NoPlanError(_some(reasons) or f"{atom}: nothing else fits there")
 
     def _options(self, target: Word) -> list[str]:
         made = self.made

@@ -14,9 +14,18 @@ import shapely
 
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
 from semmap.geometry.pose import Pose
-from semmap.ingest.holders import find_surfaces
-from semmap.ingest.store import store_world
-from semmap.ingest.world import OUTSIDE, Connects, Entry, Kind, Level, Place, Shape, World
+from semmap.ingest.store.holder_store import find_surfaces
+from semmap.ingest.store.world_store import store_world
+from semmap.ingest.world import (
+    OUTSIDE,
+    ConnectorDetail,
+    Entry,
+    Kind,
+    PlaceDetail,
+    Shape,
+    StoreyDetail,
+    World,
+)
 
 if TYPE_CHECKING:
     from semmap.api.map_entity import MapEntity
@@ -35,7 +44,7 @@ SIDE = 0.05
 
 def storey(name: str, elevation: float, height: float | None) -> Entry:
     """A storey; its frame lies at its floor."""
-    return Entry(name, "storey", pose=Pose(z=elevation), detail=Level(elevation, height))
+    return Entry(name, "storey", pose=Pose(z=elevation), detail=StoreyDetail(elevation, height))
 
 
 def room(
@@ -47,7 +56,7 @@ def room(
     label: str | None,
 ) -> Entry:
     """A room, its frame at a point in it on the floor."""
-    place = Place(0.0, None if ceiling is None else ceiling - floor)
+    place = PlaceDetail(0.0, None if ceiling is None else ceiling - floor)
     return _drawn(name, "room", outline, floor, ceiling, ROOM_HEIGHT, type, label, place)
 
 
@@ -72,7 +81,7 @@ def _drawn(
     height: float,
     type: str | None,
     label: str | None,
-    detail: Place | None,
+    detail: PlaceDetail | None,
 ) -> Entry:
     polygon = outline if isinstance(outline, shapely.Geometry) else shapely.Polygon(outline)
     if polygon.geom_type not in ("Polygon", "MultiPolygon") or polygon.is_empty:
@@ -127,7 +136,7 @@ def _shapes(mesh: Any) -> list[Shape]:
     if isinstance(mesh, Mesh):
         return [Shape("mesh", mesh)]
     if isinstance(mesh, str | Path):
-        from semmap.ingest.mesh_file import read_mesh_world
+        from semmap.ingest.meshes.mesh_file import read_mesh_world
 
         entries = read_mesh_world(Path(mesh), as_="object").entries
         return [shape for entry in entries for shape in entry.shapes]
@@ -175,7 +184,7 @@ def door(
         name,
         "connector",
         pose=Pose.planar(float(middle[0]), float(middle[1]), yaw, shape.height),
-        detail=Connects(
+        detail=ConnectorDetail(
             (place_a, OUTSIDE if place_b is None else place_b),
             (Pose(-reach), Pose.planar(reach, 0, math.pi)),
             type=form,

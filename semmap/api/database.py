@@ -135,7 +135,7 @@ class Database:
         ValueError
             There is one of this name, or the name is empty.
         """
-        from semmap.ingest.types import load_tbox
+        from semmap.ingest.ontology.type_store import load_tbox
 
         if not name:
             raise ValueError("a map needs a name")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from semmap.api.database import Database
     from semmap.geometry.mesh import Mesh
     from semmap.ingest.importer import ImportSummary
-    from semmap.ingest.store import Progress
+    from semmap.ingest.store.model_store import Progress
 
 __all__ = ["SemanticMap"]
 

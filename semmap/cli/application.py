@@ -135,7 +135,7 @@ def print_summary(s: ImportSummary) -> None:
     if s.skipped:
         out.print(f"  left out: {len(s.skipped)}", style="yellow")
         for skipped in s.skipped:
-            text = f"    {skipped.element}: {skipped.problem}. {skipped.mend}"
+            text = f"    {skipped.element}: {skipped.problem}. {skipped.fix}"
             out.print(text, style="yellow")
 
 

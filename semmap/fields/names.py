@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 
-from semmap.ingest.tbox import TypeRecord, snake_case
+from semmap.ingest.ontology.tbox import TypeRecord, snake_case
 
 __all__ = ["Names"]
 

@@ -18,7 +18,7 @@ from semmap.fields.sources.percepts import Zone
 from semmap.fields.stage import Prop
 from semmap.fields.vocabulary import Vocabulary, read_vocabulary
 from semmap.geometry.tin import to_mesh
-from semmap.ingest.tbox import snake_case
+from semmap.ingest.ontology.tbox import snake_case
 from semmap.query.meshes import world_triangles
 
 __all__ = [

@@ -10,7 +10,7 @@ from rdflib import OWL, RDF, RDFS, Graph, Namespace, URIRef
 from rdflib.term import Node
 
 from semmap.fields.property import Property
-from semmap.ingest.tbox import snake_case
+from semmap.ingest.ontology.tbox import snake_case
 
 __all__ = ["SEMMAP", "Vocabulary", "read_vocabulary"]
 

@@ -1,4 +1,4 @@
-"""Walkable floor: what of a room's ground one can stand on (Deeken et al., section 3.4)."""
+"""Walkable floor of a room (Deeken et al., section 3.4)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from semmap.geometry.walk import GAP, walked_faces
 __all__ = ["Floor", "shadow", "walkable_floor"]
 
 THIN = 1e-3
-"""Metres that a sheet without thickness takes to either side."""
+"""Thickness of a sheet to either side, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +32,12 @@ class Floor:
 
 
 def shadow(mesh: Mesh, low: float, high: float, *, fill: bool) -> Polygon | MultiPolygon:
-    """What of a mesh lies between two heights, seen from above.
+    """Return the part of a mesh between two heights, seen from above.
 
     Parameters
     ----------
-    fill : whether a ring of faces around a place takes that place, too. Otherwise only the inside
-        of a closed mesh is taken: a wall's, and not the room's that an open shell encloses.
+    fill : whether the inside of any ring of faces counts. Otherwise only the inside of a closed
+        mesh does: that of a wall, not that of a room within an open shell.
     """
     if not len(mesh.faces):
         return Polygon()
@@ -60,7 +60,7 @@ def shadow(mesh: Mesh, low: float, high: float, *, fill: bool) -> Polygon | Mult
 
 
 def _between(mesh: Mesh, low: float, high: float) -> NDArray[np.float64]:
-    """(N, 3, 3): what of the faces lies between two heights, as triangles."""
+    """Return (N, 3, 3) the parts of the faces between two heights, as triangles."""
     from trimesh.intersections import slice_faces_plane  # slow to load; few commands need it
 
     vertices, faces = mesh.vertices, np.asarray(mesh.faces, np.int64)
@@ -73,7 +73,7 @@ def _between(mesh: Mesh, low: float, high: float) -> NDArray[np.float64]:
 
 
 def _section(mesh: Mesh, height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The lines (N, 2, 2) in which a mesh is cut, and (N, 2) which way its faces look there."""
+    """Return the section of a mesh as lines (N, 2, 2), and the normals (N, 2) of the cut faces."""
     triangles = mesh.triangles
     above = triangles[:, :, 2] > height
     cut = above.any(axis=1) & ~above.all(axis=1)
@@ -89,7 +89,7 @@ def _section(mesh: Mesh, height: float) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def _enclosed(lines: NDArray[np.float64]) -> NDArray[np.object_]:
-    """The polygons into which lines cut the plane."""
+    """Return the polygons into which lines divide the plane."""
     net = shapely.union_all(shapely.linestrings(lines), grid_size=1e-7)
     places: NDArray[np.object_] = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
     return places
@@ -98,7 +98,7 @@ def _enclosed(lines: NDArray[np.float64]) -> NDArray[np.object_]:
 def _winding(
     points: NDArray[np.float64], lines: NDArray[np.float64], outward: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """(P,): how often the lines go around a point: what a ray to +x leaves, less what it enters."""
+    """Return (P,) how often the lines go around each point, counted along a ray to +x."""
     a, b = lines[:, 0], lines[:, 1]
     turns = np.zeros(len(points), np.int64)
     for k, (x, y) in enumerate(points):
@@ -110,7 +110,7 @@ def _winding(
 
 
 def _longest_edges(corners: NDArray[np.float64]) -> NDArray[np.object_]:
-    """The longest edge of each flat triangle (F, 3, 2), as a line."""
+    """Return the longest edge of each flat triangle (F, 3, 2), as a line."""
     edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
     lengths = np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=2)
     longest = edges[np.arange(len(edges)), lengths.argmax(axis=1)]
@@ -129,32 +129,33 @@ def walkable_floor(
     max_slope: float = math.radians(10),
     min_area: float = 0.05,
 ) -> Floor | None:
-    """The part of a room's floor on which one can walk, or None.
+    """Return the part of a room's floor that can be walked on, or None.
 
     Parameters
     ----------
     ground : the room's outline, metres
     height : z of its floor
-    room : its mesh; where there is none, the floor is the whole ground at `height`
-    obstacles : what stands in it, in the same frame, each with whether its rings are filled
-        (`shadow`)
-    headroom : metres above the floor that have to be free
-    max_step : metres that one steps up or down between faces; lower things are no obstacles
-    max_slope : radians by which a face of the floor may be tilted
-    min_area : square metres below which a part is no floor
+    room : its mesh; without one, the floor is the whole ground at `height`
+    obstacles : meshes in the room, in the same frame, each with `fill` as in `shadow`
+    headroom : free height above the floor, metres
+    max_step : highest step between faces, metres; lower objects are not obstacles
+    max_slope : largest tilt of a face of the floor, radians
+    min_area : least area of a part of the floor, square metres
 
     Notes
     -----
-    Of a mesh, the floor is the faces within `max_slope`, whichever way they look (meshes from the
-    wild look both ways), that hang together, by steps of at most `max_step`, with one at `height`.
+    The floor of a mesh is its faces within `max_slope`, of either orientation (real meshes mix
+    both), that are connected, by steps of at most `max_step`, with a face at `height`.
 
     Raises
     ------
     ValueError
-        A headroom that is not above the step, or a negative step.
+        The headroom is not above the step, or the step is negative.
     """
     if not 0 <= max_step < headroom:
-        raise ValueError(f"a step of {max_step} m under a headroom of {headroom} m: give 0 <= step")
+        raise ValueError(
+            f"a step of {max_step} m and a headroom of {headroom} m: give 0 <= step < headroom"
+        )
     if room is None or not len(room.faces):
         levels = [_Level(ground, height, height, frozenset())]
         solids: list[Mesh] = []
@@ -193,7 +194,7 @@ class _Level:
 def _levels(
     room: Mesh, height: float, max_step: float, max_slope: float, too_large: float
 ) -> tuple[list[_Level], list[Mesh], Mesh]:
-    """The levels of the floor, the room's solids, and what is neither floor nor solid."""
+    """Return the levels of the floor, the room's solids, and the remaining faces."""
     triangles = room.triangles
     solid, upward = _solids(room, too_large)
     up = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])[:, 2]
@@ -217,9 +218,9 @@ def _levels(
 
 
 def _solids(room: Mesh, too_large: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """(F,) each: the solid that a face is of, or -1; 1 where its normal looks outward, else -1.
+    """Return, for each face, its solid or -1, and 1 where its normal points outward, else -1.
 
-    A solid is a closed part that takes less than `too_large` square metres: a pillar, a platform.
+    A solid is a closed part that covers less than `too_large` square metres: a pillar, a platform.
     A larger one is the room's shell.
     """
     part, closed = closed_parts(room)

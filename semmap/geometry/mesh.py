@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.geometry.pose import Pose
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
 
 __all__ = ["Mesh", "box_mesh", "join", "prism_mesh"]
 
@@ -40,25 +44,25 @@ class Mesh:
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """(2, 3): lowest and highest corner over the vertices that faces use."""
+        """(2, 3): lowest and highest corner of the vertices that faces use."""
         used = self.used
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
     def digest(self) -> str:
-        """A hash of the content: equal meshes are stored once."""
+        """Return a hash of the content: equal meshes are stored once."""
         h = hashlib.sha256()
         h.update(np.ascontiguousarray(self.vertices, dtype="<f8").tobytes())
         h.update(np.ascontiguousarray(self.faces, dtype="<i4").tobytes())
         return h.hexdigest()
 
     def moved(self, pose: Pose, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Mesh:
-        """This mesh scaled in its own frame, then placed by `pose`; mirrored faces turned back."""
+        """Return this mesh scaled, then placed by `pose`; mirrored faces are turned back."""
         faces = self.faces if np.prod(scale) > 0 else self.faces[:, ::-1]
         return Mesh(pose.apply(self.vertices * np.asarray(scale)), np.ascontiguousarray(faces))
 
 
 def join(meshes: list[Mesh]) -> Mesh:
-    """One mesh of several that share a frame."""
+    """Return one mesh of several that share a frame."""
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
     return Mesh(
         np.concatenate([m.vertices for m in meshes]),
@@ -67,17 +71,21 @@ def join(meshes: list[Mesh]) -> Mesh:
 
 
 def box_mesh(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
-    """The closed surface of an axis-aligned box, 12 triangles, normals outward."""
+    """Return the closed surface of an axis-aligned box: 12 triangles, normals outward."""
     corners = np.array([[(low, high)[(i >> k) & 1][k] for k in range(3)] for i in range(8)], float)
     quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
     return Mesh(corners, np.array(faces, dtype=np.int32))
 
 
-def prism_mesh(outline: object, low: float, high: float) -> Mesh:
-    """The closed surface of a polygon (shapely, holes allowed) extruded from z `low` to `high`."""
+def prism_mesh(outline: Polygon | MultiPolygon, low: float, high: float) -> Mesh:
+    """Return the closed surface of an area (holes allowed) extruded from z `low` to `high`."""
+    import shapely
     import trimesh
 
-    solid = trimesh.creation.extrude_polygon(outline, height=high - low, engine="earcut")
-    vertices = np.asarray(solid.vertices, dtype=float) + np.array([0.0, 0.0, low])
-    return Mesh(vertices, np.asarray(solid.faces, dtype=np.int32))
+    prisms = []
+    for part in shapely.get_parts(outline):
+        solid = trimesh.creation.extrude_polygon(part, height=high - low, engine="earcut")
+        vertices = np.asarray(solid.vertices, dtype=float) + np.array([0.0, 0.0, low])
+        prisms.append(Mesh(vertices, np.asarray(solid.faces, dtype=np.int32)))
+    return join(prisms)

@@ -1,6 +1,6 @@
-"""Closing and opening of polygons: gaps bridged, slivers dropped, and nothing lost besides.
+"""Closing and opening of polygons: bridge gaps, drop slivers, keep the rest.
 
-GEOS now and then takes a shape for a hole and shrinks it to nothing; what cannot be is seen here.
+GEOS sometimes treats a shape as a hole and shrinks it to nothing; this module detects that.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ __all__ = ["polygons", "without_gaps", "without_slivers"]
 
 
 def polygons(shape: BaseGeometry) -> list[Polygon]:
-    """The polygons of a shape; lines and points of it are left out."""
+    """Return the polygons of a shape, without its lines and points."""
     return [p for p in shapely.get_parts(shape) if p.geom_type == "Polygon"]
 
 
 def without_gaps(shape: BaseGeometry, gap: float) -> Polygon | MultiPolygon:
-    """The shape with gaps narrower than `gap` metres closed."""
+    """Return the shape with gaps narrower than `gap` metres closed."""
     parts: list[Polygon] = []
     for grown in polygons(shape.buffer(gap / 2, join_style="mitre")):
         closed = _shrunk(grown, gap / 2)
@@ -29,7 +29,7 @@ def without_gaps(shape: BaseGeometry, gap: float) -> Polygon | MultiPolygon:
 
 
 def without_slivers(shape: BaseGeometry, width: float) -> Polygon | MultiPolygon:
-    """The shape without what is narrower than `width` metres."""
+    """Return the shape without parts narrower than `width` metres."""
     parts: list[Polygon] = []
     for part in polygons(shape):
         thinner = _shrunk(part, width / 2)
@@ -41,7 +41,7 @@ def without_slivers(shape: BaseGeometry, width: float) -> Polygon | MultiPolygon
 
 
 def _shrunk(polygon: Polygon, by: float) -> list[Polygon] | None:
-    """What is further than `by` inside, None where GEOS lost more than can be."""
+    """Return the area further than `by` inside; None where GEOS lost more than is possible."""
     inner = polygons(polygon.buffer(-by, join_style="mitre"))
     # The strip along a line of length l that is lost is no larger than 2 l by + pi by^2.
     lost = 2 * by * polygon.length + math.pi * by**2 * (1 + len(polygon.interiors))

@@ -1,4 +1,4 @@
-"""Observation areas: where to stand to look at a thing (Deeken et al., section 3.4)."""
+"""Observation areas: where a robot stands to observe an object (Deeken et al., section 3.4)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ def observation_area(
     far: float,
     room: Polygon | MultiPolygon | None = None,
 ) -> Polygon | MultiPolygon:
-    """The ring of places from `near` to `far` metres off a footprint, within its room.
+    """Return the ring from `near` to `far` metres around a footprint, within its room.
 
     Round corners are drawn with 16 segments a quarter turn, within 0.12 % of the distance.
 
     Raises
     ------
     ValueError
-        Distances that are not 0 <= near < far, or a room in which no such place is left.
+        The distances are not 0 <= near < far, or the ring does not meet the room.
     """
     if not 0 <= near < far < float("inf"):
         raise ValueError(f"an observation area from {near} to {far} m: give 0 <= near < far")
@@ -31,5 +31,7 @@ def observation_area(
     if room is not None:
         ring = ring.intersection(room)
         if ring.area < 1e-4:
-            raise ValueError(f"nothing of the room is from {near} to {far} m off it: come nearer")
+            raise ValueError(
+                f"no part of the room is {near} to {far} m away from it: give smaller distances"
+            )
     return ring

@@ -1,4 +1,4 @@
-"""What a mesh covers: the corners of its hull, its outline on the ground."""
+"""The extent of a mesh: the corners of its hull, its outline on the ground."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from scipy.spatial import ConvexHull, QhullError
 from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.mesh import Mesh
+from semmap.geometry.pose import Pose
 
-__all__ = ["hull_points", "outline", "silhouette"]
+__all__ = ["hull_points", "outline", "placed_outline", "silhouette"]
 
 
 MANY = 2000
-"""Points of which Qhull merges facets; of more on a circle or a plane that takes minutes."""
+"""Most points for which Qhull merges facets; for more points on a circle or plane it is slow."""
 
 
 def hull_points(mesh: Mesh) -> NDArray[np.float64]:
-    """The corners (N, 3) of the mesh's convex hull: its extents under any rotation.
+    """Return the corners (N, 3) of the mesh's convex hull: its extents under any rotation.
 
     They are exact for up to `MANY` vertices, and to 1e-9 of the mesh's size for more. A flat or
     straight mesh has no volume; the corners are those of its hull in its plane, or its two ends.
@@ -49,7 +50,7 @@ def hull_points(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def _corners(points: NDArray[np.float64], options: str | None = None) -> NDArray[np.intp] | None:
-    """Which points are corners of their hull; None where they have no volume."""
+    """Return the numbers of the corners of the hull; None where it has no volume."""
     try:
         return np.asarray(ConvexHull(points, qhull_options=options).vertices, np.intp)
     except QhullError:
@@ -57,7 +58,7 @@ def _corners(points: NDArray[np.float64], options: str | None = None) -> NDArray
 
 
 def _flat_hull(points: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Hull corners of points that lie in a plane or on a line; `at` has them of size 1."""
+    """Return the hull's corners of points in a plane or on a line; `at` are the scaled points."""
     _, sizes, axes = np.linalg.svd(at - at.mean(axis=0), full_matrices=False)
     flat = at @ axes.T
     if sizes[1] > 1e-9 * sizes[0]:
@@ -68,11 +69,19 @@ def _flat_hull(points: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[
 
 
 def outline(mesh: Mesh) -> Polygon:
-    """The convex hull of the mesh's projection on the xy plane."""
+    """Return the convex hull of the mesh's projection on the xy plane."""
     return shapely.MultiPoint(hull_points(mesh)[:, :2]).convex_hull
 
 
 def silhouette(mesh: Mesh) -> Polygon | MultiPolygon:
-    """The exact union of the projected triangles; for meshes of up to some ten thousand."""
+    """Return the exact union of the projected triangles; for up to some ten thousand of them."""
     flat = shapely.polygons(mesh.triangles[:, :, :2])
     return shapely.union_all(flat[shapely.area(flat) > 1e-12])
+
+
+def placed_outline(area: Polygon | MultiPolygon, pose: Pose) -> Polygon | MultiPolygon:
+    """Return an area of a frame's xy plane as it lies, seen from above, when `pose` places it."""
+    placed: Polygon | MultiPolygon = shapely.transform(
+        area, lambda xy: pose.apply(np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
+    )
+    return placed

@@ -1,4 +1,4 @@
-"""The connected parts of a mesh, and which of them have an inside."""
+"""The connected parts of a mesh, and whether each has an inside."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ __all__ = ["closed_parts"]
 
 
 def closed_parts(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """The part (F,) that each face is of, and (parts,) whether that part is closed.
+    """Return the part (F,) of each face, and (parts,) whether that part is closed.
 
-    Parts hang together by corners that are equal within a micrometre. A closed one meets each of
-    its edges as often in one direction as in the other: it has an inside.
+    Faces are connected by corners that are equal within a micrometre. A closed part has each of its
+    edges as often in one direction as in the other: it has an inside.
     """
     if not len(mesh.faces):
         return np.zeros(0, np.int32), np.zeros(0, bool)

@@ -70,9 +70,9 @@ class Pose(NamedTuple):
         return cls(*(float(v) for v in m[:3, 3]), *(float(v) for v in q))
 
     @classmethod
-    def of_json(cls, said: Mapping[str, float] | Sequence[float]) -> Self:
+    def of_json(cls, given: Mapping[str, float] | Sequence[float]) -> Self:
         """A pose as JSON has it: an object with the names of its numbers, or all seven in order."""
-        return cls(**said) if isinstance(said, Mapping) else cls(*said)
+        return cls(**given) if isinstance(given, Mapping) else cls(*given)
 
     @property
     def row(self) -> list[float]:

@@ -1,4 +1,4 @@
-"""Support surfaces: level patches on which things can stand (Deeken et al., section 3.4)."""
+"""Support surfaces: level patches on which objects can stand (Deeken et al., section 3.4)."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons, without_gaps, without_slivers
 from semmap.geometry.parts import closed_parts
 
-__all__ = ["Surface", "support_surfaces"]
+__all__ = ["LevelPatch", "support_surfaces"]
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class LevelPatch:
     """A level patch in the mesh's frame.
 
     Attributes
     ----------
     height : z of the patch, metres (area-weighted mean of its faces)
-    outline : what it covers on the ground
+    outline : its area, seen from above
     area : square metres of `outline`
     faces : indices of its faces in the mesh
     """
@@ -42,24 +42,23 @@ def support_surfaces(
     max_tilt: float = math.radians(5),
     level: float = 0.005,
     clearance: float = 0.04,
-) -> list[Surface]:
-    """Table tops, boards, seats: upward, level, free above; the highest first.
+) -> list[LevelPatch]:
+    """Return table tops, boards, seats: upward, level, free above; the highest first.
 
     Parameters
     ----------
-    min_area : square metres below which a patch is no support
-    max_tilt : radians between a face and the level
+    min_area : least area of a support surface, square metres
+    max_tilt : largest tilt of a face, radians
     level : metres within which faces are of one height; also the gap that a patch may bridge, so
-        that doubled vertices and T-junctions of meshes from the wild do not part it
-    clearance : metres above a patch in which nothing of the mesh may lie: the underside of a board
-        and a drawer's bottom are no support
+        that doubled vertices and T-junctions of real meshes do not divide it
+    clearance : free height above a patch, metres: the underside of a board and a drawer's bottom
+        are not supports
 
     Notes
     -----
-    Faces are taken together by height and by touching in projection, not by shared vertices.
-    What the next level face above covers, looking up as well, is inside a solid and no support.
-    A connected part whose volume is negative is turned inside out; its normals are taken the other
-    way. Meshes from the wild mix both.
+    Faces are grouped by height and by contact in projection, not by shared vertices. Where the next
+    level face above also faces up, the patch is inside a solid and not a support. The normals of a
+    connected part with a negative volume are reversed: real meshes mix both orientations.
     """
     if not len(mesh.faces):
         return []
@@ -86,12 +85,12 @@ def support_surfaces(
             own = layer.faces[np.sort(tree.query(outline, predicate="intersects"))]
             faces = own if len(own) else layer.faces
             height = float(np.average(heights[faces], weights=doubled[faces]))
-            found.append(Surface(height, outline, float(outline.area), faces))
+            found.append(LevelPatch(height, outline, float(outline.area), faces))
     return sorted(found, key=lambda s: (-s.height, -s.area))
 
 
 def _inside_out(mesh: Mesh) -> NDArray[np.bool_]:
-    """(F,): whether a face belongs to a connected part that encloses a negative volume."""
+    """Return (F,) whether each face is in a connected part with a negative volume."""
     part, _ = closed_parts(mesh)
     # Volumes from each part's own middle: an open sheet then encloses nothing, wherever it lies.
     triangles = mesh.triangles
@@ -111,7 +110,7 @@ def _inside_out(mesh: Mesh) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
-    """Level faces of one height that look the same way."""
+    """Level faces of one height with the same orientation."""
 
     low: float
     high: float
@@ -125,7 +124,7 @@ def _layers(
     shapes: NDArray[np.object_],
     level: float,
 ) -> list[_Layer]:
-    """The faces by height, the lowest first."""
+    """Return the faces by height, the lowest first."""
     return [
         _Layer(
             float(heights[group].min()),
@@ -140,10 +139,10 @@ def _layers(
 def _free_above(
     layer: _Layer, ups: list[_Layer], downs: list[_Layer], clearance: float
 ) -> Polygon | MultiPolygon:
-    """The part of a layer on which something can stand.
+    """Return the part of a layer on which an object can stand.
 
-    Not where a face of the mesh lies within `clearance` above, nor where the next level face above
-    looks up: there the layer is inside a solid, as a frame under its mattress.
+    Excluded are areas with a face of the mesh within `clearance` above, and areas whose next level
+    face above faces up: there the layer is inside a solid, like a frame under its mattress.
     """
     free = layer.outline
     unseen = layer.outline
@@ -167,7 +166,7 @@ def _free_above(
 def _by_height(
     faces: NDArray[np.intp], heights: NDArray[np.float64], level: float
 ) -> list[NDArray[np.intp]]:
-    """Faces in groups whose heights follow each other without a gap wider than `level`."""
+    """Return the faces in groups whose heights have no gap wider than `level`."""
     if not len(faces):
         return []
     ordered = faces[np.argsort(heights[faces], kind="stable")]

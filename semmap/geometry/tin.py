@@ -1,4 +1,4 @@
-"""Triangles as PostGIS TINs: EWKB at a fixed stride, written and read without a loop a triangle."""
+"""Triangles as PostGIS TINs: EWKB with a fixed stride, written and read without loops."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from semmap.geometry.mesh import Mesh
 __all__ = ["CHUNK", "decode", "decode_patch", "encode_chunks", "to_mesh"]
 
 CHUNK = 1024
-"""Triangles in a patch: small enough to tell patches apart, large enough to be fast."""
+"""Triangles per patch: small enough for a selective index, large enough for speed."""
 
 # OGC 06-103r4, section 8.2, with PostGIS's type codes: a TIN Z is a collection of triangles, each a
 # polygon of one closed ring of four points.
@@ -26,10 +26,10 @@ _TRIANGLE = np.dtype(
 def encode_chunks(
     triangles: NDArray[np.float64], size: int = CHUNK, *, keep_order: bool = False
 ) -> Iterator[bytes]:
-    """Triangles (F, 3, 3), metres, as EWKB of ``TIN Z`` patches of at most `size` triangles.
+    """Yield triangles (F, 3, 3), metres, as EWKB of ``TIN Z`` patches of at most `size` triangles.
 
     Patches are compact in space (Morton order of the triangles' centres), unless `keep_order`. Each
-    is made when it is asked for: a database takes one in while the next is made.
+    is made on demand, while the database stores the one before.
     """
     sorted_ = not keep_order and len(triangles) > size
     order = morton_order(triangles) if sorted_ else np.arange(len(triangles))
@@ -53,7 +53,7 @@ def decode(patches: Iterable[bytes]) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        A patch that is no little-endian ``TIN Z`` without SRID.
+        A patch is not a little-endian ``TIN Z`` without SRID.
     """
     parts = [decode_patch(patch) for patch in patches]
     return np.concatenate(parts) if parts else np.empty((0, 3, 3))

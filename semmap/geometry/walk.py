@@ -1,4 +1,4 @@
-"""Faces that hang together with a floor: by steps not too high, on slopes not too steep."""
+"""Faces that are connected with a floor by low steps and gentle slopes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shapely import STRtree, polygons
 __all__ = ["GAP", "walked_faces"]
 
 GAP = 0.005
-"""Metres between faces, on the ground, that do not part them."""
+"""Largest gap between connected faces, seen from above, metres."""
 
 
 def walked_faces(
@@ -24,15 +24,15 @@ def walked_faces(
     max_slope: float,
     among: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
-    """(F,): the faces that one comes to from a floor, walking on faces alone.
+    """Return (F,) whether each face is reached from a floor by walking on faces.
 
     Parameters
     ----------
-    triangles : (F, 3, 3), metres; whichever way they look, for meshes from the wild look both ways
-    floors : heights at which one begins, on faces that come within a step of them
-    max_step : metres that one steps up or down between faces that touch, seen from above
-    max_slope : radians by which a face may be tilted
-    among : (F,) the faces that count; by default all
+    triangles : (F, 3, 3), metres; of either orientation, because real meshes mix both
+    floors : heights at which walking begins, on faces within a step of them
+    max_step : highest step between faces that touch, seen from above, metres
+    max_slope : largest tilt of a face, radians
+    among : (F,) the faces to consider; by default all
     """
     low, high = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -70,7 +70,7 @@ def _within_steps(
     floors: Iterable[float],
     max_step: float,
 ) -> NDArray[np.bool_]:
-    """(F,): whether gentle faces at heights between lead there from a floor, wherever they lie."""
+    """Return (F,) whether gentle faces of other heights could lead from a floor to each face."""
     tenths = np.rint(np.column_stack([low[gentle], high[gentle]]) * 1e4).astype(np.int64)
     _, one = np.unique(tenths[:, 0] * 2**32 + tenths[:, 1], return_index=True)
     spans = tenths[one] / 1e4

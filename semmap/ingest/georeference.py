@@ -1,4 +1,4 @@
-"""A place on the earth, said in degrees, as the georeference that a map keeps: on a UTM grid."""
+"""The georeference of a map: a place on the earth, from degrees to a UTM grid."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ UTM_LATITUDES = (-80.0, 84.0)
 
 
 def utm_crs(latitude: float, longitude: float) -> int:
-    """The EPSG code of the UTM zone (WGS 84) of a place given in degrees.
+    """Return the EPSG code of the UTM zone (WGS 84) of a place given in degrees.
 
-    By the 6° rule alone: the wider zones around Norway and Svalbard are not made an exception of,
-    since a map has to lie near one grid, not on the sheet that others print.
+    Zones are 6° wide everywhere, also around Norway and Svalbard: a map must lie near one grid,
+    not on the sheet that printed maps use.
 
     Raises
     ------
     ValueError
-        Beyond the latitudes of UTM.
+        The latitude is beyond those of UTM.
     """
     low, high = UTM_LATITUDES
     if not low <= latitude <= high:
@@ -40,7 +40,7 @@ def on_utm(
     elevation: float = 0.0,
     heading: float = 0.0,
 ) -> dict[str, float]:
-    """Where a frame that stands level at a place of the earth lies on the place's UTM grid.
+    """Return the pose of a level frame at a place on the earth, on the UTM grid of that place.
 
     Parameters
     ----------

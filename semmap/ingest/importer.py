@@ -1,4 +1,4 @@
-"""A file into the map: read, store, derive the inventories, say what happened."""
+"""The import of a file: read it, store it, derive the inventories, summarise."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,20 +14,16 @@ from psycopg.types.json import Jsonb
 from sqlalchemy import Connection, Engine
 
 from semmap.ingest.annotation import read_annotation
-from semmap.ingest.holders import derive_inventories, postpone_derivation
-from semmap.ingest.mesh_file import read_mesh_world
+from semmap.ingest.meshes.mesh_file import read_mesh_world
+from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
-from semmap.ingest.route_graph import (
-    EDGE,
-    check_names,
-    is_route_graph,
-    read_route_graph,
-    settle_nodes,
-)
+from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
+from semmap.ingest.route_graph.node_store import check_names, settle_nodes
 from semmap.ingest.sdf import read_sdf
-from semmap.ingest.store import Progress, Stored, store_world
-from semmap.ingest.types import load_tbox
+from semmap.ingest.store.holder_store import derive_inventories, postpone_derivation
+from semmap.ingest.store.world_store import Progress, StoreSummary, store_world
 from semmap.ingest.world import Skipped, World, WorldError
+from semmap.limits import ENTRIES, NAME_CHARACTERS
 
 __all__ = ["ImportSummary", "import_file", "read_world"]
 
@@ -34,7 +31,7 @@ Geometry = Literal["visual", "collision"]
 MeshAs = Literal["object", "room"]
 
 MESHES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
-"""The mesh formats that trimesh reads and that say where their triangles are."""
+"""The mesh formats that trimesh reads and whose triangles can be counted."""
 
 READERS: tuple[tuple[tuple[str, ...], Callable[[Path, Geometry, MeshAs], World]], ...] = (
     ((".sdf", ".world"), lambda path, geometry, mesh_as: read_sdf(path, geometry=geometry)),
@@ -42,24 +39,36 @@ READERS: tuple[tuple[tuple[str, ...], Callable[[Path, Geometry, MeshAs], World]]
     ((".geojson", ".json", ".gpkg"), lambda path, geometry, mesh_as: _read_features(path)),
     (MESHES, lambda path, geometry, mesh_as: read_mesh_world(path, as_=mesh_as)),
 )
-"""Which parser reads which endings."""
+"""The parsers, by the endings of files."""
 
 
 def read_world(path: Path, geometry: Geometry = "visual", mesh_as: MeshAs = "object") -> World:
-    """Read a world file through the parser that its ending asks for.
+    """Return the world of a file, read by the parser for its ending.
 
     Raises
     ------
     WorldError
-        The file is not there, of an ending that nobody reads, or not to be trusted as a whole.
+        The file is missing, its ending is unknown, or it cannot be trusted as a whole.
     """
     if not path.is_file():
         raise WorldError(path, "file", "is not there", "Check the path.")
     for endings, read in READERS:
         if path.suffix.lower() in endings:
-            return read(path, geometry, mesh_as)
+            world = read(path, geometry, mesh_as)
+            _check_names(path, world)
+            return world
     known = ", ".join(sorted(e for endings, _ in READERS for e in endings))
     raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", f"Known: {known}.")
+
+
+def _check_names(path: Path, world: World) -> None:
+    """Refuse names that the database cannot index, and more entries than one would wait for."""
+    ENTRIES.check(len(world.entries), partial(WorldError, path, "file"), "Split the file.")
+    for entry in world.entries:
+        for what, text in (("name", entry.name), ("type", entry.type), ("label", entry.label)):
+            where = f"{entry.kind} {entry.name[:60]}"
+            refused = partial(WorldError, path, where)
+            NAME_CHARACTERS.check(len(text or ""), refused, "Shorten it.", f"its {what} has")
 
 
 def _read_features(path: Path) -> World:
@@ -68,7 +77,7 @@ def _read_features(path: Path) -> World:
 
 
 MANY = 50
-"""Added entities from which the planner's statistics are made anew: without, it scans tables."""
+"""Number of added entities from which tables are analysed again: without, PostgreSQL scans them."""
 
 
 @dataclass
@@ -128,7 +137,7 @@ def import_file(
             path,
             first.element,
             f"{first.problem} (and {len(world.skipped) - 1} more)",
-            f"{first.mend} Or import without --strict, which leaves it out.",
+            f"{first.fix} Or import without --strict, which leaves it out.",
         )
     source = source or str(path.resolve())
     with engine.begin() as connection:
@@ -167,7 +176,7 @@ def _map_id(connection: Connection, name: str) -> int:
 
 
 def _summary(
-    world: World, stored: Stored, map_name: str, source: str, holders: int
+    world: World, stored: StoreSummary, map_name: str, source: str, holders: int
 ) -> ImportSummary:
     kinds: dict[str, int] = {}
     for entry in world.entries:

@@ -1,13 +1,12 @@
-"""Names of models and instances: the semantic type that they suggest, and their uniqueness."""
+"""Names of models and instances: the semantic type that they suggest, and unique names."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Container
 from functools import cache
-from pathlib import Path
 
-from semmap.ingest.tbox import read_tbox
+from semmap.ingest.ontology.tbox import ontology_files, read_tbox
 
 __all__ = ["guess_type", "unique_name", "words"]
 
@@ -33,13 +32,13 @@ TYPE_WORDS: dict[str, str] = {
     "utensils": "utensil",
     "wall": "walls",
 }
-"""What makers of models write for a type, beside its label and synonyms in the T-Box.
+"""Words in names of models for a type, beside its label and synonyms in the T-Box.
 
 The model of a door is an object, its leaf; the door that a robot passes is a connector."""
 
 
 def words(name: str) -> list[str]:
-    """The words of a model's name, in lower case, without numbers and single letters.
+    """Return the words of a model's name, in lower case, without numbers and single letters.
 
     >>> words("aws_robomaker_residential_KitchenTable_01")
     ['aws', 'robomaker', 'residential', 'kitchen', 'table']
@@ -49,7 +48,7 @@ def words(name: str) -> list[str]:
 
 
 def guess_type(name: str) -> str | None:
-    """The semantic type that a model's name suggests: its longest known phrase, or the last such.
+    """Return the semantic type of a model's name: of its longest known phrase, the last such.
 
     Known are the labels and synonyms of the T-Box's objects, and `TYPE_WORDS`. English puts the
     head of a compound last, so that a `DeskPortrait` is a picture.
@@ -75,7 +74,7 @@ def _phrases() -> dict[tuple[str, ...], str]:
         for type_, phrases in TYPE_WORDS.items()
         for phrase in phrases.split(", ")
     }
-    for record in read_tbox(_ontology()):
+    for record in read_tbox(ontology_files()):
         if record.kind == "object" and record.name != "object":
             for phrase in (record.label, *record.synonyms):
                 known[tuple(words(phrase))] = record.name
@@ -83,15 +82,8 @@ def _phrases() -> dict[tuple[str, ...], str]:
     return known
 
 
-def _ontology() -> list[Path]:
-    """The files of the T-Box: in the installed package, or beside it in the source tree."""
-    package = Path(__file__).resolve().parents[1]
-    folders = (package / "schema" / "ontology", package.parent / "schema" / "ontology")
-    return sorted(next((f for f in folders if f.is_dir()), folders[0]).glob("*.ttl"))
-
-
 def unique_name(name: str, taken: Container[str]) -> str:
-    """`name`, or with the first suffix `_2`, `_3`, ... that is free.
+    """Return `name`, with the first free suffix `_2`, `_3`, ... if it is taken.
 
     >>> unique_name("chair", {"chair", "chair_2"})
     'chair_3'

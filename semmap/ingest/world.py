@@ -1,4 +1,4 @@
-"""What a parser hands over: the entries of a world file, and what it left out."""
+"""The result of a parser: the entries of a world file, and what it left out."""
 
 from __future__ import annotations
 
@@ -13,55 +13,65 @@ from semmap.geometry.pose import IDENTITY, Pose
 
 __all__ = [
     "OUTSIDE",
-    "Connects",
+    "ConnectorDetail",
     "Entry",
-    "Level",
-    "Link",
-    "Place",
+    "PlaceDetail",
+    "Refused",
     "Shape",
     "Skipped",
+    "StoreyDetail",
     "World",
     "WorldError",
+    "WorldLink",
 ]
 
 Kind = Literal["room", "object", "region", "connector", "elevator", "storey", "agent"]
 ShapeKind = Literal["mesh", "box", "cloud", "polygon", "cad"]
 
 OUTSIDE = "outside"
-"""The name of what lies beyond the building: an exterior door joins a place and this."""
+"""The name of the outdoors: an exterior door joins a place and this."""
 
 
 class WorldError(Exception):
-    """A file that cannot be trusted as a whole; nothing of it is imported.
+    """A file that cannot be trusted as a whole; none of it is imported.
 
     Parameters
     ----------
     path : the file
-    element : where in it (an XPath-like name, a line, a feature)
-    mend : what the user can do
+    element : where in the file (an XPath-like name, a line, a feature)
+    problem : what is wrong
+    fix : what the user can do
     """
 
-    def __init__(self, path: Path | str, element: str, problem: str, mend: str) -> None:
-        self.path, self.element, self.problem, self.mend = str(path), element, problem, mend
-        super().__init__(f"{path}: {element}: {problem}. {mend}")
+    def __init__(self, path: Path | str, element: str, problem: str, fix: str) -> None:
+        self.path, self.element, self.problem, self.fix = str(path), element, problem, fix
+        super().__init__(f"{path}: {element}: {problem}. {fix}")
 
 
-def _printable(said: str) -> str:
-    """Text that every terminal and database takes."""
-    return said.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
+def _printable(given: str) -> str:
+    """Return text that every terminal and database accepts."""
+    return given.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
+
+
+class Refused(Exception):
+    """An element of a file that cannot be used: what is wrong, and how to fix it."""
+
+    def __init__(self, problem: str, fix: str) -> None:
+        super().__init__(f"{problem}. {fix}")
+        self.problem, self.fix = problem, fix
 
 
 @dataclass(frozen=True)
 class Skipped:
-    """An element that cannot be used, left out and named in the summary."""
+    """An element that cannot be used; it is left out and named in the summary."""
 
     element: str
     problem: str
-    mend: str
+    fix: str
 
     def __post_init__(self) -> None:
-        for name, said in vars(self).items():
-            object.__setattr__(self, name, _printable(said))
+        for name, given in vars(self).items():
+            object.__setattr__(self, name, _printable(given))
 
 
 @dataclass
@@ -81,8 +91,10 @@ class Shape:
 
 
 @dataclass
-class Place:
-    """What a room adds: heights in metres in its own frame, and the elevator whose cabin it is."""
+class PlaceDetail:
+    """What an entry of kind room adds.
+
+    Heights are metres in its own frame; `elevator` is the one whose cabin it is."""
 
     floor: float = 0.0
     ceiling: float | None = None
@@ -90,22 +102,22 @@ class Place:
 
 
 @dataclass
-class Level:
-    """What a storey adds: elevation above the map's origin and clear height, in metres."""
+class StoreyDetail:
+    """What an entry of kind storey adds: elevation above the origin and clear height, metres."""
 
     elevation: float = 0.0
     height: float | None = None
 
 
 @dataclass
-class Connects:
-    """What a connector adds (Deeken et al., section 3.4).
+class ConnectorDetail:
+    """The part of an entry that only connectors have (Deeken et al., section 3.4).
 
     The two places that it joins (the second may be `OUTSIDE`), and a pose in each, in the
     connector's own frame, at which a robot stands facing the connector. x of the connector's
     frame points from the first place to the second. `behaviour` names the robot behaviour that
     passing needs (``pass_door``, ``call_elevator``, ...). `width` and `height` are of the clear
-    opening, `step` that of its threshold, metres; who passes needs one of the `permissions`.
+    opening, `step` that of its threshold, metres; a robot needs one of the `permissions` to pass.
     """
 
     places: tuple[str, str]
@@ -138,12 +150,12 @@ class Entry:
     holder: str | None = None
     pose: Pose | None = IDENTITY
     shapes: list[Shape] = field(default_factory=list)
-    detail: Place | Level | Connects | None = None
+    detail: PlaceDetail | StoreyDetail | ConnectorDetail | None = None
     front: float = 0.0
 
 
 @dataclass
-class Link:
+class WorldLink:
     """A named relation between two entries (Deeken et al., section 3.3, A3)."""
 
     subject: str
@@ -154,12 +166,12 @@ class Link:
 
 @dataclass
 class World:
-    """All that a file says. Names in `entries` are unique; a holder stands before what it holds."""
+    """The content of a file. Names in `entries` are unique; a holder comes before what it holds."""
 
     name: str
     source: Path
     entries: list[Entry] = field(default_factory=list)
-    links: list[Link] = field(default_factory=list)
+    links: list[WorldLink] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     georeference: dict[str, Any] | None = None

@@ -1,11 +1,11 @@
-"""Robots from URDF: their parts, the intervals of height that these take, their footprints."""
+"""Robots from URDF: their parts, with intervals of height and footprints."""
 
-from semmap.robot.grouping import Group, RobotError, find_groups, read_groups
+from semmap.robot.grouping import LinkGroup, RobotError, find_groups, read_groups
 from semmap.robot.parts import Part, footprint_string, robot_parts
 from semmap.robot.urdf import Robot, load_robot
 
 __all__ = [
-    "Group",
+    "LinkGroup",
     "Part",
     "Robot",
     "RobotError",

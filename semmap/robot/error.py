@@ -1,4 +1,4 @@
-"""What is wrong with a robot's file."""
+"""The error of robot descriptions."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ __all__ = ["RobotError"]
 
 
 class RobotError(ValueError):
-    """A robot that cannot be used as it is described: names file, element and mend."""
+    """A robot description that cannot be used: the text names file, element and fix."""

@@ -1,8 +1,7 @@
-"""Which links make up a part: base, pole, arm (Deeken et al., section 4.3), from YAML or found."""
+"""The parts of a robot (base, pole, arm; Deeken et al., section 4.3): from YAML, or found."""
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -13,30 +12,31 @@ import numpy as np
 
 from semmap.robot.error import RobotError
 from semmap.robot.urdf import Joint, Robot
+from semmap.suggestions import suggestion
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["Group", "RobotError", "find_groups", "read_groups"]
+__all__ = ["LinkGroup", "RobotError", "find_groups", "read_groups"]
 
 ABOVE_BASE = 0.08
-"""Metres above the base's largest link up to which what is fixed to it belongs to the base."""
+"""Height above the base's largest link up to which links fixed to it are part of it, metres."""
 
 UPRIGHT = 0.95
-"""Cosine from which an axis counts as upright."""
+"""Least cosine of an upright axis."""
 
 
 @dataclass(frozen=True)
-class Group:
-    """A part's name and its links; by which radius its layer is inflated, None as it fits."""
+class LinkGroup:
+    """A part's name and links, and the radius that inflates its layer; None chooses one."""
 
     name: str
     links: tuple[str, ...]
     inflate_by: Literal["inscribed", "circumscribed"] | None = None
 
 
-def read_groups(path: Path | str, robot: Robot) -> list[Group]:
-    """The parts that a YAML file names; links that it does not name make up a part ``rest``.
+def read_groups(path: Path | str, robot: Robot) -> list[LinkGroup]:
+    """Return the parts that a YAML file names; links that it does not name form a part ``rest``.
 
-    Each part is a list of links, ``*`` and ``?`` standing for what they match, or a mapping::
+    Each part is a list of links, with wildcards ``*`` and ``?``, or a mapping::
 
         base: [base_link, "wheel_*"]
         arm: {links: ["arm_*", "gripper*"], inflate_by: circumscribed}
@@ -44,27 +44,26 @@ def read_groups(path: Path | str, robot: Robot) -> list[Group]:
     Raises
     ------
     RobotError
-        A file that is not there or says something else, a link that the robot has not.
+        The file is missing or malformed, or names a link that the robot does not have.
     """
     written = read_text(path, "a file of parts", RobotError)
-    said = parse_yaml(written, f"{path}: cannot be read", RobotError)
-    if not isinstance(said, dict) or not said:
+    given = parse_yaml(written, f"{path}: cannot be read", RobotError)
+    if not isinstance(given, dict) or not given:
         raise RobotError(f"{path}: give parts as name: [link, ...]")
     groups, taken = [], set[str]()
-    for name, value in said.items():
+    for name, value in given.items():
         links, inflate_by = _part(value, f"{path}: part {name}")
         found: list[str] = []
         for pattern in links:
             matched = [link for link in robot.links if fnmatchcase(link, pattern)]
             if not matched:
-                near = difflib.get_close_matches(pattern, robot.links, n=1)
-                mend = f"did you mean {near[0]}?" if near else f"it has {', '.join(robot.links)}"
-                raise RobotError(f"{path}: part {name}: {robot.name} has no link {pattern}; {mend}")
+                near = suggestion(pattern, robot.links) or f"; it has {', '.join(robot.links)}"
+                raise RobotError(f"{path}: part {name}: {robot.name} has no link {pattern}{near}")
             found += [link for link in matched if link not in taken]
             taken.update(matched)
-        groups.append(Group(str(name), tuple(found), inflate_by))
+        groups.append(LinkGroup(str(name), tuple(found), inflate_by))
     rest = tuple(link for link in robot.links if link not in taken and link in robot.meshes)
-    return [*groups, Group("rest", rest)] if rest else groups
+    return [*groups, LinkGroup("rest", rest)] if rest else groups
 
 
 def _part(
@@ -81,15 +80,17 @@ def _part(
     return links, inflate_by
 
 
-def find_groups(robot: Robot) -> list[Group]:
-    """Base, torso and limbs, found along the kinematic tree.
+def find_groups(robot: Robot) -> list[LinkGroup]:
+    """Return base, torso and limbs, found along the kinematic tree.
 
-    The base is what hangs on the root and does not rise above its largest link. The torso is what
-    rises from it without turning: masts, columns, lifts. What turns on base or torso is a limb of
-    its own, unless a single joint moves it (a tilting laser): a head where its links say so, else
-    an arm.
+    The base is the links on the root that do not rise above its largest link. The torso is the
+    links that rise from it without turning: masts, columns, lifts. Links that turn on base or
+    torso are a limb, unless a single joint moves them (a tilting laser): a head if the name of a
+    link contains ``head``, else an arm.
     """
     hulls = robot.hulls({})
+    if not hulls:
+        raise RobotError(f"{robot.name}: no link has geometry. Give its links collision geometry")
     tops = {link: float(points[:, 2].max()) for link, points in hulls.items()}
     limit = _base_top(robot, hulls) + ABOVE_BASE
     root = robot.links[0]
@@ -98,9 +99,11 @@ def find_groups(robot: Robot) -> list[Group]:
     for joint in robot.joints:
         part, child = of[joint.parent], joint.child
         lifts = not joint.moves or (joint.type == "prismatic" and _is_upright(robot, joint))
-        if part == "base" and tops.get(child, -np.inf) <= limit and not _carries(
-            robot, child, tops, limit, joint
-        ):  # fmt: skip
+        if (
+            part == "base"
+            and tops.get(child, -np.inf) <= limit
+            and not _carries(robot, child, tops, limit, joint)
+        ):
             of[child] = "base"
         elif part in ("base", "torso") and lifts:
             of[child] = "torso" if child in tops or part == "torso" or joint.moves else "base"
@@ -121,7 +124,7 @@ def find_groups(robot: Robot) -> list[Group]:
     for link in robot.links:
         groups.setdefault(names.get(of[link], of[link]), []).append(link)
     return [
-        Group(name, tuple(links))
+        LinkGroup(name, tuple(links))
         for name, links in groups.items()
         if any(link in robot.meshes for link in links)
     ]
@@ -132,7 +135,7 @@ def _is_upright(robot: Robot, joint: Joint) -> bool:
 
 
 def _base_top(robot: Robot, hulls: Mapping[str, Any]) -> float:
-    """The top of the first link with geometry, or of the largest that is fixed to the root."""
+    """Return the top of the first link with geometry, or of the largest fixed to the root."""
     fixed = {robot.links[0]}
     for joint in robot.joints:
         if joint.parent in fixed and not joint.moves:
@@ -150,7 +153,7 @@ def _base_top(robot: Robot, hulls: Mapping[str, Any]) -> float:
 def _carries(
     robot: Robot, link: str, tops: Mapping[str, float], limit: float, joint: Joint
 ) -> bool:
-    """Whether something that moves on this joint reaches above the base: an arm, not a wheel."""
+    """Return whether a link that this joint moves reaches above the base: an arm, not a wheel."""
     if not joint.moves:
         return False
     members = {link}

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from semmap.robot.grouping import Group, RobotError, find_groups, read_groups
+from semmap.robot.grouping import LinkGroup, RobotError, find_groups, read_groups
 from semmap.robot.urdf import Robot
 
 __all__ = ["Part", "footprint_string", "robot_parts"]
@@ -19,7 +19,7 @@ __all__ = ["Part", "footprint_string", "robot_parts"]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A functional unit of a robot.
+    """A functional unit of a robot: base, arm, pole.
 
     Attributes
     ----------
@@ -28,8 +28,8 @@ class Part:
     inscribed_radius : from the robot's origin to the hull's border; 0 where it lies outside of it
     circumscribed_radius : from the robot's origin to the hull's farthest corner
     inflate_by
-        By which radius its layer is inflated: the inscribed one is optimistic, the circumscribed
-        one safe for a robot taken for a dot.
+        The radius that inflates its layer: the inscribed one is optimistic, the circumscribed one
+        is safe for a robot planned as a point.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Part:
 
     @property
     def radius(self) -> float:
-        """The radius by which its layer is inflated, metres."""
+        """The radius that inflates its layer, metres."""
         if self.inflate_by == "inscribed":
             return self.inscribed_radius
         return self.circumscribed_radius
@@ -51,22 +51,22 @@ class Part:
 def robot_parts(
     robot: Robot,
     state: Mapping[str, float],
-    grouping: Path | str | Sequence[Group] | None = None,
+    grouping: Path | str | Sequence[LinkGroup] | None = None,
 ) -> list[Part]:
-    """The parts of a robot in a joint state.
+    """Return the parts of a robot in a joint state.
 
     Parameters
     ----------
-    state : joint positions, radians or metres; what is not named is at 0
+    state : joint positions, radians or metres; other joints are at 0
     grouping : a YAML file (`read_groups`), or groups; by default they are found (`find_groups`)
 
     Raises
     ------
     RobotError
-        A state that the robot cannot take, a grouping that does not fit it.
+        The robot cannot take the state, or the grouping does not fit it.
     """
     if grouping is None:
-        groups: Sequence[Group] = find_groups(robot)
+        groups: Sequence[LinkGroup] = find_groups(robot)
     elif isinstance(grouping, str | Path):
         groups = read_groups(grouping, robot)
     else:
@@ -81,9 +81,9 @@ def robot_parts(
     return parts
 
 
-def _part(group: Group, points: NDArray[np.float64]) -> Part:
+def _part(group: LinkGroup, points: NDArray[np.float64]) -> Part:
     hull = shapely.MultiPoint(points[:, :2]).convex_hull
-    if hull.geom_type != "Polygon":  # a sheet on edge
+    if hull.geom_type != "Polygon":  # a vertical sheet
         hull = hull.buffer(1e-3)
     hull = shapely.geometry.polygon.orient(hull)
     corners = np.array(hull.exterior.coords)[:-1]
@@ -101,9 +101,10 @@ def _part(group: Group, points: NDArray[np.float64]) -> Part:
 
 
 def footprint_string(part: Part, tolerance: float = 0.005) -> str:
-    """A footprint as Nav2's parameter ``footprint`` takes it.
+    """Return a footprint as the value of Nav2's parameter ``footprint``.
 
-    Of few corners, around the real one and at most about twice the tolerance beyond it, metres.
+    It has few corners, contains the real footprint, and is larger by at most about twice the
+    tolerance, metres.
 
     >>> square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
     >>> footprint_string(Part("base", (), (0.0, 0.3), square, 0.2, 0.283, "inscribed"))

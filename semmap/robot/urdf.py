@@ -1,4 +1,4 @@
-"""A robot's links with their meshes, and where these are in a joint state."""
+"""A robot's links with their meshes, and their poses in a joint state."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
-from semmap.ingest.mesh_file import MeshFileError, read_mesh
+from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh
 from semmap.limits import EXTENT, LINKS, PARTS, TEXT_BYTES, TRIANGLES
 from semmap.robot.error import RobotError
 
 __all__ = ["Joint", "Robot", "load_robot"]
 
 GROUND = "base_footprint"
-"""The link whose frame lies on the ground, where a robot has it (REP 120)."""
+"""The name of the link whose frame lies on the ground, if a robot has it (REP 120)."""
 
 SECTIONS = 48
-"""Sides of the prism that stands for a cylinder."""
+"""Sides of the prism that approximates a cylinder."""
 
 MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
 
@@ -54,9 +54,9 @@ class Robot:
 
     Attributes
     ----------
-    base : the link in whose frame, moved up or down to the ground, all else is given
+    base : the link whose frame, moved up or down to the ground, is the robot's frame
     joints : parents before their children
-    meshes : by link, in the link's frame, metres: what collides, where nothing does what is seen
+    meshes : by link, in the link's frame, metres: collision geometry, else visual geometry
     """
 
     name: str
@@ -80,17 +80,17 @@ class Robot:
         return (self._urdf.base_link, *(joint.child for joint in self.joints))
 
     def link_poses(self, state: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
-        """The frame of each link with geometry, (4, 4), in the robot's frame on the ground.
+        """Return the pose (4, 4) of each link with geometry, in the robot's frame on the ground.
 
         Parameters
         ----------
-        state : joint positions, radians or metres; a joint that is not named is at 0, or at the
-            end of its limits that is nearest to it
+        state : joint positions, radians or metres; other joints are at 0, or at
+            the limit that is nearest to 0
 
         Raises
         ------
         RobotError
-            A joint that the robot has not, that mimics another, or a position beyond its limits.
+            The robot has no such joint, it mimics another, or a position is beyond its limits.
         """
         self._urdf.update_cfg(self._complete(state))
         poses = {}
@@ -101,21 +101,21 @@ class Robot:
         return poses
 
     def axis(self, joint: Joint) -> NDArray[np.float64]:
-        """The axis (3,) of a joint in the robot's frame, with all joints at rest."""
+        """Return the axis (3,) of a joint in the robot's frame, with all joints at rest."""
         self._urdf.update_cfg(self._complete({}))
         turned = np.asarray(self._urdf.get_transform(joint.child, self.base))[:3, :3] @ joint.axis
         axis: NDArray[np.float64] = turned / np.linalg.norm(turned)
         return axis
 
     def hulls(self, state: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
-        """By link the corners (N, 3) of its convex hull in the robot's frame on the ground."""
+        """Return the hull's corners (N, 3) of each link, in the robot's frame on the ground."""
         return {
             link: self._hulls[link] @ pose[:3, :3].T + pose[:3, 3]
             for link, pose in self.link_poses(state).items()
         }
 
     def link_meshes(self, state: Mapping[str, float]) -> dict[str, Mesh]:
-        """By link its mesh in the robot's frame on the ground."""
+        """Return each link's mesh in the robot's frame on the ground."""
         return {
             link: Mesh(
                 self.meshes[link].vertices @ pose[:3, :3].T + pose[:3, 3], self.meshes[link].faces
@@ -129,7 +129,7 @@ class Robot:
             joint = known.get(name)
             if joint is None:
                 raise RobotError(
-                    f"{self.name}: has no joint {name} that moves; it has {', '.join(known)}"
+                    f"{self.name}: has no movable joint {name}; it has {', '.join(known)}"
                 )
             if joint.mimics is not None:
                 raise RobotError(f"{self.name}: joint {name} follows {joint.mimics}: set that one")
@@ -137,6 +137,11 @@ class Robot:
             if not (math.isfinite(value) and low - 1e-6 <= value <= high + 1e-6):
                 raise RobotError(
                     f"{self.name}: joint {name} goes from {low:g} to {high:g}, not to {value:g}"
+                )
+            if joint.type == "prismatic" and EXTENT.exceeded_by(abs(value)):
+                raise RobotError(
+                    f"{self.name}: joint {name} is moved by {value:g} m: give at most "
+                    f"{EXTENT.value:g}, or set {EXTENT.variable}"
                 )
         return {
             name: float(state.get(name, min(max(0.0, joint.limits[0]), joint.limits[1])))
@@ -146,21 +151,23 @@ class Robot:
 
 
 def load_robot(path: Path | str) -> Robot:
-    """The robot of a URDF.
+    """Return the robot of a URDF.
 
-    ``package://`` URIs are looked for in the folders above the file, in ``share`` there, and in
+    ``package://`` URIs are searched in the folders above the file, in ``share`` there, and in
     ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``.
 
     Raises
     ------
     RobotError
-        A file that is not there or is no URDF, a mesh that is not found or cannot be read.
+        The file is missing or not a URDF, or a mesh is not found or cannot be read.
     """
     import yourdfpy
 
     path = Path(path)
     if not path.is_file():
-        raise RobotError(f"{path}: is not there. Name a URDF (of a xacro: xacro FILE > robot.urdf)")
+        raise RobotError(
+            f"{path}: does not exist. Name a URDF (of a xacro: xacro FILE > robot.urdf)"
+        )
     _check_file(path)
     logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
     lean: dict[str, Any] = {"load_meshes": False, "filename_handler": lambda name: name}
@@ -174,7 +181,7 @@ def load_robot(path: Path | str) -> Robot:
     except RobotError:
         raise
     except Exception as error:
-        raise RobotError(f"{path}: is no URDF that can be used: {error}") from error
+        raise RobotError(f"{path}: is not a usable URDF: {error}") from error
     shapes = [(k.name, item) for k in read.links for item in k.collisions or k.visuals]
     PARTS.check(len(shapes), _error(path, "robot"), "Join its shapes.")
     parts: dict[str, list[Mesh]] = {}
@@ -189,28 +196,30 @@ def load_robot(path: Path | str) -> Robot:
         raise RobotError(f"{path}: no link has geometry. Give its links collision geometry")
     meshes = {link: join(each) for link, each in parts.items()}
     names = {base, *(joint.child for joint in ordered)}
+    for link in sorted(meshes.keys() - names):
+        raise _error(path, f"link {link}")(f"no joint joins it to {base}", "Add one.")
     return Robot(read.name or path.stem, GROUND if GROUND in names else base, ordered, meshes, urdf)
 
 
 def _error(path: Path, element: str) -> Callable[[str, str], RobotError]:
-    """Makes an error of a problem of an element and how to fix it."""
+    """Return a function that makes an error of a problem and a fix."""
     return lambda problem, fix: RobotError(f"{path}: {element}: {problem}. {fix}")
 
 
 def _check_file(path: Path) -> None:
-    """Refuse what would take minutes to parse."""
+    """Refuse files that would take minutes to parse."""
     error = _error(path, "file")
     TEXT_BYTES.check(path.stat().st_size, error, "Is it a URDF?")
     text = path.read_bytes()
     if b"<!DOCTYPE" in text:
         raise error("declares a document type", "Remove the <!DOCTYPE ...> declaration.")
-    LINKS.check(text.count(b"<link"), error, "Leave out links that do not matter.")
+    LINKS.check(text.count(b"<link"), error, "Leave out links without effect.")
 
 
 def _numbers(
     value: Any, count: int, where: Callable[[str, str], RobotError], what: str
 ) -> NDArray[np.float64]:
-    """(count,) numbers of an attribute, finite and within the extent of a map."""
+    """Return the (count,) numbers of an attribute, finite and within the extent of a map."""
     found = np.asarray(value, dtype=np.float64).reshape(-1)
     if len(found) != count or not np.isfinite(found).all():
         numbers = "a finite number" if count == 1 else f"{count} finite numbers"
@@ -229,7 +238,7 @@ def _sizes(
 
 
 def _origin(value: Any, where: Callable[[str, str], RobotError]) -> NDArray[np.float64]:
-    """(4, 4) a pose that is finite."""
+    """Return a finite pose (4, 4)."""
     if value is None:
         return np.eye(4)
     pose: NDArray[np.float64] = np.asarray(value, dtype=np.float64)
@@ -260,12 +269,14 @@ def _joint(read: Any, path: Path) -> Joint:
 
 
 def _ordered(joints: list[Joint], base: str) -> tuple[Joint, ...]:
-    """Parents before their children, in the order of the file."""
+    """Return the joints, parents before their children, in the order of the file."""
     known, ordered, left = {base}, [], joints
     while left:
         ready = [j for j in left if j.parent in known]
         if not ready:
-            raise RobotError(f"joints {', '.join(j.name for j in left)} hang on no link")
+            raise RobotError(
+                f"joints {', '.join(j.name for j in left)} are not connected to the base"
+            )
         ordered += ready
         known |= {j.child for j in ready}
         left = [j for j in left if j.child not in known]
@@ -273,7 +284,7 @@ def _ordered(joints: list[Joint], base: str) -> tuple[Joint, ...]:
 
 
 def _shape(item: Any, file: Path, link: str) -> Mesh:
-    """A link's shape in the link's frame."""
+    """Return a link's shape in the link's frame."""
     import trimesh  # slow to load, and most commands need no robot
 
     error = _error(file, f"link {link}")
@@ -287,7 +298,7 @@ def _shape(item: Any, file: Path, link: str) -> Mesh:
     elif geometry.cylinder is not None:
         c = geometry.cylinder
         radius, height = _sizes((c.radius, c.length), 2, error, "cylinder radius and length")
-        around = radius / math.cos(math.pi / SECTIONS)  # none of the round one is left outside
+        around = radius / math.cos(math.pi / SECTIONS)  # contains the round cylinder
         shape = trimesh.creation.cylinder(radius=around, height=height, sections=SECTIONS)
     elif geometry.sphere is not None:
         (radius,) = _sizes(geometry.sphere.radius, 1, error, "sphere radius")
@@ -314,7 +325,7 @@ def _mesh(read: Any, file: Path, error: Callable[[str, str], RobotError]) -> Mes
         # RViz and Gazebo scale by COLLADA's unit, and do not turn by its up axis.
         shape = read_mesh(found, dae_up_axis=False)
     except MeshFileError as problem:
-        raise error(f"{found.name}: {problem.problem}", problem.mend) from problem
+        raise error(f"{found.name}: {problem.problem}", problem.fix) from problem
     if read.scale is None:
         return shape
     scale = np.ravel(read.scale)
@@ -325,7 +336,7 @@ def _mesh(read: Any, file: Path, error: Callable[[str, str], RobotError]) -> Mes
 
 
 def _find(uri: str, file: Path) -> Path | None:
-    """The file that a mesh's URI names."""
+    """Return the file that a mesh's URI names."""
     scheme, _, rest = uri.rpartition("://")
     if scheme in ("", "file"):
         place = Path(rest)

@@ -14,7 +14,7 @@ import trimesh
 
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.sdf import read_sdf
-from semmap.ingest.world import Connects, Entry, Place, World
+from semmap.ingest.world import ConnectorDetail, Entry, PlaceDetail, World
 
 OFFICE = Path(__file__).parents[2] / "examples/office"
 
@@ -76,8 +76,8 @@ def room_of(entry: Entry, rooms: dict[str, tuple[shapely.Polygon, float]]) -> st
     )
 
 
-def doors(world: World) -> dict[str, Connects]:
-    return {e.name: e.detail for e in world.entries if isinstance(e.detail, Connects)}
+def doors(world: World) -> dict[str, ConnectorDetail]:
+    return {e.name: e.detail for e in world.entries if isinstance(e.detail, ConnectorDetail)}
 
 
 # Rooms and doors
@@ -108,7 +108,7 @@ def test_door_lines_lie_in_the_wall_between_their_rooms(
     plan: World, rooms: dict[str, tuple[shapely.Polygon, float]]
 ) -> None:
     for entry in plan.entries:
-        if isinstance(entry.detail, Connects):
+        if isinstance(entry.detail, ConnectorDetail):
             for place in set(entry.detail.places) - {"outside"}:
                 middle = shapely.Point(entry.pose.x, entry.pose.y)
                 assert 0.0 < rooms[place][0].distance(middle) <= 0.2
@@ -119,7 +119,7 @@ def test_robots_stand_in_the_places_that_a_door_joins(
     plan: World, rooms: dict[str, tuple[shapely.Polygon, float]]
 ) -> None:
     for entry in plan.entries:
-        if isinstance(entry.detail, Connects):
+        if isinstance(entry.detail, ConnectorDetail):
             for place, pose in zip(entry.detail.places, entry.detail.poses, strict=True):
                 standing = entry.pose @ pose
                 facing = entry.pose.translation - standing.translation
@@ -143,7 +143,7 @@ def test_names_are_unique_over_both_files(plan: World, things: dict[str, Entry])
 
 
 def test_the_elevator_has_a_cabin_on_each_storey(plan: World) -> None:
-    cabins = [e for e in plan.entries if isinstance(e.detail, Place) and e.detail.elevator]
+    cabins = [e for e in plan.entries if isinstance(e.detail, PlaceDetail) and e.detail.elevator]
     assert [(e.name, e.holder, e.detail.elevator) for e in cabins] == [
         ("elevator-1st", "floor-1st", "elevator"),
         ("elevator-3rd", "floor-3rd", "elevator"),
@@ -152,7 +152,7 @@ def test_the_elevator_has_a_cabin_on_each_storey(plan: World) -> None:
 
 
 def test_the_shortest_ways_pass_the_doors_of_figure_4(plan: World) -> None:
-    entries = {e.name: e for e in plan.entries if isinstance(e.detail, Connects)}
+    entries = {e.name: e for e in plan.entries if isinstance(e.detail, ConnectorDetail)}
     graph = networkx.Graph()
     for a, b in itertools.combinations(entries.values(), 2):
         if set(a.detail.places) & set(b.detail.places) - {"outside"} and a.holder == b.holder:

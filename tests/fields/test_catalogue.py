@@ -19,7 +19,7 @@ from semmap.fields.representation_map import RepresentationMap, ValueType
 from semmap.fields.statements import Numbers, Statements, Things, Voxels, keys_of, voxels_of_keys
 from semmap.fields.stored import stored_map
 from semmap.fields.vocabulary import read_vocabulary
-from semmap.ingest.tbox import read_tbox
+from semmap.ingest.ontology.tbox import read_tbox
 
 ONTOLOGY = schema_folder() / "ontology"
 VOCABULARY = read_vocabulary([ONTOLOGY / "fields.ttl"])

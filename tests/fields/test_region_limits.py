@@ -68,7 +68,9 @@ def test_a_variable_raises_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     regions.insert("hall", Box((0, 0, 0), (20, 20, 3)))
     monkeypatch.setenv("SEMMAP_MAX_REGION_VOXELS", "1e6")
     with pytest.raises(ValueError, match=r"more than 1000000 voxels.*SEMMAP_MAX_REGION_VOXELS"):
-        regions.insert("other", Box((0, 0, 0), (20, 20, 3)))
+        regions.insert("other", Box((0, 0, 0), (10, 10, 12)))
+    with pytest.raises(ValueError, match=r"too many columns.*SEMMAP_MAX_REGION_VOXELS"):
+        regions.insert("other", Box((0, 0, 0), (20, 20, 0.1)))
     monkeypatch.setenv("SEMMAP_MAX_REGION_VOXELS", "1e8")
     monkeypatch.setenv("SEMMAP_MAX_REGION_BLOCKS", "10")
     with pytest.raises(ValueError, match="SEMMAP_MAX_REGION_BLOCKS"):

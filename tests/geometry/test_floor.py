@@ -44,10 +44,14 @@ def test_a_drawn_room_is_floor_but_where_something_stands() -> None:
 
 
 def test_what_a_thing_encloses_is_its_own() -> None:
-    crate = join([
-        box_mesh((1, 1, 0), (2, 1.02, 3)), box_mesh((1, 1.98, 0), (2, 2, 3)),
-        box_mesh((1, 1.02, 0), (1.02, 1.98, 3)), box_mesh((1.98, 1.02, 0), (2, 1.98, 3)),
-    ])  # fmt: skip
+    crate = join(
+        [
+            box_mesh((1, 1, 0), (2, 1.02, 3)),
+            box_mesh((1, 1.98, 0), (2, 2, 3)),
+            box_mesh((1, 1.02, 0), (1.02, 1.98, 3)),
+            box_mesh((1.98, 1.02, 0), (2, 1.98, 3)),
+        ]
+    )
     assert shadow(crate, 0.1, 2, fill=True).area == pytest.approx(1, abs=1e-2)
     assert shadow(crate, 0.1, 2, fill=False).area == pytest.approx(1 - 0.96**2, abs=1e-2)
 
@@ -93,10 +97,14 @@ def test_a_wedge_and_a_step_of_the_room_are_floor_on_top() -> None:
 
 
 def test_pillars_of_the_room_and_a_low_ceiling() -> None:
-    room = join([
-        level(0, 0, 5, 4, 0), level(0, 0, 5, 4, 2.8), box_mesh((2, 2, 0), (2.5, 2.5, 2.8)),
-        level(4, 0, 5, 4, 1.5),
-    ])  # fmt: skip
+    room = join(
+        [
+            level(0, 0, 5, 4, 0),
+            level(0, 0, 5, 4, 2.8),
+            box_mesh((2, 2, 0), (2.5, 2.5, 2.8)),
+            level(4, 0, 5, 4, 1.5),
+        ]
+    )
     floor = walkable_floor(ROOM, 0.0, room, [])
     assert floor is not None
     corner = shapely.box(4, 0, 5, 4)
@@ -112,9 +120,14 @@ def test_a_floor_elsewhere_is_none() -> None:
 
 
 boxes = st.tuples(
-    st.floats(-0.5, 4), st.floats(-0.5, 3), st.floats(0.0, 2.5),
-    st.floats(0.05, 1), st.floats(0.05, 1), st.floats(0.05, 2.5), st.floats(-3, 3),
-)  # fmt: skip
+    st.floats(-0.5, 4),
+    st.floats(-0.5, 3),
+    st.floats(0.0, 2.5),
+    st.floats(0.05, 1),
+    st.floats(0.05, 1),
+    st.floats(0.05, 2.5),
+    st.floats(-3, 3),
+)
 
 
 @settings(max_examples=60, deadline=None)

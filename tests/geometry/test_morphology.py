@@ -12,8 +12,9 @@ from semmap.geometry.morphology import without_gaps, without_slivers
 
 boxes = st.lists(
     st.tuples(st.integers(0, 8), st.integers(0, 8), st.integers(1, 8), st.integers(1, 8)),
-    min_size=1, max_size=4,
-)  # fmt: skip
+    min_size=1,
+    max_size=4,
+)
 
 
 @given(boxes, st.floats(-3, 3))

@@ -15,9 +15,12 @@ ROOM = shapely.box(0, 0, 5, 4)
 
 @settings(max_examples=100, deadline=None)
 @given(
-    st.floats(0.5, 4), st.floats(0.5, 3), st.floats(0, 1), st.floats(0.1, 2),
+    st.floats(0.5, 4),
+    st.floats(0.5, 3),
+    st.floats(0, 1),
+    st.floats(0.1, 2),
     st.integers(0, 2**32 - 1),
-)  # fmt: skip
+)
 def test_a_point_is_in_it_by_its_distance(
     x: float, y: float, near: float, wide: float, seed: int
 ) -> None:
@@ -38,5 +41,5 @@ def test_distances_that_make_no_ring(near: float, far: float) -> None:
 
 
 def test_a_room_too_small_to_stand_off() -> None:
-    with pytest.raises(ValueError, match="come nearer"):
+    with pytest.raises(ValueError, match="give smaller distances"):
         observation_area(shapely.box(1, 1, 2, 2), 4, 5, shapely.box(0, 0, 3, 3))

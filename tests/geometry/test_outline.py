@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from semmap.geometry.mesh import Mesh, box_mesh, prism_mesh
-from semmap.geometry.outline import hull_points, outline, silhouette
+from semmap.geometry.outline import hull_points, outline, placed_outline, silhouette
 from semmap.geometry.pose import Pose
 
 metres = st.floats(-5, 5)
@@ -29,9 +29,10 @@ def test_the_hull_reaches_as_far_as_the_mesh_in_every_direction(
     mesh = Mesh(vertices, faces.astype(np.int32))
     direction = Pose.from_rpy(0, 0, 0, *turn).rotation
     np.testing.assert_allclose(
-        (hull_points(mesh) @ direction.T).max(axis=0), (vertices @ direction.T).max(axis=0),
+        (hull_points(mesh) @ direction.T).max(axis=0),
+        (vertices @ direction.T).max(axis=0),
         atol=1e-6,
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("flat", [(1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 0, 0)])
@@ -87,9 +88,10 @@ def test_a_round_room_of_20_000_corners_takes_no_minutes() -> None:
 def test_many_points_on_flat_faces_are_no_corners() -> None:
     grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 21)] * 3), axis=-1).reshape(-1, 3)
     mesh = Mesh(grid, np.arange(len(grid), dtype=np.int32).reshape(-1, 3))
-    np.testing.assert_allclose(np.unique(hull_points(mesh), axis=0), [
-        [x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)
-    ])  # fmt: skip
+    np.testing.assert_allclose(
+        np.unique(hull_points(mesh), axis=0),
+        [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)],
+    )
 
 
 def test_vertices_that_are_not_finite_are_refused() -> None:
@@ -110,3 +112,15 @@ def test_outline_and_silhouette() -> None:
     assert silhouette(mesh).area == pytest.approx(2)
     two = shapely.union(silhouette(mesh), silhouette(mesh.moved(Pose(x=10))))
     assert two.area == pytest.approx(4)
+
+
+def test_a_placed_outline_is_moved_and_turned() -> None:
+    pose = Pose.planar(3.0, -1.0, 0.7, z=5.0)
+    area = shapely.Polygon(
+        [(0, 0), (2, 0), (2, 1), (0, 1)], [[(0.5, 0.2), (1, 0.2), (1, 0.5), (0.5, 0.5)]]
+    )
+    turned = shapely.affinity.rotate(area, 0.7, origin=(0, 0), use_radians=True)
+    wanted = shapely.affinity.translate(turned, 3.0, -1.0)
+    assert placed_outline(area, pose).symmetric_difference(wanted).area < 1e-12
+    back = placed_outline(placed_outline(area, pose), pose.inverse())
+    assert back.symmetric_difference(area).area < 1e-12

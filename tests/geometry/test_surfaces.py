@@ -14,10 +14,13 @@ from semmap.geometry.surfaces import support_surfaces
 
 LEGS = [box_mesh((x, y, 0), (x + 0.05, y + 0.05, 0.72)) for x in (0, 1.15) for y in (0, 0.55)]
 TABLE = join([*LEGS, box_mesh((0, 0, 0.72), (1.2, 0.6, 0.75))])
-SHELF = join([
-    box_mesh((0, 0, 0), (0.02, 0.3, 1.0)), box_mesh((0.98, 0, 0), (1.0, 0.3, 1.0)),
-    *[box_mesh((0.02, 0, z - 0.02), (0.98, 0.3, z)) for z in (0.1, 0.4, 0.7, 1.0)],
-])  # fmt: skip
+SHELF = join(
+    [
+        box_mesh((0, 0, 0), (0.02, 0.3, 1.0)),
+        box_mesh((0.98, 0, 0), (1.0, 0.3, 1.0)),
+        *[box_mesh((0.02, 0, z - 0.02), (0.98, 0.3, z)) for z in (0.1, 0.4, 0.7, 1.0)],
+    ]
+)
 
 
 def heights(mesh: Mesh) -> list[float]:
@@ -69,15 +72,20 @@ def test_what_is_covered_bears_nothing() -> None:
 @given(
     boxes=st.lists(
         st.tuples(st.integers(0, 8), st.integers(0, 8), st.integers(1, 6), st.integers(2, 9)),
-        min_size=1, max_size=5, unique_by=lambda b: b[3],
+        min_size=1,
+        max_size=5,
+        unique_by=lambda b: b[3],
     ),
     yaw=st.floats(-3, 3),
-)  # fmt: skip
+)
 def test_tops_of_random_piles(boxes: list[tuple[int, int, int, int]], yaw: float) -> None:
     """Boxes on the ground, of whole decimetres: a top is free where no higher box stands."""
-    mesh = join([
-        box_mesh((x / 10, y / 10, 0), ((x + w) / 10, (y + w) / 10, h / 10)) for x, y, w, h in boxes
-    ])  # fmt: skip
+    mesh = join(
+        [
+            box_mesh((x / 10, y / 10, 0), ((x + w) / 10, (y + w) / 10, h / 10))
+            for x, y, w, h in boxes
+        ]
+    )
     found = support_surfaces(mesh.moved(Pose.planar(1, 2, yaw)), min_area=0.005)
     for x, y, w, h in boxes:
         top = shapely.box(x / 10, y / 10, (x + w) / 10, (y + w) / 10)

@@ -34,9 +34,17 @@ def reached(*plates: NDArray[np.float64], step: float = 0.02, slope: float = 6.0
         ([(0, 1, 0, 0), (5, 6, 0.015, 0.015), (6, 7, 0.03, 0.03)], [True, True, True]),
         ([(0, 1, 0, 0), (1, 2, -0.015, -0.015), (2, 3, -0.03, -0.03)], [True, True, True]),
     ],
-    ids=["steps", "too high", "ramp", "too steep", "a ramp alone", "elsewhere", "two floors",
-         "down"],
-)  # fmt: skip
+    ids=[
+        "steps",
+        "too high",
+        "ramp",
+        "too steep",
+        "a ramp alone",
+        "elsewhere",
+        "two floors",
+        "down",
+    ],
+)
 def test_where_one_comes_to(
     plates: list[tuple[float, float, float, float]], wanted: list[bool]
 ) -> None:

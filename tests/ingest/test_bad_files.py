@@ -82,11 +82,11 @@ def build(folder: Path, changed: dict[str, bytes]) -> Path:
 
 
 def attempt(path: Path, geometry: str = "visual") -> World | None:
-    """The world, which must be sound, or None where it is refused with a reason and a mend."""
+    """The world, which must be sound, or None where it is refused with a reason and a fix."""
     try:
         world = read_sdf(path, geometry=geometry)  # type: ignore[arg-type]
     except WorldError as error:
-        said = [error.path, error.element, error.problem, error.mend]
+        said = [error.path, error.element, error.problem, error.fix]
         if not all(said):
             raise AssertionError(f"an error that does not say all: {said}") from error
         return None
@@ -107,7 +107,7 @@ def attempt(path: Path, geometry: str = "visual") -> World | None:
     for skipped in world.skipped:
         assert skipped.element
         assert skipped.problem
-        assert skipped.mend
+        assert skipped.fix
     return world
 
 

@@ -87,11 +87,20 @@ def east_north(origin: tuple[float, float], point: list[float]) -> tuple[float, 
 @pytest.mark.parametrize(
     ("latitude", "longitude", "crs"),
     [
-        (52.3, 8.0, 32632), (-33.9, 151.2, 32756), (0, 0, 32631), (-1e-9, 0, 32731),
-        (10, 5.999, 32631), (10, 6, 32632), (10, -180, 32601), (10, 180, 32601),
-        (10, 179.999, 32660), (10, 190, 32602), (84, 1, 32631), (-80, 1, 32731),
+        (52.3, 8.0, 32632),
+        (-33.9, 151.2, 32756),
+        (0, 0, 32631),
+        (-1e-9, 0, 32731),
+        (10, 5.999, 32631),
+        (10, 6, 32632),
+        (10, -180, 32601),
+        (10, 180, 32601),
+        (10, 179.999, 32660),
+        (10, 190, 32602),
+        (84, 1, 32631),
+        (-80, 1, 32731),
     ],
-)  # fmt: skip
+)
 def test_the_zone_of_a_place(latitude: float, longitude: float, crs: int) -> None:
     assert utm_crs(latitude, longitude) == crs
 
@@ -168,7 +177,10 @@ def test_what_was_said_outlasts_a_file_that_says_nothing(engine: Engine, tmp_pat
     ("said", "problem"),
     [
         (degrees(91, 8, 0, 0), "latitude 91° is beyond UTM"),
-        ({"surface_model": "MOON_SCS", **degrees(10, 8, 0, 0)}, "MOON_SCS is not the earth"),
+        (
+            {"surface_model": "MOON_SCS", **degrees(10, 8, 0, 0)},
+            "MOON_SCS is not the surface of the earth",
+        ),
     ],
 )
 def test_what_is_no_place_on_the_grid_is_left_out(

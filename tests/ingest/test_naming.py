@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from semmap.ingest import naming
 from semmap.ingest.naming import TYPE_WORDS, guess_type, unique_name
-from semmap.ingest.tbox import read_tbox
+from semmap.ingest.ontology.tbox import read_tbox
 
 ONTOLOGY = sorted(Path(__file__).parents[2].joinpath("schema", "ontology").glob("*.ttl"))
 OBJECTS = {r.name: r.label for r in read_tbox(ONTOLOGY) if r.kind == "object" != r.name}

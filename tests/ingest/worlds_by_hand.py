@@ -32,9 +32,14 @@ def room_features(rooms: dict[str, tuple[float, float, float, float]]) -> dict[s
         features.append(
             {
                 "type": "Feature",
-                "properties": {"kind": "room", "name": name, "type": "room", "floor": 0,
-                               "ceiling": 2.5},
+                "properties": {
+                    "kind": "room",
+                    "name": name,
+                    "type": "room",
+                    "floor": 0,
+                    "ceiling": 2.5,
+                },
                 "geometry": {"type": "Polygon", "coordinates": [ring]},
             }
-        )  # fmt: skip
+        )
     return {"type": "FeatureCollection", "features": features}

@@ -66,7 +66,7 @@ def test_the_first_rule_that_fits_decides(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("said", "says"),
     [
-        ("layers: [", "is no YAML"),
+        ("layers: [", "is not valid YAML"),
         ("- a", "the file: give key: value"),
         ("layers: {a: }\nrules: {}", "rules as a list"),
         ("layers: {}\nrules: []", "needs layers"),
@@ -76,6 +76,10 @@ def test_the_first_rule_that_fits_decides(tmp_path: Path) -> None:
         ("layers: {a: {padding: wide}}\nrules: []", "padding is metres"),
         ("layers: {floor: }\nrules: []", "a name but none and floor"),
         ("layers: {a: }\nrules: [{layer: b}]", "rule 1: its layer is one of a, floor, none"),
+        ("layers: {a: }\nrules: [{layer: [a]}]", "rule 1: its layer is one of a, floor, none"),
+        ("layers: {a: }\nrules: [{layer: {a: b}}]", "rule 1: its layer is one of a, floor, none"),
+        ("layers: {a: }\nrules: [{layer: a, kind: [room]}]", "its kind is one of room"),
+        ("layers: {a: }\nrules: [{layer: a, state: [open]}]", "open, closed or locked"),
         ("layers: {a: }\nrules: [{layer: a, kind: thing}]", "its kind is one of room"),
         ("layers: {a: }\nrules: [{layer: a, state: ajar}]", "open, closed or locked"),
         ("layers: {a: }\nrules: [{layer: a, type: 3}]", "a name or a list of names"),

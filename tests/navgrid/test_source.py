@@ -15,7 +15,7 @@ from navgrid.costmap import Costmap
 from navgrid.scene import Thing, grid_of
 from navgrid.source import read_scene, read_storey_names, read_things
 from semmap.ingest.importer import import_file
-from semmap.ingest.regions import draw_region
+from semmap.ingest.regions.extraction import draw_region
 from semmap.query.change_feed import changed_since, cursor
 from tests.navgrid.scenes import ARM, BASE
 

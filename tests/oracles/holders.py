@@ -117,9 +117,11 @@ def _on(thing: Thing, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holdin
     best = max(shares, key=lambda owner: (shares[owner], -gaps[owner], -owner))
     if shares[best] < HALF:
         return None
-    sure = 1.0 if shares[best] >= CLEAR and gaps[best] <= CONTACT / 3 else shares[best] * (
-        1 - gaps[best] / (2 * CONTACT)
-    )  # fmt: skip
+    sure = (
+        1.0
+        if shares[best] >= CLEAR and gaps[best] <= CONTACT / 3
+        else shares[best] * (1 - gaps[best] / (2 * CONTACT))
+    )
     return Holding(best, float(sure), "on")
 
 

@@ -19,9 +19,9 @@ def parse(rules):
 @pytest.mark.parametrize(
     ("said", "message"),
     [
-        ("rules: [", r"(?s)mine.yaml: is no YAML, mend it: .*line 1"),
-        ("rules: [{name: 2024-13-45}]", "mine.yaml: is no YAML, mend it: month must be"),
-        ("[" * 5000, "mine.yaml: is no YAML"),
+        ("rules: [", r"(?s)mine.yaml: is not valid YAML: .*line 1"),
+        ("rules: [{name: 2024-13-45}]", "mine.yaml: is not valid YAML: month must be"),
+        ("[" * 5000, "mine.yaml: is not valid YAML"),
         ("", "mine.yaml: there is no list of rules; write rules"),
         ("- name: a", "mine.yaml: there is no list of rules; write rules"),
         ("rules: {name: a}", "there is no list of rules"),

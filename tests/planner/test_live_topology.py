@@ -21,7 +21,7 @@ from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, TopologyError
 from semmap.database import connect
 from semmap.ingest.importer import import_file
-from semmap.ingest.regions import draw_region
+from semmap.ingest.regions.extraction import draw_region
 
 
 @pytest.fixture(scope="module")

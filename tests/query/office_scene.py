@@ -15,8 +15,16 @@ from sqlalchemy import Engine, text
 
 from semmap.geometry.mesh import Mesh, box_mesh, join, prism_mesh
 from semmap.geometry.pose import Pose
-from semmap.ingest.store import store_world
-from semmap.ingest.world import Connects, Entry, Kind, Level, Place, Shape, World
+from semmap.ingest.store.world_store import store_world
+from semmap.ingest.world import (
+    ConnectorDetail,
+    Entry,
+    Kind,
+    PlaceDetail,
+    Shape,
+    StoreyDetail,
+    World,
+)
 
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
@@ -86,12 +94,12 @@ def thing(name: str, shape: Shape | None, x: float, y: float, z: float = 0, yaw:
 
 def room(name: str, shape: Shape | None, holder: str = "first", **place: Any) -> Entry:
     shapes = [] if shape is None else [shape]
-    return Entry(name, "room", holder=holder, shapes=shapes, detail=Place(**place))
+    return Entry(name, "room", holder=holder, shapes=shapes, detail=PlaceDetail(**place))
 
 
 def door(name: str, x: float, a: str, b: str, **said: Any) -> Entry:
     poses = (Pose(-0.5), Pose.planar(0.5, 0, math.pi))
-    detail = Connects((a, b), poses, **said)
+    detail = ConnectorDetail((a, b), poses, **said)
     return Entry(name, "connector", holder="first", pose=Pose(x, 5, 1), detail=detail)
 
 
@@ -99,8 +107,8 @@ def office(frame: Pose) -> World:
     """The building with its origin at `frame`: all relations but those of the map's frame stay."""
     quarter = math.pi / 2
     entries = [
-        Entry("first", "storey", pose=frame, detail=Level(0, 3)),
-        Entry("second", "storey", pose=frame @ Pose(z=3), detail=Level(3, 3)),
+        Entry("first", "storey", pose=frame, detail=StoreyDetail(0, 3)),
+        Entry("second", "storey", pose=frame @ Pose(z=3), detail=StoreyDetail(3, 3)),
         Entry("lift", "elevator", holder=None, pose=frame),
         room("office", drawn(0, 0, 6, 4, 0, 2.6), floor=0, ceiling=2.6),
         room("corridor", drawn(6.2, 0, 8, 4, 0, 2.6), floor=0, ceiling=2.6),

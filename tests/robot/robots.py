@@ -28,9 +28,11 @@ BY_HAND = """<robot name="by_hand">
 REAL = {
     "tiago": ("example-robot-data", "tiago_description/robots/tiago.urdf"),
     "pr2": ("example-robot-data", "pr2_description/urdf/pr2.urdf"),
-    "stretch": ("hello-robot-stretch-urdf",
-                "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf"),
-}  # fmt: skip
+    "stretch": (
+        "hello-robot-stretch-urdf",
+        "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
+    ),
+}
 
 
 def real_robot(name: str) -> Path:

@@ -122,7 +122,7 @@ def test_groups_by_file(robot: Robot, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("base: [base_lnk]", "no link base_lnk; did you mean base_link"),
+        ("base: [base_lnk]", "no link base_lnk; similar names: base_link"),
         ("base: base_link", "give \\[link, ...\\]"),
         ("base: {links: [base_link], by: inscribed}", "give \\[link, ...\\]"),
         ("base: {links: [base_link], inflate_by: both}", "inscribed or circumscribed"),
@@ -136,6 +136,12 @@ def test_groups_that_do_not_fit(robot: Robot, tmp_path: Path, text: str, says: s
     file.write_text(text)
     with pytest.raises(RobotError, match=says):
         robot_parts(robot, {}, file)
+
+
+def test_a_robot_without_geometry_has_no_parts(robot: Robot) -> None:
+    bare = Robot("bare", robot.base, robot.joints, {}, robot._urdf)
+    with pytest.raises(RobotError, match="bare: no link has geometry"):
+        robot_parts(bare, {})
 
 
 @pytest.mark.parametrize("name", ["by_hand", *REAL])

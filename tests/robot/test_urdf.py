@@ -136,8 +136,8 @@ def test_units_of_collada(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        ({"shoulde": 0.1}, "no joint shoulde that moves; it has roll"),
-        ({"ground": 0.1}, "no joint ground"),
+        ({"shoulde": 0.1}, "no movable joint shoulde; it has roll"),
+        ({"ground": 0.1}, "no movable joint ground"),
         ({"shoulder": 2.0}, "from -1.6 to 1.6, not to 2"),
         ({"lift": -0.1}, "from 0 to 0.4"),
     ],
@@ -150,14 +150,18 @@ def test_states_that_it_cannot_take(robot: Robot, state: dict[str, float], says:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("<robot", "is no URDF"),
+        ("<robot", "is not a usable URDF"),
         ("<robot name='empty'><link name='a'/></robot>", "no link has geometry"),
-        (BY_HAND.replace('<sphere radius="0.1"/>', '<mesh filename="package://none/head.stl"/>'),
-         "link head_link: its mesh package://none/head.stl is not found"),
-        (BY_HAND.replace('<sphere radius="0.1"/>', '<mesh filename="by_hand.urdf"/>'),
-         "link head_link: by_hand.urdf: cannot be read"),
+        (
+            BY_HAND.replace('<sphere radius="0.1"/>', '<mesh filename="package://none/head.stl"/>'),
+            "link head_link: its mesh package://none/head.stl is not found",
+        ),
+        (
+            BY_HAND.replace('<sphere radius="0.1"/>', '<mesh filename="by_hand.urdf"/>'),
+            "link head_link: by_hand.urdf: cannot be read",
+        ),
     ],
-)  # fmt: skip
+)
 def test_files_that_are_no_robot(tmp_path: Path, text: str, says: str) -> None:
     with pytest.raises(RobotError, match=says):
         load_robot(by_hand(tmp_path, text))
@@ -169,8 +173,11 @@ HEAD = '<sphere radius="0.1"/>'
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('<origin xyz="0 0 0.2"/>', '<origin xyz="1e308 0 0"/>',
-         r"joint ground: its origin xyz reaches 1e\+308 m, the limit is 10,000 m"),
+        (
+            '<origin xyz="0 0 0.2"/>',
+            '<origin xyz="1e308 0 0"/>',
+            r"joint ground: its origin xyz reaches 1e\+308 m, the limit is 10,000 m",
+        ),
         ('<origin xyz="0.2 0 0"/>', '<origin xyz="0.2 0 -1e308"/>', "link upper: its origin xyz"),
         ('<origin xyz="0.2 0 0"/>', '<origin xyz="0.2 0 nan"/>', "link upper: its origin xyz is"),
         ('<origin xyz="0.2 0 0"/>', '<origin rpy="0 inf 0"/>', "link upper: its origin rpy is"),
@@ -185,17 +192,30 @@ HEAD = '<sphere radius="0.1"/>'
         ('lower="-1" upper="1"', 'lower="1" upper="-1"', "joint pan: its limits are 1 and -1"),
         ('lower="-1" upper="1"', 'lower="nan" upper="1"', "joint pan: its limits are nan and 1"),
         ('lower="0" upper="0.4"', 'lower="1e300" upper="1e301"', "lift: its position at rest"),
-        ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="lift" multiplier="1e308"/>',
-         "joint elbow: its mimic reaches"),
+        (
+            '<axis xyz="0 1 0"/>',
+            '<axis xyz="0 1 0"/><mimic joint="lift" multiplier="1e308"/>',
+            "joint elbow: its mimic reaches",
+        ),
         ("<robot ", "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot ", "declares a document type"),
-        ("</robot>", "".join(f"<link name='l{i}'/>" for i in range(1000)) + "</robot>",
-         "has 1,007 links, the limit is 500 links.*SEMMAP_MAX_LINKS raises the limit"),
+        (
+            "</robot>",
+            "".join(f"<link name='l{i}'/>" for i in range(1000)) + "</robot>",
+            "has 1,007 links, the limit is 500 links.*SEMMAP_MAX_LINKS raises the limit",
+        ),
     ],
-)  # fmt: skip
+)
 def test_numbers_and_sizes_of_no_robot(tmp_path: Path, old: str, new: str, says: str) -> None:
     assert old in BY_HAND
     with pytest.raises(RobotError, match=says):
         load_robot(by_hand(tmp_path, BY_HAND.replace(old, new, 1)))
+
+
+def test_a_link_that_hangs_on_no_joint(tmp_path: Path) -> None:
+    loose = '<link name="loose"><collision><geometry><box size="1 1 1"/></geometry></collision>'
+    text = BY_HAND.replace("</robot>", f"{loose}</link></robot>")
+    with pytest.raises(RobotError, match="link loose: no joint joins it to base_footprint"):
+        load_robot(by_hand(tmp_path, text))
 
 
 @pytest.mark.parametrize("scale", ["1 2", "nan", "1e308 1 1"])
@@ -210,10 +230,15 @@ def test_a_state_is_finite(tmp_path: Path) -> None:
     robot = load_robot(by_hand(tmp_path))
     with pytest.raises(RobotError, match="joint roll goes from -inf to inf, not to inf"):
         robot.hulls({"roll": np.inf})
+    free = BY_HAND.replace('<limit lower="0" upper="0.4" effort="1" velocity="1"/>', "")
+    robot = load_robot(by_hand(tmp_path, free))
+    robot.hulls({"lift": 100.0, "roll": 1e300})
+    with pytest.raises(RobotError, match=r"joint lift is moved by 1e\+200 m: give at most 10000"):
+        robot.hulls({"lift": 1e200})
 
 
 def test_no_file(tmp_path: Path) -> None:
-    with pytest.raises(RobotError, match=r"is not there\. Name a URDF"):
+    with pytest.raises(RobotError, match=r"does not exist\. Name a URDF"):
         load_robot(tmp_path / "robot.urdf")
 
 

@@ -17,8 +17,8 @@ from sqlalchemy.orm import Session
 
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
-from semmap.ingest.holders import derive_inventories, find_surfaces
-from semmap.ingest.world import Entry, Level, Shape, World
+from semmap.ingest.store.holder_store import derive_inventories, find_surfaces
+from semmap.ingest.world import Entry, Shape, StoreyDetail, World
 from semmap.model import Entity
 from tests.oracles.holders import Holding, RoomSpace, SurfacePatch, Thing, derive_holders
 from tests.query.office_scene import block, drawn, room, store, thing
@@ -27,8 +27,8 @@ from tests.query.office_scene import block, drawn, room, store, thing
 def flat() -> World:
     """A kitchen with a desk, a balcony beside it, and a room above; nothing has a holder yet."""
     entries = [
-        Entry("ground", "storey", detail=Level(0, 3)),
-        Entry("first", "storey", pose=Pose(z=3), detail=Level(3, 3)),
+        Entry("ground", "storey", detail=StoreyDetail(0, 3)),
+        Entry("first", "storey", pose=Pose(z=3), detail=StoreyDetail(3, 3)),
         room("kitchen", drawn(0, 0, 5, 4, 0, 2.6), holder="ground", floor=0, ceiling=2.6),
         room("balcony", drawn(5.1, 0, 9, 4, 0, 2.6), holder="ground", floor=0, ceiling=2.6),
         room("attic", drawn(0, 0, 5, 4, 0, 2.6), holder="first", floor=0, ceiling=2.6),

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.importer import import_file
-from semmap.ingest.regions import draw_region
+from semmap.ingest.regions.extraction import draw_region
 from semmap.model import Connector, Placement, Room
 from tests.model.test_placement import new_map, thing
 

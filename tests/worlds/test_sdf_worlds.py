@@ -101,7 +101,7 @@ def test_bookstore_is_whole_but_for_the_runaway_and_the_missing(bookstore: World
     assert "343,583" in said["BookE_01_009"].problem
     missing = said["aws_robomaker_retail_BookshelfA_01"]
     assert "aws_BookshelfA_01_visual.DAE is not found" in missing.problem
-    assert "upper and lower case" in said["aws_robomaker_retail_Spotlight_01"].mend
+    assert "upper and lower case" in said["aws_robomaker_retail_Spotlight_01"].fix
 
 
 def test_bookstore_has_its_size(bookstore: World) -> None:

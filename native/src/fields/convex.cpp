@@ -368,8 +368,7 @@ double work_of(const Convex& solid) {
 }
 
 void expect_little(double work) {
-    const auto most =
-        2 * static_cast<double>(region_limits().voxels.load(std::memory_order_relaxed));
+    const auto most = static_cast<double>(region_limits().voxels.load(std::memory_order_relaxed));
     if (work > most) {
         throw BadRegion(
             "the region spans too many columns of voxels: take larger voxels, or a smaller region "

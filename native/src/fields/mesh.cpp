@@ -13,7 +13,7 @@ namespace semmap::fields {
 namespace {
 
 constexpr double kHitsAtOnce = 1 << 22;
-constexpr double kStepsOfHit = 128;
+constexpr double kStepsOfHit = 64;
 
 std::vector<Vector> scaled(const std::vector<Vector>& vertices, double voxel_size) {
     std::vector<Vector> v = vertices;

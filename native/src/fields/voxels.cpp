@@ -151,12 +151,32 @@ void OriginIndex::grow() {
 void VoxelCollector::add_column(std::int32_t x, std::int32_t y, std::int32_t low,
                                 std::int32_t high) {
     const auto slice = static_cast<std::size_t>(x & 7);
+    if (tower_.x != block_floor(x) || tower_.y != block_floor(y)) {
+        tower_ = {block_floor(x), block_floor(y), block_floor(low), std::move(tower_.blocks)};
+        tower_.blocks.clear();
+    }
     for (std::int32_t z = block_floor(low); z <= high; z += kBlock) {
         const int from = std::max(low - z, 0);
         const int to = std::min(high - z, kBlock - 1);
         const std::uint64_t bits = (0xFFULL << from) & (0xFFULL >> (kBlock - 1 - to));
-        at({block_floor(x), block_floor(y), z})[slice] |= bits << (8 * (y & 7));
+        std::uint32_t& block = in_tower(z);
+        if (block == kNone) {
+            at({tower_.x, tower_.y, z});
+            block = index_.number({tower_.x, tower_.y, z});
+        }
+        words_[block][slice] |= bits << (8 * (y & 7));
     }
+}
+
+std::uint32_t& VoxelCollector::in_tower(std::int32_t z) {
+    if (z < tower_.low) {
+        const auto more = static_cast<std::size_t>((tower_.low - z) / kBlock);
+        tower_.blocks.insert(tower_.blocks.begin(), more, kNone);
+        tower_.low = z;
+    }
+    const auto n = static_cast<std::size_t>((z - tower_.low) / kBlock);
+    if (n >= tower_.blocks.size()) tower_.blocks.resize(n + 1, kNone);
+    return tower_.blocks[n];
 }
 
 Voxels VoxelCollector::finish() const {

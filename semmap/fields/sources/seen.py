@@ -11,7 +11,7 @@ from semmap.fields.regions import _above_0, _rigid
 from semmap.fields.representation_map import RepresentationMap
 from semmap.fields.sources.percepts import Segmentation
 from semmap.fields.vocabulary import Vocabulary
-from semmap.ingest.tbox import snake_case
+from semmap.ingest.ontology.tbox import snake_case
 from semmap_vdb import Int32Grid
 
 __all__ = ["ObjectSource", "PeopleSource"]

@@ -5,7 +5,7 @@ from sqlalchemy import text
 from planner.readers.topology import read_regions, read_topology
 from planner.route import NoRouteError
 from planner.topology import OUTSIDE
-from semmap.ingest.regions import draw_region
+from semmap.ingest.regions.extraction import draw_region
 from tests.planner.office import route
 
 

@@ -93,6 +93,16 @@ class VoxelCollector {
     Voxels finish() const;
 
   private:
+    // The blocks of a column of blocks, by height: neighbouring columns of voxels share them.
+    struct Tower {
+        std::int32_t x = 1;  // no block begins there
+        std::int32_t y = 1;
+        std::int32_t low = 0;
+        std::vector<std::uint32_t> blocks;
+    };
+
+    std::uint32_t& in_tower(std::int32_t z);
+
     Words& at(const Origin& origin) {
         const std::uint32_t i = index_.number(origin);
         if (i == words_.size()) {
@@ -104,6 +114,7 @@ class VoxelCollector {
 
     OriginIndex index_;
     std::vector<Words> words_;
+    Tower tower_;
 };
 
 }  // namespace semmap::fields

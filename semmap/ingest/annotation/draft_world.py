@@ -1,0 +1,226 @@
+"""The world that is built from map features: its entries, and what they refer to."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from semmap.geometry.pose import IDENTITY, Pose
+from semmap.ingest.annotation.feature_file import Feature, read_features
+from semmap.ingest.annotation.feature_values import kind_of, middle_of, number, text, type_of
+from semmap.ingest.naming import unique_name
+from semmap.ingest.world import OUTSIDE, Entry, Kind, Refused, StoreyDetail, World
+
+__all__ = ["Draft", "DraftWorld", "RoomArea"]
+
+_COMMON = {"name", "kind", "type", "label", "storey", "holder", "heading", "heading_deg", "front"}
+_HEIGHTS = {"floor", "ceiling"}
+_OPENING = {"width", "height", "step"}
+_PASSAGE = {"joins", "state", "behaviour", "direction", "permissions"}
+USED_PROPERTIES: dict[Kind, set[str]] = {
+    "storey": _COMMON | {"elevation", "height"},
+    "elevator": _COMMON,
+    "room": _COMMON | _HEIGHTS | {"elevator"},
+    "connector": _COMMON | _OPENING | _PASSAGE | {"floor"},
+    "region": _COMMON | _HEIGHTS,
+    "object": _COMMON | _HEIGHTS | {"height"},
+    "agent": _COMMON | _HEIGHTS | {"height"},
+}
+"""Properties that become parts of an entry of this kind; all others stay free properties."""
+
+
+@dataclass(frozen=True)
+class RoomArea:
+    """A room: its area in the map's frame and the name of its entry."""
+
+    name: str
+    area: Polygon | MultiPolygon
+    storey: str | None
+    ceiling: float
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A feature with its kind, type and unique name."""
+
+    feature: Feature
+    kind: Kind
+    type: str | None
+    name: str
+
+
+class DraftWorld:
+    """A world that grows kind by kind, each holder before what it holds.
+
+    Attributes
+    ----------
+    out : the world so far
+    poses : of the entries, in the map; None for an entry without a place
+    kinds : of all features that can be used, by name
+    storeys, rooms : those that are in `out`
+
+    Raises
+    ------
+    WorldError
+        The file cannot be trusted as a whole.
+    """
+
+    def __init__(self, path: Path, name: str | None) -> None:
+        self.file = read_features(path)
+        self.out = World(
+            name or path.stem,
+            path,
+            skipped=self.file.skipped,
+            notes=self.file.notes,
+            georeference=self.file.georeference,
+        )
+        self.poses: dict[str, Pose | None] = {}
+        self.storeys: dict[str, StoreyDetail] = {}
+        self.rooms: list[RoomArea] = []
+        self._names = {OUTSIDE}
+        self._given = {str(f.properties.get("name", "")).strip() for f in self.file.features}
+        self.drafts: list[Draft] = []
+        for feature in self.file.features:
+            self.attempt(feature, self._draft, feature)
+        self.kinds: dict[str, Kind] = {draft.name: draft.kind for draft in self.drafts}
+
+    def attempt(self, feature: Feature, make: Callable[..., None], *arguments: Any) -> None:
+        """Call `make`; a feature that it refuses is left out and named."""
+        try:
+            make(*arguments)
+        except Refused as refused:
+            self.file.skip(feature.properties.get("name"), feature.where, refused)
+
+    def _draft(self, feature: Feature) -> None:
+        type_ = type_of(feature)
+        kind = kind_of(feature, type_)
+        given = text(feature, "name")
+        if given == OUTSIDE:
+            raise Refused(f"is named {OUTSIDE}", "Give it a name that means nothing else.")
+        if given is None:
+            free = (f"{type_ or kind}{n}" for n in itertools.count(1))
+            name = next(n for n in free if n not in self._names and n not in self._given)
+        else:
+            name = unique_name(given, self._names)
+            if name != given:
+                self.out.notes.append(f"{feature.where}: {given} is taken, this one is {name}")
+        self._names.add(name)
+        self.drafts.append(Draft(feature, kind, type_, name))
+
+    def drafts_of(self, kind: Kind) -> list[Draft]:
+        """Return the drafts of a kind, each after its holder; drafts in a circle come last."""
+        waiting = {draft.name: draft for draft in self.drafts if draft.kind == kind}
+        ready: list[Draft] = []
+        while waiting:
+            free = [
+                draft
+                for draft in waiting.values()
+                if str(draft.feature.properties.get("holder")) not in waiting
+            ]
+            for draft in free or list(waiting.values()):
+                ready.append(waiting.pop(draft.name))
+        return ready
+
+    def add(self, draft: Draft, pose: Pose | None, holder: str | None, **parts: Any) -> None:
+        """Add an entry.
+
+        Parameters
+        ----------
+        pose : in the map; it becomes the pose in the holder. None for an entry without a place
+        holder : an entry; or a storey that no feature draws, which the map must have, and whose
+            origin is the map's
+        parts : `detail` and `shapes` of the entry
+
+        Raises
+        ------
+        Refused
+            The holder has no place.
+        """
+        feature = draft.feature
+        outer: Pose | None = None
+        if pose is not None and holder is not None:
+            outer = self.poses.get(holder, IDENTITY)
+            if outer is None:
+                raise Refused(f"its holder {holder} has no place", "Draw the holder, too.")
+        entry = Entry(
+            draft.name,
+            draft.kind,
+            draft.type,
+            text(feature, "label"),
+            {k: v for k, v in feature.properties.items() if k not in USED_PROPERTIES[draft.kind]},
+            holder if pose is not None else None,
+            outer.inverse() @ pose if outer is not None and pose is not None else pose,
+            front=number(feature, "front") or 0.0,
+            **parts,
+        )
+        self.poses[draft.name] = pose
+        self.out.entries.append(entry)
+
+    # -- what features refer to ---------------------------------------------------------------
+
+    def is_left_out(self, name: str | None) -> bool:
+        """Return whether the file has a feature of this name that cannot be used."""
+        return name in self.file.lost and name not in self.poses
+
+    def storey_of(self, feature: Feature) -> str | None:
+        """Return the storey that a feature names, else the only one, else None."""
+        given = text(feature, "storey")
+        if self.is_left_out(given):
+            raise Refused(f"its storey {given} is left out", "Correct that feature.")
+        if given is not None and self.kinds.get(given, "storey") != "storey":
+            raise Refused(f"its storey {given} is a {self.kinds[given]}", "Name a storey.")
+        if given is None and len(self.storeys) == 1:
+            return next(iter(self.storeys))
+        if given is None and self.storeys:
+            raise Refused(
+                f"it names no storey, and the file has {len(self.storeys)}",
+                "Add the property storey.",
+            )
+        return given
+
+    def elevation(self, storey: str | None) -> float:
+        """Return the height of a storey's floor above the map's origin, metres; 0 if unknown."""
+        return self.storeys[storey].elevation if storey in self.storeys else 0.0
+
+    def elevator_of(self, feature: Feature) -> str | None:
+        """Return the elevator that a feature names; one that nothing draws is added."""
+        given = text(feature, "elevator")
+        if given is not None and self.kinds.get(given, "elevator") != "elevator":
+            raise Refused(f"its elevator {given} is a {self.kinds[given]}", "Name an elevator.")
+        if given is not None and given not in self.poses:
+            self.out.notes.append(f"{feature.where}: elevator {given} is added, nothing draws it")
+            self._names.add(given)
+            self.kinds[given], self.poses[given] = "elevator", None
+            self.out.entries.append(Entry(given, "elevator", "elevator", pose=None))
+        return given
+
+    def holder_of(self, feature: Feature) -> str | None:
+        """Return the holder that a feature names."""
+        holder = text(feature, "holder")
+        if holder is not None and holder not in self.poses:
+            raise Refused(
+                f"its holder {holder} is not a feature of this file",
+                "Name a feature that can be used.",
+            )
+        return holder
+
+    def room(self, name: str) -> RoomArea | None:
+        """Return a room by its name; None where it has no area."""
+        return next((room for room in self.rooms if room.name == name), None)
+
+    def rooms_on(self, storey: str | None) -> Sequence[RoomArea]:
+        """Return the rooms of a storey."""
+        return [room for room in self.rooms if room.storey == storey]
+
+    def room_at(self, geometry: shapely.Geometry | None, storey: str | None) -> RoomArea | None:
+        """Return the room that covers the middle of a geometry."""
+        if geometry is None:
+            return None
+        middle = middle_of(geometry) if geometry.area > 0 else geometry.centroid
+        return next((r for r in self.rooms_on(storey) if r.area.covers(middle)), None)

@@ -1,0 +1,335 @@
+"""Mesh files, as one surface in metres with z up, and as worlds of a single entry."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+from xml.etree.ElementTree import ParseError
+
+import numpy as np
+import shapely
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import iterparse
+from numpy.typing import ArrayLike, NDArray
+
+from semmap.geometry.mesh import Mesh, join
+from semmap.ingest.meshes.mesh_size import check_size
+from semmap.ingest.naming import guess_type
+from semmap.ingest.world import Entry, PlaceDetail, Shape, World, WorldError
+from semmap.limits import EXTENT, PARTS, TRIANGLES
+
+__all__ = ["MeshFileError", "other_case", "read_mesh", "read_mesh_world"]
+
+Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""Rotation from coordinates with y up to coordinates with z up."""
+
+X_UP = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+"""Rotation from coordinates with x up (COLLADA: right -y, towards the viewer z) to z up."""
+
+
+class MeshFileError(Exception):
+    """A mesh file that cannot be used: what is wrong, and how to fix it."""
+
+    def __init__(self, problem: str, fix: str) -> None:
+        super().__init__(f"{problem}. {fix}")
+        self.problem, self.fix = problem, fix
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A named piece of a file, in the file's frame and metres."""
+
+    names: frozenset[str]
+    mesh: Mesh
+
+
+def read_mesh(
+    path: Path,
+    *,
+    part: str | None = None,
+    center: bool = False,
+    dae_up_axis: bool = True,
+    scale: float = 1.0,
+) -> Mesh:
+    """Return the surface in a mesh file, all parts joined; vertices that coincide are merged.
+
+    Parameters
+    ----------
+    path : a file of any format that trimesh reads
+    part : take only the node or geometry of this name (SDF's `<submesh>`)
+    center : put the middle of the bounding box at the origin
+    dae_up_axis : follow a COLLADA file's `<up_axis>`; Gazebo does not
+    scale : metres per unit of the file, for formats without units (OBJ, STL, PLY, OFF)
+
+    Returns
+    -------
+    Mesh
+        In metres, z up: the unit of COLLADA and 3MF is applied, glTF is turned from y up.
+
+    Raises
+    ------
+    MeshFileError
+        The file is missing, is not what its ending says, is broken, or has no faces.
+    """
+    if not os.path.isfile(path):  # noqa: PTH113 - False where a name is too long
+        raise MeshFileError("does not exist", other_case(path) or "Restore it.")
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")  # what a loader warns of either shows below or is harmless
+        read = _READERS.get(path.suffix.lower(), _read_any)
+        try:
+            parts = read(path, dae_up_axis)
+        except MeshFileError:
+            raise
+        except Exception as error:  # third-party loaders raise anything on broken bytes
+            reason = " ".join(str(error).split())[:160] or type(error).__name__
+            raise MeshFileError(
+                f"cannot be read as {path.suffix.lstrip('.').upper() or 'a mesh'} ({reason})",
+                "The file may be truncated or of another format: export it again.",
+            ) from error
+    if part is not None:
+        parts = [p for p in parts if part in p.names]
+    parts = [p for p in parts if len(p.mesh.faces)]
+    if not parts:
+        missing = "has no faces" if part is None else f"has no faces in a part named {part!r}"
+        raise MeshFileError(missing, "Export it as a triangle mesh.")
+    mesh = _checked(_tidy(join([p.mesh for p in parts]), scale))
+    if center:
+        mesh = Mesh(mesh.vertices - mesh.bounds.mean(axis=0), mesh.faces)
+    return mesh
+
+
+def read_mesh_world(
+    path: Path,
+    as_: Literal["object", "room"] = "object",
+    *,
+    name: str | None = None,
+    type_: str | None = None,
+    scale: float = 1.0,
+) -> World:
+    """A world of one entry: the mesh of a file as an object or as the shell of a room.
+
+    Parameters
+    ----------
+    path : a file of any format that trimesh reads
+    as_ : what the mesh is
+    name : name of the entry; the file's stem if None
+    type_ : T-Box name; guessed from the name if None
+    scale : metres a unit of the file, for formats that know no unit
+
+    Raises
+    ------
+    WorldError
+        The mesh cannot be used (see `read_mesh`).
+    """
+    path = Path(path)
+    try:
+        mesh = read_mesh(path, scale=scale)
+    except MeshFileError as error:
+        raise WorldError(path, "mesh", error.problem, error.fix) from error
+    name = name or path.stem
+    entry = Entry(
+        name,
+        kind=as_,
+        type=type_ or guess_type(name) or ("room" if as_ == "room" else None),
+        shapes=[Shape("mesh", mesh, uri=path.name)],
+    )
+    world = World(name, path, [entry])
+    low, high = mesh.bounds
+    if as_ == "room":
+        entry.shapes[0].outline = _footprint(mesh)
+        entry.detail = PlaceDetail(float(low[2]), float(high[2]) if high[2] > low[2] else None)
+        if entry.shapes[0].outline is None:
+            world.notes.append(
+                f"{name}: the mesh encloses no area seen from above; its convex hull is the outline"
+            )
+    if (high - low).max() > 200:
+        world.notes.append(
+            f"{name} is {(high - low).max():.0f} m long: if the file is in millimetres, read it "
+            "with scale 0.001"
+        )
+    return world
+
+
+def _read_dae(path: Path, up_axis: bool) -> list[_Part]:
+    """Read COLLADA through pycollada, with its unit, and with its up axis if required."""
+    import collada
+
+    data = path.read_bytes()
+    unit, up = _dae_asset(data)
+    check_size(path, MeshFileError)
+    # pycollada takes a comment inside <mesh> for an unknown primitive and drops the whole geometry
+    document = collada.Collada(
+        io.BytesIO(re.sub(rb"<!--.*?-->", b"", data, flags=re.DOTALL)),
+        ignore=[collada.common.DaeError],
+    )
+    lost = len(list(document.xmlnode.iter("{*}geometry"))) - len(document.geometries)
+    if lost:
+        reason = document.errors[0] if document.errors else "of an unknown kind"
+        raise MeshFileError(
+            f"{lost} of its geometries are unreadable ({reason})", "Export it again."
+        )
+    turn = {"Y_UP": Y_UP, "X_UP": X_UP}.get(up, np.eye(3)) if up_axis else np.eye(3)
+    placed: list[tuple[set[str], object, NDArray[np.float64]]] = []
+    if document.scene is not None:
+        for number, bound in enumerate(document.scene.objects("geometry"), 1):
+            PARTS.check(number, MeshFileError, "Export a simpler mesh.")
+            placed.append(({bound.original.name, bound.original.id}, bound.original, bound.matrix))
+        names = _dae_node_names(document)
+        for names_of, geometry, _ in placed:
+            names_of.update(names.get(geometry.id, ()))  # type: ignore[attr-defined]
+    parts, faces = [], 0
+    for names_of, geometry, matrix in placed:
+        for primitive in geometry.primitives:  # type: ignore[attr-defined]
+            if isinstance(primitive, collada.polylist.Polylist):
+                primitive = primitive.triangleset()
+            if not isinstance(primitive, collada.triangleset.TriangleSet) or not len(primitive):
+                continue
+            mesh = _placed(primitive.vertex, primitive.vertex_index, np.asarray(matrix, float))
+            faces += len(mesh.faces)
+            TRIANGLES.check(faces, MeshFileError, "Export a simpler mesh.")
+            vertices = unit * mesh.vertices @ turn.T
+            parts.append(_Part(frozenset(n for n in names_of if n), Mesh(vertices, mesh.faces)))
+    return parts
+
+
+def _dae_asset(data: bytes) -> tuple[float, str]:
+    """Return the metres per unit and the up axis that a COLLADA file states; refuse a DTD."""
+    unit, up = 1.0, "Y_UP"
+    try:
+        for _, element in iterparse(io.BytesIO(data), events=("end",), forbid_dtd=True):
+            tag = element.tag.rpartition("}")[2]
+            if tag == "unit":
+                unit = float(element.get("meter", "1"))
+            elif tag == "up_axis":
+                up = (element.text or "").strip()
+            elif tag == "asset":
+                break
+    except DefusedXmlException as error:
+        raise MeshFileError(
+            "declares a document type or entities, which can blow up in memory",
+            "Remove the <!DOCTYPE ...> declaration.",
+        ) from error
+    except ParseError as error:
+        raise MeshFileError(f"is not well-formed XML ({error})", "Export it again.") from error
+    if not (np.isfinite(unit) and unit > 0):
+        raise MeshFileError(f"its unit is {unit} m", 'Correct <unit meter="...">.')
+    return unit, up
+
+
+def _dae_node_names(document: object) -> dict[str, set[str]]:
+    """Return the names of the nodes that instance each geometry, by geometry id."""
+    names: dict[str, set[str]] = {}
+    for node in document.xmlnode.iter("{*}node"):  # type: ignore[attr-defined]
+        for instance in node.iterfind("{*}instance_geometry"):
+            known = names.setdefault(instance.get("url", "").lstrip("#"), set())
+            known.update(v for v in (node.get("name"), node.get("id")) if v)
+    return names
+
+
+def _read_any(path: Path, up_axis: bool) -> list[_Part]:
+    """Read any other format through trimesh."""
+    import trimesh
+
+    _check_signature(path)
+    check_size(path, MeshFileError)
+    scene = trimesh.load_scene(path, process=False, skip_materials=True)
+    unit = 1.0
+    if scene.units is not None:
+        unit = float(trimesh.units.unit_conversion(scene.units, "meters"))
+    turn = Y_UP if path.suffix.lower() in (".gltf", ".glb") else np.eye(3)
+    parts, faces = [], 0
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+            faces += len(geometry.faces)
+            TRIANGLES.check(faces, MeshFileError, "Export a simpler mesh.")
+            mesh = _placed(geometry.vertices, geometry.faces, np.asarray(matrix, float))
+            names = frozenset({str(node), str(name)})
+            parts.append(_Part(names, Mesh(unit * mesh.vertices @ turn.T, mesh.faces)))
+    return parts
+
+
+_READERS: dict[str, Callable[[Path, bool], list[_Part]]] = {".dae": _read_dae}
+
+_SIGNATURES: dict[str, re.Pattern[bytes]] = {
+    ".glb": re.compile(rb"glTF"),
+    ".gltf": re.compile(rb"\s*\{"),
+    ".ply": re.compile(rb"ply\s"),
+    ".off": re.compile(rb"\s*(#.*\s+)*\w*OFF"),
+    ".3mf": re.compile(rb"PK"),
+}
+"""The first bytes of a file of each format."""
+
+
+def _check_signature(path: Path) -> None:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(512)
+        file.seek(max(0, size - 512))
+        tail = file.read()
+    ending = path.suffix.lower()
+    if ending in _SIGNATURES and not _SIGNATURES[ending].match(head.removeprefix(b"\xef\xbb\xbf")):
+        raise MeshFileError(f"is not a {ending} file", "Give it the ending of what it is.")
+    if ending == ".stl" and len(head) >= 84:
+        binary = size == 84 + 50 * int.from_bytes(head[80:84], "little")
+        if not binary and not (head.lstrip().startswith(b"solid") and b"endsolid" in tail):
+            raise MeshFileError("is not an STL file, or a truncated one", "Export it again.")
+
+
+def _placed(vertices: ArrayLike, faces: ArrayLike, matrix: NDArray[np.float64]) -> Mesh:
+    """Return a piece moved by its (4, 4) affine transform; mirrored faces are turned back."""
+    v = np.asarray(vertices, dtype=float).reshape(-1, 3)
+    f = np.asarray(faces, dtype=np.int64).reshape(-1, 3)
+    if len(f) and (f.min() < 0 or f.max() >= len(v)):
+        raise MeshFileError("its faces name vertices that it does not have", "Export it again.")
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        f = f[:, ::-1]
+    return Mesh(v @ matrix[:3, :3].T + matrix[:3, 3], f.astype(np.int32))
+
+
+def _tidy(mesh: Mesh, scale: float) -> Mesh:
+    """Return the mesh scaled, without unused vertices, with coinciding vertices merged."""
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    points = mesh.vertices[used] * scale + 0.0  # no negative zeros
+    order = np.lexsort(points.T)
+    new = np.any(np.diff(points[order], axis=0, prepend=np.nan) != 0, axis=1)
+    index = np.empty(len(points), dtype=np.int32)
+    index[order] = np.cumsum(new) - 1
+    return Mesh(points[order][new], index[faces].reshape(-1, 3))
+
+
+def _checked(mesh: Mesh) -> Mesh:
+    if not np.isfinite(mesh.vertices).all():
+        raise MeshFileError("some of its coordinates are not finite numbers", "Export it again.")
+    reach = float(np.abs(mesh.vertices).max())
+    EXTENT.check(reach, MeshFileError, "Correct its unit or scale.", "reaches")
+    return mesh
+
+
+def _footprint(mesh: Mesh) -> shapely.Polygon | shapely.MultiPolygon | None:
+    """Return the area that the mesh covers from above, holes filled; None without an area."""
+    corners = mesh.triangles[:, :, :2]
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    flat = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > 1e-9
+    if not flat.any():
+        return None
+    covered = shapely.union_all(shapely.polygons(corners[flat]), grid_size=1e-4)
+    rings = shapely.get_parts(covered)
+    filled = shapely.union_all(shapely.polygons(shapely.get_exterior_ring(rings)))
+    return filled if filled.area > 0 else None
+
+
+def other_case(path: Path) -> str:
+    """Return a fix if the file exists under a name that differs in case only, else ""."""
+    if os.path.isdir(path.parent):  # noqa: PTH112 - False where a name is too long
+        for other in path.parent.iterdir():
+            if other.name != path.name and other.name.lower() == path.name.lower():
+                return f"There is {other.name}: correct upper and lower case."
+    return ""

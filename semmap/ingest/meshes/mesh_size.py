@@ -1,0 +1,203 @@
+"""The size of a mesh file once it is loaded, computed from its structure before loading.
+
+A few hundred bytes can claim millions of vertices, or place one mesh a million times.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+from zipfile import ZipFile
+
+from defusedxml.ElementTree import iterparse
+
+from semmap.limits import MESH_BYTES, NESTING, PARTS, TRIANGLES
+
+__all__ = ["check_size"]
+
+Raise = Callable[[str, str], Exception]
+
+_SIMPLER = "Export a simpler mesh."
+
+_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+"""Bytes of glTF's component types."""
+
+_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+
+def check_size(path: Path, error: Raise) -> None:
+    """Refuse a mesh file that is larger than `semmap.limits` allow, or becomes so when loaded.
+
+    Parameters
+    ----------
+    path : a mesh file; the structure of `.3mf`, `.dae`, `.glb` and `.gltf` is read
+    error : makes the exception from a problem and how to fix it
+
+    Raises
+    ------
+    Exception
+        What `error` makes; anything where the file is malformed.
+    """
+    MESH_BYTES.check(path.stat().st_size, error, _SIMPLER)
+    check = {".3mf": _check_3mf, ".dae": _check_dae, ".glb": _check_glb, ".gltf": _check_gltf}
+    if path.suffix.lower() in check:
+        check[path.suffix.lower()](path, error)
+
+
+def _check_glb(path: Path, error: Raise) -> None:
+    with path.open("rb") as file:
+        file.seek(12)
+        length = int.from_bytes(file.read(4), "little")
+        file.seek(20)
+        _check_accessors(json.loads(file.read(length)), error)
+
+
+def _check_gltf(path: Path, error: Raise) -> None:
+    document = json.loads(path.read_bytes())
+    uris = [str(b.get("uri", "")) for b in document.get("buffers", [])]
+    beside = [path.parent / unquote(uri) for uri in uris if not uri.startswith("data:")]
+    MESH_BYTES.check(sum(p.stat().st_size for p in beside if p.is_file()), error, _SIMPLER)
+    _check_accessors(document, error)
+
+
+def _check_accessors(document: Mapping[str, Any], error: Raise) -> None:
+    """Check that each accessor has its data in the file, and the number of placed triangles."""
+    accessors: Sequence[Mapping[str, Any]] = document.get("accessors", [])
+    views: Sequence[Mapping[str, Any]] = document.get("bufferViews", [])
+    total = 0
+    for number, accessor in enumerate(accessors):
+        if "sparse" in accessor or "bufferView" not in accessor:
+            raise error(
+                f"its accessor {number} is sparse or compressed",
+                "Export it without sparse accessors and without Draco compression.",
+            )
+        item = _BYTES[accessor["componentType"]] * _COMPONENTS[accessor["type"]]
+        view = views[accessor["bufferView"]]
+        stride = view.get("byteStride", item)
+        count = accessor["count"]
+        if count < 0 or stride < item or (count - 1) * stride + item > view["byteLength"]:
+            raise error(f"its accessor {number} exceeds its buffer view", "Export it again.")
+        total += count * item
+    MESH_BYTES.check(total, error, _SIMPLER)
+
+    primitives = [mesh["primitives"] for mesh in document.get("meshes", [])]
+    corners = [sum(_vertices(each, accessors) for each in mesh) for mesh in primitives]
+    nodes: Sequence[Mapping[str, Any]] = document.get("nodes", [])
+    roots = [n for scene in document.get("scenes", []) for n in scene.get("nodes", [])]
+    placed = [*roots, *(child for node in nodes for child in node.get("children", []))]
+    meshes = [*range(len(corners)), *(nodes[n]["mesh"] for n in placed if "mesh" in nodes[n])]
+    PARTS.check(len(placed) + sum(len(primitives[m]) for m in meshes), error, _SIMPLER)
+    TRIANGLES.check(sum(corners[m] for m in meshes) / 3, error, _SIMPLER)
+    NESTING.check(_depth(nodes, roots), error, _SIMPLER, verb="nests")
+
+
+def _vertices(primitive: Mapping[str, Any], accessors: Sequence[Mapping[str, Any]]) -> int:
+    """Return the number of corners of a primitive's triangles, or of its vertices if larger."""
+    position = accessors[primitive["attributes"]["POSITION"]]["count"]
+    indices = accessors[primitive["indices"]]["count"] if "indices" in primitive else 0
+    return int(max(position, indices))
+
+
+def _depth(nodes: Sequence[Mapping[str, Any]], roots: Sequence[int]) -> int:
+    """Return how deep nodes are nested; more than the number of nodes if they form a cycle."""
+    level, depth = set(roots), 0
+    while level and depth <= len(nodes):
+        level = {child for n in level for child in nodes[n].get("children", [])}
+        depth += 1
+    return depth
+
+
+def _check_3mf(path: Path, error: Raise) -> None:
+    """Check a 3MF, whose objects place others as components: a few lines can place many meshes."""
+    with ZipFile(path) as packed:
+        members = {m.filename: m.file_size for m in packed.infolist()}
+        MESH_BYTES.check(
+            sum(members.values()), error, "Export a simpler mesh, or as binary STL.", "inflates to"
+        )
+        model = next(n for n in members if "3d/3dmodel.model" in n.lower())
+        components: dict[str, list[str]] = {}
+        triangles: dict[str, int] = {}
+        items: list[str] = []
+        referred = count = 0
+        ends = (e for event, e in _events(packed.read(model)) if event == "end")
+        for element in ends:
+            match element.tag.rpartition("}")[2]:
+                case "triangle":
+                    count += 1
+                case "component":
+                    others = (v for k, v in element.attrib.items() if k.endswith("path"))
+                    referred += sum(members.get(other.strip("/"), 0) for other in others)
+                    components.setdefault("", []).append(element.attrib["objectid"])
+                case "object":
+                    components[element.attrib["id"]] = components.pop("", [])
+                    triangles[element.attrib["id"]], count = count, 0
+                case "item":
+                    items.append(element.attrib["objectid"])
+    MESH_BYTES.check(referred, error, _SIMPLER)
+    components["world"] = items
+    PARTS.check(_placed(components, error), error, _SIMPLER)
+    TRIANGLES.check(_unfolded(components, triangles, "world"), error, _SIMPLER)
+
+
+def _check_dae(path: Path, error: Raise) -> None:
+    """Check a COLLADA file, whose nodes place others as instances."""
+    children: dict[str, list[str]] = {"world": []}
+    open_: list[str] = ["world"]
+    for event, element in _events(path.read_bytes()):
+        tag = element.tag.rpartition("}")[2]
+        if tag == "node" and event == "start":
+            name = element.attrib.get("id") or f" {len(children)}"
+            children.setdefault(name, [])
+            children[open_[-1]].append(name)
+            open_.append(name)
+            NESTING.check(len(open_), error, _SIMPLER, verb="nests")
+        elif tag == "node":
+            open_.pop()
+        elif tag == "instance_node" and event == "start":
+            children[open_[-1]].append(element.attrib.get("url", "").lstrip("#"))
+    PARTS.check(_placed(children, error), error, _SIMPLER)
+
+
+def _events(data: bytes) -> Iterator[tuple[str, Any]]:
+    """Yield starts and ends of XML elements; ended elements are freed."""
+    for event, element in iterparse(BytesIO(data), events=("start", "end"), forbid_dtd=True):
+        yield event, element
+        if event == "end":
+            element.clear()
+
+
+def _placed(parts: Mapping[str, Sequence[str]], error: Raise) -> float:
+    """Return the number of parts of the world."""
+    count = _unfolded(parts, dict.fromkeys(parts, 1), "world")
+    if math.isinf(count):
+        raise error("its parts contain each other", "Remove the cycle.")
+    return count
+
+
+def _unfolded(parts: Mapping[str, Sequence[str]], weights: Mapping[str, int], root: str) -> float:
+    """Return the weight of all parts of a root, each as often as it is placed.
+
+    Infinite where parts contain themselves.
+    """
+    whole: dict[str, float] = {}
+    entered: set[str] = set()
+    stack = [root]
+    while stack:
+        name = stack[-1]
+        inner = parts.get(name, ())
+        if name not in entered:
+            entered.add(name)
+            missing = [part for part in inner if part not in whole]
+            if not entered.isdisjoint(missing):
+                return math.inf
+            stack += missing
+            continue
+        stack.pop()
+        if name not in whole:
+            whole[name] = float(weights.get(name, 0)) + sum(whole[part] for part in inner)
+    return whole[root]

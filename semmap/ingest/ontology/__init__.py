@@ -1,0 +1,1 @@
+"""The T-Box: semantic types from ontologies."""

@@ -1,0 +1,228 @@
+"""The T-Box: semantic types and what subsumes them, from ontologies in Turtle."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+from rdflib import OWL, RDF, RDFS, SKOS, Graph, Literal, URIRef
+from rdflib.plugins.parsers.notation3 import BadSyntax
+
+from semmap.ingest.world import WorldError
+from semmap.limits import TEXT_BYTES
+
+__all__ = ["KINDS", "TypeRecord", "ontology_files", "read_tbox", "snake_case"]
+
+ENDINGS = (".ttl", ".nt")
+"""Endings of Turtle, and of N-Triples, which is a part of Turtle."""
+
+KINDS = ("room", "object", "region", "connector", "elevator", "storey", "agent")
+"""The types that are kinds of entity; each subtype is for entities of that kind."""
+
+
+@dataclass(frozen=True)
+class TypeRecord:
+    """A semantic type (Deeken et al., section 3.3, A2).
+
+    Attributes
+    ----------
+    name : local name of the class in lower snake case (``dining_table``)
+    label : its name in prose
+    iri : the class
+    parents : names of the types that subsume it directly
+    kind : the kind of entity it is for (one of `KINDS`), None for none or several
+    comment : its meaning
+    synonyms : its other names
+    """
+
+    name: str
+    label: str
+    iri: str
+    parents: tuple[str, ...]
+    kind: str | None
+    comment: str | None
+    synonyms: tuple[str, ...] = ()
+
+
+@dataclass
+class _Class:
+    path: Path
+    parents: set[URIRef]
+    label: str | None = None
+    comment: str | None = None
+    synonyms: tuple[str, ...] = ()
+
+
+def ontology_files() -> list[Path]:
+    """Return the files of the T-Box: in the installed package, or beside it in a source tree."""
+    package = Path(__file__).resolve().parents[2]
+    folders = (package / "_data" / "schema" / "ontology", package.parent / "schema" / "ontology")
+    return sorted(next((f for f in folders if f.is_dir()), folders[0]).glob("*.ttl"))
+
+
+def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
+    """Return the classes of ontology files as one hierarchy.
+
+    Classes are declared as ``rdfs:Class`` or ``owl:Class``. A superclass of another namespace that
+    no file declares is left out.
+
+    Parameters
+    ----------
+    paths : Turtle or N-Triples files, which may refer to each other
+
+    Returns
+    -------
+    list of TypeRecord
+        Each after its parents, otherwise by name.
+
+    Raises
+    ------
+    WorldError
+        A file cannot be read, two classes have one name, a superclass is not declared, or classes
+        subsume each other.
+    """
+    classes: dict[URIRef, _Class] = {}
+    for path in paths:
+        _collect(_parse(path), path, classes)
+    names = _names(classes)
+    for iri, found in classes.items():
+        _check_parents(iri, found, classes)
+    parents = {
+        names[iri]: sorted(names[p] for p in found.parents if p in classes)
+        for iri, found in classes.items()
+    }
+    iri_of = {name: iri for iri, name in names.items()}
+    records: dict[str, TypeRecord] = {}
+    kinds: dict[str, frozenset[str]] = {}
+    for name in _parents_first(parents, {n: classes[i].path for n, i in iri_of.items()}):
+        found = classes[iri_of[name]]
+        kinds[name] = frozenset({name} & set(KINDS)).union(*(kinds[p] for p in parents[name]))
+        records[name] = TypeRecord(
+            name=name,
+            label=found.label or name.replace("_", " "),
+            iri=str(iri_of[name]),
+            parents=tuple(parents[name]),
+            kind=next(iter(kinds[name])) if len(kinds[name]) == 1 else None,
+            comment=found.comment,
+            synonyms=found.synonyms,
+        )
+    return list(records.values())
+
+
+def snake_case(local_name: str) -> str:
+    """Return the name of a type from the local name of its class.
+
+    >>> snake_case("DiningTable"), snake_case("TVCabinet"), snake_case("coffee-mug")
+    ('dining_table', 'tv_cabinet', 'coffee_mug')
+    """
+    split = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", local_name)
+    return re.sub(r"\W+|_+", "_", split).strip("_").lower()
+
+
+def _parse(path: Path) -> Graph:
+    if path.suffix.lower() not in ENDINGS:
+        known = ", ".join(ENDINGS)
+        raise WorldError(
+            path, "ending", f"{path.suffix!r} is not the ending of an ontology", f"Known: {known}."
+        )
+    try:
+        TEXT_BYTES.check(
+            path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
+        )
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise WorldError(
+            path, "file", f"cannot be read ({error.strerror})", "Check the path."
+        ) from error
+    except UnicodeDecodeError as error:
+        raise WorldError(
+            path, f"byte {error.start}", "is not UTF-8", "Save it as UTF-8."
+        ) from error
+    try:
+        return Graph().parse(data=text, format="turtle")
+    except BadSyntax as error:
+        raise WorldError(
+            path,
+            f"line {error.lines + 1}",
+            f"is not Turtle: {error.message}",
+            "Correct the syntax there.",
+        ) from error
+    except Exception as error:  # rdflib's parsers raise anything, assertions too, on broken text
+        raise WorldError(
+            path,
+            "file",
+            f"is not Turtle: {str(error)[:200]}",
+            "It may be truncated: restore it, or fix its syntax.",
+        ) from error
+
+
+def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
+    """Add the classes of a file; several files may describe one class."""
+    declared = {*graph.subjects(RDF.type, RDFS.Class), *graph.subjects(RDF.type, OWL.Class)}
+    for iri in sorted(c for c in declared if isinstance(c, URIRef)):
+        found = classes.setdefault(iri, _Class(path, set()))
+        found.parents |= {
+            p
+            for p in graph.objects(iri, RDFS.subClassOf)
+            if isinstance(p, URIRef) and p != OWL.Thing
+        }
+        found.label = found.label or _text(graph, iri, RDFS.label)
+        found.comment = found.comment or _text(graph, iri, RDFS.comment)
+        found.synonyms += tuple(sorted(str(o) for o in graph.objects(iri, SKOS.altLabel)))
+
+
+def _text(graph: Graph, iri: URIRef, predicate: URIRef) -> str | None:
+    """Return a text of a class, in English if it has several languages."""
+    texts = [o for o in graph.objects(iri, predicate) if isinstance(o, Literal)]
+    texts.sort(key=lambda t: (not (t.language or "en").startswith("en"), t.language or "", str(t)))
+    return str(texts[0]) if texts else None
+
+
+def _names(classes: dict[URIRef, _Class]) -> dict[URIRef, str]:
+    names: dict[URIRef, str] = {}
+    iri_of: dict[str, URIRef] = {}
+    for iri, found in classes.items():
+        name = snake_case(re.split(r"[#/:]", str(iri))[-1])
+        if not name:
+            raise WorldError(found.path, f"class <{iri}>", "has no local name", "Give it one.")
+        if name in iri_of:
+            raise WorldError(
+                found.path,
+                f"class <{iri}>",
+                f"is named {name}, as is <{iri_of[name]}>",
+                "Rename one.",
+            )
+        names[iri], iri_of[name] = name, iri
+    return names
+
+
+def _check_parents(iri: URIRef, found: _Class, classes: dict[URIRef, _Class]) -> None:
+    for parent in sorted(found.parents - classes.keys()):
+        if _namespace(parent) == _namespace(iri):
+            raise WorldError(
+                found.path,
+                f"class <{iri}>",
+                f"its superclass <{parent}> is declared in none of the files",
+                "Declare it (a owl:Class), correct its name, or give the file that declares it.",
+            )
+
+
+def _namespace(iri: URIRef) -> str:
+    return re.sub(r"[^#/:]*$", "", str(iri))
+
+
+def _parents_first(parents: dict[str, list[str]], path_of: dict[str, Path]) -> list[str]:
+    try:
+        return list(TopologicalSorter({n: parents[n] for n in sorted(parents)}).static_order())
+    except CycleError as error:
+        cycle = error.args[1]
+        raise WorldError(
+            path_of[cycle[0]],
+            f"class {cycle[0]}",
+            f"subsumes itself: {' > '.join(cycle)}",
+            "Remove one of these rdfs:subClassOf statements.",
+        ) from error

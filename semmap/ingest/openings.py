@@ -1,0 +1,49 @@
+"""Doors and other openings: the leaf, and the poses at which a robot faces them."""
+
+from __future__ import annotations
+
+import math
+
+from shapely import MultiPolygon, Point, Polygon
+
+from semmap.geometry.mesh import box_mesh
+from semmap.geometry.pose import Pose
+from semmap.ingest.world import Shape
+
+__all__ = ["LEAF_HEIGHT", "approach_pose", "door_leaf"]
+
+LEAF_THICKNESS = 0.05
+LEAF_HEIGHT = 2.1
+"""Size of a door's leaf, metres."""
+
+APPROACH_DISTANCES = (0.6, 0.5, 0.4, 0.8, 1.0, 0.3)
+"""Metres from an opening at which a robot may face it, the preferred distance first."""
+
+
+def door_leaf(width: float) -> Shape:
+    """Return the closed leaf of a door in the door's frame: x leads through it, y along it."""
+    low = (-LEAF_THICKNESS / 2, -width / 2, 0.0)
+    return Shape("box", box_mesh(low, (LEAF_THICKNESS / 2, width / 2, LEAF_HEIGHT)))
+
+
+def approach_pose(frame: Pose, place: Polygon | MultiPolygon | None, side: int) -> Pose:
+    """Return the pose at which a robot faces an opening, in the opening's frame.
+
+    Parameters
+    ----------
+    frame : the pose of the opening, in the frame of `place`
+    place : the area in which the robot stands; None where it is unknown
+    side : -1 before the opening, 1 behind it, along x
+
+    Returns
+    -------
+    Pose
+        At the first of `APPROACH_DISTANCES` that lies in the place, else at the first of all.
+    """
+    distance = APPROACH_DISTANCES[0]
+    for each in APPROACH_DISTANCES if place is not None else ():
+        x, y, _ = frame.apply([(side * each, 0.0, 0.0)])[0]
+        if place is not None and place.contains(Point(x, y)):
+            distance = each
+            break
+    return Pose.planar(side * distance, 0.0, 0.0 if side < 0 else math.pi)

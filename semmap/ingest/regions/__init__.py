@@ -1,0 +1,1 @@
+"""Regions of a map: drawn, or found in the geometry."""

@@ -1,0 +1,36 @@
+"""Open-RMF buildings: `building.yaml` into storeys, rooms, doors, lifts, places and lanes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from semmap.ingest.rmf.alignment import align
+from semmap.ingest.rmf.building_file import Building
+from semmap.ingest.rmf.building_world import BuildingWorld
+from semmap.ingest.rmf.storey_entries import StoreyEntries
+from semmap.ingest.world import World
+
+__all__ = ["read_rmf"]
+
+
+def read_rmf(path: Path | str) -> World:
+    """Return the world of an Open-RMF building.
+
+    The map's frame is the reference level's drawing in metres, y up; the frame of a storey is the
+    same, raised to its elevation. Rooms are the faces that walls, doors and floor outlines
+    enclose. Each named vertex and each end of a lane is a region, each lane a link.
+
+    Parameters
+    ----------
+    path : a ``building.yaml``, coordinate system ``reference_image`` or ``cartesian_meters``
+
+    Raises
+    ------
+    WorldError
+        The file cannot be trusted as a whole; nothing of it is used.
+    """
+    building = Building.read(Path(path))
+    world = BuildingWorld(building, align(building))
+    for plan in building.levels.values():
+        StoreyEntries(world, plan).add_all()
+    return world.out

@@ -1,0 +1,435 @@
+"""Open-RMF ``building.yaml`` as its editor wrote it: checked, typed, still in its own units.
+
+Parameters stand in the file as ``[type, value]``; here only the value is left. In the coordinate
+system ``reference_image`` vertices are pixels with y down; here y is already up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from semmap.ingest.world import Refused, Skipped, WorldError
+from semmap.limits import TEXT_BYTES
+from semmap.yaml_file import FAST, check_structure
+
+__all__ = [
+    "Building",
+    "Edge",
+    "FloorOutline",
+    "LevelPlan",
+    "Lift",
+    "LiftDoor",
+    "RmfModel",
+    "Vertex",
+]
+
+LARGEST = 1e9
+"""Pixels, metres or radians; also excludes NaN and infinity."""
+
+COORDINATE_SYSTEMS = {"reference_image": -1.0, "cartesian_meters": 1.0}
+"""The factor by which y points up."""
+
+
+@dataclass(frozen=True)
+class Vertex:
+    """A corner or a waypoint: position in the level's drawing units, y up."""
+
+    x: float
+    y: float
+    name: str
+    params: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A wall, door, lane or measurement between two usable vertices of its level."""
+
+    start: int
+    end: int
+    params: dict[str, Any]
+    element: str
+
+
+@dataclass(frozen=True)
+class FloorOutline:
+    """The outline of a floor: the numbers of its vertices."""
+
+    vertices: tuple[int, ...]
+    element: str
+
+
+@dataclass(frozen=True)
+class RmfModel:
+    """A piece of furniture: drawing units, y up; z in metres above the level; yaw in radians."""
+
+    name: str
+    model: str
+    x: float
+    y: float
+    z: float
+    yaw: float
+    static: bool
+    element: str
+
+
+@dataclass(frozen=True)
+class LiftDoor:
+    """Metres and radians in the cabin's frame."""
+
+    name: str
+    x: float
+    y: float
+    width: float
+    yaw: float
+    type: int
+
+
+@dataclass(frozen=True)
+class Lift:
+    """Centre in the drawing units of `reference_level`, y up; width (x) and depth (y) in metres."""
+
+    name: str
+    x: float
+    y: float
+    yaw: float
+    width: float
+    depth: float
+    reference_level: str
+    initial_level: str
+    doors: dict[str, LiftDoor]
+    level_doors: dict[str, tuple[str, ...]]
+    element: str
+
+
+@dataclass
+class LevelPlan:
+    """One level. An unusable vertex is None, so that the others keep their numbers."""
+
+    name: str
+    elevation: float
+    vertices: list[Vertex | None]
+    fiducials: dict[str, tuple[float, float]]
+    measurements: list[Edge]
+    walls: list[Edge]
+    doors: list[Edge]
+    lanes: list[Edge]
+    floors: list[FloorOutline]
+    models: list[RmfModel]
+
+
+@dataclass
+class Building:
+    """A whole file; `skipped` has the elements that cannot be used."""
+
+    path: Path
+    name: str
+    in_pixels: bool
+    reference_level: str
+    levels: dict[str, LevelPlan]
+    lifts: list[Lift]
+    skipped: list[Skipped] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, path: Path) -> Building:
+        """Read and check a file.
+
+        Raises
+        ------
+        WorldError
+            It cannot be read, is not a building, or its levels are malformed.
+        """
+        return _Reader(path).building(_load(path))
+
+
+def _load(path: Path) -> dict[str, Any]:
+    def fail(element: str, problem: str, fix: str) -> WorldError:
+        return WorldError(path, element, problem, fix)
+
+    TEXT_BYTES.check(path.stat().st_size, lambda p, f: fail("file", p, f), "Is it a building.yaml?")
+    try:
+        text = path.read_text(encoding="utf-8")
+        check_structure(
+            text, lambda line, p, f: fail(f"line {line}", p, f), loader=FAST, aliases=False
+        )
+        data = yaml.load(text, Loader=FAST)
+    except UnicodeDecodeError as error:
+        raise fail(f"byte {error.start}", "is not UTF-8", "Save the file as UTF-8.") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}" if mark else "file"
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise fail(where, f"is not valid YAML: {problem}", "Is the file complete?") from None
+    except ValueError as error:
+        raise fail("file", f"has a value that YAML cannot hold: {error}", "Correct it.") from None
+    if not isinstance(data, dict):
+        raise fail("file", "is not a mapping", "Is it a building.yaml of the traffic editor?")
+    return data
+
+
+def _number(value: object, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise Refused(f"{what} is {value!r}, not a number", f"Give {what} as a number.")
+    if not abs(value) <= LARGEST:
+        raise Refused(f"{what} is too large", f"Give {what} a sensible value.")
+    return float(value)
+
+
+def _text(value: object) -> str:
+    """Return a name without characters that cannot be printed, such as NUL."""
+    return "".join(c for c in str(value) if c.isprintable()).strip()
+
+
+def _mapping(value: object, what: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise Refused(f"{what} is not a mapping", f"Write {what} as key: value pairs.")
+    return value
+
+
+def _params(value: object) -> dict[str, Any]:
+    """Return the values of ``name: [type, value]``."""
+    found: dict[str, Any] = {}
+    for name, typed in _mapping({} if value is None else value, "its parameters").items():
+        if not isinstance(typed, list) or len(typed) != 2:
+            raise Refused(f"parameter {name} is not [type, value]", "Write it as such.")
+        if isinstance(typed[1], str):
+            found[_text(name)] = _text(typed[1])
+        elif isinstance(typed[1], bool):
+            found[_text(name)] = typed[1]
+        else:
+            _number(typed[1], f"parameter {name}")
+            found[_text(name)] = typed[1]
+    return found
+
+
+class _Reader:
+    """Makes a `Building` of the loaded YAML; collects what is left out."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.skipped: list[Skipped] = []
+        self.flip = 1.0
+
+    def fail(self, element: str, problem: str, fix: str) -> WorldError:
+        return WorldError(self.path, element, problem, fix)
+
+    def building(self, data: dict[str, Any]) -> Building:
+        system = str(data.get("coordinate_system", "reference_image"))
+        if system not in COORDINATE_SYSTEMS:
+            raise self.fail(
+                "coordinate_system",
+                f"{system!r} is not read",
+                f"Save the building as one of {', '.join(COORDINATE_SYSTEMS)}.",
+            )
+        self.flip = COORDINATE_SYSTEMS[system]
+        levels = data.get("levels")
+        if not isinstance(levels, dict) or not levels:
+            problem = "is missing" if "levels" not in data else "holds no level"
+            raise self.fail("levels", problem, "Is it a building.yaml of the traffic editor?")
+        plans = {_text(name): self.level(_text(name), level) for name, level in levels.items()}
+        if "" in plans:
+            raise self.fail("levels", "has a level without a name", "Name it.")
+        reference = _text(data.get("reference_level_name") or next(iter(plans)))
+        if reference not in plans:
+            raise self.fail(
+                "reference_level_name",
+                f"{reference!r} is not a level of this building",
+                f"Name one of {', '.join(plans)}.",
+            )
+        name = _text(data.get("building_name") or data.get("name") or "") or self.path.name
+        return Building(
+            self.path,
+            name,
+            system == "reference_image",
+            reference,
+            plans,
+            list(self.lifts(data.get("lifts"), plans, reference)),
+            self.skipped,
+        )
+
+    def level(self, name: str, data: object) -> LevelPlan:
+        where = f"levels/{name}"
+        if not isinstance(data, dict):
+            raise self.fail(where, "is not a mapping", "Write the level as key: value pairs.")
+        try:
+            elevation = _number(data.get("elevation", 0.0), "elevation")
+        except Refused as error:
+            raise self.fail(f"{where}/elevation", error.problem, error.fix) from None
+
+        vertices: list[Vertex | None] = []
+        for element, item in self.items(data, where, "vertices"):
+            vertices.append(self.use(element, self.vertex, item))
+
+        def edges(key: str) -> list[Edge]:
+            found = [
+                self.use(element, self.edge, item, vertices, element)
+                for element, item in self.items(data, where, key)
+            ]
+            return [edge for edge in found if edge is not None]
+
+        fiducials: dict[str, tuple[float, float]] = {}
+        for element, item in self.items(data, where, "fiducials"):
+            named = self.use(element, self.fiducial, item)
+            if named is not None:
+                fiducials.setdefault(named[0], named[1])
+        floors = [
+            self.use(element, self.floor, item, vertices, element)
+            for element, item in self.items(data, where, "floors")
+        ]
+        models = [
+            self.use(element, self.model, item, element)
+            for element, item in self.items(data, where, "models")
+        ]
+        return LevelPlan(
+            name,
+            elevation,
+            vertices,
+            fiducials,
+            edges("measurements"),
+            edges("walls"),
+            edges("doors"),
+            edges("lanes"),
+            [floor for floor in floors if floor is not None],
+            [model for model in models if model is not None],
+        )
+
+    def items(self, data: dict[str, Any], where: str, key: str) -> Iterator[tuple[str, Any]]:
+        """Yield the elements of a list, with their paths; the list may be missing or empty."""
+        found = data.get(key)
+        if found is None or found == {}:
+            return
+        if not isinstance(found, list):
+            raise self.fail(f"{where}/{key}", "is not a list", "Write one element a line.")
+        for number, item in enumerate(found):
+            yield f"{where}/{key}[{number}]", item
+
+    def use(self, element: str, parse: Any, *arguments: Any) -> Any:
+        """Return the result of `parse`, or None, with the reason in `skipped`."""
+        try:
+            return parse(*arguments)
+        except Refused as error:
+            self.skipped.append(Skipped(element, error.problem, error.fix))
+            return None
+
+    def vertex(self, item: object) -> Vertex:
+        if not isinstance(item, list) or len(item) < 2:
+            raise Refused("is not [x, y, z, name]", "Write it as such.")
+        name = _text(item[3]) if len(item) > 3 and item[3] is not None else ""
+        params = _params(item[4] if len(item) > 4 else None)
+        return Vertex(_number(item[0], "x"), self.flip * _number(item[1], "y"), name, params)
+
+    def edge(self, item: object, vertices: list[Vertex | None], element: str) -> Edge:
+        if not isinstance(item, list) or len(item) < 2:
+            raise Refused("is not [start, end, parameters]", "Write it as such.")
+        start, end = (self.reference(i, vertices) for i in item[:2])
+        return Edge(start, end, _params(item[2] if len(item) > 2 else None), element)
+
+    def reference(self, index: object, vertices: list[Vertex | None]) -> int:
+        if isinstance(index, bool) or not isinstance(index, int):
+            raise Refused(f"refers to vertex {index!r}", "Refer by number.")
+        if not 0 <= index < len(vertices):
+            raise Refused(
+                f"refers to vertex {index}, which does not exist", "Draw it again between vertices."
+            )
+        if vertices[index] is None:
+            raise Refused(f"refers to vertex {index}, which is unusable", "Correct the vertex.")
+        return index
+
+    def floor(self, item: object, vertices: list[Vertex | None], element: str) -> FloorOutline:
+        corners = _mapping(item, "it").get("vertices")
+        if not isinstance(corners, list) or len(corners) < 3:
+            raise Refused("has fewer than three vertices", "Draw the floor as a polygon.")
+        return FloorOutline(tuple(self.reference(i, vertices) for i in corners), element)
+
+    def model(self, item: object, element: str) -> RmfModel:
+        data = _mapping(item, "it")
+        model = _text(data.get("model_name") or data.get("name") or "")
+        if not model:
+            raise Refused("has no model_name", "Name the model.")
+        return RmfModel(
+            _text(data.get("name") or model) or model,
+            model,
+            _number(data.get("x"), "x"),
+            self.flip * _number(data.get("y"), "y"),
+            _number(data.get("z", 0.0), "z"),
+            _number(data.get("yaw", 0.0), "yaw"),
+            bool(data.get("static", True)),
+            element,
+        )
+
+    def fiducial(self, item: object) -> tuple[str, tuple[float, float]]:
+        if not isinstance(item, list) or len(item) < 3:
+            raise Refused("is not [x, y, name]", "Write it as such.")
+        return _text(item[2]), (_number(item[0], "x"), self.flip * _number(item[1], "y"))
+
+    def lifts(self, data: object, plans: dict[str, LevelPlan], reference: str) -> Iterator[Lift]:
+        if data is None:
+            return
+        if not isinstance(data, dict):
+            raise self.fail("lifts", "is not a mapping", "Write name: {...} for each lift.")
+        for name, item in data.items():
+            lift = self.use(f"lifts/{name}", self.lift, _text(name), item, plans, reference)
+            if lift is not None:
+                yield lift
+
+    def lift(self, name: str, item: object, plans: dict[str, LevelPlan], reference: str) -> Lift:
+        data = _mapping(item, "it")
+        if not name:
+            raise Refused("has no name", "Name the lift.")
+        level = _text(data.get("reference_floor_name") or reference)
+        if level not in plans:
+            raise Refused(f"refers to level {level!r}", f"Name one of {', '.join(plans)}.")
+        width, depth = (_number(data.get(key), key) for key in ("width", "depth"))
+        if width <= 0 or depth <= 0:
+            raise Refused(f"measures {width} x {depth} m", "Give it a size above zero.")
+        doors: dict[str, LiftDoor] = {}
+        for key, value in _mapping(data.get("doors") or {}, "doors").items():
+            door = self.use(f"lifts/{name}/doors/{key}", self.lift_door, _text(key), value)
+            if door is not None:
+                doors[_text(key)] = door
+        served: dict[str, tuple[str, ...]] = {}
+        for key, value in _mapping(data.get("level_doors") or {}, "level_doors").items():
+            element = f"lifts/{name}/level_doors/{key}"
+            if _text(key) not in plans:
+                fix = f"Name one of {', '.join(plans)}."
+                self.skipped.append(Skipped(element, "is not a level of this building", fix))
+                continue
+            names = [_text(v) for v in value] if isinstance(value, list) else []
+            unknown = [n for n in names if n not in doors]
+            if unknown:
+                self.skipped.append(
+                    Skipped(
+                        element,
+                        f"names doors that the lift does not have: {unknown}",
+                        "Correct the name.",
+                    )
+                )
+            served[_text(key)] = tuple(n for n in names if n in doors)
+        if not served:
+            raise Refused("serves no level", "Give it doors in the traffic editor.")
+        return Lift(
+            name,
+            _number(data.get("x"), "x"),
+            self.flip * _number(data.get("y"), "y"),
+            _number(data.get("yaw", 0.0), "yaw"),
+            width,
+            depth,
+            level,
+            _text(data.get("initial_floor_name") or next(iter(served))),
+            doors,
+            served,
+            f"lifts/{name}",
+        )
+
+    def lift_door(self, name: str, item: object) -> LiftDoor:
+        data = _mapping(item, "it")
+        width = _number(data.get("width"), "width")
+        if width <= 0:
+            raise Refused(f"is {width} m wide", "Give it a width above zero.")
+        yaw = _number(data.get("motion_axis_orientation", 0.0), "motion_axis_orientation")
+        x, y = (_number(data.get(key), key) for key in ("x", "y"))
+        return LiftDoor(name, x, y, width, yaw, int(_number(data.get("door_type", 0), "door_type")))

@@ -1,0 +1,85 @@
+"""The world that a building becomes: its entries under unique names, and what is left out."""
+
+from __future__ import annotations
+
+from semmap.geometry.pose import Pose
+from semmap.ingest.naming import unique_name
+from semmap.ingest.rmf.alignment import Alignment
+from semmap.ingest.rmf.building_file import Building, LevelPlan, Lift
+from semmap.ingest.world import OUTSIDE, Entry, Kind, Skipped, World
+
+__all__ = ["WALL_HEIGHT", "BuildingWorld"]
+
+WALL_HEIGHT = 2.5
+"""The height at which the traffic editor's own world generator builds walls, metres."""
+
+
+class BuildingWorld:
+    """A world that grows storey by storey.
+
+    Attributes
+    ----------
+    out : the world so far, with its storeys and elevators
+    storeys, elevators : names of their entries, by the names of levels and lifts
+    """
+
+    def __init__(self, building: Building, alignment: Alignment) -> None:
+        self.building = building
+        self.alignment = alignment
+        self.out = World(building.name, building.path, skipped=building.skipped)
+        self.out.notes += alignment.notes
+        self._names: dict[str, Kind | None] = {OUTSIDE: None}
+        self.storeys = {
+            plan.name: self.add(Entry(plan.name, "storey", "storey", pose=Pose(z=plan.elevation)))
+            for plan in building.levels.values()
+        }
+        self.elevators = {lift.name: self._add_elevator(lift) for lift in building.lifts}
+
+    def add(self, entry: Entry, suffix: str = "") -> str:
+        """Add an entry under a free name and return that name.
+
+        Parameters
+        ----------
+        suffix : appended to the name if an entry of another kind has it
+        """
+        wanted = free = entry.name
+        if self._names.get(wanted, entry.kind) != entry.kind:
+            free += suffix
+        entry.name = unique_name(free, self._names)
+        if entry.name != wanted:
+            entry.label = entry.label or wanted
+            if entry.kind != "object":
+                self.out.notes.append(f"{wanted}: the name is taken, becomes {entry.name}")
+        self._names[entry.name] = entry.kind
+        self.out.entries.append(entry)
+        return entry.name
+
+    def skip(self, element: str, problem: str, fix: str) -> None:
+        """Leave an element out."""
+        self.out.skipped.append(Skipped(element, problem, fix))
+
+    def height(self, plan: LevelPlan) -> float:
+        """Return the height of walls and rooms: `WALL_HEIGHT`, or up to the next level if lower."""
+        above = [o.elevation - plan.elevation for o in self.building.levels.values()]
+        return min([WALL_HEIGHT, *(gap for gap in above if gap > 0)])
+
+    def lift_pose(self, lift: Lift) -> Pose:
+        """Return the pose of a cabin in the frame of any storey."""
+        to_map = self.alignment.levels[lift.reference_level]
+        (x, y), *_ = to_map.apply([(lift.x, lift.y)])
+        return Pose.planar(float(x), float(y), lift.yaw)
+
+    def _add_elevator(self, lift: Lift) -> str:
+        pose = self.lift_pose(lift)
+        initial = self.building.levels.get(lift.initial_level)
+        z = initial.elevation if initial else 0.0
+        properties = {
+            "levels": list(lift.level_doors),
+            "initial_level": lift.initial_level,
+            "width": lift.width,
+            "depth": lift.depth,
+        }
+        placed = Pose.planar(pose.x, pose.y, lift.yaw, z)
+        return self.add(
+            Entry(lift.name, "elevator", "elevator", properties=properties, pose=placed)
+        )

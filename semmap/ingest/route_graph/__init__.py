@@ -1,0 +1,1 @@
+"""Route graphs of Nav2."""

@@ -1,0 +1,261 @@
+"""Route graphs drawn for Nav2's route server (GeoJSON), as regions and links.
+
+Each node is a region of type waypoint, held by the room that it lies in; each edge is a link
+`nav2_edge` from node to node with its cost and its other properties. A node at which a robot
+stands before a connector has a link `stands_before` to that connector.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from semmap.geometry.pose import Pose
+from semmap.ingest.annotation.feature_file import checked_property, parse_json
+from semmap.ingest.naming import unique_name
+from semmap.ingest.world import Entry, Refused, Skipped, World, WorldError, WorldLink
+from semmap.limits import EXTENT, TEXT_BYTES
+
+__all__ = ["EDGE", "is_route_graph", "read_route_graph"]
+
+EDGE = "nav2_edge"
+"""The relation of a link that is an edge."""
+
+
+MOST_IDS = 65_535
+"""Nav2's messages hold ids as uint16."""
+
+
+LINES = ("LineString", "MultiLineString")
+TRIGGERS = ("NODE", "ON_ENTER", "ON_EXIT")
+ENDS = ("startid", "endid")
+
+
+def is_route_graph(path: Path) -> bool:
+    """Return whether a line of a GeoJSON file has `startid` and `endid`: no annotation has."""
+    try:
+        large = TEXT_BYTES.exceeded_by(path.stat().st_size)  # refused when it is read
+        if large or path.suffix.lower() == ".gpkg" or b'"startid"' not in path.read_bytes():
+            return False
+    except OSError:
+        return False
+    root = parse_json(path)
+    features = root.get("features") if isinstance(root, dict) else None
+    return isinstance(features, list) and any(
+        _kind(f) in LINES and all(key in _properties(f) for key in ENDS) for f in features
+    )
+
+
+def read_route_graph(path: Path) -> World:
+    """Return the world of a route graph; refuse a file that Nav2's loader would refuse.
+
+    A node's name is that in its metadata or properties, else ``FILE-nodeID``; its heading is `yaw`
+    of its metadata, radians. Its height is its third coordinate, else that of the storey named by
+    `storey` (of its metadata or properties, or beside `features`), or by its frame (the storey's
+    name, or ``map_STOREY``): see `settle_nodes`. Coordinates are metres in the map's frame.
+
+    Raises
+    ------
+    WorldError
+        The file is malformed; the message names the feature at fault.
+    """
+    return _Reader(path).world()
+
+
+def _properties(feature: Any) -> Mapping[str, Any]:
+    properties = feature.get("properties") if isinstance(feature, dict) else None
+    return properties if isinstance(properties, dict) else {}
+
+
+def _kind(feature: Any) -> str | None:
+    geometry = feature.get("geometry") if isinstance(feature, dict) else None
+    kind = geometry.get("type") if isinstance(geometry, dict) else None
+    return kind if isinstance(kind, str) else None
+
+
+class _Reader:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.root = parse_json(path)
+        self.out = World(path.stem, path)
+        self.nodes: dict[int, str] = {}
+        self.names: set[str] = set()
+        self.edges: set[int] = set()
+        if self.root.get("crs") is not None:
+            self.out.notes.append(
+                "the CRS is ignored: coordinates are metres of the map's own frame"
+            )
+
+    def world(self) -> World:
+        features = list(enumerate(self.root["features"]))
+        nodes = [(n, f) for n, f in features if _kind(f) == "Point"]
+        edges = [(n, f) for n, f in features if _kind(f) in LINES]
+        for number, feature in features:
+            if _kind(feature) not in ("Point", *LINES):
+                self.out.skipped.append(
+                    Skipped(
+                        f"features[{number}]",
+                        f"is {_kind(feature) or 'without geometry'}, not a node or edge",
+                        "Draw nodes as points and edges as lines, the rest in another file.",
+                    )
+                )
+        if not nodes:
+            raise WorldError(self.path, "features", "contain no node", "Draw nodes as points.")
+        for number, feature in nodes:
+            self.attempt(f"features[{number}] (node {_id_of(feature)})", self.node, feature)
+        for number, feature in edges:
+            self.attempt(f"features[{number}] (edge {_id_of(feature)})", self.edge, feature)
+        return self.out
+
+    def attempt(self, where: str, read: Any, feature: Any) -> None:
+        try:
+            read(feature)
+        except Refused as refused:
+            raise WorldError(self.path, where, refused.problem, refused.fix) from None
+
+    def node(self, feature: Any) -> None:
+        given = _properties(feature)
+        number = _id(given, "id")
+        if number in self.nodes:
+            raise Refused(
+                f"its id {number} is also that of another node", "Give each node its own id."
+            )
+        about, metadata = _about(given), _metadata(given)
+        frame = given.get("frame", "map")
+        if not isinstance(frame, str):
+            raise Refused(f"its frame is {frame!r}", "Give a name, or leave it out.")
+        x, y, *z = _position(feature["geometry"].get("coordinates"))
+        yaw = metadata.get("yaw", 0.0)
+        if isinstance(yaw, bool) or not isinstance(yaw, int | float):
+            raise Refused(f"its yaw is {yaw!r}", "Give radians, or leave it out.")
+        name = next((n for n in (metadata.get("name"), given.get("name")) if n is not None), None)
+        if name is not None and (not isinstance(name, str) or not name.strip()):
+            raise Refused(f"its name is {name!r}", "Give a text, or leave it out.")
+        storey = metadata.get("storey", given.get("storey", self.root.get("storey")))
+        if storey is not None and not isinstance(storey, str):
+            raise Refused(f"its storey is {storey!r}", "Give its name, or leave it out.")
+        about |= {"id": number, "frame": frame, "metadata": metadata}
+        about |= {"storey": storey} if storey is not None else {}
+        self.nodes[number] = unique_name(
+            name.strip() if name else f"{self.path.stem}-node{number}", self.names
+        )
+        self.names.add(self.nodes[number])
+        self.out.entries.append(
+            Entry(
+                self.nodes[number],
+                "region",
+                "waypoint",
+                properties=about | ({"z_said": True} if z else {}),
+                pose=Pose.planar(x, y, float(yaw), z[0] if z else 0.0),
+            )
+        )
+
+    def edge(self, feature: Any) -> None:
+        given = _properties(feature)
+        number = _id(given, "id")
+        if number in self.edges:
+            raise Refused(
+                f"its id {number} is also that of another edge", "Give each edge its own id."
+            )
+        self.edges.add(number)
+        start, end = (_id(given, key) for key in ENDS)
+        for key, node in zip(ENDS, (start, end), strict=True):
+            if node not in self.nodes:
+                raise Refused(
+                    f"its {key} is {node}, which is not a node",
+                    "Draw that node, or correct the id.",
+                )
+        about = _about(given) | {"id": number, "metadata": _metadata(given)}
+        about |= {"cost": _cost(given), "overridable": given.get("overridable", True)}
+        if not isinstance(about["overridable"], bool):
+            raise Refused(f"overridable is {about['overridable']!r}", "Give true or false.")
+        ends = (self.nodes[start], self.nodes[end])
+        for link in self.out.links:
+            if (link.subject, link.object) == ends:  # nodes that several edges join have one link
+                link.properties.setdefault("also", []).append(about)
+                return
+        self.out.links.append(WorldLink(ends[0], EDGE, ends[1], about))
+
+
+def _id_of(feature: Any) -> Any:
+    return _properties(feature).get("id", "without id")
+
+
+def _id(given: Mapping[str, Any], key: str) -> int:
+    value = given.get(key)
+    whole = isinstance(value, int | float) and not isinstance(value, bool) and value == value // 1
+    if not whole or not 0 <= value <= MOST_IDS:  # type: ignore[operator]
+        problem = f"has no {key}" if value is None else f"its {key} is {value!r}"
+        raise Refused(problem, f"Give a whole number from 0 to {MOST_IDS}.")
+    return int(value)  # type: ignore[arg-type]
+
+
+def _position(coordinates: Any) -> list[float]:
+    numbers = [
+        float(c)
+        for c in (coordinates if isinstance(coordinates, list) else [])
+        if isinstance(c, int | float) and not isinstance(c, bool) and not EXTENT.exceeded_by(abs(c))
+    ]
+    if len(numbers) < 2 or len(numbers) != len(coordinates):
+        raise Refused(
+            f"has the position {str(coordinates)[:60]}",
+            f"Give x and y in metres of the map's frame, within {EXTENT.value:,.0f} m. "
+            f"{EXTENT.variable} raises the limit.",
+        )
+    return numbers[:3]
+
+
+def _cost(given: Mapping[str, Any]) -> float:
+    cost = given.get("cost", 0.0)
+    if isinstance(cost, bool) or not isinstance(cost, int | float) or not 0 <= cost < math.inf:
+        raise Refused(f"its cost is {cost!r}", "Give a number from zero up, or leave it out.")
+    return float(cost)
+
+
+def _about(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the checked operations and the properties that the format does not define."""
+    known = ("id", "frame", "metadata", "operations", "cost", "overridable", "name", *ENDS)
+    about = {k: checked_property(v, k) for k, v in given.items() if k not in known}
+    about = {k: v for k, v in about.items() if v is not None}
+    operations = given.get("operations")
+    if operations is None:
+        return about
+    if not isinstance(operations, dict):
+        raise Refused("its operations are not an object", "Write them as name: {type, trigger}.")
+    for name, operation in operations.items():
+        if not isinstance(operation, dict) or not isinstance(operation.get("type"), str):
+            raise Refused(f"its operation {name} has no type", "Name the route server's plugin.")
+        if operation.get("trigger") not in TRIGGERS:
+            raise Refused(
+                f"the trigger of its operation {name} is {operation.get('trigger')!r}",
+                f"Use one of {', '.join(TRIGGERS)}.",
+            )
+        _metadata(operation)
+    return about | {"operations": checked_property(operations, "operations")}
+
+
+def _metadata(given: Mapping[str, Any]) -> dict[str, Any]:
+    metadata = given.get("metadata")
+    if metadata is None:
+        return {}
+    if not isinstance(metadata, dict):
+        raise Refused("its metadata is not an object", "Write it as name: value.")
+    checked_property(metadata, "metadata")
+    _check_primitives(metadata, "metadata")
+    return metadata
+
+
+def _check_primitives(metadata: Mapping[str, Any], where: str) -> None:
+    """Refuse null, and arrays of anything but primitives: Nav2's loader fails on them."""
+    for key, value in metadata.items():
+        if isinstance(value, dict):
+            _check_primitives(value, f"{where}.{key}")
+            continue
+        for inner in value if isinstance(value, list) else [value]:
+            if not isinstance(inner, bool | int | float | str):
+                given = "null" if inner is None else "an array of arrays or objects"
+                raise Refused(
+                    f"{where}.{key} is {given}, which makes Nav2's loader fail", "Remove it."
+                )

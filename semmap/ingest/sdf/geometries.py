@@ -1,0 +1,203 @@
+"""SDF geometries as triangle meshes, in the frame of their visual or collision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import shapely
+import trimesh
+from numpy.typing import NDArray
+
+from semmap.geometry.mesh import Mesh, box_mesh, join, prism_mesh
+from semmap.geometry.pose import IDENTITY
+from semmap.ingest.meshes.mesh_file import MeshFileError, read_mesh
+from semmap.ingest.sdf.resources import Resources
+from semmap.ingest.sdf.values import Unusable, flag, numbers
+from semmap.limits import EXTENT, VERTICES
+
+__all__ = ["Geometries"]
+
+SMALLEST = 1e-6
+"""Least size of a solid, metres: smaller ones cannot be computed with."""
+
+SECTIONS = 32
+"""Corners of the polygon that approximates the circle of a cylinder, cone or capsule."""
+
+
+class Geometries:
+    """Makes meshes of `<geometry>` elements, each mesh file read once.
+
+    Parameters
+    ----------
+    resources : finds the files
+    """
+
+    def __init__(self, resources: Resources) -> None:
+        self._resources = resources
+        self._files: dict[tuple[Path, str | None, bool], Mesh | MeshFileError] = {}
+
+    def mesh(self, geometry: Element | None, named_in: Path, where: str) -> Mesh:
+        """Return the surface of a geometry.
+
+        Raises
+        ------
+        Unusable
+            Its kind is not supported, its numbers are wrong, or its file is missing.
+        """
+        shape = None if geometry is None else next(iter(geometry), None)
+        if geometry is None or shape is None:
+            raise Unusable(where, "it has no geometry", "Add one, or remove the element.")
+        if shape.tag == "mesh":
+            mesh = self._from_file(shape, named_in, where)
+        elif shape.tag == "polyline":
+            mesh = _polylines(list(geometry.iterfind("polyline")), f"{where}: polyline")
+        elif shape.tag in _SOLIDS:
+            mesh = _SOLIDS[shape.tag](shape, f"{where}: {shape.tag}")
+        else:
+            raise Unusable(
+                where,
+                f"<{shape.tag}> is not a supported surface",
+                f"Use one of mesh, polyline, {', '.join(_SOLIDS)}.",
+            )
+        if not len(mesh.faces):
+            raise Unusable(where, "it is too small to have a surface", "Correct size or scale.")
+        _check_extent(float(np.abs(mesh.vertices).max()), where)
+        return mesh
+
+    def _from_file(self, shape: Element, named_in: Path, where: str) -> Mesh:
+        uri = (shape.findtext("uri") or "").strip()
+        path = self._resources.find(uri, named_in, where)
+        scale = shape.find("scale")
+        x, y, z = (1.0, 1.0, 1.0) if scale is None else numbers(scale, 3, f"{where}: scale")
+        if not (x and y and z):
+            raise Unusable(f"{where}: scale", "a factor of 0 flattens the mesh", "Correct it.")
+        submesh = shape.find("submesh")
+        part = None if submesh is None else (submesh.findtext("name") or "").strip() or None
+        center = submesh is not None and flag(submesh.findtext("center")) is True
+        mesh = self._read(path, part, center)
+        if isinstance(mesh, MeshFileError):
+            raise Unusable(where, f"{uri} {mesh.problem}", mesh.fix)
+        return mesh if x == y == z == 1.0 else mesh.moved(IDENTITY, (x, y, z))
+
+    def _read(self, path: Path, part: str | None, center: bool) -> Mesh | MeshFileError:
+        key = (path, part, center)
+        if key not in self._files:
+            try:
+                self._files[key] = read_mesh(path, part=part, center=center, dae_up_axis=False)
+            except MeshFileError as error:
+                self._files[key] = error
+        return self._files[key]
+
+
+def _size(shape: Element, name: str, where: str) -> float:
+    (value,) = numbers(shape.find(name), 1, f"{where}: {name}")
+    return _positive((value,), f"{where}: {name}")[0]
+
+
+def _positive(values: tuple[float, ...], where: str) -> tuple[float, ...]:
+    if min(values) < SMALLEST:
+        raise Unusable(where, f"sizes must be at least {SMALLEST:g} m", "Correct the size.")
+    _check_extent(max(values), where)
+    return values
+
+
+def _check_extent(reach: float, where: str) -> None:
+    EXTENT.check(reach, partial(Unusable, where), "Correct size or scale.", "it measures")
+
+
+def _box(shape: Element, where: str) -> Mesh:
+    x, y, z = _positive(numbers(shape.find("size"), 3, f"{where}: size"), where)
+    return box_mesh((-x / 2, -y / 2, -z / 2), (x / 2, y / 2, z / 2))
+
+
+def _sphere(shape: Element, where: str) -> Mesh:
+    return _ball((_size(shape, "radius", where),) * 3)
+
+
+def _ellipsoid(shape: Element, where: str) -> Mesh:
+    return _ball(_positive(numbers(shape.find("radii"), 3, f"{where}: radii"), where))
+
+
+def _cylinder(shape: Element, where: str) -> Mesh:
+    r, h = _size(shape, "radius", where), _size(shape, "length", where)
+    return _of(trimesh.creation.cylinder(radius=r, height=h, sections=SECTIONS))
+
+
+def _cone(shape: Element, where: str) -> Mesh:
+    r, h = _size(shape, "radius", where), _size(shape, "length", where)
+    cone = _of(trimesh.creation.cone(radius=r, height=h, sections=SECTIONS))
+    return Mesh(cone.vertices - (0, 0, h / 2), cone.faces)
+
+
+def _capsule(shape: Element, where: str) -> Mesh:
+    r, h = _size(shape, "radius", where), _size(shape, "length", where)
+    capsule = _of(trimesh.creation.capsule(height=h, radius=r, count=[SECTIONS, SECTIONS]))
+    ends = np.stack([capsule.vertices.min(axis=0), capsule.vertices.max(axis=0)])
+    return Mesh(capsule.vertices - ends.mean(axis=0), capsule.faces)
+
+
+def _plane(shape: Element, where: str) -> Mesh:
+    """The rectangle of a plane's `<size>`, about the origin, facing along its `<normal>`."""
+    x, y = _positive(numbers(shape.find("size"), 2, f"{where}: size"), where)
+    element = shape.find("normal")
+    n = np.array((0, 0, 1) if element is None else numbers(element, 3, f"{where}: normal"), float)
+    if not n.any():
+        raise Unusable(f"{where}: normal", "it is zero", "Give the direction the plane faces.")
+    turn = _rotation_from_z(n / np.linalg.norm(n))
+    corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]]) / 2
+    return Mesh(corners @ turn.T, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
+
+
+def _polylines(shapes: list[Element], where: str) -> Mesh:
+    """Outlines of `<point>`s, extruded from 0 to `<height>`; one in another is a hole."""
+    outline: shapely.Geometry = shapely.Polygon()
+    for shape in shapes:
+        points = [numbers(p, 2, f"{where}: point") for p in shape.findall("point")]
+        VERTICES.check(len(points), partial(Unusable, where), "Simplify it.", "an outline has")
+        ring = shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
+        if not ring.is_valid or ring.area == 0 or EXTENT.exceeded_by(max(map(abs, ring.bounds))):
+            raise Unusable(
+                where,
+                "an outline needs three points, a finite area, and may not cross itself",
+                "Correct its points.",
+            )
+        outline = shapely.symmetric_difference(outline, ring)
+    height = _size(shapes[0], "height", where)
+    polygons = [p for p in shapely.get_parts(outline) if p.geom_type == "Polygon" and p.area > 0]
+    if not polygons:
+        raise Unusable(where, "its outlines cancel out", "Remove the repeated outline.")
+    return join([prism_mesh(polygon, 0.0, height) for polygon in polygons])
+
+
+_SOLIDS: dict[str, Callable[[Element, str], Mesh]] = {
+    "box": _box,
+    "cylinder": _cylinder,
+    "sphere": _sphere,
+    "ellipsoid": _ellipsoid,
+    "capsule": _capsule,
+    "cone": _cone,
+    "plane": _plane,
+}
+"""The shapes that are not read from files, by element."""
+
+
+def _ball(radii: tuple[float, ...]) -> Mesh:
+    ball = _of(trimesh.creation.icosphere(subdivisions=2, radius=1.0))
+    return Mesh(ball.vertices * np.asarray(radii), ball.faces)
+
+
+def _of(solid: trimesh.Trimesh) -> Mesh:
+    return Mesh(np.asarray(solid.vertices, dtype=float), np.asarray(solid.faces, dtype=np.int32))
+
+
+def _rotation_from_z(n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (3, 3) rotation that turns z into the unit vector `n` by the shortest way."""
+    if n[2] < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    v = np.array([[0, 0, n[0]], [0, 0, n[1]], [-n[0], -n[1], 0]])
+    turn: NDArray[np.float64] = np.eye(3) + v + v @ v / (1 + n[2])
+    return turn

@@ -1,0 +1,313 @@
+"""SDF models with their includes and nested models, baked into one shape each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Literal, get_args
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from semmap.geometry.mesh import Mesh, join
+from semmap.geometry.pose import IDENTITY, Pose
+from semmap.ingest.naming import unique_name
+from semmap.ingest.sdf.frames import Frames
+from semmap.ingest.sdf.geometries import Geometries
+from semmap.ingest.sdf.resources import Resources, model_name
+from semmap.ingest.sdf.values import Unusable, flag, leaving_out, local_pose
+from semmap.ingest.world import Shape, Skipped, World, WorldError
+from semmap.ingest.xml_file import read_xml
+from semmap.limits import EXTENT, NESTING, PARTS, TRIANGLES
+
+__all__ = ["Instance", "Models", "Role", "SdfFile", "SdfModel"]
+
+Role = Literal["visual", "collision"]
+
+MODEL_FRAME = "__model__"
+
+
+@dataclass(frozen=True)
+class SdfFile:
+    """The file being read, and those that include it, outermost first; `depth` counts models."""
+
+    path: Path
+    chain: tuple[Path, ...] = ()
+    depth: int = 0
+
+    def included(self, path: Path) -> SdfFile:
+        """Return the file to which an include in this file leads."""
+        return SdfFile(path, (*self.chain, self.path.resolve()), self.depth)
+
+    def __str__(self) -> str:
+        """Return the prefix for elements of an included file; empty for the world's own file."""
+        return f"{self.path.parent.name}/{self.path.name}: " if self.chain else ""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A visual or collision, and its pose in the model's frame."""
+
+    role: Role
+    pose: Pose
+    geometry: Element | None
+    path: Path
+    where: str
+
+    def holds(self, tag: str) -> bool:
+        """Return whether its geometry is an element of this name."""
+        return self.geometry is not None and self.geometry.find(tag) is not None
+
+    @property
+    def is_level_box(self) -> bool:
+        """Whether it is a box whose edges lie along the model's axes."""
+        turned = np.abs(self.pose.rotation)
+        return self.holds("box") and bool(np.allclose(np.sort(turned), [0, 0, 1], atol=1e-9))
+
+
+@dataclass
+class SdfModel:
+    """The content of a `<model>`, shared by its instances.
+
+    `source` is the name of the model file that it was made from, its own name for an inline model.
+    """
+
+    name: str
+    source: str
+    frames: Frames
+    pose: Pose = IDENTITY
+    relative_to: str = ""
+    static: bool = False
+    parts: list[_Part] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A model, and its pose in the scope around it (the world, an outer model)."""
+
+    name: str
+    model: SdfModel
+    pose: Pose
+    relative_to: str
+    static: bool
+
+
+class Models:
+    """Reads models, each file once, and bakes them, each shape once.
+
+    Parameters
+    ----------
+    world : records what is left out
+    resources : finds the files
+    """
+
+    def __init__(self, world: World, resources: Resources) -> None:
+        self._world, self._resources = world, resources
+        self._geometries = Geometries(resources)
+        self._files: dict[Path, SdfModel] = {}
+        self._baked: dict[tuple[tuple[int, Pose], ...], Mesh | None] = {}
+
+    # Reading
+
+    def instances(self, scope: Element, frames: Frames, source: SdfFile) -> list[Instance]:
+        """Return the models and includes in a scope; add their frames under unique names."""
+        found = []
+        for element in scope:
+            if element.tag not in ("model", "include"):
+                continue
+            with leaving_out(self._world.skipped):
+                read = self._inline if element.tag == "model" else self._include
+                instance = read(element, source)
+                name = unique_name(instance.name, frames)
+                if name != instance.name:
+                    self._world.notes.append(f"{source}another {instance.name} is called {name}")
+                frames.add(name, instance.pose, instance.relative_to, instance.model.frames)
+                if flag(element.get("merge")):
+                    for inner in instance.model.frames.names():
+                        if inner not in frames:
+                            frames.add(inner, IDENTITY, f"{name}::{inner}")
+                found.append(replace(instance, name=name))
+        return found
+
+    def _inline(self, element: Element, source: SdfFile) -> Instance:
+        model = self._read(element, source)
+        return Instance(model.name, model, model.pose, model.relative_to, model.static)
+
+    def _include(self, element: Element, source: SdfFile) -> Instance:
+        uri = (element.findtext("uri") or "").strip()
+        given = (element.findtext("name") or "").strip()
+        name = model_name(uri)
+        where = f"{source}include {given or name}".rstrip()
+        if not name:
+            raise Unusable(where, "it has no <uri>", "Name the model that it includes.")
+        model = SdfModel(name, name, Frames(source.path, f"model {name}", MODEL_FRAME))
+        with leaving_out(self._world.skipped):  # without the model, its name and pose are known
+            model = self._file(uri, source, where)
+        static = flag(element.findtext("static"))
+        pose, relative_to = model.pose, ""
+        if element.find("pose") is not None:
+            local, relative_to = local_pose(element, where)
+            placement = element.findtext("placement_frame") or element.get("placement_frame")
+            pose = _placed(local, model.frames, placement)
+        return Instance(
+            given or model.name,
+            model,
+            pose,
+            relative_to,
+            model.static if static is None else static,
+        )
+
+    def _file(self, uri: str, source: SdfFile, where: str) -> SdfModel:
+        path = self._resources.model_file(uri, source.path, where)
+        key = path.resolve()
+        if key in (*source.chain, source.path.resolve()):
+            raise WorldError(
+                source.path,
+                where,
+                f"{uri} leads back to {path.name}, which includes this file",
+                "Remove one of the includes in the circle.",
+            )
+        if key not in self._files:
+            root = read_xml(path, ("sdf",))
+            element = root.find("model")
+            if element is None:
+                held = ", ".join(f"<{e.tag}>" for e in root) or "nothing"
+                raise Unusable(where, f"{uri} holds {held}", "Include a file that holds a <model>.")
+            model = self._read(element, source.included(path))
+            self._files[key] = replace(model, source=model_name(uri))
+        return self._files[key]
+
+    def _read(self, element: Element, source: SdfFile) -> SdfModel:
+        name = element.get("name", "").strip() or "model"
+        where = f"{source}model {name}"
+        source = replace(source, depth=source.depth + 1)
+        refused = partial(WorldError, source.path, where)
+        NESTING.check(source.depth, refused, "Nest models less deeply.", "nests models:")
+        frames = Frames(source.path, where, MODEL_FRAME)
+        nested = self.instances(element, frames, source)
+        links = self.add_frames(element, frames, where)
+        frames.check()
+        parts = self._parts(links, frames, source.path, where)
+        count = len(parts) + sum(len(n.model.parts) for n in nested)
+        PARTS.check(count, refused, "Split it, or nest fewer models.")
+        for instance in nested:
+            with leaving_out(self._world.skipped):
+                stands = frames.pose(instance.name, f"{where}: model {instance.name}")
+                parts += [replace(p, pose=stands @ p.pose) for p in instance.model.parts]
+        pose, relative_to = local_pose(element, where)
+        return SdfModel(
+            name,
+            source=nested[0].model.source if len(nested) == 1 and not links else name,
+            frames=frames,
+            pose=_placed(pose, frames, element.get("placement_frame")),
+            relative_to=relative_to,
+            static=flag(element.findtext("static")) is True,
+            parts=parts,
+        )
+
+    def add_frames(self, scope: Element, frames: Frames, where: str) -> list[tuple[str, Element]]:
+        """Add links, frames and joints; return the links, each with the name of its frame."""
+        links = []
+        for tag in ("link", "frame", "joint"):
+            for element in scope.iterfind(tag):
+                given = element.get("name") or tag
+                with leaving_out(self._world.skipped):
+                    pose, relative_to = local_pose(element, f"{where}: {tag} {given}")
+                    if tag == "frame":
+                        relative_to = relative_to or element.get("attached_to", "").strip()
+                    elif tag == "joint":
+                        relative_to = relative_to or (element.findtext("child") or "").strip()
+                    name = unique_name(given, frames)
+                    frames.add(name, pose, relative_to)
+                    if tag == "link":
+                        links.append((name, element))
+        return links
+
+    def _parts(
+        self, links: list[tuple[str, Element]], frames: Frames, path: Path, where: str
+    ) -> list[_Part]:
+        parts = []
+        for frame, link in links:
+            for role in get_args(Role):
+                for element in link.iterfind(role):
+                    named = f"{where}: link {frame}: {role} {element.get('name', '')}".rstrip()
+                    with leaving_out(self._world.skipped):
+                        local, relative_to = local_pose(element, named)
+                        pose = frames.pose(relative_to or frame, named) @ local
+                        parts.append(_Part(role, pose, element.find("geometry"), path, named))
+        return parts
+
+    # Baking
+
+    def shape(self, model: SdfModel, role: Role) -> Shape | None:
+        """Return all surfaces of a model as one mesh in its frame; None where it has none.
+
+        Where none of the requested role can be read, those of the other role are used.
+        """
+        parts = self._bounded(model, role)
+        mesh = self._mesh(parts, self._world.skipped)
+        if mesh is None and parts:
+            role = "collision" if role == "visual" else "visual"
+            parts = self._bounded(model, role)
+            mesh = self._mesh(parts, skipped=[])
+            if mesh is not None:
+                self._note(f"model {model.source}: its {role} geometry is used")
+        if mesh is None:
+            return None
+        is_box = len(parts) == 1 and parts[0].is_level_box
+        return Shape("box" if is_box else "mesh", mesh, role=role)
+
+    def _bounded(self, model: SdfModel, role: Role) -> list[_Part]:
+        """Return the parts of a role that have an extent.
+
+        A plane collides without bound whatever its size, so a model that collides as a plane
+        is endless ground, and the rectangle that shows it is not an object.
+        """
+        endless = any(p.holds("plane") and p.role == "collision" for p in model.parts)
+        parts = []
+        for part in (p for p in model.parts if p.role == role and not p.holds("empty")):
+            if endless and part.holds("plane"):
+                self._note(f"model {model.source}: an endless plane is kept without geometry")
+            else:
+                parts.append(part)
+        return parts
+
+    def _mesh(self, parts: list[_Part], skipped: list[Skipped]) -> Mesh | None:
+        key = tuple((id(part.geometry), part.pose) for part in parts)
+        if key not in self._baked:
+            surfaces, faces = [], 0
+            for part in parts:
+                with leaving_out(skipped):
+                    surface = self._surface(part)
+                    faces += len(surface.faces)
+                    TRIANGLES.check(
+                        faces,
+                        partial(Unusable, part.where),
+                        "Split the model, or simplify its meshes.",
+                        "with it the model has",
+                    )
+                    surfaces.append(surface)
+            self._baked[key] = join(surfaces) if len(surfaces) > 1 else next(iter(surfaces), None)
+        return self._baked[key]
+
+    def _surface(self, part: _Part) -> Mesh:
+        mesh = self._geometries.mesh(part.geometry, part.path, part.where)
+        if part.pose != IDENTITY:
+            mesh = mesh.moved(part.pose)
+        EXTENT.check(
+            float(np.abs(mesh.vertices).max()),
+            partial(Unusable, part.where),
+            "Correct its pose, size or scale.",
+            "from its model's origin it reaches",
+        )
+        return mesh
+
+    def _note(self, note: str) -> None:
+        if note not in self._world.notes:
+            self._world.notes.append(note)
+
+
+def _placed(pose: Pose, inner: Frames, placement: str | None) -> Pose:
+    """Return the pose of a model whose inner frame `placement`, if named, is at `pose`."""
+    return pose @ inner.pose(placement.strip()).inverse() if placement else pose

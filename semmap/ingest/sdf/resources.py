@@ -1,0 +1,128 @@
+"""The files that an SDF world names, on this machine."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from urllib.parse import unquote
+
+from semmap.ingest.meshes.mesh_file import other_case
+from semmap.ingest.sdf.values import Unusable
+from semmap.ingest.world import WorldError
+from semmap.ingest.xml_file import read_xml
+
+__all__ = ["PATH_VARIABLES", "Resources", "model_name"]
+
+PATH_VARIABLES = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
+"""Environment variables with folders of models, searched last."""
+
+_ANCESTORS = 4
+_LONGEST_PATH = 1024
+
+
+def model_name(uri: str) -> str:
+    """Return the name of the model to which a URI leads: ``desk`` for ``file://models/desk/model.sdf``."""
+    rest = unquote(uri.partition("://")[2] or uri).rstrip("/")
+    name = rest.rpartition("/")[2]
+    if name.lower() in ("model.sdf", "model.config"):
+        name = rest.rpartition("/")[0].rpartition("/")[2]
+    return name.removesuffix(".sdf") or uri
+
+
+class Resources:
+    """Finds what ``model://``, ``package://`` and ``file://`` URIs and relative paths name.
+
+    Searched in this order: the folders given; the folder of the file that names the URI, and its
+    ancestors (four at most), each with the ``models`` folder in it; the folders that the variables
+    in `PATH_VARIABLES` list. The first part of a ``model://`` or ``package://`` URI may also be an
+    ancestor folder that is called otherwise here.
+    """
+
+    def __init__(self, model_path: Sequence[Path] = ()) -> None:
+        self._given = [Path(p) for p in model_path]
+        self._environment = [
+            Path(p) for v in PATH_VARIABLES for p in os.environ.get(v, "").split(os.pathsep) if p
+        ]
+
+    def find(self, uri: str, named_in: Path, where: str) -> Path:
+        """Return the file or folder that `uri` names in the file `named_in`.
+
+        Raises
+        ------
+        Unusable
+            It is not on this machine; the error names the element `where`.
+        """
+        scheme, separator, rest = uri.strip().partition("://")
+        if not separator:
+            scheme, rest = "", uri.strip()
+        rest = unquote(rest)
+        if scheme in ("http", "https", "fuel"):
+            raise Unusable(
+                where,
+                f"{uri} is on the network",
+                "Download it, and refer to it with model:// or file://.",
+            )
+        if not rest or not rest.isprintable() or len(rest) > _LONGEST_PATH:
+            raise Unusable(where, f"{uri[:80]!r} does not name a file", "Correct the URI.")
+        candidates = list(self._candidates(scheme, rest, named_in))
+        for candidate in candidates:
+            if os.path.exists(candidate):  # noqa: PTH110 - False where a name is too long
+                return candidate
+        raise Unusable(
+            where,
+            f"{uri} is not found",
+            _other_case(candidates)
+            or "Restore it, or name the folder that holds it as model path.",
+        )
+
+    def model_file(self, uri: str, named_in: Path, where: str) -> Path:
+        """Return the SDF file of the model (or world) that an `<include>` names.
+
+        A folder's ``model.config`` names it; of several versions the highest is used.
+        """
+        found = self.find(uri, named_in, where)
+        if found.is_file():
+            return found
+        config = found / "model.config"
+        name = _newest_sdf(config) if config.is_file() else "model.sdf"
+        for file in (found / name, found / "model.sdf"):
+            if os.path.isfile(file):  # noqa: PTH113 - False where a name is too long
+                return file
+        raise Unusable(where, f"{uri} leads to {found.name}/, which holds no {name}", "Restore it.")
+
+    def _roots(self, named_in: Path) -> Iterator[Path]:
+        yield from self._given
+        folder = named_in.resolve().parent
+        for root in (folder, *folder.parents[:_ANCESTORS]):
+            yield root
+            yield root / "models"
+        yield from self._environment
+
+    def _candidates(self, scheme: str, rest: str, named_in: Path) -> Iterator[Path]:
+        if rest.startswith("/"):
+            yield Path(rest)
+        relative = rest.lstrip("/")
+        roots = list(self._roots(named_in))
+        yield from (root / relative for root in roots)
+        if scheme in ("model", "package") and "/" in relative:
+            yield from (root / relative.partition("/")[2] for root in roots)
+
+
+def _other_case(candidates: list[Path]) -> str:
+    """Return a fix if one of them exists under a name that differs in case only."""
+    return next(filter(None, map(other_case, candidates)), "")
+
+
+def _newest_sdf(config: Path) -> str:
+    try:
+        root = read_xml(config)
+    except WorldError:
+        return "model.sdf"
+    files = [(_version(e.get("version", "")), (e.text or "").strip()) for e in root.findall("sdf")]
+    named = [(version, name) for version, name in files if name]
+    return max(named)[1] if named else "model.sdf"
+
+
+def _version(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in text.split(".") if part.isdecimal())

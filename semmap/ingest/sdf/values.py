@@ -1,0 +1,81 @@
+"""Numbers, flags and poses from the text of SDF elements."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from xml.etree.ElementTree import Element
+
+from semmap.geometry.pose import IDENTITY, Pose
+from semmap.ingest.world import Skipped
+
+__all__ = ["Unusable", "flag", "leaving_out", "local_pose", "numbers"]
+
+_LARGEST = 1e12
+"""Largest length, angle or factor; products of a few such numbers stay finite."""
+
+
+class Unusable(Exception):
+    """An element of the file that must be left out; it becomes a `Skipped`."""
+
+    def __init__(self, element: str, problem: str, fix: str) -> None:
+        super().__init__(element, problem, fix)
+        self.skipped = Skipped(element, problem, fix)
+
+
+@contextmanager
+def leaving_out(skipped: list[Skipped]) -> Iterator[None]:
+    """Leave out an element that turns out unusable in this block; add it to `skipped` once."""
+    try:
+        yield
+    except Unusable as unusable:
+        if unusable.skipped not in skipped:
+            skipped.append(unusable.skipped)
+
+
+def numbers(element: Element | None, count: int, where: str) -> tuple[float, ...]:
+    """Return the `count` finite numbers of an element."""
+    text = "" if element is None or element.text is None else element.text
+    try:
+        values = tuple(float(word) for word in text.split())
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(abs(v) <= _LARGEST for v in values):
+        found = "it is missing" if element is None else f"it is {text.strip()[:80]!r}"
+        raise Unusable(
+            where, f"{count} finite number{'s'[: count > 1]} expected, {found}", "Correct the file."
+        )
+    return values
+
+
+def flag(text: str | None) -> bool | None:
+    """Return a boolean; None where it is absent or neither true nor false."""
+    return {"true": True, "1": True, "false": False, "0": False}.get((text or "").strip().lower())
+
+
+def local_pose(element: Element, where: str) -> tuple[Pose, str]:
+    """Return the `<pose>` of an element, and the frame that it names (empty: the default).
+
+    SDF 1.9 pose: `x y z` in metres and fixed-axis roll, pitch, yaw in radians, in degrees with
+    ``degrees="true"``, or a quaternion `x y z w` with ``rotation_format="quat_xyzw"``. The
+    ``frame`` attribute of SDF 1.4-1.6 is read as ``relative_to``.
+    """
+    pose = element.find("pose")
+    if pose is None:
+        return IDENTITY, ""
+    frame = (pose.get("relative_to") or pose.get("frame") or "").strip()
+    if pose.text is None or not pose.text.strip():
+        return IDENTITY, frame
+    where = f"{where}: pose"
+    if pose.get("rotation_format") == "quat_xyzw":
+        x, y, z, *q = numbers(pose, 7, where)
+        length = math.hypot(*q)
+        if length < 1e-9:
+            raise Unusable(where, "the quaternion is zero", "Give a unit quaternion x y z w.")
+        qx, qy, qz, qw = (v / length for v in q)
+        return Pose(x, y, z, qx, qy, qz, qw), frame
+    x, y, z, *rpy = numbers(pose, 6, where)
+    if flag(pose.get("degrees")):
+        rpy = [math.radians(v) for v in rpy]
+    return Pose.from_rpy(x, y, z, *rpy), frame

@@ -1,0 +1,168 @@
+"""Gazebo worlds and models in SDF (http://sdformat.org/spec), as entries of a world.
+
+No SDF parser on PyPI is maintained well (the bindings of sdformat need its C++ libraries), so this
+package reads the part of the format that places models: this module the world, `models` its
+models, `frames` their poses, `geometries` their surfaces; `resources` finds the files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import get_args
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from semmap.geometry.pose import Pose
+from semmap.ingest.georeference import utm_crs
+from semmap.ingest.naming import guess_type, unique_name
+from semmap.ingest.sdf.frames import Frames
+from semmap.ingest.sdf.models import Instance, Models, Role, SdfFile
+from semmap.ingest.sdf.resources import Resources
+from semmap.ingest.sdf.values import Unusable, leaving_out, local_pose, numbers
+from semmap.ingest.world import Entry, Skipped, World, WorldError
+from semmap.ingest.xml_file import read_xml
+from semmap.limits import EXTENT
+
+__all__ = ["read_sdf"]
+
+MADE_AT_RUN_TIME = ("population", "road")
+"""Elements whose geometry the simulator makes at run time."""
+
+
+def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path] = ()) -> World:
+    """Return the world of an SDF file: models as entries of kind ``object``, actors as ``agent``.
+
+    All links and nested models of a model are baked into one mesh in the model's frame, in the pose
+    that the file gives them; instances of one model share one `Mesh`. A model that is nothing but
+    one box along its own axes has a shape of kind ``box``. Where no geometry of the requested kind
+    can be read, the other kind is used, and noted. Lights, plugins, physics and views are not
+    part of the map.
+
+    Parameters
+    ----------
+    path : an SDF file with a `<world>`, or with a single `<model>`
+    geometry : which surfaces to read, ``visual`` or ``collision``
+    model_path : folders of models, searched first (see `resources.Resources`)
+
+    Returns
+    -------
+    World
+        Entries have no holder; their `properties` are ``model`` (the name of the model file) and
+        ``static``. What could not be used is in `skipped`. `georeference` holds latitude_deg,
+        longitude_deg, elevation (metres) and heading_deg where the file states any.
+
+    Raises
+    ------
+    WorldError
+        A file of the world is absent or malformed, is not SDF, includes itself, or its frames stand
+        relative to each other in a circle.
+    """
+    if geometry not in get_args(Role):
+        raise ValueError(f"geometry is visual or collision, not {geometry!r}")
+    path = Path(path)
+    root = read_xml(path, ("sdf",))
+    world = World(path.stem, path)
+    scope = _scope(root, world)
+    where = f"world {world.name}"
+
+    models = Models(world, Resources(model_path))
+    frames = Frames(path, where, "world")
+    instances = models.instances(scope, frames, SdfFile(path))
+    models.add_frames(scope, frames, where)
+    frames.check()
+
+    for instance in instances:
+        with leaving_out(world.skipped):
+            world.entries.append(_object(instance, frames, models, geometry))
+    for element in scope.iterfind("actor"):
+        with leaving_out(world.skipped):
+            world.entries.append(_actor(element, frames))
+    for element in (e for e in scope if e.tag in MADE_AT_RUN_TIME):
+        world.skipped.append(
+            Skipped(
+                f"{element.tag} {element.get('name', '')}".rstrip(),
+                "its geometry exists only when the simulator runs",
+                "Write its models out as <include> elements.",
+            )
+        )
+    return world
+
+
+def _scope(root: Element, world: World) -> Element:
+    """Return the element that contains the models: the first world, or the root of a model file."""
+    worlds = root.findall("world")
+    if worlds:
+        if worlds[0].get("name", "") not in ("", "default"):
+            world.name = worlds[0].get("name", "")
+        if len(worlds) > 1:
+            world.notes.append(f"of {len(worlds)} worlds in the file only the first is read")
+        with leaving_out(world.skipped):
+            world.georeference = _georeference(worlds[0])
+        return worlds[0]
+    if root.find("model") is None:
+        raise WorldError(
+            world.source,
+            "sdf",
+            "it contains no <world> and no <model>",
+            "Give a world or model file.",
+        )
+    return root
+
+
+def _georeference(world: Element) -> dict[str, object] | None:
+    element = world.find("spherical_coordinates")
+    values = {
+        tag: numbers(element.find(tag), 1, f"spherical_coordinates: {tag}")[0]
+        for tag in ("latitude_deg", "longitude_deg", "elevation", "heading_deg")
+        if element is not None and element.find(tag) is not None
+    }
+    if not any(values.values()):
+        return None  # Gazebo writes zeros by default
+    where = "spherical_coordinates"
+    surface = (world.findtext(f"{where}/surface_model") or "EARTH_WGS84").strip()
+    if surface != "EARTH_WGS84":
+        raise Unusable(
+            where, f"{surface} is not the surface of the earth", "Use EARTH_WGS84, or leave it out."
+        )
+    try:
+        utm_crs(values.get("latitude_deg", 0.0), values.get("longitude_deg", 0.0))
+    except ValueError as error:
+        raise Unusable(where, str(error), "Correct the file.") from error
+    return {**values}
+
+
+def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) -> Entry:
+    where = f"model {instance.name}"
+    pose = _in_world(frames.pose(instance.name, where), where)
+    shape = models.shape(instance.model, geometry)
+    source = instance.model.source
+    return Entry(
+        instance.name,
+        kind="object",
+        type=guess_type(source) or guess_type(instance.name),
+        properties={"model": source, "static": instance.static},
+        pose=pose,
+        shapes=[] if shape is None else [shape],
+    )
+
+
+def _actor(element: Element, frames: Frames) -> Entry:
+    """Return an actor at its pose, without its skin and script."""
+    name = unique_name(element.get("name", "").strip() or "actor", frames)
+    where = f"actor {name}"
+    pose, relative_to = local_pose(element, where)
+    frames.add(name, pose, relative_to)
+    return Entry(name, kind="agent", pose=_in_world(frames.pose(name, where), where))
+
+
+def _in_world(pose: Pose, where: str) -> Pose:
+    EXTENT.check(
+        float(np.abs(pose.translation).max()),
+        partial(Unusable, f"{where}: pose"),
+        "Correct its pose, or remove it.",
+        f"it stands at ({pose.x:,.0f}, {pose.y:,.0f}, {pose.z:,.0f}) m,",
+    )
+    return pose

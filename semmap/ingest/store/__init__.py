@@ -1,0 +1,1 @@
+"""Worlds into the database."""

@@ -1,0 +1,385 @@
+"""A `World` into the database, in one transaction, with COPY.
+
+A repeated import leaves unchanged entities of the same source alone, updates changed ones, and
+removes those that the source no longer has.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import psycopg
+from psycopg.types.json import Jsonb
+
+from semmap.ingest.georeference import on_utm
+from semmap.ingest.store.copy_rows import copy_rows
+from semmap.ingest.store.detail_store import id_of, store_details
+from semmap.ingest.store.model_store import Progress, shape_digest, store_models
+from semmap.ingest.world import (
+    ConnectorDetail,
+    Entry,
+    PlaceDetail,
+    World,
+)
+
+__all__ = ["Progress", "StoreSummary", "store_world"]
+
+
+@dataclass
+class StoreSummary:
+    """The entities that storing a world added, changed and removed, by name."""
+
+    added: list[str] = field(default_factory=list)
+    changed: list[str] = field(default_factory=list)
+    removed: list[str] = field(default_factory=list)
+    unchanged: int = 0
+    models: int = 0
+    triangles: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+def store_world(
+    connection: psycopg.Connection[Any],
+    map_id: int,
+    world: World,
+    source: str,
+    progress: Progress = lambda stage, done, total: None,
+) -> StoreSummary:
+    """Store a world in a map, within the caller's transaction.
+
+    Parameters
+    ----------
+    connection : psycopg.Connection, its search path on the schema
+    map_id : the map
+    world : the result of a parser
+    source : the name by which a repeated import finds its entities
+    progress : called at each stage
+    """
+    stored = StoreSummary(notes=list(world.notes))
+    with connection.cursor() as cursor:
+        cursor.execute("SELECT pg_advisory_xact_lock(hashtext('semmap.import'))")
+        entries = _unique_names(cursor, map_id, world, source, stored)
+        _add_types(cursor, entries, stored)
+        models, stored.models = store_models(cursor, entries, progress)
+
+        known = _known(cursor, map_id)
+        digests = {entry.name: _digest(entry) for entry in entries}
+        fresh, changed, annotations = [], [], []
+        for entry in entries:
+            old = known.get(entry.name)
+            if old is None:
+                fresh.append(entry)
+            elif old.source != source:
+                annotations.append(entry)
+            elif old.digest != digests[entry.name]:
+                changed.append(entry)
+        kept = {entry.name for entry in entries}
+        gone = [n for n, old in known.items() if old.source == source and n not in kept]
+        regrown = [e for e in changed if known[e.name].kind != e.kind]
+        gone += [e.name for e in regrown]
+        changed = [e for e in changed if known[e.name].kind == e.kind]
+        fresh += regrown
+
+        if gone:
+            cursor.execute(
+                "DELETE FROM entity WHERE map_id = %s AND name = ANY(%s)", (map_id, gone)
+            )
+        ids = {name: old.id for name, old in known.items() if name not in set(gone)}
+        cursor.execute(
+            "SELECT nextval(pg_get_serial_sequence('semmap.entity', 'id')) "
+            "FROM generate_series(1, %s)",
+            (len(fresh),),
+        )
+        ids.update({e.name: row[0] for e, row in zip(fresh, cursor.fetchall(), strict=True)})
+
+        _insert_entities(cursor, map_id, fresh, ids, source, digests, progress)
+        _update_entities(cursor, changed, ids, digests)
+        _annotate(cursor, annotations, ids, stored)
+        store_details(cursor, fresh + changed, ids, world)
+        _give_models(cursor, fresh, changed, ids, models)
+        _place(cursor, fresh, changed, ids, world, progress)
+        _link(cursor, map_id, world, ids, source)
+        _georeference(cursor, map_id, world)
+
+        stored.added = [e.name for e in fresh]
+        stored.changed = [e.name for e in changed]
+        stored.removed = [n for n in gone if n not in kept]
+        stored.unchanged = len(entries) - len(fresh) - len(changed) - len(annotations)
+        stored.triangles = sum(s.mesh.faces.shape[0] for e in entries for s in e.shapes if s.mesh)
+    return stored
+
+
+@dataclass(frozen=True)
+class _Known:
+    id: int
+    kind: str
+    source: str | None
+    digest: str | None
+
+
+def _known(cursor: psycopg.Cursor[Any], map_id: int) -> dict[str, _Known]:
+    cursor.execute("SELECT name, id, kind, source, digest FROM entity WHERE map_id = %s", (map_id,))
+    return {name: _Known(*rest) for name, *rest in cursor}
+
+
+def _unique_names(
+    cursor: psycopg.Cursor[Any], map_id: int, world: World, source: str, stored: StoreSummary
+) -> list[Entry]:
+    """Return the entries under names that no other source has; rename references to them.
+
+    An entry without geometry annotates the entity of its name and kind of another source.
+    """
+    known = _known(cursor, map_id)
+    renamed: dict[str, str] = {}
+    taken = {entry.name for entry in world.entries}
+    for entry in world.entries:
+        old = known.get(entry.name)
+        if old is None or old.source == source or (not entry.shapes and old.kind == entry.kind):
+            continue
+        number = 2
+        while (name := f"{entry.name}_{number}") in taken or (
+            name in known and known[name].source != source
+        ):
+            number += 1
+        taken.add(name)
+        renamed[entry.name] = name
+        stored.notes.append(f"{entry.name}: the map has one already; this one is {name}")
+    if renamed:
+        for entry in world.entries:
+            entry.name = renamed.get(entry.name, entry.name)
+            entry.holder = renamed.get(entry.holder, entry.holder) if entry.holder else None
+            if isinstance(entry.detail, ConnectorDetail):
+                a, b = entry.detail.places
+                entry.detail.places = (renamed.get(a, a), renamed.get(b, b))
+            if isinstance(entry.detail, PlaceDetail) and entry.detail.elevator:
+                entry.detail.elevator = renamed.get(entry.detail.elevator, entry.detail.elevator)
+        for link in world.links:
+            link.subject = renamed.get(link.subject, link.subject)
+            link.object = renamed.get(link.object, link.object)
+    return world.entries
+
+
+def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: StoreSummary) -> None:
+    """Add types that the T-Box lacks, each below the entry's kind, and note them."""
+    kinds = {entry.type: entry.kind for entry in entries if entry.type}
+    cursor.execute("SELECT name FROM semantic_type WHERE name = ANY(%s)", (list(kinds),))
+    there = {name for (name,) in cursor}
+    new = sorted(set(kinds) - there)
+    if new:
+        cursor.execute(
+            "INSERT INTO semantic_type (name, origin) SELECT t, 'import' FROM unnest(%s::text[]) t",
+            (new,),
+        )
+        cursor.execute(
+            "INSERT INTO type_parent (type, parent) SELECT * FROM unnest(%s::text[], %s::text[])",
+            (new, [kinds[t] for t in new]),
+        )
+        stored.notes += [f"type {t}: not in the T-Box, added below {kinds[t]}" for t in new]
+
+
+def _digest(entry: Entry) -> str:
+    given = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
+    given["pose"] = entry.pose._asdict() if entry.pose else None
+    given["detail"] = asdict(entry.detail) if entry.detail else None
+    if isinstance(entry.detail, ConnectorDetail):
+        given["detail"]["poses"] = [pose._asdict() for pose in entry.detail.poses]
+    given["shapes"] = [(shape_digest(s), s.role, s.uri) for s in entry.shapes]
+    return hashlib.sha256(json.dumps(given, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _insert_entities(
+    cursor: psycopg.Cursor[Any],
+    map_id: int,
+    entries: Sequence[Entry],
+    ids: dict[str, int],
+    source: str,
+    digests: dict[str, str],
+    progress: Progress,
+) -> None:
+    progress("entities", 0, len(entries))
+    if not entries:
+        return
+    columns = (
+        "id",
+        "map_id",
+        "kind",
+        "name",
+        "label",
+        "type",
+        "properties",
+        "front",
+        "source",
+        "digest",
+    )
+    copy_rows(
+        cursor,
+        "entity",
+        columns,
+        (
+            (
+                ids[e.name],
+                map_id,
+                e.kind,
+                e.name,
+                e.label,
+                e.type,
+                Jsonb(e.properties),
+                e.front,
+                source,
+                digests[e.name],
+            )
+            for e in entries
+        ),
+    )
+    progress("entities", len(entries), len(entries))
+
+
+def _update_entities(
+    cursor: psycopg.Cursor[Any],
+    entries: Sequence[Entry],
+    ids: dict[str, int],
+    digests: dict[str, str],
+) -> None:
+    for e in entries:
+        cursor.execute(
+            "UPDATE entity SET label = %s, type = %s, properties = %s, front = %s, digest = %s "
+            "WHERE id = %s",
+            (e.label, e.type, Jsonb(e.properties), e.front, digests[e.name], ids[e.name]),
+        )
+
+
+def _annotate(
+    cursor: psycopg.Cursor[Any], entries: Sequence[Entry], ids: dict[str, int], stored: StoreSummary
+) -> None:
+    for e in entries:
+        cursor.execute(
+            "UPDATE entity SET type = coalesce(%(type)s, type), "
+            "label = coalesce(%(label)s, label), properties = properties || %(properties)s "
+            "WHERE id = %(id)s AND NOT ("
+            "type IS NOT DISTINCT FROM coalesce(%(type)s, type) AND "
+            "label IS NOT DISTINCT FROM coalesce(%(label)s, label) AND "
+            "properties @> %(properties)s)",
+            {
+                "type": e.type,
+                "label": e.label,
+                "properties": Jsonb(e.properties),
+                "id": ids[e.name],
+            },
+        )
+        if cursor.rowcount:
+            stored.notes.append(f"{e.name}: annotated")
+
+
+def _give_models(
+    cursor: psycopg.Cursor[Any],
+    fresh: Sequence[Entry],
+    changed: Sequence[Entry],
+    ids: dict[str, int],
+    models: dict[int, int],
+) -> None:
+    wanted = {(ids[e.name], models[id(s)], s.role) for e in [*fresh, *changed] for s in e.shapes}
+    if changed:
+        cursor.execute(
+            "SELECT entity_id, model_id, role FROM entity_model WHERE entity_id = ANY(%s)",
+            ([ids[e.name] for e in changed],),
+        )
+        has = {tuple(row) for row in cursor}
+        for stale in has - wanted:
+            cursor.execute(
+                "DELETE FROM entity_model WHERE (entity_id, model_id, role) = (%s, %s, %s)", stale
+            )
+        wanted -= has
+    if wanted:
+        copy_rows(cursor, "entity_model", ("entity_id", "model_id", "role"), sorted(wanted))
+
+
+def _place(
+    cursor: psycopg.Cursor[Any],
+    fresh: Sequence[Entry],
+    changed: Sequence[Entry],
+    ids: dict[str, int],
+    world: World,
+    progress: Progress,
+) -> None:
+    def rows(entries: Sequence[Entry]) -> list[tuple[Any, ...]]:
+        return [
+            (
+                ids[e.name],
+                id_of(ids, e.holder, e, world) if e.holder else None,
+                e.pose.row,
+                "on" if e.properties.get("relation") == "on" else "in",
+            )
+            for e in entries
+            if e.pose is not None
+        ]
+
+    placed = rows(fresh)
+    progress("placements", 0, len(placed))
+    if placed:
+        copy_rows(cursor, "placement", ("entity_id", "holder_id", "pose", "relation"), placed)
+    again = rows(changed)
+    if again:
+        cursor.executemany(
+            "INSERT INTO placement (entity_id, holder_id, pose, relation) VALUES (%s, %s, %s, %s) "
+            "ON CONFLICT (entity_id) DO UPDATE SET holder_id = excluded.holder_id, "
+            "pose = excluded.pose, relation = excluded.relation, confidence = NULL",
+            again,
+        )
+    progress("placements", len(placed), len(placed))
+
+
+def _link(
+    cursor: psycopg.Cursor[Any], map_id: int, world: World, ids: dict[str, int], source: str
+) -> None:
+    """Store the links of the world; delete links between its entities that it no longer has."""
+    rows = [
+        (ids[link.subject], link.relation, ids[link.object], Jsonb(link.properties))
+        for link in world.links
+        if link.subject in ids and link.object in ids
+    ]
+    if rows:
+        cursor.executemany(
+            "INSERT INTO link (from_id, relation, to_id, properties) VALUES (%s, %s, %s, %s) "
+            "ON CONFLICT (from_id, relation, to_id) DO UPDATE SET properties = excluded.properties "
+            "WHERE link.properties IS DISTINCT FROM excluded.properties",
+            rows,
+        )
+        cursor.execute(
+            "DELETE FROM link USING entity a, entity b WHERE a.id = from_id AND b.id = to_id "
+            "AND a.source = %(source)s AND b.source = %(source)s "
+            "AND a.map_id = %(map)s AND b.map_id = %(map)s AND relation = ANY(%(relations)s) "
+            "AND (from_id, relation, to_id) NOT IN "
+            "(SELECT * FROM unnest(%(from)s::bigint[], %(given)s::text[], %(to)s::bigint[]))",
+            {
+                "source": source,
+                "map": map_id,
+                "relations": sorted({row[1] for row in rows}),
+                "from": [row[0] for row in rows],
+                "given": [row[1] for row in rows],
+                "to": [row[2] for row in rows],
+            },
+        )
+
+
+def _georeference(cursor: psycopg.Cursor[Any], map_id: int, world: World) -> None:
+    """Store the georeference; without one in the file, the map keeps its own."""
+    given = world.georeference
+    if not given:
+        return
+    if "crs" not in given:
+        given = on_utm(
+            cursor,
+            given.get("latitude_deg", 0.0),
+            given.get("longitude_deg", 0.0),
+            given.get("elevation", 0.0),
+            given.get("heading_deg", 0.0),
+        )
+    cursor.execute(
+        "UPDATE map SET crs = %(crs)s, easting = %(easting)s, northing = %(northing)s, "
+        "height = %(height)s, rotation = %(rotation)s WHERE id = %(id)s",
+        {**given, "id": map_id},
+    )

@@ -1,0 +1,372 @@
+"""Every reader of files."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from functools import cache, partial
+from io import BytesIO
+from os import environ
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import trimesh
+from PIL import Image
+
+from navgrid.grid import Grid
+from navgrid.map_file import MapFileError, read_map, write_map
+from navgrid.policy import Policy, PolicyError
+from navgrid.scene import Thing
+from planner.rules import Rules, RulesError
+from planner.tasks import GoalError, NoPlanError, State, parse_goal
+from planner.tasks.domain_file import DomainError, read_domain
+from planner.tasks.posing import pose_problem
+from planner.tasks.world import UnknownThingError
+from semmap.fields.mesh_regions import parts_of
+from semmap.fields.region_map import RegionMap
+from semmap.geometry.outline import hull_points
+from semmap.geometry.tin import encode_chunks
+from semmap.ingest.importer import read_world
+from semmap.ingest.ontology.tbox import read_tbox
+from semmap.ingest.world import World, WorldError
+from semmap.robot import RobotError, load_robot, robot_parts
+from tests.fuzz.kind import Kind
+from tests.fuzz.mutate import (
+    Mutation,
+    bytes_of,
+    json_tree,
+    lines_of,
+    words_of,
+    xml_tree,
+    yaml_tree,
+)
+from tests.ingest.meshes.test_mesh_file import dae
+from tests.ingest.rmf.test_building import text as building
+from tests.ingest.route_graph.test_graph_file import graph
+from tests.ingest.sdf.test_world_file import FRAMES, LINK, TETRAHEDRON
+from tests.planner.office import office
+from tests.planner.tasks.test_domain_file import TIDY, garden
+from tests.robot.robots import BY_HAND
+
+__all__ = ["FILE_KINDS"]
+
+ROOT = Path(__file__).parents[2]
+OFFICE = ROOT / "examples" / "office"
+WORLDS = Path(environ.get("SEMMAP_WORLDS", "/nowhere"))
+
+SIZE = 0.05
+"""Metres of a voxel."""
+
+
+def files(*endings: str, largest: int = 40_000) -> Iterator[bytes]:
+    """The small files of an ending in the example, the schema and the real worlds."""
+    for folder in (ROOT / "examples", ROOT / "schema", WORLDS):
+        for path in sorted(folder.rglob("*")):
+            if path.name.endswith(endings) and path.is_file() and path.stat().st_size <= largest:
+                yield path.read_bytes()
+
+
+def use(world: World) -> None:
+    """What an import and the mirror do with a world, without the database."""
+    regions = RegionMap(SIZE)
+    for number, entry in enumerate(world.entries):
+        assert entry.name
+        assert entry.pose is None or np.isfinite(entry.pose).all()
+        json.dumps(entry.properties, allow_nan=False)
+        for shape in entry.shapes:
+            if shape.mesh is None or not len(shape.mesh.faces):
+                continue
+            hull_points(shape.mesh)
+            for chunk in encode_chunks(shape.mesh.triangles):
+                assert chunk
+            pieces = parts_of(shape.mesh).regions(SIZE)
+            regions.insert_possible([(number, piece) for piece in pieces])
+
+
+def run_world(ending: str, data: bytes, folder: Path) -> None:
+    path = folder / f"case{ending}"
+    path.write_bytes(data)
+    use(read_world(path))
+
+
+def sdf() -> Iterator[bytes]:
+    yield from files(".sdf", ".world")
+    for inside in (f"<model name='m'>{LINK}</model>", FRAMES):
+        yield f'<sdf version="1.9"><world name="w">{inside}</world></sdf>'.encode()
+    shapes = (
+        "<sphere><radius>0.5</radius></sphere>",
+        "<cylinder><radius>0.5</radius><length>1</length></cylinder>",
+        "<cone><radius>0.5</radius><length>1</length></cone>",
+        "<capsule><radius>0.5</radius><length>1</length></capsule>",
+        "<ellipsoid><radii>0.5 1 2</radii></ellipsoid>",
+        "<plane><normal>0 0 1</normal><size>3 4</size></plane>",
+        "<polyline><point>0 0</point><point>1 0</point><point>1 1</point><height>1</height>"
+        "</polyline>",
+        "<mesh><uri>solid.obj</uri><scale>1 2 3</scale></mesh>",
+    )
+    models = "".join(
+        f"<model name='m{i}'><pose>{i} 0 0 0 0 0.1</pose><link name='l'><visual name='v'><geometry>"
+        f"{shape}</geometry></visual></link></model>"
+        for i, shape in enumerate(shapes)
+    )
+    yield f'<sdf version="1.9"><world name="w">{models}</world></sdf>'.encode()
+
+
+def run_sdf(data: bytes, folder: Path) -> None:
+    (folder / "solid.obj").write_text(TETRAHEDRON)
+    run_world(".sdf", data, folder)
+
+
+def geojson() -> Iterator[bytes]:
+    yield from files(".geojson", largest=200_000)
+    office_features = json.loads((OFFICE / "office_rooms.geojson").read_bytes())["features"]
+    for first in range(0, len(office_features), 4):
+        some = {"type": "FeatureCollection", "features": office_features[first : first + 4]}
+        yield json.dumps(some).encode()
+    yield json.dumps({"type": "FeatureCollection", "features": graph()}).encode()
+    line = {"type": "LineString", "coordinates": [[0, 0], [1, 0]]}
+    place = {"crs": "EPSG:25832", "easting": 5e5, "northing": 5e6, "height": 0, "rotation": 0.1}
+    feature = {"type": "Feature", "geometry": line, "properties": {"kind": "connector", "width": 1}}
+    yield json.dumps(
+        {"type": "FeatureCollection", "features": [feature], "georeference": place}
+    ).encode()
+
+
+def rmf() -> Iterator[bytes]:
+    yield building().encode()
+    yield from files(".building.yaml", largest=20_000)
+
+
+@cache
+def solids() -> list[trimesh.Trimesh]:
+    """Small meshes."""
+    return [
+        trimesh.creation.box(extents=(1, 2, 3)),
+        trimesh.creation.cylinder(radius=0.5, height=1, sections=6),
+    ]
+
+
+def meshes(ending: str) -> Iterator[bytes]:
+    for solid in solids():
+        made = solid.export(file_type=ending)
+        yield made if isinstance(made, bytes) else made.encode()
+    yield from files(f".{ending}")
+
+
+def ascii_ply() -> Iterator[bytes]:
+    yield from meshes("ply")
+    for solid in solids():
+        yield trimesh.exchange.ply.export_ply(solid, encoding="ascii")
+
+
+def collada() -> Iterator[bytes]:
+    yield dae().encode()
+    yield from meshes("dae")
+
+
+def glb_header(random: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
+    """A GLB whose JSON header is changed, its lengths made to fit."""
+    length = int.from_bytes(seed[12:16], "little")
+    texts = [other[20 : 20 + int.from_bytes(other[12:16], "little")] for other in others]
+    text = json_tree(random, seed[20 : 20 + length], texts)
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<I4s", len(text), b"JSON") + text + seed[20 + length :]
+    return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+def zipped(random: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
+    """A 3MF whose members are changed, then packed again."""
+    made = BytesIO()
+    with zipfile.ZipFile(BytesIO(seed)) as old, zipfile.ZipFile(made, "w") as new:
+        for name in old.namelist():
+            data = old.read(name)
+            if name.endswith(".model"):
+                data = random.choice((xml_tree, words_of))(random, data, [data])
+            new.writestr(name, data)
+    return made.getvalue()
+
+
+def map_yaml() -> Iterator[bytes]:
+    yield (
+        b"image: map.pgm\nmode: trinary\nresolution: 0.05\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\n"
+        b"occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    yield b"{image: map.png, mode: scale, resolution: 1, origin: [0, 0, 0], negate: 1}"
+
+
+@cache
+def images() -> dict[str, bytes]:
+    """Map images of every format that is written, and of some others."""
+    shades = np.random.default_rng(1).integers(0, 256, (7, 9)).astype(np.uint8)
+    found = {}
+    for name, mode in (
+        ("pgm", "L"),
+        ("png", "L"),
+        ("bmp", "L"),
+        ("tiff", "L"),
+        ("gif", "P"),
+        ("jpg", "L"),
+        ("webp", "RGB"),
+    ):
+        made = BytesIO()
+        Image.fromarray(shades).convert(mode).save(
+            made, {"pgm": "ppm", "jpg": "jpeg"}.get(name, name)
+        )
+        found[name] = made.getvalue()
+    transparent = np.stack([shades] * 4, axis=-1)
+    for name, pixels in (("rgba", transparent), ("la", transparent[..., :2])):
+        made = BytesIO()
+        Image.fromarray(pixels).save(made, "png")
+        found[name] = made.getvalue()
+    return found
+
+
+def run_map(data: bytes, folder: Path) -> None:
+    (folder / "map.yaml").write_bytes(data)
+    for name in ("pgm", "png"):
+        (folder / f"map.{name}").write_bytes(images()[name])
+    read_map(folder / "map.yaml")
+
+
+def run_image(data: bytes, folder: Path) -> None:
+    grid = Grid((0, 0), 0.1, (2, 2))
+    path = write_map(grid, np.zeros((2, 2), np.int8), folder / "map")
+    (folder / "map.pgm").write_bytes(data)
+    read_map(path)
+
+
+def tbox() -> Iterator[bytes]:
+    for each in files(".ttl"):
+        yield each
+        prefixes = b"".join(x for x in each.splitlines(True) if x.startswith(b"@prefix"))
+        blocks = [b for b in each.split(b"\n\n") if b"@prefix" not in b]
+        for first in range(0, len(blocks), 6):
+            yield b"\n\n".join([prefixes, *blocks[first : first + 6]])
+
+
+def run_tbox(data: bytes, folder: Path) -> None:
+    path = folder / "case.ttl"
+    path.write_bytes(data)
+    read_tbox([path])
+
+
+def urdf() -> Iterator[bytes]:
+    yield BY_HAND.encode()
+    yield BY_HAND.replace(
+        '<sphere radius="0.1"/>', '<mesh filename="solid.obj" scale="1 2 3"/>'
+    ).encode()
+    yield from files(".urdf")
+
+
+def run_urdf(data: bytes, folder: Path) -> None:
+    (folder / "solid.obj").write_text(TETRAHEDRON)
+    path = folder / "case.urdf"
+    path.write_bytes(data)
+    for part in robot_parts(load_robot(path), {}):
+        assert np.isfinite(part.footprint).all()
+        assert np.isfinite([*part.interval, part.inscribed_radius, part.circumscribed_radius]).all()
+
+
+def parts() -> Iterator[bytes]:
+    yield b'base: [base_link, "whe?l"]\narm: {links: [upper, "low*"], inflate_by: inscribed}\n'
+    yield (OFFICE / "delivery_robot_parts.yaml").read_bytes()
+
+
+def run_parts(data: bytes, folder: Path) -> None:
+    (folder / "robot.urdf").write_text(BY_HAND)
+    (folder / "parts.yaml").write_bytes(data)
+    robot_parts(load_robot(folder / "robot.urdf"), {}, folder / "parts.yaml")
+
+
+def policy() -> Iterator[bytes]:
+    yield (ROOT / "navgrid" / "policy.yaml").read_bytes()
+    yield (
+        b"layers: {near: {padding: 0.1}, far: }\nrules:\n"
+        b"  - {type: cup, properties: {full: true}, layer: far}\n"
+        b"  - {type: [cup, plate], kind: object, state: open, layer: near}\n"
+    )
+
+
+def run_policy(data: bytes, folder: Path) -> None:
+    path = folder / "policy.yaml"
+    path.write_bytes(data)
+    Policy.read(path).layer_of(Thing(1, "a", "object", ("cup",), properties={"full": True}))
+
+
+def rules() -> Iterator[bytes]:
+    yield (ROOT / "planner" / "rules.yaml").read_bytes()
+    yield (
+        b"rules:\n  - {kind: place, name: [lab1], type: lab, properties: {a: 1}, seconds: 3,\n"
+        b"     from: '22:00', until: '06:00'}\n  - {kind: connector, forbid: true}\n"
+    )
+
+
+def run_rules(data: bytes, folder: Path) -> None:
+    (folder / "rules.yaml").write_bytes(data)
+    Rules.read(folder / "rules.yaml")
+
+
+def run_domain(data: bytes, folder: Path) -> None:
+    path = folder / "domain.yaml"
+    path.write_bytes(data)
+    domain = read_domain(path)
+    for name, count in domain.relations[:3]:
+        words = ", ".join(["plant1", "cup1", "sink1", "desk1"][:count])
+        with suppress(NoPlanError, GoalError, UnknownThingError):
+            goal = parse_goal(f"{name}({words})", domain.relations)
+            pose_problem(network(), garden(), State("lab1"), goal, extend=domain.extend)
+
+
+@cache
+def network() -> Any:
+    """The routes of a small building."""
+    return office().network()
+
+
+TEXT: list[Mutation] = [words_of, words_of, bytes_of, lines_of]
+BINARY: list[Mutation] = [bytes_of]
+
+
+def _world(
+    name: str, ending: str, seeds: Callable[[], Iterator[bytes]], mutations: list[Mutation]
+) -> Kind:
+    return Kind(name, lambda: list(seeds()), mutations, partial(run_world, ending), (WorldError,))
+
+
+FILE_KINDS = [
+    Kind("sdf", lambda: list(sdf()), [*TEXT, xml_tree, xml_tree], run_sdf, (WorldError,)),
+    _world("geojson", ".geojson", geojson, [*TEXT, json_tree, json_tree, json_tree]),
+    _world("rmf", ".building.yaml", rmf, [*TEXT, yaml_tree, yaml_tree]),
+    _world("dae", ".dae", collada, [*TEXT, xml_tree, xml_tree]),
+    _world("obj", ".obj", partial(meshes, "obj"), TEXT),
+    _world("ply", ".ply", ascii_ply, [*TEXT, bytes_of]),
+    _world("off", ".off", partial(meshes, "off"), TEXT),
+    _world("stl", ".stl", partial(meshes, "stl"), BINARY),
+    _world("glb", ".glb", partial(meshes, "glb"), [glb_header, glb_header, bytes_of]),
+    _world("3mf", ".3mf", partial(meshes, "3mf"), [zipped, zipped, bytes_of]),
+    Kind("map", lambda: list(map_yaml()), [*TEXT, yaml_tree], run_map, (MapFileError,)),
+    Kind(
+        "image",
+        lambda: list(images().values()),
+        [bytes_of, bytes_of, words_of],
+        run_image,
+        (MapFileError,),
+    ),
+    Kind("tbox", lambda: list(tbox()), TEXT, run_tbox, (WorldError,)),
+    Kind("urdf", lambda: list(urdf()), [*TEXT, xml_tree, xml_tree], run_urdf, (RobotError,)),
+    Kind("parts", lambda: list(parts()), [*TEXT, yaml_tree], run_parts, (RobotError,)),
+    Kind("policy", lambda: list(policy()), [*TEXT, yaml_tree], run_policy, (PolicyError,)),
+    Kind("rules", lambda: list(rules()), [*TEXT, yaml_tree], run_rules, (RulesError,)),
+    Kind(
+        "domain",
+        lambda: [TIDY.read_bytes()],
+        [*TEXT, yaml_tree, yaml_tree],
+        run_domain,
+        (DomainError,),
+    ),
+]

@@ -1,0 +1,33 @@
+"""What fuzzing found stays fixed: each kept case is accepted or refused, in time and memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.fuzz.cases import Case, kept
+from tests.fuzz.files import FILE_KINDS
+from tests.fuzz.kind import Kind
+from tests.fuzz.languages import LANGUAGE_KINDS
+from tests.fuzz.pool import Worker, encoded
+
+
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    made = Worker()
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("case", [*kept()], ids=lambda case: case.name)
+def test_a_kept_case_ends_well(worker: Worker, case: Case) -> None:
+    result = worker.run({"kind": case.kind, "data": encoded(case.data)})
+    assert not result.is_finding, f"{result.outcome}: {result.text}"
+    assert case.expected in (None, result.outcome), result.text
+
+
+@pytest.mark.parametrize("kind", [*FILE_KINDS, *LANGUAGE_KINDS], ids=lambda kind: kind.name)
+def test_a_valid_input_of_each_kind_is_accepted(kind: Kind, tmp_path: Path) -> None:
+    kind.run(kind.seeds[0], tmp_path)

@@ -1,0 +1,265 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import networkx
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from semmap.ingest.naming import TYPE_WORDS
+from semmap.ingest.ontology.tbox import KINDS, TypeRecord, ontology_files, read_tbox, snake_case
+from semmap.ingest.world import WorldError
+
+ONTOLOGY = sorted(Path(__file__).parents[3].joinpath("schema/ontology").glob("*.ttl"))
+
+HEAD = """@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix skos: <http://www.w3.org/2004/02/skos/core#> .
+@prefix : <urn:example:t#> .
+"""
+
+COCO = """person, bicycle, car, motorcycle, airplane, bus, train, truck, boat, traffic light,
+fire hydrant, stop sign, parking meter, bench, bird, cat, dog, horse, sheep, cow, elephant, bear,
+zebra, giraffe, backpack, umbrella, handbag, tie, suitcase, frisbee, skis, snowboard, sports ball,
+kite, baseball bat, baseball glove, skateboard, surfboard, tennis racket, bottle, wine glass, cup,
+fork, knife, spoon, bowl, banana, apple, sandwich, orange, broccoli, carrot, hot dog, pizza, donut,
+cake, chair, couch, potted plant, bed, dining table, toilet, tv, laptop, mouse, remote, keyboard,
+cell phone, microwave, oven, toaster, sink, refrigerator, book, clock, vase, scissors, teddy bear,
+hair drier, toothbrush"""
+
+SUBSUMED = [
+    ("desk", "table"),
+    ("dining_table", "furniture"),
+    ("kitchen_table", "object"),
+    ("muffin", "food"),
+    ("mug", "drinkware"),
+    ("bookshelf", "shelf"),
+    ("couch", "sofa"),
+    ("kitchen", "room"),
+    ("elevator_cabin", "room"),
+    ("patient_room", "bedroom"),
+    ("elevator_door", "connector"),
+    ("stairs", "connector"),
+    ("home_region", "region"),
+    ("keepout_zone", "blocked_region"),
+    ("support_surface", "region"),
+    ("robot", "agent"),
+    ("storey", "entity"),
+]
+
+
+@pytest.fixture(scope="module")
+def records() -> dict[str, TypeRecord]:
+    return {r.name: r for r in read_tbox(ONTOLOGY)}
+
+
+@pytest.fixture
+def turtle(tmp_path: Path) -> Callable[..., Path]:
+    def write(text: str, name: str = "t.ttl") -> Path:
+        path = tmp_path / name
+        path.write_text(HEAD + text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def hierarchy(records: dict[str, TypeRecord]) -> networkx.DiGraph:
+    graph = networkx.DiGraph()
+    graph.add_nodes_from(records)
+    graph.add_edges_from((r.name, parent) for r in records.values() for parent in r.parents)
+    return graph
+
+
+# The ontology itself
+
+
+@pytest.mark.parametrize(("sub", "super_"), SUBSUMED)
+def test_subsumption(records: dict[str, TypeRecord], sub: str, super_: str) -> None:
+    assert super_ in networkx.descendants(hierarchy(records), sub)
+
+
+def test_every_type_is_below_one_kind_of_entity(records: dict[str, TypeRecord]) -> None:
+    graph = hierarchy(records)
+    for name in records.keys() - {"entity"}:
+        above = networkx.descendants(graph, name) | {name}
+        assert above & set(KINDS) == {records[name].kind}
+        assert "entity" in above
+    assert records["entity"].kind is None
+
+
+def test_all_coco_labels_are_types(records: dict[str, TypeRecord]) -> None:
+    labels = [" ".join(label.split()) for label in COCO.split(",")]
+    assert len(labels) == 80
+    assert [label for label in labels if label.replace(" ", "_") not in records] == []
+
+
+def test_types_that_names_suggest_are_there(records: dict[str, TypeRecord]) -> None:
+    assert sorted(TYPE_WORDS.keys() - records.keys()) == []
+
+
+def test_every_type_has_label_and_comment(records: dict[str, TypeRecord]) -> None:
+    assert [r.name for r in records.values() if not r.comment or not r.label] == []
+
+
+def test_labels_and_synonyms_mean_one_type(records: dict[str, TypeRecord]) -> None:
+    meant: dict[str, set[str]] = {}
+    for record in records.values():
+        for word in (record.label, *record.synonyms):
+            meant.setdefault(word.lower(), set()).add(record.name)
+    twice = {word: types for word, types in meant.items() if len(types) > 1}
+    assert all(word.replace(" ", "_") in types for word, types in twice.items()), twice
+
+
+# The reader
+
+
+def test_a_record_holds_what_the_file_says(turtle: Callable[..., Path]) -> None:
+    path = turtle(
+        ":Object a owl:Class . :Table a owl:Class ; rdfs:subClassOf :Object ."
+        ":Storage a owl:Class ; rdfs:subClassOf :Object ."
+        ":TVTable a rdfs:Class ; rdfs:subClassOf :Table, :Storage ;"
+        ' rdfs:label "Fernsehtisch"@de, "TV table"@en ; skos:altLabel "TV stand" ;'
+        ' rdfs:comment "Carries a television." .'
+    )
+    assert read_tbox([path])[-1] == TypeRecord(
+        name="tv_table",
+        label="TV table",
+        iri="urn:example:t#TVTable",
+        parents=("storage", "table"),
+        kind="object",
+        comment="Carries a television.",
+        synonyms=("TV stand",),
+    )
+
+
+def test_without_a_label_the_name_is_the_label(turtle: Callable[..., Path]) -> None:
+    (record,) = read_tbox([turtle(":DiningTable a owl:Class .")])
+    assert (record.label, record.comment, record.kind) == ("dining table", None, None)
+
+
+def test_a_type_of_two_kinds_has_no_kind(turtle: Callable[..., Path]) -> None:
+    path = turtle(
+        ":Object a owl:Class . :Region a owl:Class ."
+        ":Dock a owl:Class ; rdfs:subClassOf :Object, :Region ."
+    )
+    assert {r.name: r.kind for r in read_tbox([path])}["dock"] is None
+
+
+def test_files_refer_to_each_other(turtle: Callable[..., Path]) -> None:
+    low = turtle(":Desk a owl:Class ; rdfs:subClassOf :Table .", "low.ttl")
+    high = turtle(
+        ":Table a owl:Class . :Desk a owl:Class ; rdfs:comment 'To work at.' .", "high.ttl"
+    )
+    assert [(r.name, r.parents, r.comment) for r in read_tbox([low, high])] == [
+        ("table", (), None),
+        ("desk", ("table",), "To work at."),
+    ]
+
+
+def test_n_triples(tmp_path: Path) -> None:
+    path = tmp_path / "t.nt"
+    path.write_text(
+        "<urn:e#Mug> <http://www.w3.org/1999/02/22-rdf-syntax-ns#type> "
+        "<http://www.w3.org/2002/07/owl#Class> .\n"
+    )
+    assert [r.name for r in read_tbox([path])] == ["mug"]
+
+
+def test_foreign_superclasses_and_restrictions_are_left_out(turtle: Callable[..., Path]) -> None:
+    path = turtle(
+        ":Desk a owl:Class ; rdfs:subClassOf owl:Thing, <http://example.org/x#Table>,"
+        " [ a owl:Restriction ; owl:onProperty :has ; owl:someValuesFrom :Top ] ."
+    )
+    assert [(r.name, r.parents) for r in read_tbox([path])] == [("desk", ())]
+
+
+@given(st.data())
+def test_parents_come_first(data: st.DataObject) -> None:
+    size = data.draw(st.integers(1, 9))
+    rank = data.draw(st.permutations(range(size)))
+    edges = {
+        (rank[i], rank[j])
+        for i, j in data.draw(
+            st.sets(st.tuples(st.integers(0, size - 1), st.integers(0, size - 1)))
+        )
+        if i > j
+    }
+    text = HEAD + "".join(f":C{i} a owl:Class . " for i in range(size))
+    text += "".join(f":C{i} rdfs:subClassOf :C{j} . " for i, j in edges)
+    seen: set[str] = set()
+    for record in _read_text(text):
+        assert set(record.parents) <= seen
+        seen.add(record.name)
+    assert seen == {f"c{i}" for i in range(size)}
+
+
+def _read_text(text: str) -> list[TypeRecord]:
+    import tempfile
+
+    with tempfile.NamedTemporaryFile("w", suffix=".ttl") as file:
+        file.write(text)
+        file.flush()
+        return read_tbox([Path(file.name)])
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("text", "element", "problem"),
+    [
+        (
+            ":A a owl:Class ; rdfs:subClassOf :B .\n:B a owl:Class ; rdfs:subClassOf :A .",
+            "class",
+            "itself",
+        ),
+        (":A a owl:Class ; rdfs:subClassOf :A .", "class a", "a > a"),
+        (":A a owl:Class ;\n  rdfs:label 'a' rdfs:comment 'b' .", "line 6", "Turtle"),
+        (":A a owl:Class ; rdfs:label 'cut off", "file", "Turtle"),
+        (":A a nowhere:Class .", "line 5", "Turtle"),
+        (":A a owl:Class ; rdfs:subClassOf :Tabel .", "#A", "#Tabel"),
+        (":DiningTable a owl:Class . :dining_table a owl:Class .", "class", "dining_table"),
+    ],
+)
+def test_an_ontology_that_cannot_be_trusted(
+    turtle: Callable[..., Path], text: str, element: str, problem: str
+) -> None:
+    path = turtle(text)
+    with pytest.raises(WorldError, match=r"t\.ttl") as caught:
+        read_tbox([path])
+    assert element in caught.value.element
+    assert problem in caught.value.problem
+    assert caught.value.fix
+
+
+def test_files_that_are_no_ontology(tmp_path: Path) -> None:
+    with pytest.raises(WorldError, match="cannot be read"):
+        read_tbox([tmp_path / "absent.ttl"])
+    for name, content, problem in [
+        ("a.owl", b"<rdf/>", "ending"),
+        ("a.ttl", b"\xff\xfe\x00", "UTF-8"),
+        ("a.nt", b"<a> <b>", "Turtle"),
+    ]:
+        path = tmp_path / name
+        path.write_bytes(content)
+        with pytest.raises(WorldError, match=problem):
+            read_tbox([path])
+
+
+@pytest.mark.parametrize(
+    ("local", "name"),
+    [
+        ("DiningTable", "dining_table"),
+        ("TV", "tv"),
+        ("TVCabinet", "tv_cabinet"),
+        ("Lab2", "lab2"),
+        ("wall", "wall"),
+        ("PieceOfFurniture-Large", "piece_of_furniture_large"),
+    ],
+)
+def test_snake_case(local: str, name: str) -> None:
+    assert snake_case(local) == name
+
+
+def test_the_files_of_the_ontology_are_found() -> None:
+    assert sorted(ontology_files()) == ONTOLOGY
