@@ -14,7 +14,7 @@ from sqlalchemy import Engine, text
 
 from benchmarks.rooms import rooms
 from benchmarks.timing import Row, print_rows
-from navgrid.robot_options import parts_of
+from navgrid.options import parts_of
 from planner.demo import office_files
 from planner.live import Changed, Live
 from planner.robot_class import RobotClass

@@ -10,10 +10,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from navgrid.scene import Thing
+from semmap.query.storey_scene import SceneEntity
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["FLOOR", "NONE", "Layer", "Policy", "PolicyError", "Rule"]
+__all__ = ["FLOOR", "NONE", "Layer", "Policy", "PolicyError", "PolicyRule"]
 
 NONE, FLOOR = "none", "floor"
 """Layers that are no layers: what is not in the way, and what robots drive on."""
@@ -34,7 +34,7 @@ class Layer:
 
 
 @dataclass(frozen=True)
-class Rule:
+class PolicyRule:
     """What an entity has to be, all of it, to go on a layer; empty parts ask nothing."""
 
     layer: str
@@ -43,13 +43,13 @@ class Rule:
     properties: tuple[tuple[str, Any], ...] = ()
     state: str | None = None
 
-    def fits(self, thing: Thing) -> bool:
+    def applies_to(self, entity: SceneEntity) -> bool:
         """Whether it decides about this entity."""
         return (
-            (self.kind is None or self.kind == thing.kind)
-            and (not self.types or not set(self.types).isdisjoint(thing.types))
-            and all(thing.properties.get(key) == value for key, value in self.properties)
-            and (self.state is None or self.state == thing.state)
+            (self.kind is None or self.kind == entity.kind)
+            and (not self.types or not set(self.types).isdisjoint(entity.types))
+            and all(entity.properties.get(key) == value for key, value in self.properties)
+            and (self.state is None or self.state == entity.state)
         )
 
 
@@ -58,7 +58,7 @@ class Policy:
     """Layers in their order, and the rules, of which the first that fits decides."""
 
     layers: tuple[Layer, ...]
-    rules: tuple[Rule, ...]
+    rules: tuple[PolicyRule, ...]
 
     @staticmethod
     @cache
@@ -93,9 +93,9 @@ class Policy:
         known = {layer.name for layer in layers} | {NONE, FLOOR}
         return cls(layers, tuple(_rule(r, i, known, file) for i, r in enumerate(rules, 1)))
 
-    def layer_of(self, thing: Thing) -> str:
+    def layer_of(self, entity: SceneEntity) -> str:
         """The layer on which an entity goes; `NONE` where no rule fits."""
-        return next((rule.layer for rule in self.rules if rule.fits(thing)), NONE)
+        return next((rule.layer for rule in self.rules if rule.applies_to(entity)), NONE)
 
 
 def _mapping(
@@ -124,7 +124,7 @@ def _layer(name: str, value: object, file: str) -> Layer:
     return Layer(name, float(padding))
 
 
-def _rule(value: object, number: int, known: set[str], file: str) -> Rule:
+def _rule(value: object, number: int, known: set[str], file: str) -> PolicyRule:
     element = f"rule {number}"
     said = _mapping(value, file, element, {"kind", "type", "properties", "state", "layer"})
     layer = said.get("layer")
@@ -141,4 +141,4 @@ def _rule(value: object, number: int, known: set[str], file: str) -> Rule:
     state = said.get("state")
     if state not in (None, "open", "closed", "locked"):
         raise PolicyError(f"{file}: {element}: a state is open, closed or locked")
-    return Rule(layer, kind, tuple(types), tuple(properties.items()), state)
+    return PolicyRule(layer, kind, tuple(types), tuple(properties.items()), state)

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from navgrid.area import area_cells
 from navgrid.costmap import Costmap
-from navgrid.grid import Grid
+from navgrid.grid import Grid, scene_grid
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
-from navgrid.scene import Scene, Thing, grid_of
 from navgrid.travel import travel, way
 from planner.robot_class import RobotClass
 from planner.topology import OUTSIDE, Region, Topology
 from planner.walks import Walked
 from semmap.geometry.pose import Pose
+from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 __all__ = ["Ground", "Room"]
 
@@ -65,7 +65,7 @@ class Ground:
         self,
         topology: Topology,
         robot: RobotClass,
-        read: Callable[[str], Scene],
+        read: Callable[[str], StoreyScene],
         resolution: float = 0.05,
         slow: float = 1.0,
     ) -> None:
@@ -98,11 +98,10 @@ class Ground:
         """The costmap of a storey, without its doors."""
         if storey not in self._costmaps:
             scene = self._read(storey)
-            walked = replace(
-                scene, things=tuple(t for t in scene.things if t.kind not in ("connector", "agent"))
-            )
-            grid = grid_of(scene, self.resolution)
-            self._costmaps[storey] = Costmap(walked, self.robot.parts, grid, gait=self.robot.gait)
+            fixed = tuple(e for e in scene.entities if e.kind not in ("connector", "agent"))
+            walked = replace(scene, entities=fixed)
+            grid = scene_grid(scene, self.resolution)
+            self._costmaps[storey] = Costmap(walked, self.robot.parts, grid, limits=self.robot.gait)
         return self._costmaps[storey]
 
     def storey_of(self, place: str) -> str:
@@ -116,7 +115,7 @@ class Ground:
                 self._progress(place, len(self._rooms) + 1)
             costmap = self.costmap(self.storey_of(place))
             wanted = {place} | {c.name for c, _ in self.topology.doors_of(place)}
-            parts = {p.name: p.outline for p in costmap.scene.places if p.name in wanted}
+            parts = {p.name: p.outline for p in costmap.scene.floors if p.name in wanted}
             whole = shapely.union_all([*parts.values()])
             self._rooms[place] = Room(whole, costmap.grid) if place in parts else None
         return self._rooms[place]
@@ -213,7 +212,7 @@ class Ground:
         storey = self.storey_of(place)
         costmap = self.costmap(storey)
         try:
-            row, column = costmap.cell(pose.x, pose.y)
+            row, column = costmap.grid.cell(pose.x, pose.y)
         except ValueError:
             return f"that is outside of {place}"
         point = shapely.Point(pose.x, pose.y)
@@ -245,8 +244,8 @@ class Ground:
     def update(
         self,
         ids: Collection[int],
-        objects: Iterable[Thing] = (),
-        regions: Mapping[str, Sequence[Thing]] | None = None,
+        objects: Iterable[SceneEntity] = (),
+        regions: Mapping[str, Sequence[SceneEntity]] | None = None,
     ) -> set[str]:
         """Take in objects and regions that moved, came or went; the places whose costs are others.
 
@@ -279,7 +278,7 @@ class Ground:
 def _blamed(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:
     """Which entities make a costmap cost so much or more at a pose."""
     try:
-        blames = costmap.why(pose.x, pose.y)
+        blames = costmap.explain(pose.x, pose.y)
     except ValueError:
         return ()
     return tuple(dict.fromkeys(n for b in blames if b.cost >= cost for n in b.entities))

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import IntegrityError, OperationalError
 
-from navgrid.scene import Scene
 from planner.ask import Asker
 from planner.ground import Ground
 from planner.network import KeptWalks, Network
@@ -49,6 +48,7 @@ from planner.times import Times
 from planner.topology import OUTSIDE, Connector, Topology
 from semmap.geometry.pose import Pose
 from semmap.query.change_feed import ChangeFeed
+from semmap.query.storey_scene import StoreyScene
 
 __all__ = ["Changed", "Live"]
 
@@ -352,7 +352,7 @@ class Live:
 
     # -- the database ---------------------------------------------------------------------------
 
-    def _read_scene(self, storey: str) -> Scene:
+    def _read_scene(self, storey: str) -> StoreyScene:
         with self._feed.snapshot() as connection:
             return scene_of(connection, storey)
 

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from navgrid.costmap_command import numbers
-from navgrid.robot_options import MaxSlope, MaxStep, Parts, State, Urdf, parts_of
-from navgrid.terrain import Gait
+from navgrid.options import MaxSlope, MaxStep, Parts, State, Urdf, parts_of
+from navgrid.terrain import DriveLimits
 from planner.robot_class import RobotClass
 from planner.source.robot_class import (
     delete_robot_class,
@@ -21,6 +20,7 @@ from planner.source.robot_class import (
 )
 from planner.times import Times
 from semmap import cli
+from semmap.number_list import parse_numbers
 
 __all__ = ["robot"]
 
@@ -55,10 +55,11 @@ def add(
     json_: cli.Json = False,
 ) -> None:
     """Add a class of robots from a URDF, or replace the one of that name."""
-    near = numbers(reach, 2, "--reach MIN,MAX")
-    high = numbers(heights, 2, "--heights MIN,MAX")
+    near = parse_numbers(reach, 2, "--reach MIN,MAX")
+    high = parse_numbers(heights, 2, "--heights MIN,MAX")
+    limits = DriveLimits(max_step, math.radians(max_slope))
     robot = RobotClass(
-        name, tuple(parts_of(urdf, state, parts)), Gait(max_step, math.radians(max_slope)), speed,
+        name, tuple(parts_of(urdf, state, parts)), limits, speed,
         None if behaviour is None else frozenset(behaviour), frozenset(permission or ()), opens,
         unlocks, outside, (near[0], near[1]), (high[0], high[1]), capacity,
     )  # fmt: skip

@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import typer
 
 from navgrid.map_file import file_name
-from navgrid.source import read_wanted_storeys
 from planner.exchange.dot import dot
 from planner.exchange.nav2_route import write_nav2
 from planner.exchange.rmf_nav import write_rmf_nav
@@ -21,8 +20,9 @@ from planner.live import Live
 from planner.robot_class import RobotClass
 from planner.topology import Connector, Place, Topology
 from semmap import cli
-from semmap.draw.view import StoreyView
+from semmap.draw.view import StoreyView, storey_view
 from semmap.query.maps import current_name
+from semmap.query.storey_reader import read_storeys
 
 __all__ = ["topology_as_json", "topology_command"]
 
@@ -67,7 +67,7 @@ def topology_command(
     with cli.open_map(map_name) as connection:
         name = current_name(connection)
         around = read_surroundings(connection)
-        views = read_wanted_storeys(connection, storey)
+        views = [storey_view(s) for s in read_storeys(connection, storey, triangles=False)]
     with cli.database() as engine:
         network = Live(engine, name, robot or RobotClass(speed=speed, unlocks=locked)).network
     topology = network.topology

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from navgrid.robot_options import parts_of
+from navgrid.options import parts_of
 from planner.live import Live
 from planner.mission.journal import Journal
 from planner.mission.planning import TaskPlanner

@@ -9,7 +9,7 @@ import numpy as np
 from psycopg.rows import namedtuple_row
 from sqlalchemy import Connection, text
 
-from navgrid.terrain import Gait
+from navgrid.terrain import DriveLimits
 from planner.robot_class import RobotClass
 from planner.source.rows import ask
 from planner.times import Times
@@ -144,7 +144,7 @@ def read_robot_class(connection: Connection, name: str) -> Kept:
     robot = RobotClass(
         row.name,
         tuple(_part(said) for said in row.parts),
-        Gait(row.max_step, row.max_slope),
+        DriveLimits(row.max_step, row.max_slope),
         behaviours=None if row.behaviours is None else frozenset(row.behaviours),
         permissions=frozenset(row.permissions or ()),
         reach=(row.reach[0], row.reach[1]),

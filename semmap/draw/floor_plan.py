@@ -24,7 +24,7 @@ from scipy.ndimage import label
 
 from semmap.draw.labels import AROUND, Labels
 from semmap.draw.palette import INK, PAPER, PATH, family, object_colour, room_colour
-from semmap.draw.view import DoorView, ObjectView, Occupancy, Outline, RegionView, StoreyView
+from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, RegionView, StoreyView
 
 __all__ = ["floor_plan"]
 
@@ -150,7 +150,7 @@ def _fill(axes: Axes, outline: Outline, **style: Any) -> None:
         axes.add_patch(PathPatch(curve, **style))
 
 
-def _walls(axes: Axes, grid: Occupancy, things: list[Outline]) -> None:
+def _walls(axes: Axes, grid: OccupancyView, things: list[Outline]) -> None:
     """The occupied cells: dark where nothing but building is, a shade over objects."""
     rows, columns = np.nonzero(grid.cells > 50)
     image = np.zeros((*grid.cells.shape, 4))

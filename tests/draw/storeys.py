@@ -31,15 +31,12 @@ def walls(z: float = 0.0, height: float = 2.5) -> Mesh:
 
 def two_rooms(z: float = 0.0, state: str = "open", name: str = "ground") -> StoreyView:
     """A lab and a kitchen; a table with a muffin, a carpet, a ceiling, a blocked corner."""
-    leaf = box_mesh((4.08, 1.0, z), (4.12, 2.0, z + 2.01))
     door = DoorView(
         "door1",
         (Pose.planar(3.4, 1.5, 0.0, z), Pose.planar(4.8, 1.5, math.pi, z)),
         1.0,
         "door",
         state,
-        box(4.05, 1.0, 4.15, 2.0),
-        leaf,
     )
     return StoreyView(
         name,

@@ -7,7 +7,7 @@ from PIL import Image
 
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.palette import PATH, ROOMS
-from semmap.draw.view import DoorView, Occupancy, StoreyView
+from semmap.draw.view import DoorView, OccupancyView, StoreyView
 from semmap.geometry.pose import Pose
 from tests.draw.storeys import two_rooms
 
@@ -43,7 +43,7 @@ def test_a_route_is_drawn_where_there_is_one(tmp_path):
 
 def test_the_grid_is_drawn_where_it_is_occupied(tmp_path):
     cells = np.zeros((62, 168), np.int8)
-    free = Occupancy((-0.1, -0.1), 0.05, cells)
+    free = OccupancyView((-0.1, -0.1), 0.05, cells)
     half = cells.copy()
     half[:31] = 100  # the lower half of the plan
     plain = drawn(replace(two_rooms(), occupancy=free, objects=[], path=[]), tmp_path)
@@ -57,8 +57,8 @@ def test_the_grid_is_drawn_where_it_is_occupied(tmp_path):
     assert rows.min() > 0.45 * len(dark)  # low y is low in the picture
 
 
-def replace_cells(grid: Occupancy, cells: np.ndarray) -> Occupancy:
-    return Occupancy(grid.origin, grid.resolution, cells)
+def replace_cells(grid: OccupancyView, cells: np.ndarray) -> OccupancyView:
+    return OccupancyView(grid.origin, grid.resolution, cells)
 
 
 @pytest.mark.parametrize("type_", ["door", "elevator_door", "stairs", "ramp"])

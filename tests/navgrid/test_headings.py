@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from navgrid.costmap import Costmap
 from navgrid.grid import Grid
 from navgrid.headings import collisions, footprint_cells, part_collisions
-from tests.navgrid.scenes import ARM, BASE, part, room, scene, square, thing
+from tests.navgrid.scenes import ARM, BASE, part, room, scene, solid, square
 
 corners = st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6)), min_size=3, max_size=7)
 
@@ -47,23 +47,23 @@ def test_a_footprint_touches_as_shapely_says(
 
 
 def test_a_long_robot_passes_lengthways_alone() -> None:
-    walls = [thing(1, (0, 0, 0), (3, 1.0, 1), "wall"), thing(2, (0, 1.42, 0), (3, 2.4, 1), "wall")]
+    walls = [solid(1, (0, 0, 0), (3, 1.0, 1), "wall"), solid(2, (0, 1.42, 0), (3, 2.4, 1), "wall")]
     long = part("base", 0.0, 0.3, [[-0.4, -0.15], [0.4, -0.15], [0.4, 0.15], [-0.4, 0.15]])
     made = Costmap(
-        scene(*walls, places=(room("hall", 0, 0, 3, 2.4),)), [long], Grid((0, 0), 0.02, (120, 150))
+        scene(*walls, floors=(room("hall", 0, 0, 3, 2.4),)), [long], Grid((0, 0), 0.02, (120, 150))
     )
-    row, column = made.cell(1.5, 1.21)
+    row, column = made.grid.cell(1.5, 1.21)
     found = collisions(made, 8)
     assert found[:, row, column].tolist() == [False, True, True, True, False, True, True, True]
 
 
 def test_each_part_touches_its_own_layer() -> None:
-    shelf = thing(1, (1.0, 1.0, 0.8), (1.4, 1.4, 1.2), "shelf")
+    shelf = solid(1, (1.0, 1.0, 0.8), (1.4, 1.4, 1.2), "shelf")
     made = Costmap(scene(shelf), [BASE, ARM], Grid((0, 0), 0.05, (60, 60)))
     found = collisions(made, 4)
-    row, column = made.cell(0.825, 1.2)
+    row, column = made.grid.cell(0.825, 1.2)
     assert found[:, row, column].tolist() == [True, False, False, False], "the arm reaches ahead"
-    row, column = made.cell(1.2, 1.2)
+    row, column = made.grid.cell(1.2, 1.2)
     assert not found[:, row, column].any(), "the arm is beyond on all sides, the base beneath"
 
 
@@ -76,5 +76,5 @@ def test_the_cells_of_a_footprint() -> None:
 
 
 def test_no_heading() -> None:
-    with pytest.raises(ValueError, match="1 heading or more"):
+    with pytest.raises(ValueError, match="give 1 or more"):
         part_collisions(np.zeros((2, 2), bool), BASE.footprint, 0.1, 0)

@@ -161,7 +161,7 @@ def test_a_write_that_fails_leaves_no_halves(tmp_path):
         ({"resolution": "fine"}, "resolution: is 'fine'"),
         ({"resolution": math.nan}, "resolution: is nan"),
         ({"origin": [0, 0]}, r"origin: is \[0, 0\]"),
-        ({"origin": [0, 0, 0.5]}, r"origin\[2\]: turns the map"),
+        ({"origin": [0, 0, 0.5]}, r"origin\[2\]: is a yaw of"),
         ({"origin": [0, "a", 0]}, r"origin\[1\]: is 'a'"),
         ({"mode": "colour"}, "mode: is 'colour'. Give one of trinary, scale, raw"),
         ({"negate": None}, "negate: is missing"),
@@ -182,9 +182,9 @@ def test_what_a_map_lacks_is_named(tmp_path, change, element):
 @pytest.mark.parametrize("text", ["a: [", "just words", "\x00", ""])
 def test_a_file_that_is_no_map_is_refused(tmp_path, text):
     (tmp_path / "m.yaml").write_text(text)
-    with pytest.raises(MapFileError, match=r"m\.yaml: file: (is no YAML|has no fields)"):
+    with pytest.raises(MapFileError, match=r"m\.yaml: file: (is not valid YAML|has no fields)"):
         read_map(tmp_path / "m.yaml")
-    with pytest.raises(MapFileError, match="is not there"):
+    with pytest.raises(MapFileError, match="does not exist"):
         read_map(tmp_path / "other.yaml")
 
 

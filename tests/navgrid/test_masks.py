@@ -10,14 +10,14 @@ import shapely
 
 from navgrid.grid import Grid
 from navgrid.masks import Mask, keepout_mask, speed_mask
-from navgrid.scene import Thing
+from semmap.query.storey_scene import SceneEntity
 
 GRID = Grid((0.0, 0.0), 0.1, (20, 30))
 
 
-def zone(number: int, x0: float, x1: float, *types: str, **properties: Any) -> Thing:
-    return Thing(number, f"zone{number}", "region", (*types, "region"),
-                 outline=shapely.box(x0, 0.52, x1, 1.48), properties=properties)  # fmt: skip
+def zone(number: int, x0: float, x1: float, *types: str, **properties: Any) -> SceneEntity:
+    return SceneEntity(number, f"zone{number}", "region", (*types, "region"),
+                 footprint=shapely.box(x0, 0.52, x1, 1.48), properties=properties)  # fmt: skip
 
 
 def limit(mask: Mask, row: int, column: int) -> float:
@@ -63,10 +63,10 @@ def test_speed_in_percent() -> None:
     ("zones", "says"),
     [
         ([{}], "give it speed_limit in m/s, or speed_percent"),
-        ([{"speed_limit": 0}], "its speed_limit is no speed: 0"),
-        ([{"speed_limit": "slow"}], "is no speed: 'slow'"),
-        ([{"speed_percent": 120}], "its speed_percent is no speed"),
-        ([{"speed_limit": 1.0}, {"speed_percent": 50}], "some limit in m/s, some in percent"),
+        ([{"speed_limit": 0}], "speed_limit is 0; give a number above 0 in m/s"),
+        ([{"speed_limit": "slow"}], "speed_limit is 'slow'; give a number"),
+        ([{"speed_percent": 120}], "speed_percent is 120; .* percent, at most 100"),
+        ([{"speed_limit": 1.0}, {"speed_percent": 50}], "some limits are in m/s and some"),
     ],
 )
 def test_zones_that_limit_nothing(zones: list[dict[str, Any]], says: str) -> None:

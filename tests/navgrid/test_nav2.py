@@ -17,9 +17,9 @@ from navgrid.costmap import Costmap
 from navgrid.grid import Grid
 from navgrid.map_file import write_map
 from navgrid.nav2 import as_occupancy, frame_name, write_nav2
-from navgrid.scene import Thing
 from navgrid.static_map import map_layer, resampled
-from tests.navgrid.scenes import ARM, BASE, room, scene, thing
+from semmap.query.storey_scene import SceneEntity
+from tests.navgrid.scenes import ARM, BASE, region, room, scene, solid
 
 GRID = Grid((-1.03, 0.4), 0.05, (60, 90))
 
@@ -27,13 +27,12 @@ GRID = Grid((-1.03, 0.4), 0.05, (60, 90))
 @pytest.fixture
 def costmap() -> Costmap:
     things = [
-        thing(1, (0.5, 1, 0.72), (1.5, 1.8, 0.76), "table"),
-        thing(2, (0, 2.5, 0), (3, 2.6, 2), "wall", "building_element"),
-        Thing(3, "stairs", "region", ("staircase", "region"), outline=shapely.box(2, 0.5, 3, 1.2)),
-        Thing(4, "slow", "region", ("speed_zone", "region"), outline=shapely.box(0, 2, 1, 2.4),
-              properties={"speed_limit": 0.5}),
-    ]  # fmt: skip
-    return Costmap(scene(*things, places=(room("hall", -0.5, 0.5, 3, 3.2),)), [BASE, ARM], GRID)
+        solid(1, (0.5, 1, 0.72), (1.5, 1.8, 0.76), "table"),
+        solid(2, (0, 2.5, 0), (3, 2.6, 2), "wall", "building_element"),
+        region(3, shapely.box(2, 0.5, 3, 1.2), "staircase"),
+        region(4, shapely.box(0, 2, 1, 2.4), "speed_zone", speed_limit=0.5),
+    ]
+    return Costmap(scene(*things, floors=(room("hall", -0.5, 0.5, 3, 3.2),)), [BASE, ARM], GRID)
 
 
 def map_server(folder: Path, name: str) -> tuple[NDArray[np.int16], dict[str, object]]:
@@ -100,8 +99,9 @@ def test_every_cost_as_occupancy() -> None:
 def test_what_nav2_has_to_be_told(costmap: Costmap, tmp_path: Path) -> None:
     write_nav2(costmap, tmp_path)
     params = yaml.safe_load((tmp_path / "nav2_params.yaml").read_text())
+    footprints = params["robot_footprints"]["ros__parameters"]
     for part in costmap.parts:
-        corners = np.array(ast.literal_eval(params["footprints"][part.name]))
+        corners = np.array(ast.literal_eval(footprints[part.name]))
         np.testing.assert_allclose(corners, part.footprint, atol=1e-3)
     layers = params["global_costmap"]["global_costmap"]["ros__parameters"]
     assert layers["global_frame"] == "map_ground"
@@ -109,26 +109,49 @@ def test_what_nav2_has_to_be_told(costmap: Costmap, tmp_path: Path) -> None:
     assert layers["filters"] == ["keepout_filter", "speed_filter"]
     info = params["speed_filter_info_server"]["ros__parameters"]
     mask, _ = map_server(tmp_path, "speed_mask.yaml")
-    row, column = costmap.cell(0.5, 2.2)
+    row, column = costmap.grid.cell(0.5, 2.2)
     assert info["type"] == 2
     assert info["base"] + info["multiplier"] * mask[row, column] == pytest.approx(0.5)
     keepout, _ = map_server(tmp_path, "keepout_mask.yaml")
-    assert keepout[costmap.cell(2.5, 0.8)] == 100
-    assert keepout[costmap.cell(0.0, 0.8)] == 0
+    assert keepout[costmap.grid.cell(2.5, 0.8)] == 100
+    assert keepout[costmap.grid.cell(0.0, 0.8)] == 0
     for server in ("master_server", "map_server", "keepout_mask_server", "speed_mask_server"):
         said = params[server]["ros__parameters"]
         assert (tmp_path / said["yaml_filename"]).is_file()
         assert said["frame_id"] == "map_ground"
 
 
+def test_every_parameter_is_below_ros__parameters(costmap: Costmap, tmp_path: Path) -> None:
+    """The parser of rcl refuses a value above it."""
+    write_nav2(costmap, tmp_path)
+    params = yaml.safe_load((tmp_path / "nav2_params.yaml").read_text())
+
+    def check(node: object, path: str) -> None:
+        assert isinstance(node, dict), path
+        for key, value in node.items():
+            if key != "ros__parameters":
+                check(value, f"{path}/{key}")
+
+    check(params, "")
+
+
+def test_objects_without_geometry_are_listed_in_the_files(tmp_path: Path) -> None:
+    bed = SceneEntity(9, "bed1", "object", ("bed",))
+    hall = room("hall", -0.5, 0.5, 3, 3.2)
+    files = write_nav2(Costmap(scene(bed, floors=(hall,)), [BASE], GRID), tmp_path)
+    assert files["no_geometry"] == ["bed1"]
+    for name in ("master.yaml", "nav2_params.yaml"):
+        assert "treated as free floor: bed1" in (tmp_path / name).read_text()
+
+
 def test_the_localisation_map_is_what_a_laser_sees(costmap: Costmap, tmp_path: Path) -> None:
     write_nav2(costmap, tmp_path, laser_height=0.74)
     table, _ = map_server(tmp_path, "localisation.yaml")
-    assert table[costmap.cell(1.0, 1.02)] == 100
+    assert table[costmap.grid.cell(1.0, 1.02)] == 100
     write_nav2(costmap, tmp_path, laser_height=0.3)
     shin, _ = map_server(tmp_path, "localisation.yaml")
-    assert shin[costmap.cell(1.0, 1.02)] == 0
-    assert shin[costmap.cell(1.0, 2.55)] == 100
+    assert shin[costmap.grid.cell(1.0, 1.02)] == 0
+    assert shin[costmap.grid.cell(1.0, 2.55)] == 100
 
 
 @pytest.mark.parametrize(
@@ -157,8 +180,8 @@ def test_a_slam_map_becomes_a_layer(tmp_path: Path) -> None:
     assert (layer == (overlap > 1e-6)).all()
     costmap = Costmap(scene(), [BASE], GRID, static={"slam": layer})
     assert (costmap.master[layer] == 254).all()
-    assert costmap.why(-0.2, 1.05)[0].entities == ("slam",)
-    with pytest.raises(ValueError, match="the grid's shape and its own name"):
+    assert costmap.explain(-0.2, 1.05)[0].entities == ("slam",)
+    with pytest.raises(ValueError, match="give it that of the grid"):
         Costmap(scene(), [BASE], GRID, static={"slam": cells > 0})
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from navgrid.policy import Policy, PolicyError
-from navgrid.scene import Thing
+from semmap.query.storey_scene import SceneEntity
 
 
 def layer(kind: Any, *types: str, **said: Any) -> str:
-    return Policy.default().layer_of(Thing(1, "x", kind, (*types, kind), **said))
+    return Policy.default().layer_of(SceneEntity(1, "x", kind, (*types, kind), **said))
 
 
 @pytest.mark.parametrize(
@@ -56,9 +56,9 @@ def test_the_first_rule_that_fits_decides(tmp_path: Path) -> None:
     policy = Policy.read(file)
     assert [(la.name, la.padding) for la in policy.layers] == [("near", 0.1), ("far", 0.0)]
     asked = [
-        Thing(1, "a", "object", ("cup",), properties={"full": True}),
-        Thing(2, "b", "object", ("cup",)),
-        Thing(3, "c", "object", ("chair",)),
+        SceneEntity(1, "a", "object", ("cup",), properties={"full": True}),
+        SceneEntity(2, "b", "object", ("cup",)),
+        SceneEntity(3, "c", "object", ("chair",)),
     ]
     assert [policy.layer_of(t) for t in asked] == ["far", "near", "none"]
 

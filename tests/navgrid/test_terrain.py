@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.scene import Place
-from navgrid.terrain import Gait, drivable, levels
+from navgrid.terrain import DriveLimits, drivable, floor_levels
 from semmap.geometry.mesh import box_mesh
+from semmap.query.storey_scene import FloorArea
 
 GRID = Grid((0.0, 0.0), 0.1, (20, 60))
-HALL = Place("hall", shapely.box(0, 0, 6, 2), 0.0)
+HALL = FloorArea("hall", shapely.box(0, 0, 6, 2), 0.0)
 
 
 def fan(*corners: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -32,7 +32,7 @@ def plate(x0: float, x1: float, z0: float, z1: float) -> NDArray[np.float64]:
 
 def driven(parts: list[NDArray[np.float64]], **gait: float) -> list[bool]:
     """Of each part, whether all of its faces are driven on; none are in part."""
-    found = drivable(np.concatenate(parts), [0.0], Gait(**gait))
+    found = drivable(np.concatenate(parts), [0.0], DriveLimits(**gait))
     ends = np.cumsum([len(p) for p in parts])
     each = np.split(found, ends[:-1])
     assert all(e.all() or not e.any() for e in each)
@@ -63,7 +63,7 @@ def test_what_hangs_together_with_the_floor(
 
 def test_walls_are_no_floor_however_low() -> None:
     box = box_mesh((1, 0, 0), (2, 1, 0.5)).triangles
-    assert drivable(box, [0.0], Gait()).sum() == 2  # its bottom alone
+    assert drivable(box, [0.0], DriveLimits()).sum() == 2  # its bottom alone
 
 
 @settings(max_examples=80, deadline=None)
@@ -89,7 +89,7 @@ def test_a_row_of_plates_as_walked_one_by_one(
     if any(near):
         return
     # What lies within a step of the floor is ground, and leads back to plates before it.
-    found = drivable(np.concatenate(parts), [0.0], Gait(max_step=max_step))
+    found = drivable(np.concatenate(parts), [0.0], DriveLimits(max_step=max_step))
     got = found.reshape(-1, 2).all(axis=1).tolist()
     for k in range(len(wanted) - 2, -1, -1):
         step = abs(row[k][1])
@@ -98,10 +98,10 @@ def test_a_row_of_plates_as_walked_one_by_one(
 
 
 def test_levels_of_rooms_and_ramps() -> None:
-    low = Place("low", shapely.box(0, 0, 2, 2), 0.0)
-    high = Place("high", shapely.box(4, 0, 6, 2), 0.2)
+    low = FloorArea("low", shapely.box(0, 0, 2, 2), 0.0)
+    high = FloorArea("high", shapely.box(4, 0, 6, 2), 0.2)
     ramp = plate(2, 4, 0.0, 0.2)
-    found = levels([low, high], ramp, 0.0, Gait(max_step=0.04), GRID)
+    found = floor_levels([low, high], ramp, 0.0, DriveLimits(max_step=0.04), GRID)
     floor = np.full(GRID.shape, np.nan)
     for level in found:
         floor[level.cells] = np.fmax(floor[level.cells], level.floor)
@@ -115,7 +115,9 @@ def test_levels_of_rooms_and_ramps() -> None:
 
 
 def test_levels_cover_every_cell() -> None:
-    found = levels([HALL], np.empty((0, 3, 3)), 0.5, Gait(), Grid((-1, -1), 0.1, (40, 80)))
+    found = floor_levels(
+        [HALL], np.empty((0, 3, 3)), 0.5, DriveLimits(), Grid((-1, -1), 0.1, (40, 80))
+    )
     assert [lev.floor for lev in found] == [0.0, 0.5]
     assert (found[0].cells ^ found[1].cells).all()
 
@@ -125,4 +127,4 @@ def test_levels_cover_every_cell() -> None:
 )
 def test_gaits_that_nobody_has(gait: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="less than a right angle"):
-        Gait(**gait)
+        DriveLimits(**gait)

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import Engine
 from typer.testing import Result
 
-from navgrid.robot_options import parts_of
+from navgrid.options import parts_of
 from planner.demo import office_files
 from planner.live import Live
 from planner.robot_class import RobotClass

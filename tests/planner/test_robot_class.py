@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sqlalchemy import text
 
-from navgrid.terrain import Gait
+from navgrid.terrain import DriveLimits
 from planner.robot_class import RobotClass
 from planner.source.robot_class import keep_robot_class, read_robot_class
 from planner.source.topology import read_topology
@@ -33,7 +33,7 @@ shapes = st.one_of(
 words = st.frozensets(st.sampled_from(["staff", "night"]))
 robots = st.builds(
     RobotClass, st.just("tester"), shapes,
-    st.builds(Gait, st.sampled_from([0.02, 0.1]), st.sampled_from([0.1, 0.3])),
+    st.builds(DriveLimits, st.sampled_from([0.02, 0.1]), st.sampled_from([0.1, 0.3])),
     behaviours=st.sampled_from([None, frozenset({"pass_door"})]), permissions=words,
     opens=st.booleans(), unlocks=st.booleans(),
 )  # fmt: skip

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import text
 
-from navgrid.terrain import Gait
+from navgrid.terrain import DriveLimits
 from planner.robot_class import RobotClass
 from planner.source.robot_class import (
     class_state,
@@ -28,7 +28,7 @@ ranges = st.tuples(st.floats(0, 1), st.floats(1.01, 3))
 words = st.frozensets(st.sampled_from(["pass_door", "use_elevator", "ward", "night"]))
 classes = st.builds(
     RobotClass, name=st.just("tester"), parts=st.sampled_from([(), (BASE,), (BASE, MAST)]),
-    gait=st.builds(Gait, st.floats(0, 0.3), st.floats(0, 1)), speed=lengths,
+    gait=st.builds(DriveLimits, st.floats(0, 0.3), st.floats(0, 1)), speed=lengths,
     behaviours=st.one_of(st.none(), words), permissions=words, opens=st.booleans(),
     unlocks=st.booleans(), outside=st.booleans(), reach=ranges, heights=ranges,
     capacity=st.integers(1, 9),
@@ -54,7 +54,7 @@ def test_what_is_read_is_what_was_kept(connection, robot, took):
 
 @pytest.mark.parametrize(
     ("change", "forgotten"),
-    [({"speed": 0.4}, True), ({"parts": (BASE,)}, True), ({"gait": Gait(0.1, 0.2)}, True),
+    [({"speed": 0.4}, True), ({"parts": (BASE,)}, True), ({"gait": DriveLimits(0.1, 0.2)}, True),
      ({"opens": False}, False), ({"capacity": 3}, False), ({}, False)],
 )  # fmt: skip
 def test_walks_of_another_shape_gait_or_speed_are_forgotten(connection, change, forgotten):
