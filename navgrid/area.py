@@ -1,4 +1,4 @@
-"""The cells that polygons meet, by the same exact rule as for triangles (`navgrid.occupancy`)."""
+"""The cells that polygons meet, by the same exact rule as for triangles (`navgrid.slabs`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy
+from navgrid.slabs import occupancy
 
 __all__ = ["area_cells", "flat_triangles"]
 

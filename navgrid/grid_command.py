@@ -12,9 +12,9 @@ import numpy as np
 import typer
 
 from navgrid.map_file import file_name, write_map
+from navgrid.occupancy_grid import StoreyGrid, storey_grid
 from navgrid.options import MaxSlope, MaxStep, Moment, PolicyFile, moment_of
 from navgrid.policy import Policy
-from navgrid.storey_grid import StoreyGrid, storey_grid
 from navgrid.terrain import DriveLimits
 from semmap import cli
 from semmap.draw.view import OccupancyView, StoreyView, storey_view

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from navgrid.area import area_cells
 from navgrid.grid import Grid
 from navgrid.layer_members import LayerChange, LayerMembers
-from navgrid.occupancy import occupancy
+from navgrid.slabs import occupancy
 from navgrid.terrain import FloorLevel, floor_levels
 from navgrid.window import Window, whole
 from semmap.query.storey_scene import SceneEntity

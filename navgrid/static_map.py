@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from navgrid.grid import Grid
 from navgrid.map_file import read_map
-from navgrid.occupancy import occupancy
+from navgrid.slabs import occupancy
 
 __all__ = ["map_layer", "resampled"]
 

@@ -18,7 +18,7 @@ from shapely import box, contains_properly, polygons, union_all
 
 from navgrid.area import area_cells
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy
+from navgrid.slabs import occupancy
 from semmap.geometry.walk import GAP, walked_faces
 from semmap.query.storey_scene import FloorArea
 

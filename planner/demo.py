@@ -18,8 +18,8 @@ from navgrid.area import area_cells
 from navgrid.demo import robot_demo
 from navgrid.grid_command import with_grid, write_grid
 from navgrid.map_file import file_name
+from navgrid.occupancy_grid import StoreyGrid, storey_grid
 from navgrid.path import grid_path
-from navgrid.storey_grid import StoreyGrid, storey_grid
 from planner.exchange.picture import topology_plan
 from planner.mission.demo import put_back, task_demo
 from planner.route import NoRouteError, Route

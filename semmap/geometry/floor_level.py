@@ -19,6 +19,9 @@ THICKNESS = 0.02
 LOWEST_CEILING = 1.5
 """Metres above a surface within which a surface of the same width is the top of the same slab."""
 
+DEEPEST = 0.5
+"""Metres above the lowest point of all within which a surface may be a floor, without ground."""
+
 SAME_WIDTH = 0.9
 """Share of the lower surface's area that the top of a slab has."""
 
@@ -31,9 +34,9 @@ def floor_level(
 ) -> float | None:
     """Return the height of the floor that meshes show, the lowest of several storeys.
 
-    It is the widest level surface of the ground. Without ground it is a level surface of the bodies
-    that is half as wide as all of them together; without such a surface it is the height at which
-    most bodies stand.
+    It is the widest level surface of the ground. Without ground it is a level surface near the
+    lowest point of the bodies that is half as wide as all of them together; without such a surface
+    it is the height at which most bodies stand.
 
     Parameters
     ----------
@@ -63,7 +66,8 @@ def floor_level(
         return None
     every = _joined(solids)
     extent = np.ptp(every[:, :, :2].reshape(-1, 2), axis=0)
-    wide = _lowest_surface(every, near, least=float(np.prod(extent)) / 2)
+    low = float(every[:, :, 2].min())
+    wide = _lowest_surface(every, near or (low, low + DEEPEST), least=float(np.prod(extent)) / 2)
     if wide is not None:
         return wide
     feet = np.array([triangles[:, :, 2].min() for triangles in solids])

@@ -45,6 +45,15 @@ def test_without_a_wide_surface_the_floor_is_where_most_objects_stand() -> None:
     assert floor_level([], [*legs, lamp]) == pytest.approx(0.5)
 
 
+def test_the_top_of_a_crate_or_a_table_is_not_a_floor() -> None:
+    crate = box_mesh((0, 0, 0), (1, 1, 1)).triangles
+    assert floor_level([], [crate]) == 0.0
+    top = box_mesh((0, 0, 0.7), (1, 1, 0.75)).triangles
+    legs = [box_mesh((x, 0, 0), (x + 0.05, 0.05, 0.7)).triangles for x in (0.0, 0.95)]
+    cup = box_mesh((0.5, 0.5, 0.75), (0.6, 0.6, 0.85)).triangles
+    assert floor_level([], [np.concatenate([top, *legs]), cup]) == 0.0
+
+
 def test_without_triangles_there_is_no_floor() -> None:
     assert floor_level([]) is None
     assert floor_level([], [np.empty((0, 3, 3))]) is None

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy, occupancy_solids, slices
+from navgrid.slabs import occupancy, occupancy_solids, slices
 from semmap.geometry.mesh import box_mesh, join
 from tests.navgrid.rational import occupied
 

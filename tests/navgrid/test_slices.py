@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy, slices
+from navgrid.slabs import occupancy, slices
 from semmap.geometry.mesh import Mesh, box_mesh
 
 GRID = Grid((-1.0, -0.5), 0.25, (16, 20))

@@ -14,7 +14,7 @@ from sqlalchemy import Engine
 
 from navgrid.costmap import Costmap
 from navgrid.grid import Grid
-from navgrid.storey_grid import StoreyGrid, plane_heights, storey_grid
+from navgrid.occupancy_grid import StoreyGrid, plane_heights, storey_grid
 from semmap.ingest.importer import import_file
 from semmap.query.storey_reader import read_storeys
 from semmap.query.storey_scene import StoreyScene
