@@ -1,4 +1,4 @@
-"""The cells that polygons meet, by the same exact rule as for triangles (`navgrid.slabs`)."""
+"""The cells that polygons meet, by the exact rule of `navgrid.slabs`."""
 
 from __future__ import annotations
 

@@ -46,6 +46,24 @@ class Inflation:
     inflation_radius: float = 0.55
     cost_scaling_factor: float = 3.0
 
+    def radii(self, part: Part, padding: float) -> tuple[float, float]:
+        """Return the inscribed and the inflation radius of a part on a layer, metres."""
+        inscribed = part.radius + padding
+        return inscribed, max(self.inflation_radius, part.radius) + padding
+
+    def costs(
+        self, cells: NDArray[np.bool_], resolution: float, part: Part, padding: float
+    ) -> NDArray[np.uint8]:
+        """Return the costs of a part on a layer with these occupied cells."""
+        inscribed, reach = self.radii(part, padding)
+        return inflate(
+            cells,
+            resolution,
+            inscribed_radius=inscribed,
+            inflation_radius=reach,
+            cost_scaling_factor=self.cost_scaling_factor,
+        )
+
 
 @dataclass(frozen=True)
 class CostSource:
@@ -157,33 +175,10 @@ class Costmap:
         self.static = dict(static or {})
         self.fields = dict(fields or {})
         self._social: dict[str, NDArray[np.uint8]] = {}
-        self._check()
+        _check(self)
         members = LayerMembers(scene, self.policy, self.limits)
         self.obstacles = ObstacleLayers(members, grid, threads=threads)
         self._compute()
-
-    def _check(self) -> None:
-        if not self.parts:
-            raise ValueError("a costmap needs the parts of a robot: give one or more")
-        for part in self.parts:
-            low, high = part.interval
-            if high <= max(low, self.limits.max_step):
-                raise ValueError(
-                    f"part {part.name} reaches from {low:.3f} to {high:.3f} m, all within a step "
-                    f"of {self.limits.max_step} m: it can meet only floor. Join it to another part"
-                )
-        layers = {layer.name for layer in self.policy.layers}
-        for name, cells in self.static.items():
-            if cells.shape != self.grid.shape:
-                raise ValueError(
-                    f"static layer {name} has the shape {cells.shape}; give it that of the grid, "
-                    f"{self.grid.shape}"
-                )
-            if name in layers:
-                raise _name_is_taken("static layer", name)
-        for name in self.fields:
-            if name in layers | {*self.static}:
-                raise _name_is_taken("field", name)
 
     # -- the whole computation ------------------------------------------------------------------
 
@@ -249,15 +244,11 @@ class Costmap:
 
     # -- costs ----------------------------------------------------------------------------------
 
-    def radii(self, part: Part, padding: float) -> tuple[float, float]:
-        """Return the inscribed and the inflation radius of a part on a layer, metres."""
-        inscribed = part.radius + padding
-        return inscribed, max(self.inflation.inflation_radius, part.radius) + padding
-
     @property
     def reach(self) -> int:
         """The number of cells beyond which an occupied cell has no effect."""
-        metres = max(self.radii(p, la.padding)[1] for p in self.parts for la in self.layers)
+        padding = max(layer.padding for layer in self.layers)
+        metres = max(self.inflation.radii(part, padding)[1] for part in self.parts)
         return max(0, math.ceil(metres / self.grid.resolution - 1e-9))
 
     def _inflate(self, window: Window) -> None:
@@ -266,28 +257,19 @@ class Costmap:
         inner = tuple(
             slice(w.start - o.start, w.stop - o.start) for w, o in zip(window, outer, strict=True)
         )
-        hidden = self.unknown[window]
+        hidden, resolution = self.unknown[window], self.grid.resolution
         for number, part in enumerate(self.parts):
             cost = np.zeros(hidden.shape, np.uint8)
             for layer in self.layers:
                 cells = self.occupied[layer.name][number][outer]
                 if cells.any():
-                    np.maximum(cost, self._cost(cells, part, layer.padding)[inner], out=cost)
+                    found = self.inflation.costs(cells, resolution, part, layer.padding)
+                    np.maximum(cost, found[inner], out=cost)
             for social in self._social.values():
                 np.maximum(cost, social[number][window], out=cost)
             cost[hidden & (cost < INSCRIBED)] = UNKNOWN
             self.costs[number][window] = cost
         self.master[window] = joined(self.costs[:, *window])
-
-    def _cost(self, cells: NDArray[np.bool_], part: Part, padding: float) -> NDArray[np.uint8]:
-        inscribed, reach = self.radii(part, padding)
-        return inflate(
-            cells,
-            self.grid.resolution,
-            inscribed_radius=inscribed,
-            inflation_radius=reach,
-            cost_scaling_factor=self.inflation.cost_scaling_factor,
-        )
 
     # -- changes --------------------------------------------------------------------------------
 
@@ -385,7 +367,7 @@ class Costmap:
                     continue
                 at = np.argwhere(cells) + first
                 squared = ((at - (row, column)) ** 2).sum(axis=1)
-                costs = self._cost(cells, part, layer.padding)
+                costs = self.inflation.costs(cells, self.grid.resolution, part, layer.padding)
                 cost = int(costs[row - first[0], column - first[1]])
                 if cost:
                     distance = math.sqrt(squared.min()) * self.grid.resolution
@@ -405,6 +387,31 @@ class Costmap:
             return (self.fields[layer].about or layer,)
         found = self.obstacles.occupants(layer, self.intervals[part], cells)
         return tuple(sorted(entity.name for entity, _ in found))
+
+
+def _check(costmap: Costmap) -> None:
+    if not costmap.parts:
+        raise ValueError("a costmap needs the parts of a robot: give one or more")
+    step = costmap.limits.max_step
+    for part in costmap.parts:
+        low, high = part.interval
+        if high <= max(low, step):
+            raise ValueError(
+                f"part {part.name} reaches from {low:.3f} to {high:.3f} m, all within a step "
+                f"of {step} m: it can meet only floor. Join it to another part"
+            )
+    taken = {layer.name for layer in costmap.policy.layers}
+    for name, cells in costmap.static.items():
+        if cells.shape != costmap.grid.shape:
+            raise ValueError(
+                f"static layer {name} has the shape {cells.shape}; give it that of the grid, "
+                f"{costmap.grid.shape}"
+            )
+        if name in taken:
+            raise _name_is_taken("static layer", name)
+    for name in costmap.fields:
+        if name in taken | {*costmap.static}:
+            raise _name_is_taken("field", name)
 
 
 def joined(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from navgrid.costmap import Costmap
-from navgrid.costmap_command import draw_costmap
+from navgrid.costmap_output import draw_costmap
 from navgrid.figures import blocked_region, passage, robot_figures
 from navgrid.grid import scene_grid
 from navgrid.map_file import file_name

@@ -48,7 +48,7 @@ def _cause(costmap: Costmap) -> str:
     share, part, number, layer = max(shares, key=lambda item: item[0])
     lethal = float((costmap.master[known] == LETHAL).mean())
     if share < 0.5:
-        radius, _ = costmap.radii(part, layer.padding)
+        radius, _ = costmap.inflation.radii(part, layer.padding)
         return (
             f"obstacles cover {lethal:.0%} of it, and part {part.name} keeps {radius:.2f} m from "
             "them; take a smaller robot or resolution, or a layer with less padding"

@@ -1,27 +1,21 @@
-"""`semmap grid`: one occupancy grid per storey as files for Nav2, with a floor plan."""
+"""`semmap grid`: one occupancy grid per storey as files for Nav2, with a floor plan.
+
+The command loads its modules when it runs, so that its help is quick.
+"""
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
 
-from navgrid.map_file import file_name, write_map
-from navgrid.occupancy_grid import StoreyGrid, storey_grid
 from navgrid.options import MaxSlope, MaxStep, Moment, PolicyFile, moment_of
-from navgrid.policy import Policy
-from navgrid.terrain import DriveLimits
 from semmap import cli
-from semmap.draw.view import OccupancyView, StoreyView, storey_view
-from semmap.query.geometry_notes import geometry_lists, geometry_notes
-from semmap.query.storey_reader import read_storeys
 
-__all__ = ["grid_command", "with_grid", "write_grid"]
+__all__ = ["grid_command"]
 
 
 def grid_command(
@@ -46,6 +40,14 @@ def grid_command(
     json_: cli.Json = False,
 ) -> None:
     """Write the obstacles of each storey as a Nav2 map (map.yaml, map.pgm)."""
+    from navgrid.grid_output import write_grid
+    from navgrid.map_file import file_name
+    from navgrid.occupancy_grid import storey_grid
+    from navgrid.policy import Policy
+    from navgrid.terrain import DriveLimits
+    from semmap.query.geometry_notes import geometry_notes
+    from semmap.query.storey_reader import read_storeys
+
     rules = None if policy is None else Policy.read(policy)
     limits = DriveLimits(max_step, math.radians(max_slope))
     with cli.open_map(map_name) as connection:
@@ -78,47 +80,3 @@ def grid_command(
         )
         for note in geometry_notes(made.scene.entities):
             cli.out.print(f"{row['storey']}: {note}", style="yellow")
-
-
-def write_grid(
-    made: StoreyGrid, folder: Path, interval: tuple[float, float], *, picture: bool = True
-) -> dict[str, Any]:
-    """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` into a folder; return a description of them.
-
-    Parameters
-    ----------
-    made : StoreyGrid
-    folder : Path
-    interval : (low, high)
-        For the description, metres above the floor.
-    picture : bool
-        Draw the plan.
-    """
-    notes = geometry_notes(made.scene.entities)
-    path = write_map(made.grid, made.cells, folder / "map", comments=notes)
-    rows, columns = made.grid.shape
-    found: dict[str, Any] = {
-        "storey": made.scene.storey,
-        "map": str(path),
-        "image": str(path.with_suffix(".pgm")),
-        "elevation": made.scene.elevation,
-        "interval": list(interval),
-        "resolution": made.grid.resolution,
-        "origin": list(made.grid.origin),
-        "width": columns,
-        "height": rows,
-    }
-    for name, value in (("occupied", 100), ("free", 0), ("unknown", -1)):
-        found[name] = int(np.count_nonzero(made.cells == value))
-    found |= geometry_lists(made.scene.entities)
-    if picture:
-        from semmap.draw.floor_plan import floor_plan  # matplotlib is slow to load
-
-        found["picture"] = str(floor_plan(with_grid(made), folder / "plan.png"))
-    return found
-
-
-def with_grid(made: StoreyGrid) -> StoreyView:
-    """Return the storey with its grid, for a floor plan."""
-    grid = OccupancyView(made.grid.origin, made.grid.resolution, made.cells)
-    return replace(storey_view(made.scene), occupancy=grid)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semmap.robot import Part, load_robot, robot_parts
+if TYPE_CHECKING:
+    from semmap.robot import Part
 
 __all__ = [
     "MaxSlope",
@@ -64,6 +65,8 @@ def parts_of(robot: Path, state: str | None = None, parts: Path | None = None) -
     ValueError
         The state is not JSON of numbers, or the robot has no such joint or link.
     """
+    from semmap.robot import load_robot, robot_parts  # loads trimesh
+
     return robot_parts(load_robot(robot), {} if state is None else _joints(state), parts)
 
 

@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt
 
 from navgrid.area import area_cells
 from navgrid.demo import robot_demo
-from navgrid.grid_command import with_grid, write_grid
+from navgrid.grid_output import with_grid, write_grid
 from navgrid.map_file import file_name
 from navgrid.occupancy_grid import StoreyGrid, storey_grid
 from navgrid.path import grid_path

@@ -34,7 +34,7 @@ def test_rooms_cover_their_share_in_the_colours_of_their_types(tmp_path):
     assert share(picture, ROOMS["bedroom"]) == 0
 
 
-def test_a_route_is_drawn_where_there_is_one(tmp_path):
+def test_a_route_is_drawn(tmp_path):
     storey = two_rooms()
     with_route, without = drawn(storey, tmp_path), drawn(replace(storey, path=[]), tmp_path)
     assert share(with_route, PATH) > 0.002
@@ -72,7 +72,7 @@ def test_doors_of_all_kinds_are_drawn(tmp_path, type_, state, width):
     assert (np.abs(picture - bare).max(axis=-1) > 0.2).sum() > 40
 
 
-def test_a_plan_without_rooms_shows_objects_and_one_of_nothing_says_so(tmp_path):
+def test_a_plan_without_rooms_shows_objects_and_an_empty_one_is_refused(tmp_path):
     bare = replace(two_rooms(), rooms=[], doors=[], regions=[], path=[])
     fewer = replace(bare, objects=[o for o in bare.objects if o.name != "table1"])
     differs = np.abs(drawn(bare, tmp_path) - drawn(fewer, tmp_path)).max(axis=-1) > 0.1

@@ -1,4 +1,4 @@
-"""The layered costmap against brute force, point by point; and updated against computed anew."""
+"""The layered costmap against brute force, point by point; and updated ones against new ones."""
 
 from __future__ import annotations
 
@@ -28,17 +28,19 @@ TABLE = [
         solid(2 + k, (x, y, 0), (x + 0.05, y + 0.05, 0.70), "table")
         for k, (x, y) in enumerate([(2.0, 1.0), (3.95, 1.0), (2.0, 2.95), (3.95, 2.95)])
     ),
-]  # fmt: skip
+]
 
 
 def centres(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     r, c = np.mgrid[: grid.shape[0], : grid.shape[1]]
-    return (grid.origin[0] + (c + 0.5) * grid.resolution,
-            grid.origin[1] + (r + 0.5) * grid.resolution)  # fmt: skip
+    return (
+        grid.origin[0] + (c + 0.5) * grid.resolution,
+        grid.origin[1] + (r + 0.5) * grid.resolution,
+    )
 
 
 def brute_cells(
-    things: list[SceneEntity], low: float, high: float, grid: Grid
+    entities: list[SceneEntity], low: float, high: float, grid: Grid
 ) -> NDArray[np.bool_]:
     """Cells whose half-open square meets the footprint of an upright box that reaches into [a, b].
 
@@ -48,7 +50,7 @@ def brute_cells(
     x, y = centres(grid)
     half = grid.resolution / 2
     squares = shapely.box(x - half, y - half, x + half, y + half)
-    for box in things:
+    for box in entities:
         z = box.triangles[:, :, 2]
         if z.max() < low or z.min() > high:
             continue
@@ -60,8 +62,9 @@ def brute_cells(
     return found
 
 
-def brute_cost(occupied: NDArray[np.bool_], inscribed: float, reach: float, k: float, res: float
-               ) -> NDArray[np.uint8]:  # fmt: skip
+def brute_cost(
+    occupied: NDArray[np.bool_], inscribed: float, reach: float, k: float, res: float
+) -> NDArray[np.uint8]:
     """The formula of costmap_2d by the distance to every occupied cell."""
     cost = np.zeros(occupied.shape, np.uint8)
     at = np.argwhere(occupied)
@@ -85,36 +88,46 @@ def brute_cost(occupied: NDArray[np.bool_], inscribed: float, reach: float, k: f
 
 
 boxes = st.tuples(
-    st.floats(0, 5), st.floats(0, 3.5), st.sampled_from([0.0, 0.1, 0.4, 0.9]),
-    st.floats(0.05, 1.5), st.floats(0.05, 1.0), st.sampled_from([0.05, 0.3, 1.0]),
+    st.floats(0, 5),
+    st.floats(0, 3.5),
+    st.sampled_from([0.0, 0.1, 0.4, 0.9]),
+    st.floats(0.05, 1.5),
+    st.floats(0.05, 1.0),
+    st.sampled_from([0.05, 0.3, 1.0]),
     st.floats(-3, 3),
-)  # fmt: skip
+)
 SMALL = Grid((0.0, 0.0), 0.2, (20, 30))
 
 
-def box_things(said: list[tuple[float, ...]]) -> list[SceneEntity]:
+def box_objects(drawn: list[tuple[float, ...]]) -> list[SceneEntity]:
     sorts = ("mug", "wall", "table")
     return [
         solid(
-            n, (x, y, z), (x + dx, y + dy, z + dz), sorts[n % 3], yaw=yaw,
+            n,
+            (x, y, z),
+            (x + dx, y + dy, z + dz),
+            sorts[n % 3],
+            yaw=yaw,
             properties={"workplace": "human"} if n % 3 == 2 else {},
         )
-        for n, (x, y, z, dx, dy, dz, yaw) in enumerate(said)
-    ]  # fmt: skip
+        for n, (x, y, z, dx, dy, dz, yaw) in enumerate(drawn)
+    ]
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(boxes, min_size=1, max_size=5))
-def test_the_master_is_the_highest_of_all_by_brute_force(said: list[tuple[float, ...]]) -> None:
-    things = box_things(said)
+def test_the_master_equals_the_maximum_computed_by_brute_force(
+    drawn: list[tuple[float, ...]],
+) -> None:
+    entities = box_objects(drawn)
     parts = [BASE, ARM]
-    made = Costmap(scene(*things), parts, SMALL, inflation=FALL)
+    made = Costmap(scene(*entities), parts, SMALL, inflation=FALL)
     policy = Policy.default()
     master = np.zeros(SMALL.shape, np.uint8)
     for number, each in enumerate(parts):
         low, high = max(each.interval[0], 0.02), each.interval[1]
         for layer in policy.layers:
-            members = [t for t in things if policy.layer_of(t) == layer.name]
+            members = [t for t in entities if policy.layer_of(t) == layer.name]
             wanted, open_ = brute_cells(members, low, high, SMALL)
             got = made.occupied[layer.name][number]
             assert (got == wanted)[~open_].all()
@@ -130,49 +143,51 @@ def test_the_master_is_the_highest_of_all_by_brute_force(said: list[tuple[float,
     st.lists(boxes, min_size=1, max_size=5),
     st.lists(st.tuples(st.integers(0, 5), boxes, st.booleans()), min_size=1, max_size=4),
 )
-def test_an_update_is_all_computed_anew(
-    said: list[tuple[float, ...]], moves: list[tuple[int, tuple[float, ...], bool]]
+def test_an_update_equals_a_new_costmap(
+    drawn: list[tuple[float, ...]], moves: list[tuple[int, tuple[float, ...], bool]]
 ) -> None:
-    things = {t.id: t for t in box_things(said)}
-    made = Costmap(scene(*things.values(), floors=(HALL,)), [BASE, ARM, POLE], GRID, inflation=FALL)
+    entities = {t.id: t for t in box_objects(drawn)}
+    made = Costmap(
+        scene(*entities.values(), floors=(HALL,)), [BASE, ARM, POLE], GRID, inflation=FALL
+    )
     for number, box, gone in moves:
-        if gone and number in things:
-            del things[number]
+        if gone and number in entities:
+            del entities[number]
             made.update([], [number])
         else:
-            things[number] = box_things([box] * (number + 1))[number]
-            made.update([things[number]])
-        anew = Costmap(
-            scene(*things.values(), floors=(HALL,)), [BASE, ARM, POLE], GRID, inflation=FALL
+            entities[number] = box_objects([box] * (number + 1))[number]
+            made.update([entities[number]])
+        expected = Costmap(
+            scene(*entities.values(), floors=(HALL,)), [BASE, ARM, POLE], GRID, inflation=FALL
         )
-        assert (made.master == anew.master).all()
-        assert (made.costs == anew.costs).all()
-        for name, cells in anew.occupied.items():
+        assert (made.master == expected.master).all()
+        assert (made.costs == expected.costs).all()
+        for name, cells in expected.occupied.items():
             assert (made.occupied[name] == cells).all()
 
 
-def test_an_update_computes_only_what_is_near() -> None:
-    things = [solid(n, (n, 1, 0), (n + 0.2, 1.2, 1), "chair") for n in range(5)]
+def test_an_update_computes_only_cells_near_the_change() -> None:
+    entities = [solid(n, (n, 1, 0), (n + 0.2, 1.2, 1), "chair") for n in range(5)]
     wide = Grid((0.0, 0.0), 0.05, (200, 400))
-    made = Costmap(scene(*things), [BASE], wide, inflation=FALL)
+    made = Costmap(scene(*entities), [BASE], wide, inflation=FALL)
     window = made.update([solid(0, (0.1, 1, 0), (0.3, 1.2, 1), "chair")])
     assert window is not None
     rows, columns = (s.stop - s.start for s in window)
     assert rows * columns < 40 * 40
-    assert made.update([], [17]) is None, "nobody knows it"
+    assert made.update([], [17]) is None, "unknown entity"
 
 
-def test_floors_that_change_are_computed_anew() -> None:
+def test_a_changed_floor_equals_a_new_costmap() -> None:
     places = (room("low", 0, 0, 3, 4), room("high", 3, 0, 6, 4, 0.3))
     step = sheet(9, [(3, 0, 0.3), (6, 0, 0.3), (6, 4, 0.3), (3, 4, 0.3)], "floor")
     ball = solid(1, (4, 2, 0.35), (4.4, 2.4, 0.5), "ball")
     made = Costmap(scene(ball, floors=places), [BASE], GRID, inflation=FALL)
     made.update([step])
-    anew = Costmap(scene(ball, step, floors=places), [BASE], GRID, inflation=FALL)
-    assert (made.master == anew.master).all()
+    expected = Costmap(scene(ball, step, floors=places), [BASE], GRID, inflation=FALL)
+    assert (made.master == expected.master).all()
 
 
-def test_the_arm_passes_above_the_table_the_base_below() -> None:
+def test_the_arm_passes_over_a_table_and_the_base_under_it() -> None:
     arm = part("arm", 0.85, 1.05, square(0.2))
     made = Costmap(scene(*TABLE, floors=(HALL,)), [BASE, arm], GRID)
     single = Costmap(scene(*TABLE, floors=(HALL,)), [part("robot", 0.0, 1.05, square(0.25))], GRID)
@@ -202,7 +217,7 @@ def test_slabs_are_relative_to_the_floor_of_the_room() -> None:
         assert (made.master[made.grid.cell(x, y)] == 254) == lethal, "not under the floor"
 
 
-def test_thresholds_ramps_and_steps() -> None:
+def test_thresholds_and_ramps_are_free_and_steep_slopes_are_not() -> None:
     ground = sheet(1, [(0, 0, 0), (2, 0, 0), (2, 4, 0), (0, 4, 0)], "floor")
     ramp = sheet(2, [(2, 0, 0), (4, 0, 0.16), (4, 4, 0.16), (2, 4, 0)], "floor")
     top = sheet(3, [(4, 0, 0.16), (6, 0, 0.16), (6, 4, 0.16), (4, 4, 0.16)], "floor")
@@ -214,9 +229,11 @@ def test_thresholds_ramps_and_steps() -> None:
     assert (made.master == 254).sum() in (1, 2, 4), "the mug on the ramp alone"
     assert made.master[made.grid.cell(3.05, 2.05)] == 254
     steep = Costmap(
-        scene(ground, ramp, top, floors=(room("hall", 0, 0, 6, 4),)), [BASE], GRID,
+        scene(ground, ramp, top, floors=(room("hall", 0, 0, 6, 4),)),
+        [BASE],
+        GRID,
         limits=DriveLimits(max_slope=math.radians(3)),
-    )  # fmt: skip
+    )
     assert (steep.master[20, 25:58] == 254).all(), "neither the ramp nor where it leads"
 
 
@@ -229,7 +246,7 @@ def test_blocked_regions_fill_their_whole_area_whatever_their_height() -> None:
     assert made.master[made.grid.cell(3, 2)] == 254
 
 
-def test_doors_by_state() -> None:
+def test_a_door_is_an_obstacle_unless_it_is_open() -> None:
     box = solid(1, (2, 1, 0), (2.05, 1.9, 2.1), "door", kind="connector", state="closed")
     made = Costmap(scene(box), [BASE], GRID)
     assert made.master[made.grid.cell(2.02, 1.5)] == 254
@@ -238,7 +255,7 @@ def test_doors_by_state() -> None:
     assert not made.master.any()
 
 
-def test_outside_of_every_room_is_unknown_and_known_beats_it() -> None:
+def test_cells_outside_of_rooms_are_unknown_unless_an_obstacle_is_there() -> None:
     wall = solid(1, (3.02, 0, 0), (3.18, 4, 2), "wall")
     made = Costmap(scene(wall, floors=(room("half", 0, 0, 3, 4),)), [BASE], GRID)
     assert made.master[made.grid.cell(5.0, 2.0)] == 255
@@ -248,7 +265,7 @@ def test_outside_of_every_room_is_unknown_and_known_beats_it() -> None:
     assert joined(costs).tolist() == [[255, 3, 254]]
 
 
-def test_why_names_the_entity() -> None:
+def test_explain_names_the_entity() -> None:
     made = Costmap(scene(*TABLE, floors=(HALL,)), [BASE, POLE], GRID)
     blames = made.explain(3.0, 2.0)
     assert [(b.part, b.layer, b.entities, b.cost) for b in blames] == [
@@ -262,14 +279,14 @@ def test_why_names_the_entity() -> None:
         made.explain(99, 0)
 
 
-def test_a_shell_of_a_room_is_hollow_its_pillars_solid() -> None:
+def test_the_shell_of_a_room_is_hollow() -> None:
     shell = solid(1, (0.52, 0.52, 0), (5.52, 3.52, 2.5), "hall", kind="room")
     made = Costmap(scene(shell), [BASE], GRID)
     assert made.master[made.grid.cell(3, 2)] == 0
     assert made.master[made.grid.cell(0.55, 2)] == 254
 
 
-def test_the_section_of_a_laser() -> None:
+def test_a_section_has_the_cells_at_its_height() -> None:
     column = solid(1, (2.02, 1.02, 0.3), (2.18, 1.08, 0.7), "column")
     shelf = solid(2, (4.02, 1.02, 0.6), (4.48, 1.38, 0.7), "shelf")
     made = Costmap(scene(column, shelf, floors=(HALL,)), [BASE], GRID)
@@ -277,15 +294,15 @@ def test_the_section_of_a_laser() -> None:
 
 
 @pytest.mark.parametrize(
-    ("parts", "says"),
+    ("parts", "message"),
     [([], "give one or more"), ([part("wheel", 0.0, 0.015, square(0.1))], "can meet only floor")],
 )
-def test_robots_that_touch_nothing(parts: list[Part], says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_robots_without_parts_above_a_step_are_refused(parts: list[Part], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         Costmap(scene(), parts, GRID)
 
 
-def test_threads_agree() -> None:
-    things = box_things([(0.3 * k, 0.2 * k, 0.0, 0.9, 0.4, 1.0, k) for k in range(12)])
-    one, two = (Costmap(scene(*things), [BASE, ARM], GRID, threads=n).master for n in (1, 2))
+def test_the_number_of_threads_does_not_change_the_result() -> None:
+    entities = box_objects([(0.3 * k, 0.2 * k, 0.0, 0.9, 0.4, 1.0, k) for k in range(12)])
+    one, two = (Costmap(scene(*entities), [BASE, ARM], GRID, threads=n).master for n in (1, 2))
     assert (one == two).all()

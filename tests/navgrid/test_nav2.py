@@ -26,27 +26,27 @@ GRID = Grid((-1.03, 0.4), 0.05, (60, 90))
 
 @pytest.fixture
 def costmap() -> Costmap:
-    things = [
+    entities = [
         solid(1, (0.5, 1, 0.72), (1.5, 1.8, 0.76), "table"),
         solid(2, (0, 2.5, 0), (3, 2.6, 2), "wall", "building_element"),
         region(3, shapely.box(2, 0.5, 3, 1.2), "staircase"),
         region(4, shapely.box(0, 2, 1, 2.4), "speed_zone", speed_limit=0.5),
     ]
-    return Costmap(scene(*things, floors=(room("hall", -0.5, 0.5, 3, 3.2),)), [BASE, ARM], GRID)
+    return Costmap(scene(*entities, floors=(room("hall", -0.5, 0.5, 3, 3.2),)), [BASE, ARM], GRID)
 
 
 def map_server(folder: Path, name: str) -> tuple[NDArray[np.int16], dict[str, object]]:
     """A map as `nav_msgs/OccupancyGrid` by map_server's rules (nav2_map_server, map_io.cpp)."""
-    said = yaml.safe_load((folder / name).read_text())
-    pixels = np.asarray(Image.open(folder / said["image"]).convert("L"), float)[::-1]
-    if said["mode"] == "raw":
+    files = yaml.safe_load((folder / name).read_text())
+    pixels = np.asarray(Image.open(folder / files["image"]).convert("L"), float)[::-1]
+    if files["mode"] == "raw":
         raw = pixels.astype(np.int16)
-        return np.where(raw > 100, -1, raw), said
-    shade = pixels / 255 if said["negate"] else (255 - pixels) / 255
+        return np.where(raw > 100, -1, raw), files
+    shade = pixels / 255 if files["negate"] else (255 - pixels) / 255
     found = np.full(shade.shape, -1, np.int16)
-    found[shade > said["occupied_thresh"]] = 100
-    found[shade < said["free_thresh"]] = 0
-    return found, said
+    found[shade > files["occupied_thresh"]] = 100
+    found[shade < files["free_thresh"]] = 0
+    return found, files
 
 
 def static_layer(grid: NDArray[np.int16]) -> NDArray[np.int16]:
@@ -57,13 +57,18 @@ def static_layer(grid: NDArray[np.int16]) -> NDArray[np.int16]:
     return costs
 
 
-def test_each_layer_and_the_master_come_back(costmap: Costmap, tmp_path: Path) -> None:
-    said = write_nav2(costmap, tmp_path)
-    assert set(said["maps"]) == {
-        "master", "base", "arm", "localisation", "keepout_mask", "speed_mask",
+def test_each_layer_and_the_master_are_read_back(costmap: Costmap, tmp_path: Path) -> None:
+    files = write_nav2(costmap, tmp_path)
+    assert set(files["maps"]) == {
+        "master",
+        "base",
+        "arm",
+        "localisation",
+        "keepout_mask",
+        "speed_mask",
         *(f"{p}_{la.name}" for p in ("base", "arm") for la in costmap.policy.layers),
-    }  # fmt: skip
-    for name, file in said["maps"].items():
+    }
+    for name, file in files["maps"].items():
         cells, head = map_server(tmp_path, file)
         assert cells.shape == GRID.shape, name
         assert head["resolution"] == GRID.resolution
@@ -73,10 +78,10 @@ def test_each_layer_and_the_master_come_back(costmap: Costmap, tmp_path: Path) -
             cells, _ = map_server(tmp_path, f"{part.name}_{layer.name}.yaml")
             assert ((cells == 100) == costmap.occupied[layer.name][number]).all()
             assert ((cells == -1) == (costmap.unknown & (cells != 100))).all()
-    assert json.loads((tmp_path / "costmap.json").read_text())["maps"] == said["maps"]
+    assert json.loads((tmp_path / "costmap.json").read_text())["maps"] == files["maps"]
 
 
-def test_a_static_layer_has_the_costs_back(costmap: Costmap, tmp_path: Path) -> None:
+def test_a_static_layer_reads_the_costs_back(costmap: Costmap, tmp_path: Path) -> None:
     write_nav2(costmap, tmp_path)
     for name, costs in (("master", costmap.master), ("base", costmap.costs[0])):
         back = static_layer(map_server(tmp_path, f"{name}.yaml")[0])
@@ -87,7 +92,7 @@ def test_a_static_layer_has_the_costs_back(costmap: Costmap, tmp_path: Path) -> 
         assert (back[costs == 255] == 255).all()
 
 
-def test_every_cost_as_occupancy() -> None:
+def test_each_cost_has_an_occupancy() -> None:
     every = as_occupancy(np.arange(256, dtype=np.uint8)[None])[0]
     assert every[0] == 0
     assert every[255] == -1
@@ -96,7 +101,9 @@ def test_every_cost_as_occupancy() -> None:
     assert (np.diff(every[:254].astype(int)) >= 0).all()
 
 
-def test_what_nav2_has_to_be_told(costmap: Costmap, tmp_path: Path) -> None:
+def test_the_parameters_describe_footprints_maps_and_filters(
+    costmap: Costmap, tmp_path: Path
+) -> None:
     write_nav2(costmap, tmp_path)
     params = yaml.safe_load((tmp_path / "nav2_params.yaml").read_text())
     footprints = params["robot_footprints"]["ros__parameters"]
@@ -116,9 +123,9 @@ def test_what_nav2_has_to_be_told(costmap: Costmap, tmp_path: Path) -> None:
     assert keepout[costmap.grid.cell(2.5, 0.8)] == 100
     assert keepout[costmap.grid.cell(0.0, 0.8)] == 0
     for server in ("master_server", "map_server", "keepout_mask_server", "speed_mask_server"):
-        said = params[server]["ros__parameters"]
-        assert (tmp_path / said["yaml_filename"]).is_file()
-        assert said["frame_id"] == "map_ground"
+        files = params[server]["ros__parameters"]
+        assert (tmp_path / files["yaml_filename"]).is_file()
+        assert files["frame_id"] == "map_ground"
 
 
 def test_every_parameter_is_below_ros__parameters(costmap: Costmap, tmp_path: Path) -> None:
@@ -144,7 +151,7 @@ def test_objects_without_geometry_are_listed_in_the_files(tmp_path: Path) -> Non
         assert "treated as free floor: bed1" in (tmp_path / name).read_text()
 
 
-def test_the_localisation_map_is_what_a_laser_sees(costmap: Costmap, tmp_path: Path) -> None:
+def test_the_localisation_map_is_the_section_at_the_laser(costmap: Costmap, tmp_path: Path) -> None:
     write_nav2(costmap, tmp_path, laser_height=0.74)
     table, _ = map_server(tmp_path, "localisation.yaml")
     assert table[costmap.grid.cell(1.0, 1.02)] == 100
@@ -158,7 +165,7 @@ def test_the_localisation_map_is_what_a_laser_sees(costmap: Costmap, tmp_path: P
     ("storey", "frame"),
     [("floor-1st", "map_floor_1st"), ("1. OG", "map_1_OG"), ("!", "map_storey")],
 )
-def test_a_frame_a_storey(storey: str, frame: str) -> None:
+def test_each_storey_has_a_valid_frame_name(storey: str, frame: str) -> None:
     assert frame_name(storey) == frame
 
 
@@ -172,9 +179,11 @@ def test_a_slam_map_becomes_a_layer(tmp_path: Path) -> None:
     x0, y0, x1, y1 = -1 + 0.7, 0.5 + 0.5, -1 + 1.0, 0.5 + 0.6
     r, c = np.mgrid[: GRID.shape[0], : GRID.shape[1]]
     squares = shapely.box(
-        GRID.origin[0] + c * 0.05, GRID.origin[1] + r * 0.05,
-        GRID.origin[0] + c * 0.05 + 0.05, GRID.origin[1] + r * 0.05 + 0.05,
-    )  # fmt: skip
+        GRID.origin[0] + c * 0.05,
+        GRID.origin[1] + r * 0.05,
+        GRID.origin[0] + c * 0.05 + 0.05,
+        GRID.origin[1] + r * 0.05 + 0.05,
+    )
     wall = shapely.box(x0, y0, x1, y1)
     overlap = shapely.area(shapely.intersection(squares, wall))
     assert (layer == (overlap > 1e-6)).all()
@@ -185,6 +194,6 @@ def test_a_slam_map_becomes_a_layer(tmp_path: Path) -> None:
         Costmap(scene(), [BASE], GRID, static={"slam": cells > 0})
 
 
-def test_the_same_grid_comes_back_as_it_is() -> None:
+def test_resampling_to_the_same_grid_changes_no_cell() -> None:
     cells = np.random.default_rng(2).random(GRID.shape) < 0.1
     assert (resampled(GRID, cells, GRID) == cells).all()

@@ -55,12 +55,12 @@ def test_the_first_rule_that_applies_decides(tmp_path: Path) -> None:
     )
     policy = Policy.read(file)
     assert [(la.name, la.padding) for la in policy.layers] == [("near", 0.1), ("far", 0.0)]
-    asked = [
+    entities = [
         SceneEntity(1, "a", "object", ("cup",), properties={"full": True}),
         SceneEntity(2, "b", "object", ("cup",)),
         SceneEntity(3, "c", "object", ("chair",)),
     ]
-    assert [policy.layer_of(t) for t in asked] == ["far", "near", "none"]
+    assert [policy.layer_of(t) for t in entities] == ["far", "near", "none"]
 
 
 @pytest.mark.parametrize(

@@ -52,16 +52,25 @@ def driven(parts: list[NDArray[np.float64]], **gait: float) -> list[bool]:
         ([plate(2, 4, 0.03, 0.03)], {}, [False]),
         ([plate(0, 2, 0, 0), plate(2, 3, 0.015, 0.015), plate(3, 4, 0.03, 0.03)], {}, [True] * 3),
     ],
-    ids=["ground", "a step too high", "a step", "a ramp", "too steep", "down", "a gap", "apart",
-         "stairs"],
-)  # fmt: skip
-def test_what_hangs_together_with_the_floor(
+    ids=[
+        "ground",
+        "a step too high",
+        "a step",
+        "a ramp",
+        "too steep",
+        "down",
+        "a gap",
+        "apart",
+        "stairs",
+    ],
+)
+def test_faces_connected_to_the_floor_are_drivable(
     parts: list[NDArray[np.float64]], gait: dict[str, float], wanted: list[bool]
 ) -> None:
     assert driven(parts, **gait) == wanted
 
 
-def test_walls_are_no_floor_however_low() -> None:
+def test_walls_are_not_drivable() -> None:
     box = box_mesh((1, 0, 0), (2, 1, 0.5)).triangles
     assert drivable(box, [0.0], DriveLimits()).sum() == 2  # its bottom alone
 
@@ -71,7 +80,7 @@ def test_walls_are_no_floor_however_low() -> None:
     st.lists(st.tuples(st.floats(0.2, 1), st.floats(-0.06, 0.06)), min_size=1, max_size=8),
     st.sampled_from([0.0, 0.01, 0.02, 0.05]),
 )
-def test_a_row_of_plates_as_walked_one_by_one(
+def test_a_row_of_plates_agrees_with_a_walk_over_it(
     row: list[tuple[float, float]], max_step: float
 ) -> None:
     """Brute force: from the first plate on, each is reached if the step to the last is not high."""
@@ -97,7 +106,7 @@ def test_a_row_of_plates_as_walked_one_by_one(
     assert got == wanted
 
 
-def test_levels_of_rooms_and_ramps() -> None:
+def test_floor_levels_follow_rooms_and_ramps() -> None:
     low = FloorArea("low", shapely.box(0, 0, 2, 2), 0.0)
     high = FloorArea("high", shapely.box(4, 0, 6, 2), 0.2)
     ramp = plate(2, 4, 0.0, 0.2)
@@ -111,10 +120,10 @@ def test_levels_of_rooms_and_ramps() -> None:
     assert (floor[10, 22:39] >= (x - 2) * 0.1 - 1e-9).all(), "never below the ramp"
     assert (floor[10, 22:39] <= (x - 2) * 0.1 + 0.0101).all(), "by a quarter of a step above"
     flat = [lev for lev in found if lev.floor == 0.0]
-    assert not flat[0].cells[10, 22:39].any(), "under the ramp is no floor"
+    assert not flat[0].cells[10, 22:39].any(), "no floor under the ramp"
 
 
-def test_levels_cover_every_cell() -> None:
+def test_floor_levels_cover_every_cell_once() -> None:
     found = floor_levels(
         [HALL], np.empty((0, 3, 3)), 0.5, DriveLimits(), Grid((-1, -1), 0.1, (40, 80))
     )
@@ -125,6 +134,6 @@ def test_levels_cover_every_cell() -> None:
 @pytest.mark.parametrize(
     "gait", [{"max_step": -0.1}, {"max_step": math.nan}, {"max_slope": 2.0}, {"max_slope": -0.1}]
 )
-def test_gaits_that_nobody_has(gait: dict[str, Any]) -> None:
+def test_invalid_limits_are_refused(gait: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="less than a right angle"):
         DriveLimits(**gait)
