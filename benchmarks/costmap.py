@@ -16,7 +16,6 @@ from benchmarks import office
 from benchmarks.timing import Row, print_rows
 from navgrid.costmap import Costmap
 from navgrid.grid import Grid
-from navgrid.source import read_scene, read_things
 from semmap.database import connect
 from semmap.geometry.mesh import join
 from semmap.geometry.pose import Pose
@@ -24,6 +23,7 @@ from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Shape, World
 from semmap.query.change_feed import changed_since, cursor
+from semmap.query.storey_reader import read_entities, read_scene
 from semmap.robot import LinkGroup, load_robot, robot_parts
 
 __all__ = ["main"]
@@ -41,7 +41,7 @@ def tiago() -> Path:
 
 
 def store_office(connection: psycopg.Connection[object], map_id: int) -> None:
-    """The office as things: each desk, chair, ... an object of its own, the walls one."""
+    """The office as entities: each desk, chair, ... an object of its own, the walls one."""
     solids, meshes = office.solids(), office.meshes(EDGE)
     walls = [m for m, s in zip(meshes, solids, strict=True) if (isinstance(s, office.Box)
              and s.high[2] - s.low[2] > 2) or m is meshes[1]]  # fmt: skip
@@ -100,8 +100,8 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
         splits.append((fetched - start, costmap.seconds["slabs"], costmap.seconds["inflation"],
                        done - start))  # fmt: skip
     fetch, slabs, inflation, whole = np.median(splits, axis=0)
-    count = sum(len(t.triangles) for t in scene.things)
-    chair = next(t for t in scene.things if "chair" in t.types)
+    count = sum(len(t.triangles) for t in scene.entities)
+    chair = next(t for t in scene.entities if "chair" in t.types)
     updates = []
     since = cursor(connection)
     connection.commit()
@@ -114,8 +114,8 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
         connection.commit()
         start = time.perf_counter()
         ids, since = changed_since(connection, since), cursor(connection)
-        things = read_things(connection, ids)
-        costmap.update(things, set(ids) - {t.id for t in things})
+        entities = read_entities(connection, ids)
+        costmap.update(entities, set(ids) - {t.id for t in entities})
         updates.append(time.perf_counter() - start)
     anew = Costmap(read_scene(connection, "office40"), parts, GRID)
     same = bool((anew.master == costmap.master).all())

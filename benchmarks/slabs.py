@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from benchmarks import office
 from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy, slices
+from navgrid.slabs import occupancy, slices
 from semmap.geometry.mesh import Mesh, join
 
 __all__ = ["Scene", "main", "scene"]

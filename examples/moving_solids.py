@@ -19,7 +19,7 @@ import numpy as np
 import trimesh
 from matplotlib.figure import Figure
 
-from semmap.draw.voxel_slices import Slice, VoxelSet, draw_slices, slices_picture
+from semmap.draw.voxel_slices import VoxelSet, VoxelSlice, draw_slices, slices_picture
 from semmap.fields import Box, Cone, Cylinder, Hull, RegionMap, Solid, Sphere
 from semmap.fields.events import Events
 from semmap.fields.regions import Region
@@ -152,7 +152,7 @@ class Scene:
             )
         }
 
-    def slices(self, through: Place) -> list[Slice]:
+    def slices(self, through: Place) -> list[VoxelSlice]:
         """From the side and from above, through a point."""
         x, y, z = (
             np.arange(low, high, VOXEL) + VOXEL / 2 for low, high in zip(LOW, HIGH, strict=True)
@@ -167,7 +167,7 @@ class Scene:
         ):
             numbers = self.regions.set_numbers_at(points.reshape(-1, 3)).reshape(points.shape[:2])
             extent = (LOW[0], HIGH[0], LOW[rows], HIGH[rows])
-            found.append(Slice(numbers, extent, title, ("x", what), ("h", cut)))
+            found.append(VoxelSlice(numbers, extent, title, ("x", what), ("h", cut)))
         return found
 
     def picture(self, through: Place, title: str, events: list[Event]) -> dict[str, Any]:
@@ -185,8 +185,8 @@ class Scene:
             "sets": sets,
             "colours": COLOURS,
             "title": f"{title}: {whole:,} voxels of {VOXEL * 100:g} cm",
-            "said": [str(event) for event in events],
-            "standing": holds,
+            "events": [str(event) for event in events],
+            "relations": holds,
         }
 
 

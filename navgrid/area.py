@@ -1,4 +1,4 @@
-"""The cells that polygons meet, by the same exact rule as triangles (`navgrid.occupancy`)."""
+"""The cells that polygons meet, by the exact rule of `navgrid.slabs`."""
 
 from __future__ import annotations
 
@@ -8,13 +8,23 @@ import shapely
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy
+from navgrid.slabs import occupancy
 
 __all__ = ["area_cells", "flat_triangles"]
 
 
 def area_cells(outline: shapely.Geometry, grid: Grid) -> NDArray[np.bool_]:
-    """(rows, columns) bool: the cells whose half-open square meets a polygon."""
+    """Return the cells whose half-open square meets a polygon.
+
+    Parameters
+    ----------
+    outline : Polygon or MultiPolygon, metres
+    grid : Grid
+
+    Returns
+    -------
+    (rows, columns) bool
+    """
     triangles = flat_triangles(outline)
     if not len(triangles):
         return np.zeros(grid.shape, np.bool_)
@@ -24,7 +34,7 @@ def area_cells(outline: shapely.Geometry, grid: Grid) -> NDArray[np.bool_]:
 
 
 def flat_triangles(outline: shapely.Geometry) -> NDArray[np.float64]:
-    """Triangles (F, 3, 3) at z = 0 that make up a polygon, or several."""
+    """Return the (F, 3, 3) triangles at z = 0 that make up a polygon or several."""
     parts = []
     for polygon in shapely.get_parts(outline):
         if polygon.geom_type != "Polygon" or polygon.is_empty:

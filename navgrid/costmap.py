@@ -1,8 +1,8 @@
-"""The layered costmap: a stack of layers a robot part, joined to the terrain of a dot-shaped robot.
+"""The layered costmap of a robot (Deeken et al., sections 4.2 and 4.3).
 
-Deeken et al., sections 4.2 and 4.3: what things mean puts them on layers of their own; each part of
-the robot has the layers' cells in its own interval of heights, inflated by its own footprint; the
-master costmap is the highest of all.
+Each robot part gets its own costmap, so an arm may pass over a table that its base passes under:
+the obstacles at the part's heights, inflated by the part's footprint. The master costmap is the
+maximum of all parts; in it the robot is a point.
 """
 
 from __future__ import annotations
@@ -10,46 +10,74 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from navgrid.area import area_cells
 from navgrid.field_layer import field_cells, social_costs
 from navgrid.grid import Grid
 from navgrid.inflation import INSCRIBED, UNKNOWN, inflate
-from navgrid.occupancy import occupancy
-from navgrid.policy import FLOOR, NONE, Layer, Policy
-from navgrid.scene import Bounds, Scene, Thing
-from navgrid.terrain import Gait, Level, drivable, levels
+from navgrid.layer_members import LayerMembers
+from navgrid.obstacle_layers import Interval, ObstacleLayers
+from navgrid.policy import Layer, Policy
+from navgrid.terrain import DriveLimits
+from navgrid.window import Window, grown, whole, window_around
+from semmap.query.storey_scene import SceneEntity, StoreyScene
 from semmap.robot import Part
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
     from semmap.fields.representation_map import RepresentationMap
 
-__all__ = ["Blame", "Costmap", "Inflation"]
-
-FIXED = "room_geometry"
-"""The layer of what of floors no robot drives on, where the policy has it; else its first."""
-
-Window = tuple[slice, slice]
+__all__ = ["CostSource", "Costmap", "Inflation"]
 
 
 @dataclass(frozen=True)
 class Inflation:
-    """How costs fall off, as costmap_2d's inflation layer has it; metres, 1/metre."""
+    """How costs fall off around obstacles, as in the inflation layer of costmap_2d.
+
+    Attributes
+    ----------
+    inflation_radius : float, metres
+    cost_scaling_factor : float, 1/metre
+    """
 
     inflation_radius: float = 0.55
     cost_scaling_factor: float = 3.0
 
+    def radii(self, part: Part, padding: float) -> tuple[float, float]:
+        """Return the inscribed and the inflation radius of a part on a layer, metres."""
+        inscribed = part.radius + padding
+        return inscribed, max(self.inflation_radius, part.radius) + padding
+
+    def costs(
+        self, cells: NDArray[np.bool_], resolution: float, part: Part, padding: float
+    ) -> NDArray[np.uint8]:
+        """Return the costs of a part on a layer with these occupied cells."""
+        inscribed, reach = self.radii(part, padding)
+        return inflate(
+            cells,
+            resolution,
+            inscribed_radius=inscribed,
+            inflation_radius=reach,
+            cost_scaling_factor=self.cost_scaling_factor,
+        )
+
 
 @dataclass(frozen=True)
-class Blame:
-    """Why a cell costs what it costs: a part's layer, and which entities are there.
+class CostSource:
+    """A cause of the cost of a cell: entities on a layer, at the heights of a part.
 
-    `distance` is that of the cell to theirs, metres; `cost` what this layer alone would ask.
+    Attributes
+    ----------
+    part, layer : str
+    entities : tuple of str
+        The names of the nearest entities of the layer.
+    distance : float
+        From the cell to theirs, metres.
+    cost : int
+        The cost of the cell if this layer were alone.
     """
 
     part: str
@@ -59,411 +87,340 @@ class Blame:
     cost: int
 
 
-@dataclass(eq=False)
 class Costmap:
-    """The costs of a scene for a robot, whose parts are in the order of the arrays.
+    """The costs of a storey for a robot.
+
+    Parameters
+    ----------
+    scene : StoreyScene
+        What stands on the storey, from `semmap.query.storey_reader.read_scene`.
+    parts : sequence of Part
+        The parts of the robot, from `semmap.robot.robot_parts`.
+    grid : Grid
+        From `navgrid.grid.scene_grid`, for example.
+    policy : Policy, optional
+        Which entity goes on which layer; by default that of ``navgrid/policy.yaml``.
+    inflation : Inflation, optional
+    limits : DriveLimits, optional
+        The steps and slopes that the robot drives over.
+    static : mapping of (rows, columns) bool arrays, optional
+        Further layers by name, such as a SLAM map; they are obstacles at every height.
+    fields : mapping of RepresentationMap, optional
+        Further layers by name. A map of booleans or entities is an obstacle at its heights; a map
+        of numbers from 0 to 1 holds social costs.
+    threads : int, optional
+        By default one a processor.
 
     Attributes
     ----------
-    static : further layers by name, (rows, columns) bool, in the way of every part: a SLAM map
-    fields : further layers by name, representation maps: what a bool map or one of things holds is
-        in the way of the parts at its height, and numbers from 0 to 1 are social costs
-    occupied : by layer, (parts, rows, columns) bool
-    costs : (parts, rows, columns) uint8, with the meaning of costmap_2d
-    master : (rows, columns) uint8, the highest of all; a known cost beats unknown
-    unknown : (rows, columns) bool, outside of every place
-    seconds : what the last whole computation took, for slabs and for inflation
+    occupied : dict of (parts, rows, columns) bool arrays, by layer
+    costs : (parts, rows, columns) uint8
+        With the meaning of costmap_2d: 0 free, 253 inscribed, 254 lethal, 255 unknown.
+    master : (rows, columns) uint8
+        The maximum over the parts; a known cost takes precedence over unknown.
+    unknown : (rows, columns) bool
+        The cells outside of every room and doorway.
+    seconds : dict of float
+        What the last whole computation took, for ``slabs`` and ``inflation``.
+
+    Raises
+    ------
+    ValueError
+        There is no part, a part is not higher than a step, or two layers have the same name.
+
+    Examples
+    --------
+    A table of 0.7 m, which a low robot passes under:
+
+    >>> from semmap.geometry.mesh import box_mesh
+    >>> from semmap.robot import Part
+    >>> top = box_mesh((1, 1, 0.7), (2, 2, 0.75)).triangles
+    >>> table = SceneEntity(1, "table1", "object", ("table", "object"), top)
+    >>> square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
+    >>> base = Part("base", ("base_link",), (0.0, 0.3), square, 0.2, 0.283, "inscribed")
+    >>> mast = Part("mast", ("mast_link",), (0.3, 1.2), square / 4, 0.05, 0.071, "inscribed")
+    >>> costmap = Costmap(
+    ...     StoreyScene("ground", 0.0, (table,)), [base, mast], Grid((0, 0), 0.05, (60, 60))
+    ... )
+    >>> [int(costs.max()) for costs in costmap.costs]
+    [0, 254]
+    >>> costmap.explain(1.5, 1.5)[0].entities
+    ('table1',)
     """
 
-    scene: Scene
-    parts: Sequence[Part]
-    grid: Grid
-    policy: Policy = field(default_factory=Policy.default)
-    inflation: Inflation = field(default_factory=Inflation)
-    gait: Gait = field(default_factory=Gait)
-    threads: int | None = None
-    static: Mapping[str, NDArray[np.bool_]] = field(default_factory=dict)
-    fields: Mapping[str, RepresentationMap] = field(default_factory=dict)
-    occupied: dict[str, NDArray[np.bool_]] = field(init=False)
-    costs: NDArray[np.uint8] = field(init=False)
-    master: NDArray[np.uint8] = field(init=False)
-    unknown: NDArray[np.bool_] = field(init=False)
-    seconds: dict[str, float] = field(init=False)
+    occupied: dict[str, NDArray[np.bool_]]
+    costs: NDArray[np.uint8]
+    master: NDArray[np.uint8]
+    seconds: dict[str, float]
 
-    def __post_init__(self) -> None:
-        if not self.parts:
-            raise ValueError("a costmap is of a robot's parts: give one or more")
-        for part in self.parts:
-            low, high = part.interval
-            if high <= max(low, self.gait.max_step):
-                raise ValueError(
-                    f"part {part.name} reaches from {low:.3f} to {high:.3f} m, all within a step "
-                    f"of {self.gait.max_step} m: it touches nothing but floor. Join it to another"
-                )
-        for name, cells in self.static.items():
-            if cells.shape != self.grid.shape or name in {la.name for la in self.policy.layers}:
-                raise ValueError(f"static layer {name}: give it the grid's shape and its own name")
-        taken = {la.name for la in self.policy.layers} | set(self.static)
-        for name in self.fields:
-            if name in taken:
-                raise ValueError(f"field {name}: there is a layer of that name; give it its own")
-        self.fields = dict(self.fields)
+    def __init__(
+        self,
+        scene: StoreyScene,
+        parts: Sequence[Part],
+        grid: Grid,
+        *,
+        policy: Policy | None = None,
+        inflation: Inflation | None = None,
+        limits: DriveLimits | None = None,
+        static: Mapping[str, NDArray[np.bool_]] | None = None,
+        fields: Mapping[str, RepresentationMap] | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self.scene = scene
+        self.parts = [*parts]
+        self.grid = grid
+        self.policy = policy or Policy.default()
+        self.inflation = inflation or Inflation()
+        self.limits = limits or DriveLimits()
+        self.static = dict(static or {})
+        self.fields = dict(fields or {})
         self._social: dict[str, NDArray[np.uint8]] = {}
-        self._things = {thing.id: thing for thing in self.scene.things}
+        _check(self)
+        members = LayerMembers(scene, self.policy, self.limits)
+        self.obstacles = ObstacleLayers(members, grid, threads=threads)
         self._compute()
 
-    # -- all of it ------------------------------------------------------------------------------
+    # -- the whole computation ------------------------------------------------------------------
 
     def _compute(self) -> None:
         start = time.perf_counter()
-        self._sort()
-        self.unknown = self._unknown()
-        self._levels: list[Level] = levels(
-            self.scene.places, self._ramps, self.scene.elevation, self.gait, self.grid
-        )
-        everywhere = (slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1]))
         self.occupied = {
-            name: self._cells(self._members[name], everywhere) for name in self._members
+            layer.name: self.obstacles.cells(layer.name, self.intervals)
+            for layer in self.policy.layers
         }
         for name, cells in self.static.items():
             self.occupied[name] = np.broadcast_to(cells, (len(self.parts), *cells.shape)).copy()
         self._social.clear()
         for name in self.fields:
-            self._draw_field(name)
-        drawn = time.perf_counter()
+            self._render_field(name)
+        rendered = time.perf_counter()
         self.costs = np.empty((len(self.parts), *self.grid.shape), np.uint8)
         self.master = np.empty(self.grid.shape, np.uint8)
-        self._inflate(everywhere)
-        self.seconds = {"slabs": drawn - start, "inflation": time.perf_counter() - drawn}
+        self._inflate(whole(self.grid))
+        self.seconds = {"slabs": rendered - start, "inflation": time.perf_counter() - rendered}
 
-    @property
-    def layers(self) -> tuple[Layer, ...]:
-        """Those of the policy, static ones, and fields that are in the way."""
-        fields = [name for name in self.fields if name not in self._social]
-        return (*self.policy.layers, *(Layer(name) for name in [*self.static, *fields]))
-
-    def _draw_field(self, name: str) -> None:
-        values = field_cells(self.fields[name], self._levels, self.intervals, self.grid)
+    def _render_field(self, name: str) -> None:
+        values = field_cells(self.fields[name], self.obstacles.levels, self.intervals, self.grid)
         if self.fields[name].value_type == "float32":
             self._social[name] = social_costs(values)
         else:
             self.occupied[name] = values > 0
 
-    def _sort(self) -> None:
-        """Things to layers; of floors, what is driven on to the terrain and the rest to walls."""
-        self._members: dict[str, dict[int, Thing]] = {la.name: {} for la in self.policy.layers}
-        fixed = FIXED if FIXED in self._members else self.policy.layers[0].name
-        heights = sorted({p.floor for p in self.scene.places} or {self.scene.elevation})
-        ground = []
-        for thing in self._things.values():
-            layer = self.policy.layer_of(thing)
-            if layer == FLOOR:
-                ground.append(thing)
-            elif layer != NONE and thing.bounds is not None:
-                self._members[layer][thing.id] = thing
-        ramps = []
-        faces = [t.triangles for t in ground]
-        driven = drivable(np.concatenate([*faces, np.empty((0, 3, 3))]), heights, self.gait)
-        start = 0
-        for thing in ground:
-            on = driven[start : start + len(thing.triangles)]
-            start += len(thing.triangles)
-            ramps.append(thing.triangles[on])
-            if not on.all():
-                self._members[fixed][thing.id] = replace(thing, triangles=thing.triangles[~on])
-        flat = np.concatenate([*ramps, np.empty((0, 3, 3))])
-        level = np.zeros(len(flat), np.bool_)
-        for height in heights:
-            level |= (np.abs(flat[:, :, 2] - height) < self.gait.ground).all(axis=1)
-        self._ramps = flat[~level]
-        self._floors = {t.id for t in ground}
-
-    def _unknown(self) -> NDArray[np.bool_]:
-        if not self.scene.places:
-            return np.zeros(self.grid.shape, np.bool_)
-        known = np.zeros(self.grid.shape, np.bool_)
-        for place in self.scene.places:
-            known |= area_cells(place.outline, self.grid)
-        return ~known
-
-    def _cells(self, things: Mapping[int, Thing], window: Window) -> NDArray[np.bool_]:
-        """(parts, rows, columns): the cells of a window that things of a layer occupy."""
-        rows, columns = (s.stop - s.start for s in window)
-        found = np.zeros((len(self.parts), rows, columns), np.bool_)
-        solids = [t for t in things.values() if t.kind != "region" and len(t.triangles)]
-        if solids:
-            found |= self._slabs(solids, self.intervals, window)
-        for thing in things.values():
-            if thing.kind == "region" and thing.outline is not None:
-                found |= area_cells(thing.outline, self.grid)[window]
-        return found
-
-    def _slabs(
-        self, things: Sequence[Thing], intervals: Sequence[tuple[float, float]], window: Window
-    ) -> NDArray[np.bool_]:
-        """(intervals, rows, columns): what of things is in intervals above each cell's floor."""
-        triangles = np.concatenate([t.triangles for t in things])
-        counts = [len(t.triangles) for t in things]
-        floors = [level for level in self._levels if level.cells[window].any()]
-        layers = occupancy(
-            (
-                triangles.reshape(-1, 3),
-                np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3),
-            ),
-            [
-                (level.floor + low, level.floor + high)
-                for level in floors
-                for low, high in intervals
-            ],
-            self.grid,
-            solid=np.repeat(np.arange(len(things), dtype=np.int32), counts),
-            fill=np.array([t.kind != "room" for t in things]),  # a room's shell encloses air
-            threads=self.threads,
-        )
-        found = np.zeros((len(intervals), *self.unknown[window].shape), np.bool_)
-        for number, level in enumerate(floors):
-            here = layers[number * len(intervals) : (number + 1) * len(intervals), *window]
-            found |= here & level.cells[window]
-        return found
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """(rows, columns) bool: the cells outside of every room and doorway."""
+        return self.obstacles.unknown
 
     @property
-    def intervals(self) -> list[tuple[float, float]]:
-        """Of each part what counts, metres above the floor: not what lies within a step of it."""
-        step = self.gait.max_step
-        return [(max(low, step), high) for low, high in (p.interval for p in self.parts)]
+    def layers(self) -> tuple[Layer, ...]:
+        """The layers that hold obstacles: the policy's, the static ones, and fields."""
+        fields = [name for name in self.fields if name not in self._social]
+        return (*self.policy.layers, *(Layer(name) for name in [*self.static, *fields]))
+
+    @property
+    def intervals(self) -> list[Interval]:
+        """The heights at which each part meets obstacles, metres above the floor.
+
+        Heights within a step of the floor do not count.
+        """
+        step = self.limits.max_step
+        return [(max(low, step), high) for low, high in (part.interval for part in self.parts)]
 
     def section(self, height: float) -> NDArray[np.bool_]:
-        """(rows, columns) bool: what a plane at a height above the floor meets, metres.
+        """Return the cells that a laser at a height would see, the localisation map.
 
-        What a laser sees that is mounted there: the localisation map (Deeken et al., section 4.2).
+        Parameters
+        ----------
+        height : float, metres above the floor
+
+        Returns
+        -------
+        (rows, columns) bool
+            The cells in which a plane at this height cuts entities, and the inside of closed ones
+            (Deeken et al., section 4.2).
         """
-        everywhere = (slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1]))
-        things = [
-            thing
-            for members in self._members.values()
-            for thing in members.values()
-            if thing.kind != "region" and len(thing.triangles)
-        ]
-        if not things:
-            return np.zeros(self.grid.shape, np.bool_)
-        found: NDArray[np.bool_] = self._slabs(things, [(height, height)], everywhere)[0]
+        found: NDArray[np.bool_] = self.obstacles.solids([(height, height)])[0]
         return found
 
     # -- costs ----------------------------------------------------------------------------------
 
-    def radii(self, part: Part, padding: float) -> tuple[float, float]:
-        """Inscribed and inflation radius of a part on a layer with that padding, metres."""
-        inscribed = part.radius + padding
-        return inscribed, max(self.inflation.inflation_radius, part.radius) + padding
-
     @property
     def reach(self) -> int:
-        """Cells beyond which nothing that is occupied has an effect."""
-        metres = max(self.radii(p, la.padding)[1] for p in self.parts for la in self.layers)
+        """The number of cells beyond which an occupied cell has no effect."""
+        padding = max(layer.padding for layer in self.layers)
+        metres = max(self.inflation.radii(part, padding)[1] for part in self.parts)
         return max(0, math.ceil(metres / self.grid.resolution - 1e-9))
 
     def _inflate(self, window: Window) -> None:
-        """Costs in a window, from what is occupied within reach of it."""
-        outer = _grown(window, self.reach, self.grid)
+        """Compute the costs in a window from the occupied cells within reach of it."""
+        outer = grown(window, self.reach, self.grid)
         inner = tuple(
             slice(w.start - o.start, w.stop - o.start) for w, o in zip(window, outer, strict=True)
         )
-        hidden = self.unknown[window]
+        hidden, resolution = self.unknown[window], self.grid.resolution
         for number, part in enumerate(self.parts):
             cost = np.zeros(hidden.shape, np.uint8)
             for layer in self.layers:
                 cells = self.occupied[layer.name][number][outer]
                 if cells.any():
-                    np.maximum(cost, self._cost(cells, part, layer.padding)[inner], out=cost)
+                    found = self.inflation.costs(cells, resolution, part, layer.padding)
+                    np.maximum(cost, found[inner], out=cost)
             for social in self._social.values():
                 np.maximum(cost, social[number][window], out=cost)
             cost[hidden & (cost < INSCRIBED)] = UNKNOWN
             self.costs[number][window] = cost
         self.master[window] = joined(self.costs[:, *window])
 
-    def _cost(self, cells: NDArray[np.bool_], part: Part, padding: float) -> NDArray[np.uint8]:
-        inscribed, reach = self.radii(part, padding)
-        return inflate(
-            cells,
-            self.grid.resolution,
-            inscribed_radius=inscribed,
-            inflation_radius=reach,
-            cost_scaling_factor=self.inflation.cost_scaling_factor,
-        )
-
     # -- changes --------------------------------------------------------------------------------
 
-    def update(self, things: Iterable[Thing], gone: Iterable[int] = ()) -> Window | None:
-        """Take in what changed; the window of cells whose costs are new, None where there is none.
+    def update(self, entities: Iterable[SceneEntity], gone: Iterable[int] = ()) -> Window | None:
+        """Replace or add entities, remove others, and compute the costs near them again.
 
-        Only the cells that these things touched before or touch now, and those within reach, are
-        computed anew; the result is that of computing all. Where floors or rooms changed, all is.
+        The result equals that of a new costmap. If floors or rooms changed, everything is computed.
+
+        Parameters
+        ----------
+        entities : iterable of SceneEntity
+            New and changed ones.
+        gone : iterable of int
+            The ids of removed ones.
+
+        Returns
+        -------
+        Window or None
+            The rows and columns whose costs were computed; None if no cell is affected.
         """
-        bounds: list[Bounds] = []
-        changed: set[str] = set()
-        floors = False
-        for number, thing in [*((t.id, t) for t in things), *((g, None) for g in gone)]:
-            former = self._things.pop(number, None)
-            if thing is not None:
-                self._things[number] = thing
-            for state, when in ((former, "before"), (thing, "now")):
-                layer = NONE if state is None else self.policy.layer_of(state)
-                floors |= layer == FLOOR
-                if state is None or layer in (NONE, FLOOR):
-                    continue
-                if state.bounds is not None:
-                    bounds.append(state.bounds)
-                    changed.add(layer)
-                    if when == "before":
-                        self._members[layer].pop(number, None)
-                    else:
-                        self._members[layer][number] = state
-        if floors:
+        change = self.obstacles.update(entities, gone)
+        if change.floors:
             self._compute()
-            return (slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1]))
-        window = self.window(bounds)
+            return whole(self.grid)
+        window = window_around(change.bounds, self.grid)
         if window is None:
             return None
-        for name in changed:
-            near = self._near(self._members[name], window)
-            self.occupied[name][:, *window] = self._cells(near, window)
-        wide = _grown(window, self.reach, self.grid)
+        for layer in change.layers:
+            self.occupied[layer][:, *window] = self.obstacles.cells(layer, self.intervals, window)
+        wide = grown(window, self.reach, self.grid)
         self._inflate(wide)
         return wide
 
-    def lay(self, name: str, map: RepresentationMap | None) -> Window | None:
-        """Lay a field, replace it, or take it away (None); the window of cells that are new.
+    def set_field(self, name: str, map: RepresentationMap | None) -> Window | None:
+        """Add or replace the field of a name, or remove it with None.
+
+        Returns
+        -------
+        Window or None
+            The rows and columns whose costs were computed; None if no cell is affected.
 
         Raises
         ------
         ValueError
-            A layer that is no field has that name.
+            Another layer has this name.
         """
-        if name in self.static or name in {la.name for la in self.policy.layers}:
-            raise ValueError(f"field {name}: there is a layer of that name; give it its own")
+        if name in self.static or name in {layer.name for layer in self.policy.layers}:
+            raise _name_is_taken("field", name)
         touched = np.zeros(self.grid.shape, np.bool_)
-        for drawn in (self._social.pop(name, None), self.occupied.pop(name, None)):
-            if drawn is not None:
-                touched |= drawn.any(axis=0)
+        for cells in (self._social.pop(name, None), self.occupied.pop(name, None)):
+            if cells is not None:
+                touched |= cells.any(axis=0)
         self.fields = {k: v for k, v in self.fields.items() if k != name}
         if map is not None:
             self.fields[name] = map
-            self._draw_field(name)
-            drawn = self._social[name] if name in self._social else self.occupied[name]
-            touched |= drawn.any(axis=0)
+            self._render_field(name)
+            cells = self._social[name] if name in self._social else self.occupied[name]
+            touched |= cells.any(axis=0)
         if not touched.any():
             return None
         rows, columns = np.nonzero(touched.any(axis=1))[0], np.nonzero(touched.any(axis=0))[0]
         window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        wide = _grown(window, self.reach, self.grid)
+        wide = grown(window, self.reach, self.grid)
         self._inflate(wide)
         return wide
 
-    def window(self, bounds: Iterable[Bounds]) -> Window | None:
-        """The cells of the grid that boxes on the ground may meet, as one window."""
-        boxes = [*bounds]
-        if not boxes:
-            return None
-        low, high = np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]
-        found = []
-        for axis in (1, 0):
-            first, last = (
-                math.floor((v[axis] - self.grid.origin[axis]) / self.grid.resolution)
-                for v in (low, high)
-            )
-            size = self.grid.shape[1 - axis]
-            if last + 1 < 0 or first - 1 >= size:
-                return None
-            found.append(slice(max(0, first - 1), min(size, last + 2)))
-        return found[0], found[1]
+    # -- explanation ----------------------------------------------------------------------------
 
-    def _near(self, things: Mapping[int, Thing], window: Window) -> dict[int, Thing]:
-        """Those of the things that may meet cells of a window."""
-        x, y = (
-            (origin + (cells.start - 1) * self.grid.resolution,
-             origin + (cells.stop + 1) * self.grid.resolution)
-            for origin, cells in zip(self.grid.origin, window[::-1], strict=True)
-        )  # fmt: skip
-        return {
-            number: thing
-            for number, thing in things.items()
-            if (b := thing.bounds) is not None
-            and b[0] <= x[1] and x[0] <= b[2] and b[1] <= y[1] and y[0] <= b[3]
-        }  # fmt: skip
+    def explain(self, x: float, y: float) -> list[CostSource]:
+        """Return the causes of the cost at a point, the highest cost first.
 
-    # -- questions ------------------------------------------------------------------------------
+        Parameters
+        ----------
+        x, y : float, metres in the map's frame
 
-    def cell(self, x: float, y: float) -> tuple[int, int]:
-        """The row and column of the cell that holds a point.
+        Returns
+        -------
+        list of CostSource
+            For each part and layer within reach, the nearest occupied cells and the entities there;
+            empty for a cell without cost.
 
         Raises
         ------
         ValueError
             The point is not on the grid.
         """
-        column, row = (
-            math.floor((v - o) / self.grid.resolution)
-            for v, o in zip((x, y), self.grid.origin, strict=True)
-        )
-        if not (0 <= row < self.grid.shape[0] and 0 <= column < self.grid.shape[1]):
-            raise ValueError(f"({x}, {y}) is not on the grid {self.grid}")
-        return row, column
-
-    def why(self, x: float, y: float) -> list[Blame]:
-        """What makes the cell at a point cost what it costs, the dearest first.
-
-        For each part and layer within reach: the nearest occupied cells and who occupies them.
-        """
-        row, column = self.cell(x, y)
-        outer = _grown((slice(row, row + 1), slice(column, column + 1)), self.reach, self.grid)
+        row, column = self.grid.cell(x, y)
+        outer = grown((slice(row, row + 1), slice(column, column + 1)), self.reach, self.grid)
+        first = np.array([outer[0].start, outer[1].start])
         found = []
         for number, part in enumerate(self.parts):
             for layer in self.layers:
                 cells = self.occupied[layer.name][number][outer]
                 if not cells.any():
                     continue
-                at = np.argwhere(cells) + np.array([outer[0].start, outer[1].start])
+                at = np.argwhere(cells) + first
                 squared = ((at - (row, column)) ** 2).sum(axis=1)
-                nearest = at[squared == squared.min()]
-                cost = int(self._cost(cells, part, layer.padding)[
-                    row - outer[0].start, column - outer[1].start])  # fmt: skip
+                costs = self.inflation.costs(cells, self.grid.resolution, part, layer.padding)
+                cost = int(costs[row - first[0], column - first[1]])
                 if cost:
                     distance = math.sqrt(squared.min()) * self.grid.resolution
-                    names = self._occupants(layer.name, number, nearest)
-                    found.append(Blame(part.name, layer.name, names, distance, cost))
+                    names = self._occupants(layer.name, number, at[squared == squared.min()])
+                    found.append(CostSource(part.name, layer.name, names, distance, cost))
             for name, social in self._social.items():
                 if cost := int(social[number, row, column]):
-                    names = (self.fields[name].about or name,)
-                    found.append(Blame(part.name, name, names, 0.0, cost))
-        return sorted(found, key=lambda b: (-b.cost, b.distance, b.part))
+                    entities = (self.fields[name].about or name,)
+                    found.append(CostSource(part.name, name, entities, 0.0, cost))
+        return sorted(found, key=lambda source: (-source.cost, source.distance, source.part))
 
     def _occupants(self, layer: str, part: int, cells: NDArray[np.int64]) -> tuple[str, ...]:
-        (r0, c0), (r1, c1) = cells.min(axis=0), cells.max(axis=0)
-        window = (slice(int(r0), int(r1) + 1), slice(int(c0), int(c1) + 1))
-        at = tuple((cells - (r0, c0)).T)
+        """The names of what occupies cells on a layer."""
         if layer in self.static:
             return (layer,)
         if layer in self.fields:
             return (self.fields[layer].about or layer,)
-        names = [
-            thing.name
-            for number, thing in self._near(self._members[layer], window).items()
-            if self._cells({number: thing}, window)[part][at].any()
-        ]
-        return tuple(sorted(names))
+        found = self.obstacles.occupants(layer, self.intervals[part], cells)
+        return tuple(sorted(entity.name for entity, _ in found))
+
+
+def _check(costmap: Costmap) -> None:
+    if not costmap.parts:
+        raise ValueError("a costmap needs the parts of a robot: give one or more")
+    step = costmap.limits.max_step
+    for part in costmap.parts:
+        low, high = part.interval
+        if high <= max(low, step):
+            raise ValueError(
+                f"part {part.name} reaches from {low:.3f} to {high:.3f} m, all within a step "
+                f"of {step} m: it can meet only floor. Join it to another part"
+            )
+    taken = {layer.name for layer in costmap.policy.layers}
+    for name, cells in costmap.static.items():
+        if cells.shape != costmap.grid.shape:
+            raise ValueError(
+                f"static layer {name} has the shape {cells.shape}; give it that of the grid, "
+                f"{costmap.grid.shape}"
+            )
+        if name in taken:
+            raise _name_is_taken("static layer", name)
+    for name in costmap.fields:
+        if name in taken | {*costmap.static}:
+            raise _name_is_taken("field", name)
 
 
 def joined(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The highest of (n, rows, columns) costs; a known one beats unknown."""
+    """Return the maximum of (n, rows, columns) costs; known costs take precedence over unknown."""
     known = np.where(costs == UNKNOWN, 0, costs).max(axis=0)
     known[(costs == UNKNOWN).all(axis=0)] = UNKNOWN
     found: NDArray[np.uint8] = known
     return found
 
 
-def _grown(window: Window, cells: int, grid: Grid) -> Window:
-    rows, columns = (
-        slice(max(0, s.start - cells), min(size, s.stop + cells))
-        for s, size in zip(window, grid.shape, strict=True)
-    )
-    return rows, columns
+def _name_is_taken(what: str, name: str) -> ValueError:
+    return ValueError(f"{what} {name}: another layer has this name; give it a different one")

@@ -1,4 +1,4 @@
-"""Representation maps as layers of a costmap: social costs, and people as obstacles."""
+"""Representation maps as layers of a costmap: obstacles such as people, and social costs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from navgrid.grid import Grid
 from navgrid.inflation import INSCRIBED
-from navgrid.terrain import Level
+from navgrid.terrain import FloorLevel
 
 if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
     from semmap.fields.representation_map import RepresentationMap
@@ -20,13 +20,23 @@ __all__ = ["field_cells", "social_costs"]
 
 def field_cells(
     map: RepresentationMap,
-    levels: Sequence[Level],
+    levels: Sequence[FloorLevel],
     intervals: Sequence[tuple[float, float]],
     grid: Grid,
 ) -> NDArray[np.float32]:
-    """(intervals, rows, columns): the largest value of a map above each cell.
+    """Return the largest value of a map above each cell, by interval of heights.
 
-    Intervals are above the floor of each cell.
+    Parameters
+    ----------
+    map : RepresentationMap
+    levels : sequence of FloorLevel
+        The floor of each cell.
+    intervals : sequence of (low, high), metres above the floor
+    grid : Grid
+
+    Returns
+    -------
+    (len(intervals), rows, columns) float32
     """
     from semmap.fields.layer import layer_cells
 
@@ -40,5 +50,5 @@ def field_cells(
 
 
 def social_costs(values: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Costs of values from 0 to 1; none closes a cell, which obstacles alone do."""
+    """Return the costs of values from 0 to 1; none closes a cell, since only obstacles do."""
     return np.clip(values * (INSCRIBED - 1), 0, INSCRIBED - 1).astype(np.uint8)

@@ -5,23 +5,42 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from semmap.limits import GRID_CELLS
+import numpy as np
 
-__all__ = ["Grid"]
+from semmap.limits import GRID_CELLS
+from semmap.query.storey_scene import Bounds, StoreyScene
+
+__all__ = ["MARGIN", "Grid", "scene_grid"]
+
+MARGIN = 0.25
+"""Metres of a grid around the rooms and entities that it shows."""
 
 
 @dataclass(frozen=True)
 class Grid:
     """A regular grid: cell (r, c) covers the half-open square at origin + (c, r) * resolution.
 
-    Row 0 is the lowest y, as in ``nav_msgs/OccupancyGrid``. Borders are rounded to doubles as they
-    are written: 390 * 0.05 is 19.5.
+    Row 0 is the lowest y, as in ``nav_msgs/OccupancyGrid``. The borders of cells are rounded to
+    doubles as people write them: 390 * 0.05 is 19.5.
 
-    Attributes
+    Parameters
     ----------
-    origin : (x, y) of the lower left corner of cell (0, 0), metres
-    resolution : metres a cell
+    origin : (x, y)
+        The lower left corner of cell (0, 0), metres.
+    resolution : float
+        The side of a cell, metres.
     shape : (rows, columns)
+
+    Raises
+    ------
+    ValueError
+        A number is not finite, the resolution is not above 0, or there are too many cells or none.
+
+    Examples
+    --------
+    >>> grid = Grid.around((0.0, 0.0), (2.0, 1.0), 0.5)
+    >>> grid.shape, grid.cell(1.2, 0.3)
+    ((3, 5), (0, 2))
     """
 
     origin: tuple[float, float]
@@ -29,22 +48,78 @@ class Grid:
     shape: tuple[int, int]
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.resolution) and self.resolution > 0):
-            raise ValueError(f"a grid's resolution is above 0 m, not {self.resolution}")
+        _check_resolution(self.resolution)
         if not all(math.isfinite(v) for v in self.origin):
-            raise ValueError(f"a grid's origin is finite, not {self.origin}")
+            raise ValueError(f"grid origin {self.origin} is not finite; give x and y in metres")
         if min(self.shape) < 1 or GRID_CELLS.exceeded_by(self.shape[0] * self.shape[1]):
             raise ValueError(
-                f"a grid has 1 to {GRID_CELLS.value} cells, not {self.shape}; take a coarser "
-                f"resolution, or set {GRID_CELLS.variable}"
+                f"grid shape {self.shape} has no cells or more than {GRID_CELLS.value}; take a "
+                f"coarser resolution, or set {GRID_CELLS.variable}"
             )
 
     @classmethod
     def around(cls, low: tuple[float, float], high: tuple[float, float], resolution: float) -> Grid:
-        """The grid of whole cells, aligned to multiples of the resolution, that covers a box."""
-        if not (math.isfinite(resolution) and resolution > 0):
-            raise ValueError(f"a grid's resolution is above 0 m, not {resolution}")
+        """Return the grid of whole cells that covers a rectangle, aligned to the resolution.
+
+        Parameters
+        ----------
+        low, high : (x, y)
+            Opposite corners, metres.
+        resolution : float, metres
+        """
+        _check_resolution(resolution)
         first = [math.floor(v / resolution) for v in low]
         last = [math.floor(v / resolution) for v in high]
         shape = (last[1] - first[1] + 1, last[0] - first[0] + 1)
         return cls((first[0] * resolution, first[1] * resolution), resolution, shape)
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """Return the row and column of the cell at a point.
+
+        Raises
+        ------
+        ValueError
+            The point is not on the grid.
+        """
+        column, row = (
+            math.floor((v - o) / self.resolution) for v, o in zip((x, y), self.origin, strict=True)
+        )
+        if not (0 <= row < self.shape[0] and 0 <= column < self.shape[1]):
+            raise ValueError(f"({x}, {y}) is not on the grid {self}")
+        return row, column
+
+
+def scene_grid(
+    scene: StoreyScene, resolution: float, bounds: Bounds | None = None, margin: float = MARGIN
+) -> Grid:
+    """Return the grid around the rooms of a scene; without rooms, around its entities.
+
+    Parameters
+    ----------
+    scene : StoreyScene
+    resolution : float, metres
+    bounds : (x0, y0, x1, y1), optional
+        Cover this rectangle instead, metres.
+    margin : float
+        Metres around it.
+
+    Raises
+    ------
+    ValueError
+        The rectangle is upside down, or there is neither a room nor an entity with geometry.
+    """
+    if bounds is not None and not (bounds[0] < bounds[2] and bounds[1] < bounds[3]):
+        raise ValueError(f"box {bounds} is upside down: give its lower corner first")
+    rectangles = [bounds] if bounds is not None else [a.outline.bounds for a in scene.floors]
+    rectangles = rectangles or [e.bounds for e in scene.entities if e.bounds is not None]
+    if not rectangles:
+        raise ValueError(
+            f"storey {scene.storey} has neither rooms nor objects with geometry; import some"
+        )
+    low, high = np.min(rectangles, axis=0)[:2] - margin, np.max(rectangles, axis=0)[2:] + margin
+    return Grid.around((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), resolution)
+
+
+def _check_resolution(resolution: float) -> None:
+    if not (math.isfinite(resolution) and resolution > 0):
+        raise ValueError(f"grid resolution is {resolution} m; give one above 0")

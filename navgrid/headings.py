@@ -1,7 +1,8 @@
-"""The precise form: whether each part's footprint, turned, touches its own layer, cell by cell.
+"""Collisions by heading: where a robot's footprint, turned to a heading, meets obstacles.
 
-Where the master costmap makes each part a disc (Deeken et al., section 4.3), this turns its real
-footprint to each of n headings, after Hornung et al.: a robot slips through where its shape does.
+The master costmap takes each part for a disc (Deeken et al., section 4.3). Here each part has its
+exact footprint, turned to each of n headings, after Hornung et al.: a long robot fits lengthwise
+through a gap in which its disc does not fit.
 """
 
 from __future__ import annotations
@@ -20,10 +21,24 @@ __all__ = ["collisions", "footprint_cells", "part_collisions"]
 
 
 def collisions(costmap: Costmap, headings: int = 16) -> NDArray[np.bool_]:
-    """(headings, rows, columns) bool: where a part would touch what is occupied in its interval.
+    """Return where any part of a robot would collide, by heading.
 
-    The robot's origin is in the middle of a cell, its heading is ``2 * pi * i / headings``. What
-    lies beyond the grid is free; what is unknown is no collision.
+    Parameters
+    ----------
+    costmap : Costmap
+    headings : int
+        Heading i is ``2 * pi * i / headings`` radians.
+
+    Returns
+    -------
+    (headings, rows, columns) bool
+        For the robot's origin in the middle of each cell. Cells beyond the grid and unknown cells
+        are not obstacles.
+
+    Raises
+    ------
+    ValueError
+        There is less than one heading.
     """
     found = np.zeros((headings, *costmap.grid.shape), np.bool_)
     for number, part in enumerate(costmap.parts):
@@ -37,20 +52,27 @@ def collisions(costmap: Costmap, headings: int = 16) -> NDArray[np.bool_]:
 def part_collisions(
     occupied: NDArray[np.bool_], footprint: ArrayLike, resolution: float, headings: int
 ) -> NDArray[np.bool_]:
-    """(headings, rows, columns) bool: where a footprint touches occupied cells.
+    """Return where a footprint meets occupied cells, by heading.
 
     Parameters
     ----------
-    occupied : (rows, columns)
-    footprint : (N, 2) convex polygon around the robot's frame, heading +x, metres
+    occupied : (rows, columns) bool
+    footprint : (N, 2)
+        A convex polygon in the robot's frame, metres; x points ahead.
+    resolution : float, metres
+    headings : int
+
+    Returns
+    -------
+    (headings, rows, columns) bool
 
     Raises
     ------
     ValueError
-        Less than one heading.
+        There is less than one heading.
     """
     if headings < 1:
-        raise ValueError(f"a robot has 1 heading or more, not {headings}")
+        raise ValueError(f"headings is {headings}; give 1 or more")
     rows, columns = occupied.shape
     found = np.zeros((headings, rows, columns), np.bool_)
     sums = np.zeros((rows, columns + 1), np.int32)
@@ -61,7 +83,7 @@ def part_collisions(
             covered = np.flatnonzero(line)
             if not len(covered):
                 continue
-            # Robot cell r sees row r + k - row; a row of a convex footprint is one run of cells.
+            # Line k lies in row r + k - row for a robot in row r. A convex footprint has one run.
             shift = k - row
             seen = slice(max(0, shift), min(rows, rows + shift))
             robot = slice(seen.start - shift, seen.stop - shift)
@@ -76,7 +98,14 @@ def part_collisions(
 def footprint_cells(
     footprint: ArrayLike, heading: float, resolution: float
 ) -> tuple[NDArray[np.bool_], tuple[int, int]]:
-    """The cells that a turned footprint meets, and the row and column of the robot's own cell."""
+    """Return the cells that a turned footprint meets, and the row and column of the robot's cell.
+
+    Parameters
+    ----------
+    footprint : (N, 2), metres in the robot's frame
+    heading : float, radians
+    resolution : float, metres
+    """
     corners = np.asarray(footprint, dtype=np.float64)
     cos, sin = math.cos(heading), math.sin(heading)
     turned = corners @ np.array([[cos, sin], [-sin, cos]])

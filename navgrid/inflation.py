@@ -1,6 +1,6 @@
-"""Costs that fall off around what is occupied, with the meaning of costmap_2d.
+"""Inflation: costs that fall off around occupied cells, with the meaning of costmap_2d.
 
-Distances are exact: those of cell centres, compared as squares of whole numbers of cells.
+Distances between the centres of cells are exact: they are compared as squares of whole numbers.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ __all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "costs_by_distance", "infla
 FREE, INSCRIBED, LETHAL, UNKNOWN = 0, 253, 254, 255
 
 LARGEST_RADIUS = 4096
-"""Cells beyond which an inflation is refused."""
+"""The largest inflation radius, cells."""
 
 _SAME = 1e-9  # of a cell: 0.56 / 0.02 is 28
 
@@ -34,24 +34,27 @@ def inflate(
     inflate_unknown: bool = False,
     variant: Literal["baseline", "avx2", "avx512"] | None = None,
 ) -> NDArray[np.uint8]:
-    """The costs of a grid's cells by their distance d to the nearest occupied cell.
+    """Return the cost of each cell by its distance d to the nearest occupied cell.
 
-    254 where d is 0; 253 up to the inscribed radius; from there
-    ``252 * exp(-cost_scaling_factor * (d - inscribed_radius))``, truncated; 0 beyond
-    ``ceil(inflation_radius / resolution)`` cells. A radius that is a whole number of cells includes
-    its rim.
+    The cost is 254 for d = 0, 253 up to the inscribed radius, then
+    ``252 * exp(-cost_scaling_factor * (d - inscribed_radius))``, truncated, and 0 beyond
+    ``ceil(inflation_radius / resolution)`` cells. Cells at exactly a radius are within it.
 
     Parameters
     ----------
     occupied : (rows, columns) bool
-    resolution : metres a cell
-    inscribed_radius, inflation_radius : metres
-    cost_scaling_factor : 1/metre, how fast costs fall
-    unknown : (rows, columns) bool
-        Cells of which nothing is known: they stay 255 unless they are within the inscribed radius,
-        as in costmap_2d's inflation layer.
-    inflate_unknown : give unknown cells every cost above 0
-    variant : the processor family, by default the fastest there is; all give the same
+    resolution : float
+        The side of a cell, metres.
+    inscribed_radius, inflation_radius : float, metres
+    cost_scaling_factor : float, 1/metre
+        How fast costs fall off.
+    unknown : (rows, columns) bool, optional
+        These cells keep 255 unless they are within the inscribed radius, as in costmap_2d's
+        inflation layer.
+    inflate_unknown : bool
+        Give unknown cells any cost above 0.
+    variant : "baseline", "avx2" or "avx512", optional
+        The instructions to use, by default the fastest available; the result is the same.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def inflate(
     Raises
     ------
     ValueError
-        Arrays of another shape or type, numbers that are negative or not finite, a radius of more
+        An array has a wrong shape or type, a number is negative or not finite, or a radius has more
         than `LARGEST_RADIUS` cells.
 
     Examples
@@ -82,7 +85,9 @@ def inflate(
     if unknown is not None:
         hidden = _mask("unknown", unknown)
         if hidden.shape != cells.shape:
-            raise ValueError(f"unknown has the shape {hidden.shape}, occupied {cells.shape}")
+            raise ValueError(
+                f"unknown has the shape {hidden.shape}; give that of occupied, {cells.shape}"
+            )
         least = FREE + 1 if inflate_unknown else INSCRIBED
         inflated[hidden & (inflated < least)] = UNKNOWN
     return inflated
@@ -96,15 +101,19 @@ def costs_by_distance(
     cost_scaling_factor: float,
     farthest: int | None = None,
 ) -> NDArray[np.uint8]:
-    """The cost at each squared distance in cells, up to the square of the inflation radius.
+    """Return the cost at each squared distance in cells, up to the inflation radius.
 
     Parameters
     ----------
-    farthest : no distance along a row or column exceeds it, in cells
+    resolution, inscribed_radius, inflation_radius, cost_scaling_factor
+        As for `inflate`.
+    farthest : int, optional
+        The longer side of the grid, cells: larger distances are left out.
 
     Returns
     -------
-    (n**2 + 1,) uint8, n = ceil(inflation_radius / resolution)
+    (n**2 + 1,) uint8
+        n is ``ceil(inflation_radius / resolution)``.
     """
     _positive("resolution", resolution)
     for name, value in (
@@ -118,8 +127,8 @@ def costs_by_distance(
         reach = min(reach, 1.5 * farthest)  # the diagonal
     if reach > LARGEST_RADIUS:
         raise ValueError(
-            f"an inflation radius of {inflation_radius} m is {reach:.0f} cells of {resolution} m; "
-            f"at most {LARGEST_RADIUS} are computed"
+            f"inflation_radius: {inflation_radius} m are {reach:.0f} cells of {resolution} m; "
+            f"give at most {LARGEST_RADIUS} cells"
         )
     radius = max(math.ceil(reach), 0)
     cells = np.sqrt(np.arange(radius**2 + 1, dtype=np.float64))
@@ -137,16 +146,16 @@ def _mask(name: str, value: ArrayLike) -> NDArray[np.bool_]:
     mask = np.asarray(value)
     if mask.ndim != 2 or mask.dtype != np.bool_:
         raise ValueError(
-            f"{name} is a (rows, columns) array of bool, not {mask.dtype} of shape {mask.shape}"
+            f"{name} is {mask.dtype} of shape {mask.shape}; give a (rows, columns) array of bool"
         )
     return np.ascontiguousarray(mask)
 
 
 def _positive(name: str, value: float) -> None:
     if not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} is finite and above 0, not {value}")
+        raise ValueError(f"{name} is {value}; give a finite number above 0")
 
 
 def _not_negative(name: str, value: float) -> None:
     if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} is finite and not negative, not {value}")
+        raise ValueError(f"{name} is {value}; give a finite number, 0 or more")

@@ -1,6 +1,6 @@
-"""Nav2 map files: what map_saver writes and map_server reads, both ways.
+"""Read and write the map files of Nav2, as map_server and map_saver do.
 
-The image's first row is the highest y, a grid's row 0 the lowest. Values are those of
+The first row of the image is the highest y, row 0 of a grid the lowest. Values are those of
 `nav_msgs/OccupancyGrid`: 0 free, 100 occupied, -1 unknown, in `scale` and `raw` anything between.
 """
 
@@ -11,6 +11,7 @@ import math
 import os
 import re
 import tempfile
+from collections.abc import Iterable
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -37,18 +38,18 @@ ROWS_AT_ONCE = 256
 # free_thresh of 0.25 that map_saver writes by default: map_server would read them as free.
 THRESHOLDS: dict[Mode, tuple[float, float]] = {
     "trinary": (0.196, 0.65),
-    "scale": (0.0, 1.0),  # values come back as they were written
-    "raw": (0.25, 0.65),  # not used
+    "scale": (0.0, 1.0),  # values are read back exactly
+    "raw": (0.25, 0.65),  # map_server ignores them
 }
 _GREY_UNKNOWN, _GREY_FREE, _GREY_OCCUPIED = 205, 254, 0
 
 
 class MapFileError(ValueError):
-    """A map file that cannot be used: names the file, the element and the mend."""
+    """A map file cannot be used; the message names the file, the element and how to fix it."""
 
-    def __init__(self, path: Path | str, element: str, problem: str, mend: str) -> None:
-        self.path, self.element, self.problem, self.mend = str(path), element, problem, mend
-        super().__init__(f"{path}: {element}: {problem}. {mend}")
+    def __init__(self, path: Path | str, element: str, problem: str, fix: str) -> None:
+        self.path, self.element, self.problem, self.fix = str(path), element, problem, fix
+        super().__init__(f"{path}: {element}: {problem}. {fix}")
 
 
 def write_map(
@@ -60,22 +61,32 @@ def write_map(
     free_thresh: float | None = None,
     occupied_thresh: float | None = None,
     image_format: Literal["pgm", "png"] | None = None,
+    comments: Iterable[str] = (),
 ) -> Path:
-    """Write ``<path_stem>.yaml`` and its image, each appearing whole or not at all.
+    """Write a map as ``<path_stem>.yaml`` and its image; return the path of the YAML file.
+
+    Each file appears as a whole or not at all.
 
     Parameters
     ----------
-    cells : (rows, columns) int8, row 0 the lowest y
-        -1 unknown, 0..100 occupancy in percent. `trinary` keeps what lies at or below the free and
-        at or above the occupied threshold and calls the rest unknown.
-    free_thresh, occupied_thresh
-        Written to the YAML file; by default those by which map_server reads what was written.
-    image_format
-        pgm, or png for `scale`, whose unknown cells are transparent.
+    grid : Grid
+    cells : (rows, columns) int8
+        Row 0 is the lowest y. -1 is unknown, 0 to 100 is the occupancy in percent.
+    path_stem : path without suffix
+    mode : "trinary", "scale" or "raw"
+        `trinary` writes cells at or below the free threshold as free, cells at or above the
+        occupied threshold as occupied, and all others as unknown.
+    free_thresh, occupied_thresh : float, optional
+        Written to the YAML file. By default those with which map_server reads the same cells back.
+    image_format : "pgm" or "png", optional
+        By default png for `scale`, where unknown cells are transparent, else pgm.
+    comments : iterable of str
+        Lines for the head of the YAML file.
 
-    Returns
-    -------
-    The path of the YAML file.
+    Raises
+    ------
+    ValueError
+        The cells do not fit the grid or hold other values, or the thresholds are out of order.
 
     Examples
     --------
@@ -87,10 +98,12 @@ def write_map(
     [[0, 100, -1], [0, 0, 0]]
     """
     if mode not in get_args(Mode):
-        raise ValueError(f"mode is {mode!r}; it is one of {', '.join(get_args(Mode))}")
+        raise ValueError(f"mode is {mode!r}; give one of {', '.join(get_args(Mode))}")
     cells = np.asarray(cells)
     if cells.shape != tuple(grid.shape):
-        raise ValueError(f"cells have shape {cells.shape}, the grid {tuple(grid.shape)}")
+        raise ValueError(
+            f"cells have the shape {cells.shape}, the grid {tuple(grid.shape)}; give equal shapes"
+        )
     if cells.size == 0:
         raise ValueError("the grid has no cells; give it a shape of at least 1 x 1")
     if cells.min() < UNKNOWN or cells.max() > OCCUPIED:
@@ -112,7 +125,8 @@ def write_map(
     description = stem.with_name(f"{stem.name}.yaml")
     pixels = _pixels(cells, mode, free, occupied)[::-1]
     x, y = grid.origin
-    text = (
+    head = "".join(f"# {' '.join(line.split())}\n" for line in comments)
+    text = head + (
         f"image: {_text(image.name)}\n"
         f"mode: {mode}\n"
         f"resolution: {_number(grid.resolution)}\n"
@@ -121,7 +135,7 @@ def write_map(
         f"occupied_thresh: {_number(occupied)}\n"
         f"free_thresh: {_number(free)}\n"
     )
-    # without a description nobody pairs an old origin with a new image
+    # Without a description, no reader combines the former origin with the new image.
     description.unlink(missing_ok=True)
     _replace(image, _pgm(pixels) if image_format == "pgm" else _png(pixels))
     _replace(description, text.encode())
@@ -129,35 +143,44 @@ def write_map(
 
 
 def read_map(path: Path | str) -> tuple[Grid, NDArray[np.int8]]:
-    """Read a map as map_server does.
+    """Return the grid of a map file and its cells, as map_server reads them.
+
+    Parameters
+    ----------
+    path : of the YAML file
 
     Returns
     -------
-    The grid and its (rows, columns) int8 cells, row 0 the lowest y: -1 unknown, 0..100.
+    grid : Grid
+    cells : (rows, columns) int8
+        Row 0 is the lowest y. -1 is unknown, 0 to 100 is the occupancy in percent.
 
     Raises
     ------
     MapFileError
-        Where the description or its image is missing, malformed or says what a grid cannot be.
+        The YAML file or its image is missing or malformed, or a value is out of range.
     """
     path = Path(path)
-    said = _description(path)
-    mode: Mode = _choice(path, said, "mode", get_args(Mode), default="trinary")
-    resolution = _float(path, "resolution", _required(path, said, "resolution"))
+    fields = _description(path)
+    mode: Mode = _choice(path, fields, "mode", get_args(Mode), default="trinary")
+    resolution = _float(path, "resolution", _required(path, fields, "resolution"))
     if resolution <= 0:
         raise MapFileError(path, "resolution", f"is {resolution}", "Give metres a cell, above zero")
-    origin = _required(path, said, "origin")
+    origin = _required(path, fields, "origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise MapFileError(path, "origin", f"is {origin!r}", "Give a list [x, y, yaw]")
     x, y, yaw = (_float(path, f"origin[{i}]", v) for i, v in enumerate(origin))
     if yaw != 0.0:
         raise MapFileError(
-            path, "origin[2]", f"turns the map by {yaw} radians", "Turn the image and give yaw 0"
+            path,
+            "origin[2]",
+            f"is a yaw of {yaw} radians, which grids do not have",
+            "Turn the image and give yaw 0",
         )
-    negate = bool(_float(path, "negate", _required(path, said, "negate")))
-    free = _float(path, "free_thresh", said.get("free_thresh", 0.25))
-    occupied = _float(path, "occupied_thresh", said.get("occupied_thresh", 0.65))
-    name = _required(path, said, "image")
+    negate = bool(_float(path, "negate", _required(path, fields, "negate")))
+    free = _float(path, "free_thresh", fields.get("free_thresh", 0.25))
+    occupied = _float(path, "occupied_thresh", fields.get("occupied_thresh", 0.65))
+    name = _required(path, fields, "image")
     if not isinstance(name, str) or not name:
         raise MapFileError(path, "image", f"is {name!r}", "Give the image's file name")
     pixels, opaque = _image(path, path.parent / name)
@@ -209,7 +232,7 @@ def _cells(
     free: float,
     occupied: float,
 ) -> NDArray[np.int8]:
-    """Occupancy of shades (0 black .. 1 white) after the documented rules of map_server."""
+    """Occupancy of shades (0 black .. 1 white), by the documented rules of map_server."""
     if mode == "raw":
         percent = np.rint(shade * 255)
         return np.where(percent <= OCCUPIED, percent, UNKNOWN).astype(np.int8)
@@ -247,8 +270,8 @@ def _image(path: Path, image: Path) -> tuple[NDArray[Any], bool]:
             opaque = opaque or file_.mode == "RGB"
             pixels = np.asarray(file_)
     except FileNotFoundError:
-        mend = f"Put the image there or correct image: in {path.name}"
-        raise MapFileError(path, "image", f"there is no {image}", mend) from None
+        fix = f"Put the image there or correct image: in {path.name}"
+        raise MapFileError(path, "image", f"there is no {image}", fix) from None
     except MapFileError:
         raise
     except Exception as error:  # decoders raise anything on broken bytes, SyntaxError among it
@@ -264,23 +287,23 @@ def _description(path: Path) -> dict[str, Any]:
         CONFIG_BYTES.check(path.stat().st_size, refused, "Give the .yaml file of a map.")
         text = path.read_text(encoding="utf-8")
         check_structure(text, lambda line, problem, fix: refused(f"line {line} {problem}", fix))
-        said = yaml.safe_load(text)
+        fields = yaml.safe_load(text)
     except MapFileError:
         raise
     except FileNotFoundError:
-        raise refused("is not there", "Give the .yaml file of a map") from None
+        raise refused("does not exist", "Give the .yaml file of a map") from None
     except (OSError, ValueError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
-        raise refused(f"is no YAML ({reason})", "Correct or remake it") from None
-    if not isinstance(said, dict):
+        raise refused(f"is not valid YAML ({reason})", "Correct it") from None
+    if not isinstance(fields, dict):
         raise MapFileError(path, "file", "has no fields", "Give the .yaml file of a map")
-    return said
+    return fields
 
 
-def _required(path: Path, said: dict[str, Any], name: str) -> Any:
-    if said.get(name) is None:
+def _required(path: Path, fields: dict[str, Any], name: str) -> Any:
+    if fields.get(name) is None:
         raise MapFileError(path, name, "is missing", f"Add a line {name}: ...")
-    return said[name]
+    return fields[name]
 
 
 def _float(path: Path, element: str, value: Any) -> float:
@@ -294,16 +317,16 @@ def _float(path: Path, element: str, value: Any) -> float:
 
 
 def _choice(
-    path: Path, said: dict[str, Any], name: str, choices: tuple[Any, ...], default: Any
+    path: Path, fields: dict[str, Any], name: str, choices: tuple[Any, ...], default: Any
 ) -> Any:
-    value = said.get(name, default)
+    value = fields.get(name, default)
     if value not in choices:
         raise MapFileError(path, name, f"is {value!r}", f"Give one of {', '.join(choices)}")
     return value
 
 
 def _number(value: float) -> str:
-    """The shortest text that reads back as this float, in YAML 1.1, too, which wants a dot."""
+    """The shortest text that YAML reads back as this float; YAML 1.1 needs a dot."""
     text = repr(float(value))
     return text if "e" not in text or "." in text else text.replace("e", ".0e")
 
@@ -324,7 +347,7 @@ def _png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def _replace(path: Path, content: bytes) -> None:
-    """Put the file there in one step, by renaming a finished one."""
+    """Write a file in one step: a complete one is renamed to it."""
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
@@ -339,5 +362,11 @@ def _replace(path: Path, content: bytes) -> None:
 
 
 def file_name(name: str) -> str:
-    """A storey's name as that of a folder."""
+    """Return a storey's or part's name in characters that file names may have.
+
+    Examples
+    --------
+    >>> file_name("Level 1/B")
+    'Level_1_B'
+    """
     return re.sub(r"[^\w.-]+", "_", name).strip("._") or "storey"

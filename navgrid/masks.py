@@ -1,7 +1,7 @@
-"""Keepout and speed masks of regions, with what Nav2's costmap filters need to be told.
+"""Keepout and speed masks of regions, for Nav2's costmap filters.
 
-Values are those of `nav_msgs/OccupancyGrid`. A filter computes ``base + multiplier * value``; a
-value of 0 has no effect, nor has -1.
+Values are those of `nav_msgs/OccupancyGrid`. A filter computes ``base + multiplier * value``; the
+values 0 and -1 have no effect.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from navgrid.area import area_cells
 from navgrid.grid import Grid
-from navgrid.scene import Thing
+from semmap.query.storey_scene import SceneEntity
 
 __all__ = ["Mask", "keepout_mask", "speed_mask"]
 
-KEEPOUT_TYPES = frozenset({"blocked_region", "staircase"})
 SPEED_TYPES = frozenset({"speed_zone"})
 
 KEEPOUT, SPEED_PERCENT, SPEED_ABSOLUTE = 0, 1, 2
@@ -28,7 +27,14 @@ KEEPOUT, SPEED_PERCENT, SPEED_ABSOLUTE = 0, 1, 2
 
 @dataclass(frozen=True, eq=False)
 class Mask:
-    """A filter mask: (rows, columns) int8, and the filter's type, base and multiplier."""
+    """A filter mask.
+
+    Attributes
+    ----------
+    cells : (rows, columns) int8
+    type : int, of the filter
+    base, multiplier : float, of the filter
+    """
 
     cells: NDArray[np.int8]
     type: int
@@ -36,31 +42,42 @@ class Mask:
     multiplier: float
 
 
-def keepout_mask(regions: Iterable[Thing], grid: Grid) -> Mask | None:
-    """100 in blocked regions, staircases and what is said to be ``blocked: true``; else 0."""
+def keepout_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
+    """Return a mask that is 100 in blocked regions and 0 elsewhere; None without such regions.
+
+    Parameters
+    ----------
+    entities : iterable of SceneEntity
+        Those for which `SceneEntity.is_blocked_region` is true count.
+    grid : Grid
+    """
     cells = np.zeros(grid.shape, np.int8)
-    for region in regions:
-        if region.kind != "region" or region.outline is None:
-            continue
-        if KEEPOUT_TYPES & set(region.types) or region.properties.get("blocked") is True:
-            cells[area_cells(region.outline, grid)] = 100
+    for region in entities:
+        if region.is_blocked_region and region.footprint is not None:
+            cells[area_cells(region.footprint, grid)] = 100
     return Mask(cells, KEEPOUT, 0.0, 1.0) if cells.any() else None
 
 
-def speed_mask(regions: Iterable[Thing], grid: Grid) -> Mask | None:
-    """Speed limits of speed zones, the lowest where several meet.
+def speed_mask(entities: Iterable[SceneEntity], grid: Grid) -> Mask | None:
+    """Return the speed limits of speed zones, the lowest where several meet; None without zones.
 
-    A zone's property ``speed_limit`` is in m/s, ``speed_percent`` in percent of the robot's top
+    A zone's property ``speed_limit`` is in m/s, ``speed_percent`` in percent of the robot's highest
     speed. Limits in m/s are rounded down to a hundredth of the highest one.
+
+    Parameters
+    ----------
+    entities : iterable of SceneEntity
+        Regions of the type ``speed_zone`` or with the property ``speed_limit`` count.
+    grid : Grid
 
     Raises
     ------
     ValueError
-        A zone without either, with one that is no speed, or zones of both sorts.
+        A zone has no limit or one that is not a speed, or the zones have limits of both units.
     """
-    limits: list[tuple[float, bool, Thing]] = []
-    for region in regions:
-        if region.kind == "region" and region.outline is not None:
+    limits: list[tuple[float, bool, SceneEntity]] = []
+    for region in entities:
+        if region.kind == "region" and region.footprint is not None:
             if not (SPEED_TYPES & set(region.types) or "speed_limit" in region.properties):
                 continue
             limits.append(_limit(region))
@@ -70,26 +87,31 @@ def speed_mask(regions: Iterable[Thing], grid: Grid) -> Mask | None:
     if len(absolute) > 1:
         names = ", ".join(region.name for _, _, region in limits)
         raise ValueError(
-            f"speed zones {names}: some limit in m/s, some in percent, and a mask has one of both. "
-            "Give all of them speed_limit, or all of them speed_percent"
+            f"speed zones {names}: some limits are in m/s and some in percent, but a mask has one "
+            "unit. Give all of them speed_limit, or all of them speed_percent"
         )
     highest = max(limit for limit, _, _ in limits)
     step = highest / 100 if absolute == {True} else 1.0
     cells = np.zeros(grid.shape, np.int8)
     for limit, _, region in sorted(limits, key=lambda item: -item[0]):
         value = max(1, math.floor(limit / step + 1e-9))
-        assert region.outline is not None
-        cells[area_cells(region.outline, grid)] = value
+        assert region.footprint is not None
+        cells[area_cells(region.footprint, grid)] = value
     kind = SPEED_ABSOLUTE if absolute == {True} else SPEED_PERCENT
     return Mask(cells, kind, 0.0, step)
 
 
-def _limit(region: Thing) -> tuple[float, bool, Thing]:
+def _limit(region: SceneEntity) -> tuple[float, bool, SceneEntity]:
     for key, is_absolute, most in (("speed_limit", True, math.inf), ("speed_percent", False, 100)):
         value = region.properties.get(key)
         if value is None:
             continue
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
-            raise ValueError(f"speed zone {region.name}: its {key} is no speed: {value!r}")
+            unit = "m/s" if is_absolute else "percent, at most 100"
+            raise ValueError(
+                f"speed zone {region.name}: {key} is {value!r}; give a number above 0 in {unit}"
+            )
         return float(value), is_absolute, region
-    raise ValueError(f"speed zone {region.name}: give it speed_limit in m/s, or speed_percent")
+    raise ValueError(
+        f"speed zone {region.name} has no limit; give it speed_limit in m/s, or speed_percent"
+    )

@@ -1,7 +1,7 @@
 """Costmaps as files that a Nav2 stack loads unchanged.
 
-`map_server` loads each map; `costmap_2d`'s static layer takes the master as terrain (with
-``trinary_costmap: false``), its filters the masks.
+`map_server` loads each map; `costmap_2d`'s static layer takes the master costmap (with
+``trinary_costmap: false``), and its filters take the masks.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import yaml
@@ -19,18 +19,28 @@ from navgrid.costmap import Costmap
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.map_file import Mode, write_map
 from navgrid.masks import Mask, keepout_mask, speed_mask
+from semmap.query.geometry_notes import geometry_lists, geometry_notes
 from semmap.robot import footprint_string
 
 __all__ = ["Files", "as_occupancy", "frame_name", "write_nav2"]
 
-Files = dict[str, Any]
+Files: TypeAlias = dict[str, Any]
+"""The content of ``costmap.json``."""
 
 
 def as_occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
-    """Costs as a static layer reads them back: 100 where the robot's origin must not be.
+    """Return costs as values of an occupancy grid, as a static layer reads them back.
 
-    That is at 253 and 254: a dot-shaped robot has no footprint to be checked with. Lower costs
-    are ``cost * 100 / 254``, at least 1 above 0; unknown is -1.
+    Parameters
+    ----------
+    costs : uint8 array
+        With the meaning of costmap_2d.
+
+    Returns
+    -------
+    int8 array of the same shape
+        100 for the costs 253 and 254, where a robot without footprint must not be; lower costs as
+        ``cost * 100 / 254``, at least 1 above 0; -1 for unknown.
     """
     found: NDArray[np.int8] = np.ceil(costs * (100 / LETHAL)).clip(0, 99).astype(np.int8)
     found[costs >= INSCRIBED] = 100
@@ -39,43 +49,62 @@ def as_occupancy(costs: NDArray[np.uint8]) -> NDArray[np.int8]:
 
 
 def frame_name(storey: str) -> str:
-    """The frame in which a storey's maps are, as tf takes its names."""
+    """Return the name of the frame in which a storey's maps are, a valid name for tf.
+
+    Examples
+    --------
+    >>> frame_name("floor-1st")
+    'map_floor_1st'
+    """
     return "map_" + (re.sub(r"\W+", "_", storey).strip("_") or "storey")
 
 
 def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) -> Files:
-    """Write all maps of a costmap into a folder, and ``nav2_params.yaml``; what was written.
+    """Write all maps of a costmap, ``nav2_params.yaml`` and ``costmap.json`` into a folder.
 
     Parameters
     ----------
-    laser_height : metres above the floor, of the localisation map
+    costmap : Costmap
+    folder : Path
+        Made if it does not exist.
+    laser_height : float
+        The height of the localisation map, metres above the floor.
+
+    Returns
+    -------
+    dict
+        The content of ``costmap.json``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     grid, frame = costmap.grid, frame_name(costmap.scene.storey)
+    notes = geometry_notes(costmap.scene.entities)
     maps: dict[str, str] = {}
 
-    def keep(name: str, cells: NDArray[np.int8], mode: Mode = "trinary") -> None:
-        maps[name] = write_map(grid, cells, folder / name, mode, image_format="pgm").name
+    def write(name: str, cells: NDArray[np.int8], mode: Mode = "trinary") -> None:
+        path = write_map(grid, cells, folder / name, mode, image_format="pgm", comments=notes)
+        maps[name] = path.name
 
-    keep("master", as_occupancy(costmap.master), "raw")
+    write("master", as_occupancy(costmap.master), "raw")
     for number, part in enumerate(costmap.parts):
-        keep(part.name, as_occupancy(costmap.costs[number]), "raw")
+        write(part.name, as_occupancy(costmap.costs[number]), "raw")
         for layer, cells in costmap.occupied.items():
-            keep(f"{part.name}_{layer}", _occupied(cells[number], costmap.unknown))
-    keep("localisation", _occupied(costmap.section(laser_height), costmap.unknown))
+            write(f"{part.name}_{layer}", _occupied(cells[number], costmap.unknown))
+    write("localisation", _occupied(costmap.section(laser_height), costmap.unknown))
     masks = {
         name: mask
         for name, mask in (
-            ("keepout_mask", keepout_mask(costmap.scene.things, grid)),
-            ("speed_mask", speed_mask(costmap.scene.things, grid)),
+            ("keepout_mask", keepout_mask(costmap.scene.entities, grid)),
+            ("speed_mask", speed_mask(costmap.scene.entities, grid)),
         )
         if mask is not None
     }
     for name, mask in masks.items():
-        keep(name, mask.cells, "raw")
-    params = _params(costmap, maps, masks, frame)
-    (folder / "nav2_params.yaml").write_text(_HEAD + yaml.safe_dump(params, sort_keys=False))
-    said: Files = {
+        write(name, mask.cells, "raw")
+    paths = {name: str((folder / file).resolve()) for name, file in maps.items()}
+    params = _params(costmap, paths, masks, frame)
+    head = _HEAD + "".join(f"# {note}\n" for note in notes)
+    (folder / "nav2_params.yaml").write_text(head + yaml.safe_dump(params, sort_keys=False))
+    files: Files = {
         "storey": costmap.scene.storey,
         "frame": frame,
         "elevation": costmap.scene.elevation,
@@ -99,9 +128,10 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
         "lethal": int((costmap.master == LETHAL).sum()),
         "inscribed": int((costmap.master == INSCRIBED).sum()),
         "unknown": int((costmap.master == UNKNOWN).sum()),
+        **geometry_lists(costmap.scene.entities),
     }
-    (folder / "costmap.json").write_text(json.dumps(said, indent=1) + "\n")
-    return said
+    (folder / "costmap.json").write_text(json.dumps(files, indent=1) + "\n")
+    return files
 
 
 def _occupied(cells: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[np.int8]:
@@ -110,20 +140,19 @@ def _occupied(cells: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> NDArray[n
     return found
 
 
-_HEAD = """# What Nav2 has to be told of these maps; merge it into your own parameters.
-# The master is the terrain of a dot-shaped robot: do not inflate it again.
+_HEAD = """# Parameters for Nav2 to load these maps; merge them into your own.
+# In the master costmap the robot is a point: do not inflate it again.
 """
 
 
 def _params(
-    costmap: Costmap, maps: dict[str, str], masks: dict[str, Mask], frame: str
+    costmap: Costmap, paths: dict[str, str], masks: dict[str, Mask], frame: str
 ) -> dict[str, Any]:
-    def server(name: str, topic: str) -> dict[str, Any]:
-        return {
-            "ros__parameters": {"yaml_filename": maps[name], "topic_name": topic, "frame_id": frame}
-        }
+    """The parameters by node, each under ``ros__parameters``, as rcl requires."""
 
-    filters = [name.removesuffix("_mask") + "_filter" for name in masks]
+    def server(name: str, topic: str) -> dict[str, Any]:
+        return _node(yaml_filename=paths[name], topic_name=topic, frame_id=frame)
+
     layers: dict[str, Any] = {
         "global_frame": frame,
         "resolution": costmap.grid.resolution,
@@ -138,8 +167,8 @@ def _params(
             "lethal_cost_threshold": 100,
         },
     }
-    if filters:
-        layers["filters"] = filters
+    if masks:
+        layers["filters"] = [name.removesuffix("_mask") + "_filter" for name in masks]
     params: dict[str, Any] = {
         "global_costmap": {"global_costmap": {"ros__parameters": layers}},
         "master_server": server("master", "master"),
@@ -156,15 +185,19 @@ def _params(
         if kind == "speed":
             layers[f"{kind}_filter"]["speed_limit_topic"] = "/speed_limit"
         params[f"{kind}_mask_server"] = server(name, f"{kind}_mask")
-        params[f"{kind}_filter_info_server"] = {
-            "ros__parameters": {
-                "type": mask.type,
-                "filter_info_topic": f"/{kind}_filter_info",
-                "mask_topic": f"/{kind}_mask",
-                "base": float(mask.base),
-                "multiplier": float(mask.multiplier),
-            }
-        }
-    # For who plans with footprints: the hull of each part, and of all of them.
-    params["footprints"] = {part.name: footprint_string(part) for part in costmap.parts}
+        params[f"{kind}_filter_info_server"] = _node(
+            type=mask.type,
+            filter_info_topic=f"/{kind}_filter_info",
+            mask_topic=f"/{kind}_mask",
+            base=float(mask.base),
+            multiplier=float(mask.multiplier),
+        )
+    # For planners that check footprints.
+    params["robot_footprints"] = _node(
+        **{part.name: footprint_string(part) for part in costmap.parts}
+    )
     return params
+
+
+def _node(**parameters: Any) -> dict[str, Any]:
+    return {"ros__parameters": parameters}

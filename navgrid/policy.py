@@ -1,4 +1,4 @@
-"""Which entity goes on which layer: a small readable file of rules (Deeken et al., section 4.2)."""
+"""Which entity goes on which layer: a YAML file of rules (Deeken et al., section 4.2)."""
 
 from __future__ import annotations
 
@@ -8,34 +8,56 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from navgrid.scene import Thing
+from semmap.query.storey_scene import EntityKind, SceneEntity
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["FLOOR", "NONE", "Layer", "Policy", "PolicyError", "Rule"]
+__all__ = ["FLOOR", "NONE", "Layer", "Policy", "PolicyError", "PolicyRule"]
 
 NONE, FLOOR = "none", "floor"
-"""Layers that are no layers: what is not in the way, and what robots drive on."""
+"""Names that are not layers: for entities that are not obstacles, and for those driven on."""
 
-KINDS = ("room", "object", "region", "connector", "agent")
+KINDS: tuple[str, ...] = get_args(EntityKind)
+STATES = ("open", "closed", "locked")
 
 
 class PolicyError(ValueError):
-    """A policy file that cannot be used: names the file, the element and the mend."""
+    """A policy file is invalid; the message names the file, the element and how to fix it."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer of each part's costmap; `padding` metres go onto its inflation."""
+    """A layer of each part's costmap.
+
+    Attributes
+    ----------
+    name : str
+    padding : float
+        Metres that are added to the inscribed and the inflation radius.
+    """
 
     name: str
     padding: float = 0.0
 
 
 @dataclass(frozen=True)
-class Rule:
-    """What an entity has to be, all of it, to go on a layer; empty parts ask nothing."""
+class PolicyRule:
+    """The conditions under which an entity goes on a layer; all of them have to hold.
+
+    Attributes
+    ----------
+    layer : str
+        The name of a layer, or `NONE` or `FLOOR`.
+    kind : str, optional
+        "room", "object", "region", "connector" or "agent".
+    types : tuple of str
+        One of them is the entity's type or a supertype of it. Empty: any type.
+    properties : tuple of (name, value)
+        The entity has all of them. Empty: any properties.
+    state : "open", "closed" or "locked", optional
+        That of a connector.
+    """
 
     layer: str
     kind: str | None = None
@@ -43,102 +65,134 @@ class Rule:
     properties: tuple[tuple[str, Any], ...] = ()
     state: str | None = None
 
-    def fits(self, thing: Thing) -> bool:
-        """Whether it decides about this entity."""
+    def applies_to(self, entity: SceneEntity) -> bool:
+        """Return True if an entity meets all conditions."""
         return (
-            (self.kind is None or self.kind == thing.kind)
-            and (not self.types or not set(self.types).isdisjoint(thing.types))
-            and all(thing.properties.get(key) == value for key, value in self.properties)
-            and (self.state is None or self.state == thing.state)
+            (self.kind is None or self.kind == entity.kind)
+            and (not self.types or not set(self.types).isdisjoint(entity.types))
+            and all(entity.properties.get(key) == value for key, value in self.properties)
+            and (self.state is None or self.state == entity.state)
         )
 
 
 @dataclass(frozen=True)
 class Policy:
-    """Layers in their order, and the rules, of which the first that fits decides."""
+    """The layers of a costmap, and the rules that sort entities to them.
+
+    Attributes
+    ----------
+    layers : tuple of Layer
+        In the order of pictures.
+    rules : tuple of PolicyRule
+        The first that applies to an entity decides.
+
+    Examples
+    --------
+    >>> policy = Policy.parse("layers: {cups: {padding: 0.1}}\\nrules: [{type: cup, layer: cups}]")
+    >>> policy.layer_of(SceneEntity(1, "mug1", "object", ("mug", "cup", "object")))
+    'cups'
+    >>> policy.layer_of(SceneEntity(2, "desk1", "object", ("desk", "object")))
+    'none'
+    """
 
     layers: tuple[Layer, ...]
-    rules: tuple[Rule, ...]
+    rules: tuple[PolicyRule, ...]
 
     @staticmethod
     @cache
     def default() -> Policy:
-        """The policy that comes with navgrid, ``policy.yaml`` beside this file."""
+        """Return the policy that comes with navgrid, ``navgrid/policy.yaml``."""
         file = resources.files("navgrid") / "policy.yaml"
         return Policy.parse(file.read_text("utf-8"), "navgrid's policy.yaml")
 
     @classmethod
     def read(cls, path: Path | str) -> Policy:
-        """The policy of a file.
+        """Return the policy of a file.
 
         Raises
         ------
         PolicyError
-            A file that is not there or says what no policy says.
+            The file cannot be read, or is not a policy.
         """
         return cls.parse(read_text(path, "a policy file", PolicyError), str(path))
 
     @classmethod
-    def parse(cls, said: str, file: str) -> Policy:
-        """The policy of YAML text; `file` is what errors call it."""
-        document = parse_yaml(said, file, PolicyError)
-        parts = _mapping(document, file, "the file", {"layers", "rules"})
+    def parse(cls, text: str, file: str = "policy") -> Policy:
+        """Return the policy of a YAML text.
+
+        Parameters
+        ----------
+        text : str
+        file : str
+            The name of the file, for errors.
+
+        Raises
+        ------
+        PolicyError
+            The text is not a policy.
+        """
+        document = _mapping(
+            parse_yaml(text, file, PolicyError), file, "document", {"layers", "rules"}
+        )
         layers = tuple(
             _layer(str(name), value, file)
-            for name, value in _mapping(parts.get("layers"), file, "layers").items()
+            for name, value in _mapping(document.get("layers"), file, "layers").items()
         )
-        rules = parts.get("rules")
-        if not isinstance(rules, list) or not layers:
-            raise PolicyError(f"{file}: needs layers, and rules as a list")
-        known = {layer.name for layer in layers} | {NONE, FLOOR}
-        return cls(layers, tuple(_rule(r, i, known, file) for i, r in enumerate(rules, 1)))
+        if not layers:
+            raise PolicyError(f"{file}: layers: is empty; give one or more")
+        rules = document.get("rules")
+        if not isinstance(rules, list):
+            raise PolicyError(f"{file}: rules: is {rules!r}; give a list")
+        names = {layer.name for layer in layers} | {NONE, FLOOR}
+        return cls(layers, tuple(_rule(r, i, names, file) for i, r in enumerate(rules, 1)))
 
-    def layer_of(self, thing: Thing) -> str:
-        """The layer on which an entity goes; `NONE` where no rule fits."""
-        return next((rule.layer for rule in self.rules if rule.fits(thing)), NONE)
+    def layer_of(self, entity: SceneEntity) -> str:
+        """Return the name of an entity's layer; `NONE` if no rule applies."""
+        return next((rule.layer for rule in self.rules if rule.applies_to(entity)), NONE)
 
 
 def _mapping(
     value: object, file: str, element: str, keys: set[str] | None = None
 ) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise PolicyError(f"{file}: {element}: give key: value, not {value!r}")
+        raise PolicyError(f"{file}: {element}: is {value!r}; give key: value")
     unknown = set(value) - keys if keys is not None else set()
     if unknown:
         raise PolicyError(
-            f"{file}: {element}: knows no {sorted(map(str, unknown))[0]}; "
-            f"it takes {', '.join(sorted(keys or ()))}"
+            f"{file}: {element}: unknown key {sorted(map(str, unknown))[0]}; "
+            f"give some of {', '.join(sorted(keys or ()))}"
         )
     return value
 
 
 def _layer(name: str, value: object, file: str) -> Layer:
-    said = _mapping({} if value is None else value, file, f"layer {name}", {"padding"})
-    padding = said.get("padding", 0.0)
-    if isinstance(padding, bool) or not isinstance(padding, int | float):
-        raise PolicyError(f"{file}: layer {name}: padding is metres, not {padding!r}")
-    if not 0 <= padding <= sys.float_info.max or name in (NONE, FLOOR):
-        raise PolicyError(
-            f"{file}: layer {name}: give padding of 0 or more metres, and a name but none and floor"
-        )
+    if name in (NONE, FLOOR):
+        raise PolicyError(f"{file}: layer {name}: this name is reserved; give a different one")
+    fields = _mapping({} if value is None else value, file, f"layer {name}", {"padding"})
+    padding = fields.get("padding", 0.0)
+    is_number = isinstance(padding, int | float) and not isinstance(padding, bool)
+    if not (is_number and 0 <= padding <= sys.float_info.max):
+        raise PolicyError(f"{file}: layer {name}: padding is {padding!r}; give 0 or more metres")
     return Layer(name, float(padding))
 
 
-def _rule(value: object, number: int, known: set[str], file: str) -> Rule:
+def _rule(value: object, number: int, layers: set[str], file: str) -> PolicyRule:
     element = f"rule {number}"
-    said = _mapping(value, file, element, {"kind", "type", "properties", "state", "layer"})
-    layer = said.get("layer")
-    if not isinstance(layer, str) or layer not in known:
-        raise PolicyError(f"{file}: {element}: its layer is one of {', '.join(sorted(known))}")
-    kind = said.get("kind")
-    if kind is not None and kind not in KINDS:
-        raise PolicyError(f"{file}: {element}: its kind is one of {', '.join(KINDS)}")
-    types = said.get("type", [])
+    fields = _mapping(value, file, element, {"kind", "type", "properties", "state", "layer"})
+
+    def choice(key: str, choices: tuple[str, ...], *, optional: bool = True) -> Any:
+        found = fields.get(key)
+        if not (found in choices or (optional and found is None)):
+            raise PolicyError(
+                f"{file}: {element}: {key} is {found!r}; give one of {', '.join(choices)}"
+            )
+        return found
+
+    layer = choice("layer", tuple(sorted(layers)), optional=False)
+    kind, state = choice("kind", KINDS), choice("state", STATES)
+    types = fields.get("type", [])
     types = [types] if isinstance(types, str) else types
     if not isinstance(types, list) or not all(isinstance(t, str) for t in types):
-        raise PolicyError(f"{file}: {element}: type is a name or a list of names")
-    properties = _mapping(said.get("properties", {}), file, f"{element}, properties")
-    state = said.get("state")
-    if state not in (None, "open", "closed", "locked"):
-        raise PolicyError(f"{file}: {element}: a state is open, closed or locked")
-    return Rule(layer, kind, tuple(types), tuple(properties.items()), state)
+        raise PolicyError(f"{file}: {element}: type is {types!r}; give a name or a list of names")
+    properties = _mapping(fields.get("properties", {}), file, f"{element}, properties")
+    return PolicyRule(layer, kind, tuple(types), tuple(properties.items()), state)

@@ -1,4 +1,4 @@
-"""A map that `map_server` reads, as from SLAM, as a layer of a costmap."""
+"""A map file, such as one from SLAM, as a layer of a costmap."""
 
 from __future__ import annotations
 
@@ -9,31 +9,38 @@ from numpy.typing import NDArray
 
 from navgrid.grid import Grid
 from navgrid.map_file import read_map
-from navgrid.occupancy import occupancy
+from navgrid.slabs import occupancy
 
 __all__ = ["map_layer", "resampled"]
 
-_LESS = 1e-6  # of a cell: what only touches a border is not on its other side
+_LESS = 1e-6  # of a cell: a cell that only touches another does not occupy it
 
 
 def map_layer(path: Path | str, grid: Grid, threshold: int = 65) -> NDArray[np.bool_]:
-    """(rows, columns) bool: the cells of `grid` that occupied cells of a map file overlap.
+    """Return the cells of a grid that occupied cells of a map file overlap.
 
     Parameters
     ----------
-    threshold : percent from which a cell of the file is occupied; unknown is not
+    path : of the map's YAML file
+    grid : Grid
+    threshold : int
+        Percent from which a cell of the file is occupied; unknown cells are not.
+
+    Returns
+    -------
+    (rows, columns) bool
 
     Raises
     ------
     MapFileError
-        A file that is no map.
+        The file is not a map.
     """
     found, cells = read_map(path)
     return resampled(found, cells >= threshold, grid)
 
 
 def resampled(source: Grid, occupied: NDArray[np.bool_], grid: Grid) -> NDArray[np.bool_]:
-    """Occupied cells of one grid as those of another, none left out."""
+    """Return the (rows, columns) bool cells of `grid` that occupied cells of `source` overlap."""
     rows, columns = np.nonzero(occupied)
     low = np.stack([columns, rows], axis=1) + _LESS
     high = low + 1 - 2 * _LESS

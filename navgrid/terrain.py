@@ -1,8 +1,8 @@
-"""The floor that is not an obstacle: from which height on things are in a robot's way, by cell.
+"""The floor that a robot drives on, and its height in each cell.
 
-A robot drives on what hangs together with the floor of a room by steps that are not higher than it
-takes, and that is not steeper than it climbs: a threshold, a ramp. Slabs are taken relative to that
-floor. Its faces are no obstacles.
+A robot drives on faces that are not steeper than it climbs and that are connected to the floor of a
+room by steps not higher than it takes, such as thresholds and ramps. These faces are not obstacles;
+intervals of heights are measured from them.
 """
 
 from __future__ import annotations
@@ -18,19 +18,32 @@ from shapely import box, contains_properly, polygons, union_all
 
 from navgrid.area import area_cells
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy
-from navgrid.scene import Place
+from navgrid.slabs import occupancy
 from semmap.geometry.walk import GAP, walked_faces
+from semmap.query.storey_scene import FloorArea
 
-__all__ = ["Gait", "Level", "drivable", "levels"]
+__all__ = ["DriveLimits", "FloorLevel", "drivable", "floor_levels"]
 
 THINNEST = 0.005
-"""Metres of height below which a slope is not divided."""
+"""Metres of height below which a slope is not divided further."""
 
 
 @dataclass(frozen=True)
-class Gait:
-    """What a robot drives over: the highest step, metres, and the steepest slope, radians."""
+class DriveLimits:
+    """The terrain that a robot drives over.
+
+    Attributes
+    ----------
+    max_step : float
+        The highest step, metres.
+    max_slope : float
+        The steepest slope, radians.
+
+    Raises
+    ------
+    ValueError
+        A limit is negative, not finite, or a slope of a right angle or more.
+    """
 
     max_step: float = 0.02
     max_slope: float = math.radians(6)
@@ -38,8 +51,8 @@ class Gait:
     def __post_init__(self) -> None:
         if not (0 <= self.max_step < math.inf and 0 <= self.max_slope < math.pi / 2):
             raise ValueError(
-                f"a step of {self.max_step} m and a slope of {self.max_slope} rad: give 0 m or "
-                "more, and 0 to less than a right angle"
+                f"drive limits: a step of {self.max_step} m and a slope of {self.max_slope} rad; "
+                "give a step of 0 m or more, and a slope from 0 to less than a right angle"
             )
 
     @property
@@ -49,67 +62,90 @@ class Gait:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
-    """Cells whose floor reaches up to z `floor`, metres: (rows, columns) bool."""
+class FloorLevel:
+    """The cells of one height of the floor.
+
+    Attributes
+    ----------
+    floor : float
+        The z up to which the floor reaches in these cells, metres.
+    cells : (rows, columns) bool
+    """
 
     floor: float
     cells: NDArray[np.bool_]
 
 
 def drivable(
-    triangles: NDArray[np.float64], floors: Sequence[float], gait: Gait
+    triangles: NDArray[np.float64], floors: Sequence[float], limits: DriveLimits
 ) -> NDArray[np.bool_]:
-    """(F,): which of the faces of floors, ramps and the like (F, 3, 3) a robot drives on.
-
-    Those that are gentle enough and hang together, by steps of at most `max_step`, with a room's
-    floor, of which `floors` are the heights. What lies within a step of such a height is ground.
-    """
-    low, high = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)
-    found = walked_faces(triangles, floors, gait.max_step, gait.max_slope)
-    for floor in floors:
-        found |= (low > floor - gait.ground) & (high < floor + gait.ground)
-    return found
-
-
-def levels(
-    places: Sequence[Place],
-    ramps: NDArray[np.float64],
-    elevation: float,
-    gait: Gait,
-    grid: Grid,
-) -> list[Level]:
-    """Each cell's floor; where it slopes, as bands of height a quarter of a step thick.
-
-    On a slope a thing that is up to a quarter higher than a step passes for one.
+    """Return which faces of floors and ramps a robot drives on.
 
     Parameters
     ----------
-    places : their outlines have their floor; what lies outside of all has `elevation`
-    ramps : (F, 3, 3) drivable faces that are above or below these floors
+    triangles : (F, 3, 3), metres
+    floors : sequence of float
+        The heights z of the rooms' floors. A face within a step of one of them is ground.
+    limits : DriveLimits
+
+    Returns
+    -------
+    (F,) bool
+        True for faces within `max_slope` that are connected to a floor by steps of at most
+        `max_step`.
+    """
+    low, high = triangles[:, :, 2].min(axis=1), triangles[:, :, 2].max(axis=1)
+    found = walked_faces(triangles, floors, limits.max_step, limits.max_slope)
+    for floor in floors:
+        found |= (low > floor - limits.ground) & (high < floor + limits.ground)
+    return found
+
+
+def floor_levels(
+    areas: Sequence[FloorArea],
+    ramps: NDArray[np.float64],
+    elevation: float,
+    limits: DriveLimits,
+    grid: Grid,
+) -> list[FloorLevel]:
+    """Return the floor's height in each cell, as one level for each height.
+
+    A slope is divided into levels a quarter of a step thick; on it, an obstacle that is up to a
+    quarter higher than a step counts as a step.
+
+    Parameters
+    ----------
+    areas : sequence of FloorArea
+        Rooms and doorways; outside of all of them the floor is at `elevation`.
+    ramps : (F, 3, 3)
+        Drivable faces above or below these floors, metres.
+    elevation : float, z in metres
+    limits : DriveLimits
+    grid : Grid
     """
     flat: dict[float, NDArray[np.bool_]] = {}
     inside = np.zeros(grid.shape, np.bool_)
-    for place in places:
-        cells = area_cells(place.outline, grid)
+    for area in areas:
+        cells = area_cells(area.outline, grid)
         inside |= cells
-        flat[place.floor] = flat[place.floor] | cells if place.floor in flat else cells
+        flat[area.floor] = flat[area.floor] | cells if area.floor in flat else cells
     flat[elevation] = flat[elevation] | ~inside if elevation in flat else ~inside
     if len(ramps):
         under = _covered(ramps, grid)
         flat = {floor: cells & ~under for floor, cells in flat.items()}
-    found = [Level(floor, cells) for floor, cells in sorted(flat.items()) if cells.any()]
+    found = [FloorLevel(floor, cells) for floor, cells in sorted(flat.items()) if cells.any()]
     if len(ramps):
         bottom, top = float(ramps[:, :, 2].min()), float(ramps[:, :, 2].max())
-        count = max(1, math.ceil((top - bottom) / max(gait.max_step / 4, THINNEST)))
+        count = max(1, math.ceil((top - bottom) / max(limits.max_step / 4, THINNEST)))
         edges = [bottom + k * (top - bottom) / count for k in range(count + 1)]
         faces = np.arange(3 * len(ramps)).reshape(-1, 3)
         bands = occupancy((ramps.reshape(-1, 3), faces), pairwise(edges), grid)
-        found += [Level(h, c) for h, c in zip(edges[1:], bands, strict=True) if c.any()]
+        found += [FloorLevel(h, c) for h, c in zip(edges[1:], bands, strict=True) if c.any()]
     return found
 
 
 def _covered(triangles: NDArray[np.float64], grid: Grid) -> NDArray[np.bool_]:
-    """The cells that lie wholly under triangles: floor below them is out of reach there."""
+    """The cells that lie wholly under triangles, where a floor below is out of reach."""
     flat = polygons(triangles[:, :, :2])
     whole = union_all(flat).buffer(GAP)
     touched = area_cells(whole, grid)

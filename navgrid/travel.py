@@ -1,4 +1,4 @@
-"""Cheapest ways over a costmap: what driving from cell to cell costs, and where it leads."""
+"""The cheapest paths over a costmap: their costs, lengths and cells."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import semmap_native
 __all__ = ["DEAREST", "travel", "way"]
 
 DEAREST = 1000.0
-"""The largest `slow`."""
+"""The largest value of `slow`."""
 
 
 def travel(
@@ -25,33 +25,40 @@ def travel(
     targets: ArrayLike | None = None,
     threads: int | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What the cheapest ways from cells to cells of a costmap cost, and how long they are.
+    """Return the cost and the length of the cheapest paths between cells of a costmap.
 
-    A step leads to one of 16 neighbours: the 8 around a cell and the 8 that a chess knight reaches.
-    It is open where both cells and the two cells beside its line are below 253 (unknown, 255, is
-    not). It costs its metres times the mean of ``1 + slow * cost / 252`` over its two cells. Prices
+    A step leads to one of 16 neighbours: the 8 around a cell and the 8 at a knight's move. It is
+    passable if both its cells and the two cells beside its line are below 253 (unknown, 255, is
+    not). It costs its metres times the mean of ``1 + slow * cost / 252`` over its two cells. Costs
     are exact, in double precision: Dijkstra over buckets as wide as the cheapest step (Denardo and
     Fox, Shortest-route methods 1, Operations Research 27, 1979).
 
     Parameters
     ----------
-    costs : (rows, columns) uint8 with the meaning of costmap_2d
-    resolution : metres a cell
-    cells : (k, 2) rows and columns from which the ways lead
-    slow : how much dearer the last passable cells are than free ones, 0 to `DEAREST`
-    targets : (m, 2) rows and columns to which the ways lead; the same cells where None
-    threads : by default one a processor; all numbers of them give the same
+    costs : (rows, columns) uint8
+        With the meaning of costmap_2d.
+    resolution : float
+        The side of a cell, metres.
+    cells : (k, 2) integers
+        The rows and columns at which paths begin.
+    slow : float
+        The extra cost of a metre on the most expensive passable cells, 0 to `DEAREST`.
+    targets : (m, 2) integers, optional
+        The rows and columns at which paths end; by default `cells`.
+    threads : int, optional
+        By default one a processor. The result is the same for any number.
 
     Returns
     -------
     prices, metres : (k, m) float64
-        Infinity where no way leads, or where one of the two cells is itself not passable. Prices
-        are metres of free cells: divided by a speed they are seconds.
+        Infinity where there is no path or a cell is not passable. Prices are metres of free cells:
+        divided by a speed they are seconds.
 
     Raises
     ------
     ValueError
-        Arrays of another shape or type, cells outside of the costmap, numbers out of range.
+        An array has a wrong shape or type, a cell is outside of the costmap, or a number is out of
+        range.
 
     Examples
     --------
@@ -67,7 +74,7 @@ def travel(
     if threads is None:
         threads = len(os.sched_getaffinity(0))
     if threads < 1:
-        raise ValueError(f"threads is at least 1, not {threads}")
+        raise ValueError(f"threads is {threads}; give 1 or more")
     used = min(threads, max(len(starts), 1))
     return semmap_native.travel(ground, resolution, starts, slow, goals, used)
 
@@ -80,23 +87,23 @@ def way(
     *,
     slow: float = 1.0,
 ) -> NDArray[np.int64] | None:
-    """The cells of the cheapest way from a cell to another, priced as by `travel`.
+    """Return the cells of the cheapest path between two cells, with the costs of `travel`.
 
     Parameters
     ----------
-    costs : (rows, columns) uint8 with the meaning of costmap_2d
-    resolution : metres a cell
+    costs, resolution, slow
+        As for `travel`.
     start, goal : (row, column)
-    slow : how much dearer the last passable cells are than free ones, 0 to `DEAREST`
 
     Returns
     -------
-    (N, 2) int64 rows and columns, both ends included; None where no way leads there.
+    (N, 2) int64 or None
+        Rows and columns from start to goal; None if there is no path.
 
     Raises
     ------
     ValueError
-        As by `travel`.
+        As for `travel`.
     """
     ground = _costs(costs)
     _check(resolution, slow)
@@ -112,7 +119,7 @@ def _costs(value: ArrayLike) -> NDArray[np.uint8]:
     costs = np.asarray(value)
     if costs.ndim != 2 or costs.dtype != np.uint8:
         raise ValueError(
-            f"costs is a (rows, columns) array of uint8, not {costs.dtype} of shape {costs.shape}"
+            f"costs is {costs.dtype} of shape {costs.shape}; give a (rows, columns) array of uint8"
         )
     return np.ascontiguousarray(costs)
 
@@ -123,7 +130,7 @@ def _cells(name: str, value: ArrayLike, costs: NDArray[np.uint8]) -> NDArray[np.
         return np.empty((0, 2), np.int64)
     if cells.ndim != 2 or cells.shape[1] != 2 or not np.issubdtype(cells.dtype, np.integer):
         raise ValueError(
-            f"{name}: rows and columns are whole numbers, not {cells.dtype} of shape {cells.shape}"
+            f"{name} is {cells.dtype} of shape {cells.shape}; give (n, 2) whole numbers"
         )
     outside = ((cells < 0) | (cells >= costs.shape)).any(axis=1)
     if outside.any():
@@ -137,6 +144,6 @@ def _cells(name: str, value: ArrayLike, costs: NDArray[np.uint8]) -> NDArray[np.
 
 def _check(resolution: float, slow: float) -> None:
     if not (math.isfinite(resolution) and resolution > 0):
-        raise ValueError(f"resolution is finite and above 0, not {resolution}")
+        raise ValueError(f"resolution is {resolution}; give a finite number above 0")
     if not 0 <= slow <= DEAREST:
-        raise ValueError(f"slow is 0 to {DEAREST:g}, not {slow}")
+        raise ValueError(f"slow is {slow}; give 0 to {DEAREST:g}")

@@ -233,7 +233,7 @@ def _touches(
         parts = [shapely.Polygon(part.footprint @ turn + point) for part in costmap.parts]
         if any(door.intersects(part) for door in doors for part in parts):
             return True
-    row, column = costmap.cell(float(point[0]), float(point[1]))
+    row, column = costmap.grid.cell(float(point[0]), float(point[1]))
     for number, part in enumerate(costmap.parts):
         cells, (r, c) = footprint_cells(part.footprint, heading, costmap.grid.resolution)
         for seen, mask in _overlap(cells, row - r, column - c, costmap.grid.shape):

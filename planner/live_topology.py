@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection
 
-from navgrid.scene import Scene
 from planner.duration import Durations
 from planner.readers.entity_lookup import MapLookup
 from planner.readers.map_source import MapSource, open_feed
@@ -29,6 +28,7 @@ from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceConnector, Topology
 from semmap.query.change_feed import ChangeFeed, Look
+from semmap.query.storey_scene import StoreyScene
 
 __all__ = ["LiveTopology", "TopologyChange"]
 
@@ -234,7 +234,7 @@ class LiveTopology:
     def _report(progress: Progress, total: int) -> Callable[[str, int], None]:
         return lambda place, number: progress(place, number, total)
 
-    def _read_scene(self, storey: str) -> Scene:
+    def _read_scene(self, storey: str) -> StoreyScene:
         with self._feed.snapshot() as connection:
             return read_storey_scene(connection, storey)
 

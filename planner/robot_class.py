@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from navgrid.terrain import Gait
+from navgrid.terrain import DriveLimits
 from planner.topology import PlaceConnector
 from semmap.robot import Part
 
@@ -55,7 +55,7 @@ class RobotClass:
 
     name: str = "robot"
     parts: tuple[Part, ...] = ()
-    drive_limits: Gait = field(default_factory=Gait)
+    drive_limits: DriveLimits = field(default_factory=DriveLimits)
     speed: float = 1.0
     behaviours: frozenset[str] | None = None
     permissions: frozenset[str] = frozenset()

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from navgrid.area import area_cells
 from navgrid.costmap import Costmap
-from navgrid.grid import Grid
+from navgrid.grid import Grid, scene_grid
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
-from navgrid.scene import Scene, Thing, grid_of
 from navgrid.travel import travel, way
 from planner.robot_class import RobotClass
 from planner.topology import OUTSIDE, PlaceRegion, Topology
 from planner.travel_cost import Travel
 from semmap.geometry.pose import Pose
+from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 __all__ = ["RoomCostmap", "StoreyCostmaps"]
 
@@ -87,7 +87,7 @@ class StoreyCostmaps:
         self,
         topology: Topology,
         robot: RobotClass,
-        read_scene: Callable[[str], Scene],
+        read_scene: Callable[[str], StoreyScene],
         resolution: float = 0.05,
         slow: float = 1.0,
     ) -> None:
@@ -114,13 +114,12 @@ class StoreyCostmaps:
         """The costmap of a storey, without its doors and agents."""
         if storey not in self._costmaps:
             scene = self._read_scene(storey)
-            permanent = tuple(t for t in scene.things if t.kind not in ("connector", "agent"))
-            grid = grid_of(scene, self.resolution)
+            fixed = tuple(e for e in scene.entities if e.kind not in ("connector", "agent"))
             self._costmaps[storey] = Costmap(
-                replace(scene, things=permanent),
+                replace(scene, entities=fixed),
                 self.robot.parts,
-                grid,
-                gait=self.robot.drive_limits,
+                scene_grid(scene, self.resolution),
+                limits=self.robot.drive_limits,
             )
         return self._costmaps[storey]
 
@@ -150,7 +149,7 @@ class StoreyCostmaps:
                 self._progress(place, len(self._rooms) + 1)
             costmap = self.costmap(self.storey_of(place))
             wanted = {place} | {c.name for c, _ in self.topology.connectors_of(place)}
-            outlines = {p.name: p.outline for p in costmap.scene.places if p.name in wanted}
+            outlines = {p.name: p.outline for p in costmap.scene.floors if p.name in wanted}
             union = shapely.union_all([*outlines.values()])
             self._rooms[place] = RoomCostmap(union, costmap.grid) if place in outlines else None
         return self._rooms[place]
@@ -253,7 +252,7 @@ class StoreyCostmaps:
         storey = self.storey_of(place)
         costmap = self.costmap(storey)
         try:
-            row, column = costmap.cell(pose.x, pose.y)
+            row, column = costmap.grid.cell(pose.x, pose.y)
         except ValueError:
             return f"the pose is outside of {place}"
         point = shapely.Point(pose.x, pose.y)
@@ -285,8 +284,8 @@ class StoreyCostmaps:
     def update(
         self,
         ids: Collection[int],
-        objects: Iterable[Thing] = (),
-        regions: Mapping[str, Sequence[Thing]] | None = None,
+        objects: Iterable[SceneEntity] = (),
+        regions: Mapping[str, Sequence[SceneEntity]] | None = None,
     ) -> set[str]:
         """Apply changes of objects and regions; returns the places whose costs changed.
 
@@ -322,7 +321,7 @@ class StoreyCostmaps:
 def _entities_at(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:
     """The names of the entities that cause at least this cost at a pose."""
     try:
-        sources = costmap.why(pose.x, pose.y)
+        sources = costmap.explain(pose.x, pose.y)
     except ValueError:
         return ()
     return tuple(dict.fromkeys(n for b in sources if b.cost >= cost for n in b.entities))

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from navgrid.robot_options import MaxSlope, MaxStep, Parts, State, Urdf
+from navgrid.options import MaxSlope, MaxStep, Parts, State, Urdf
 from semmap import cli
+from semmap.number_list import parse_numbers
 
 if TYPE_CHECKING:
     from planner.robot_class import RobotClass
@@ -48,18 +49,17 @@ def add(
     """Add a class of robots from a URDF, or replace the class of this name."""
     import math
 
-    from navgrid.costmap_command import numbers
-    from navgrid.robot_options import parts_of
-    from navgrid.terrain import Gait
+    from navgrid.options import parts_of
+    from navgrid.terrain import DriveLimits
     from planner.readers.robot_class import store_robot_class
     from planner.robot_class import RobotClass
 
-    near = numbers(reach, 2, "--reach MIN,MAX")
-    high = numbers(heights, 2, "--heights MIN,MAX")
+    near = parse_numbers(reach, 2, "--reach MIN,MAX")
+    high = parse_numbers(heights, 2, "--heights MIN,MAX")
     added = RobotClass(
         name,
         tuple(parts_of(urdf, state, parts)),
-        Gait(max_step, math.radians(max_slope)),
+        DriveLimits(max_step, math.radians(max_slope)),
         speed,
         None if behaviour is None else frozenset(behaviour),
         frozenset(permission or ()),

@@ -59,7 +59,6 @@ def topology_command(
     json_: cli.Json = False,
 ) -> None:
     """Write the topology: a route graph for Nav2 or Open-RMF, DOT, a picture or JSON."""
-    from navgrid.source import read_wanted_storeys
     from planner.exchange.dot import dot
     from planner.exchange.nav2_route import write_nav2
     from planner.exchange.reader import read_building_outline
@@ -67,13 +66,15 @@ def topology_command(
     from planner.exchange.route_graph import ExchangeError
     from planner.live_topology import LiveTopology
     from planner.robot_class import RobotClass
+    from semmap.draw.view import storey_view
     from semmap.query.maps import current_name
+    from semmap.query.storey_reader import read_storeys
 
     chosen = _format(file, format_, json_)
     with cli.open_map(map_name) as connection:
         name = current_name(connection)
         building = read_building_outline(connection)
-        views = read_wanted_storeys(connection, storey)
+        views = [storey_view(s) for s in read_storeys(connection, storey, triangles=False)]
     with cli.database() as engine:
         default = RobotClass(speed=speed, unlocks=locked)
         routing = LiveTopology(engine, name, robot or default).graph

@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from navgrid.costmap import Costmap
-from navgrid.costmap_command import draw_costmap
+from navgrid.costmap_output import draw_costmap
+from navgrid.grid import scene_grid
 from navgrid.map_file import file_name
 from navgrid.nav2 import write_nav2
-from navgrid.scene import grid_of
-from navgrid.source import read_scene
 from planner.demo.figures import blocked_region, passage, robot_figures
 from planner.demo.office import office_folder
 from semmap import cli
 from semmap.draw.view import StoreyView
 from semmap.geometry.mesh import Mesh
+from semmap.query.storey_reader import read_scene
 from semmap.robot import LinkGroup, Part, load_robot, robot_parts
 
 __all__ = ["robot_demo"]
@@ -46,9 +46,9 @@ def robot_demo(
     with cli.open_map(map_name) as connection:
         for storey in storeys:
             scene = read_scene(connection, storey.name)
-            if not scene.things and not scene.places:
+            if not scene.entities and not scene.floors:
                 continue
-            costmap = Costmap(scene, parts, grid_of(scene, 0.05))
+            costmap = Costmap(scene, parts, scene_grid(scene, 0.05))
             place = folder if len(storeys) == 1 else folder / file_name(storey.name)
             said = write_nav2(costmap, place / "costmap")
             say(f"   {place / 'costmap'}: {len(said['maps'])} maps and nav2_params.yaml")
@@ -85,7 +85,7 @@ def _between_the_workbenches(
         and "building_element" not in o.types
     ]
     scene = read_scene(connection, view.name, rooms=["lab2"], margin=1.0)
-    grid = grid_of(scene, 0.025)
+    grid = scene_grid(scene, 0.025)
     found = passage(
         Costmap(scene, parts, grid),
         Costmap(scene, whole, grid),

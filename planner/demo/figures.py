@@ -146,7 +146,7 @@ def passage(
 def _way(costmap: Costmap, start: Point, goal: Point) -> NDArray[np.float64] | None:
     cells = np.where(costmap.master >= INSCRIBED, 100, 0).astype(np.int8)
     for point in (start, goal):
-        if cells[costmap.cell(*point)]:
+        if cells[costmap.grid.cell(*point)]:
             return None
     return grid_path(costmap.grid, cells, start, goal, clearance=0.2)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from navgrid.robot_options import parts_of
+from navgrid.options import parts_of
 from planner.robot_class import RobotClass
 
 __all__ = ["delivery_robot", "office_files", "office_folder"]

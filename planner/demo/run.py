@@ -14,9 +14,10 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from navgrid.commands import with_grid, write_grid
+from navgrid.area import area_cells
+from navgrid.grid_output import with_grid, write_grid
 from navgrid.map_file import file_name
-from navgrid.storey_grid import StoreyGrid, covered, storey_grid
+from navgrid.occupancy_grid import StoreyGrid, storey_grid
 from planner.demo.costmaps import robot_demo
 from planner.demo.fields import field_demo
 from planner.demo.grid_path import grid_path
@@ -31,11 +32,11 @@ from planner.topology import OUTSIDE, Topology
 from semmap import cli
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.scene3d import scene3d
-from semmap.draw.view import StoreyView
+from semmap.draw.view import StoreyView, storey_view
 from semmap.geometry.pose import Pose
 from semmap.ingest.importer import import_file
 from semmap.query.sql_statement import run_sql
-from semmap.query.storeys import read_storeys
+from semmap.query.storey_reader import read_storeys
 
 __all__ = ["FIGURE_3", "run_demo"]
 
@@ -85,8 +86,9 @@ def run_demo(
     with cli.open_map(map_name) as connection:
         say("\n2. Which tables hold a muffin? (Figure 3)")
         columns, rows = run_sql(connection, FIGURE_3, write=False)
-        storeys = read_storeys(connection)
+        scenes = read_storeys(connection)
         topology = read_topology(connection)
+    storeys = [storey_view(scene) for scene in scenes]
     muffins = [(str(room), str(table)) for room, table, _ in rows]
     if rows:
         cli.show_rows(columns, rows, False)
@@ -95,8 +97,8 @@ def run_demo(
 
     say("\n3. A Nav2 map of each storey")
     grids: dict[str, StoreyGrid] = {}
-    for storey in storeys:
-        made = storey_grid(storey, INTERVAL)
+    for storey, scene in zip(storeys, scenes, strict=True):
+        made = storey_grid(scene, INTERVAL)
         grids[storey.name] = made
         written = write_grid(made, _place(folder, storeys, storey), INTERVAL, picture=False)
         say(f"   {written['map']}: {written['width']} x {written['height']} cells")
@@ -273,9 +275,9 @@ def _walk(
     if made is None or math.dist(a, b) < 1e-9:
         return np.array([b])
     cells = made.cells.copy()
-    room = next((r for r in made.storey.rooms if r.name == place), None)
+    room = next((r for r in storey_view(made.scene).rooms if r.name == place), None)
     if room is not None:
-        cells[~covered(room.outline, made.grid)] = 100
+        cells[~area_cells(room.outline, made.grid)] = 100
     way = grid_path(made.grid, cells, a, b)
     return np.array([b]) if way is None else way
 
@@ -285,7 +287,7 @@ def _start_point(
 ) -> tuple[float, float]:
     """In the home region of the room, else in the room's middle."""
     if storey in grids:
-        view = grids[str(storey)].storey
+        view = storey_view(grids[str(storey)].scene)
         outline = next((r.outline for r in view.rooms if r.name == found.start), None)
         if outline is not None:
             inside = [
@@ -302,12 +304,12 @@ def _goal_point(
     made: StoreyGrid, place: str, target: str | None, near: tuple[float, float]
 ) -> tuple[float, float]:
     """Where a robot has room to stand: beside the target, else in the middle of the place."""
-    room = next((r for r in made.storey.rooms if r.name == place), None)
+    room = next((r for r in storey_view(made.scene).rooms if r.name == place), None)
     if room is None:
         return near
     held = [
         o
-        for o in made.storey.objects
+        for o in storey_view(made.scene).objects
         if o.footprint is not None and room.outline.contains(o.footprint.centroid)
     ]
     wanted = [
@@ -317,10 +319,10 @@ def _goal_point(
     ]
     thing = min(wanted, key=lambda f: f.area, default=None)
     aim = (thing or room.outline).centroid
-    free = (made.cells == 0) & covered(room.outline, made.grid)
+    free = (made.cells == 0) & area_cells(room.outline, made.grid)
     for other in held:
         if other.footprint is not None and "carpet" not in other.types:
-            free &= ~covered(other.footprint, made.grid)
+            free &= ~area_cells(other.footprint, made.grid)
     clear = free & (np.asarray(distance_transform_edt(free)) * made.grid.resolution > 0.3)
     rows, columns = np.nonzero(clear if clear.any() else free)
     if not len(rows):

@@ -9,7 +9,7 @@ import numpy as np
 from psycopg.rows import namedtuple_row
 from sqlalchemy import Connection, text
 
-from navgrid.terrain import Gait
+from navgrid.terrain import DriveLimits
 from planner.duration import Durations
 from planner.readers.rows import fetch_rows
 from planner.robot_class import RobotClass
@@ -158,7 +158,7 @@ def read_robot_class(connection: Connection, name: str) -> StoredRobotClass:
     robot = RobotClass(
         row.name,
         tuple(_part(part) for part in row.parts),
-        Gait(row.max_step, row.max_slope),
+        DriveLimits(row.max_step, row.max_slope),
         behaviours=None if row.behaviours is None else frozenset(row.behaviours),
         permissions=frozenset(row.permissions or ()),
         reach=(row.reach[0], row.reach[1]),

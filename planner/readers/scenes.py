@@ -7,28 +7,30 @@ from datetime import datetime
 
 from sqlalchemy import Connection, text
 
-from navgrid.scene import Scene, Thing
-from navgrid.source import read_scene, read_storey_names, read_things
+from semmap.query.storey_reader import read_entities, read_scene, read_storey_names
+from semmap.query.storey_scene import SceneEntity, StoreyScene
 
 __all__ = ["read_moment", "read_objects", "read_storey_regions", "read_storey_scene"]
 
 
-def read_storey_scene(connection: Connection, storey: str) -> Scene:
+def read_storey_scene(connection: Connection, storey: str) -> StoreyScene:
     """The present scene of a storey of the current map; of "" in a map that has no storeys."""
     name = storey or read_storey_names(connection)[0]
     return read_scene(connection, name, moment=read_moment(connection))
 
 
-def read_objects(connection: Connection, ids: Collection[int]) -> list[Thing]:
+def read_objects(connection: Connection, ids: Collection[int]) -> list[SceneEntity]:
     """The objects among the entities with these ids."""
-    return read_things(connection, ids, kind="object")
+    return read_entities(connection, ids, kinds=["object"])
 
 
-def read_storey_regions(connection: Connection, storey: str, ids: Collection[int]) -> list[Thing]:
+def read_storey_regions(
+    connection: Connection, storey: str, ids: Collection[int]
+) -> list[SceneEntity]:
     """The regions among the entities with these ids that lie on a storey and are valid now."""
     name = storey or read_storey_names(connection)[0]
     moment = read_moment(connection)
-    return read_things(connection, ids, kind="region", storey=name, moment=moment)
+    return read_entities(connection, ids, kinds=["region"], storey=name, moment=moment)
 
 
 def read_moment(connection: Connection) -> datetime:

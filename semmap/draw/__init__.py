@@ -1,1 +1,4 @@
-"""Pictures of the map: floor plans and rooms in 3D. Arrays and plain dataclasses, no database."""
+"""Pictures of the map as PNG: floor plans, 3D scenes, costmaps, fields.
+
+All functions take arrays and plain dataclasses; none of them reads the database.
+"""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
 from numpy.typing import NDArray
@@ -16,11 +17,23 @@ _LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
 
 
 def colours(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(..., 3) RGB of costs: free white, then blue to red, cyan inscribed, purple lethal."""
+    """Return the colours of costs, as RViz shows them.
+
+    Free is white, low to high costs are blue to red, inscribed is cyan, lethal is purple.
+
+    Parameters
+    ----------
+    costs : uint8 array
+        With the meaning of costmap_2d.
+
+    Returns
+    -------
+    (..., 3) uint8, RGB
+    """
     share = np.arange(256) / 252
     table = np.empty((256, 3))
     table[:, 0], table[:, 1], table[:, 2] = 255 * share, 0, 255 * (1 - share)
-    # Low costs fade into white, so that where they end shows no edge.
+    # Low costs fade into white, so that their border shows no edge.
     fade = np.clip(np.arange(256) / 60, 0, 1)[:, None]
     table = 255 * (1 - fade) + table * fade
     table[0] = (255, 255, 255)
@@ -42,13 +55,21 @@ def costmap_picture(
     footprints: Sequence[tuple[NDArray[np.float64], str]] = (),
     size: float = 11.0,
 ) -> Path:
-    """Draw costs (rows, columns), row 0 the lowest y; returns the picture's path.
+    """Draw a costmap and save it as PNG; return the path of the picture.
 
     Parameters
     ----------
-    lines : paths (N, 2) in metres with their colours
-    footprints : polygons (N, 2) in metres with their colours, drawn on top
-    size : inches of the longer side
+    costs : (rows, columns) uint8
+        Row 0 is the lowest y.
+    origin : (x, y) of the lower left corner, metres
+    resolution : float, metres
+    path : of the picture
+    title : str
+    lines : sequence of ((N, 2) points in metres, colour)
+    footprints : sequence of ((N, 2) corners in metres, colour)
+        Polygons that are drawn on top.
+    size : float
+        The longer side, inches.
     """
     rows, columns = costs.shape
     width = size if columns >= rows else size * columns / rows
@@ -66,7 +87,7 @@ def costmap_picture(
         axes.plot(points[:, 0], points[:, 1], color="white", lw=3.4, solid_capstyle="round")
         axes.plot(points[:, 0], points[:, 1], color=colour, lw=1.8, solid_capstyle="round")
     for corners, colour in footprints:
-        axes.add_patch(Patch(corners, closed=True, fc=(*_rgb(colour), 0.25), ec=colour, lw=1.6))
+        axes.add_patch(Patch(corners, closed=True, fc=(*to_rgb(colour), 0.25), ec=colour, lw=1.6))
     axes.set_axis_off()
     axes.set_xlim(extent[:2])
     axes.set_ylim(extent[2:])
@@ -75,9 +96,3 @@ def costmap_picture(
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
     return path
-
-
-def _rgb(colour: str) -> tuple[float, float, float]:
-    from matplotlib.colors import to_rgb
-
-    return to_rgb(colour)

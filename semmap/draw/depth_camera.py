@@ -1,4 +1,4 @@
-"""A synthetic depth camera: what a pinhole camera would measure of triangles, and of which."""
+"""A synthetic depth camera: the depth image that a pinhole camera takes of triangles."""
 
 from __future__ import annotations
 
@@ -20,10 +20,13 @@ class DepthCamera:
 
     Attributes
     ----------
-    size : width and height in pixels
-    intrinsics : fx, fy, cx, cy in pixels, the centre of the first pixel at (0, 0)
-    pose : (4, 4) of the optical frame (x right, y down, z ahead) in the map's
-    nearest : metres ahead within which nothing is seen
+    size : (width, height), pixels
+    intrinsics : (fx, fy, cx, cy), pixels
+        The centre of the first pixel is at (0, 0).
+    pose : (4, 4) array
+        The optical frame (x right, y down, z ahead) in the map's frame.
+    nearest : float
+        Surfaces nearer than this are not seen, metres ahead.
     """
 
     size: tuple[int, int]
@@ -32,20 +35,32 @@ class DepthCamera:
     nearest: float = 0.1
 
     def project(self, points: Floats) -> Floats:
-        """Points (..., 3) ahead: pixels from the left and from the top, and 1 / depth.
+        """Return (..., 3) pixels from the left, pixels from the top, and 1 / depth.
 
-        That is linear across a triangle's picture, and larger the nearer.
+        1 / depth is linear across the picture of a triangle, and larger for nearer points.
+
+        Parameters
+        ----------
+        points : (..., 3) ahead of the camera, metres in the map's frame
         """
         fx, fy, cx, cy = self.intrinsics
         x, y, z = np.moveaxis((points - self.pose[:3, 3]) @ self.pose[:3, :3], -1, 0)
         return np.stack([fx * x / z + cx + 0.5, fy * y / z + cy + 0.5, 1 / z], axis=-1)
 
     def image(self, triangles: Floats) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-        """Depths (height, width), NaN where nothing is seen, and the triangle that each shows.
+        """Return the depth image of triangles, and the triangle at each pixel.
 
         Parameters
         ----------
-        triangles : (F, 3, 3) in the map's frame, metres; either side is seen
+        triangles : (F, 3, 3), metres in the map's frame
+            Both sides are seen.
+
+        Returns
+        -------
+        depths : (height, width) float32, metres
+            NaN where no triangle is seen.
+        faces : (height, width) int32
+            The number of the triangle, -1 for none.
         """
         ahead = (triangles - self.pose[:3, 3]) @ self.pose[:3, 2]
         clipped, of = _clipped(triangles, ahead - self.nearest)
@@ -58,7 +73,7 @@ class DepthCamera:
 
 
 def look_at(eye: ArrayLike, target: ArrayLike) -> Floats:
-    """The (4, 4) pose of an optical frame at `eye` whose z axis leads to `target`, upright."""
+    """Return the (4, 4) pose of an upright optical frame at `eye` that looks at `target`."""
     ahead = np.subtract(target, eye, dtype=float)
     ahead /= np.linalg.norm(ahead)
     side = (1.0, 0.0, 0.0) if abs(ahead[2]) > 0.999 else (0.0, 0.0, 1.0)
@@ -71,7 +86,7 @@ def look_at(eye: ArrayLike, target: ArrayLike) -> Floats:
 
 
 def _clipped(triangles: Floats, inside: Floats) -> tuple[Floats, NDArray[np.int64]]:
-    """What of triangles has a positive distance `inside` (F, 3), and the triangle each is of."""
+    """The parts of triangles with a positive distance `inside` (F, 3), and their triangles."""
     whole = (inside > 0).all(axis=1)
     parts, of = [triangles[whole]], [np.flatnonzero(whole)]
     for face in np.flatnonzero((inside > 0).any(axis=1) & ~whole):

@@ -1,4 +1,4 @@
-"""Fields in the scene that they are of: voxels as cubes, open space as tinted air."""
+"""Pictures of fields in their scene: voxels as cubes, open space as tinted air."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FieldView:
-    """A field as it is drawn.
+    """A field in a picture.
 
     Attributes
     ----------
-    voxels : (N, 3) indices
-    voxel_size : metres
-    colour : of the cubes
-    label : beside its colour
-    opacity : 1 for cubes, less for air that one sees through
+    voxels : (N, 3) int32, indices
+    voxel_size : float, metres
+    colour : str
+    label : str, for the legend
+    opacity : float
+        1 draws cubes; less draws transparent air.
     """
 
     voxels: NDArray[np.int32]
@@ -43,7 +44,13 @@ class FieldView:
 
 
 def voxel_faces(voxels: NDArray[np.int32], size: float) -> Floats:
-    """(F, 3, 3) the faces of cubes that no other of the cubes covers."""
+    """Return the (F, 3, 3) triangles of the cubes' faces that no other cube covers.
+
+    Parameters
+    ----------
+    voxels : (N, 3) int32, indices
+    size : float, metres
+    """
     shifted = voxels.astype(np.int64) + (1 << 20)
     keys = (shifted[:, 0] << 42) | (shifted[:, 1] << 21) | shifted[:, 2]
     parts = [np.zeros((0, 3, 3))]
@@ -69,14 +76,19 @@ def fields_picture(
     elevation: float = 30.0,
     width: int = 1600,
 ) -> Path:
-    """Draw a scene and fields in it, and save the picture as PNG.
+    """Draw a scene with fields and save it as PNG; return the path of the picture.
 
     Parameters
     ----------
-    triangles : (F, 3, 3) of the scene, metres
-    colours : (F, 3) sRGB in 0..1
-    azimuth, elevation : of the eye, degrees
-    width : of the picture, pixels
+    triangles : (F, 3, 3), metres
+        Those of the scene.
+    colours : (F, 3), sRGB in 0..1
+    fields : sequence of FieldView
+    path : of the picture
+    title : str
+    azimuth, elevation : float
+        The direction from which the scene is seen, degrees.
+    width : int, pixels
     """
     cubes = [f for f in fields if f.opacity >= 1]
     faces = [voxel_faces(f.voxels, f.voxel_size) for f in cubes]
@@ -112,9 +124,13 @@ def fields_picture(
         Patch(color=f.colour, alpha=min(1.0, f.opacity + 0.3), label=f.label) for f in fields
     ]
     legend = axes.legend(
-        handles=patches, loc="upper left", fontsize=9, facecolor=PAPER, title=title or None,
+        handles=patches,
+        loc="upper left",
+        fontsize=9,
+        facecolor=PAPER,
+        title=title or None,
         title_fontproperties={"weight": "bold", "size": 10},
-    )  # fmt: skip
+    )
     legend._legend_box.align = "left"  # type: ignore[attr-defined]
     for written in legend.get_texts():
         written.set_color(INK)

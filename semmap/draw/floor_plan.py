@@ -1,4 +1,4 @@
-"""The plan of a storey: rooms, grid, doors, objects, regions and a route, as one picture."""
+"""The floor plan of a storey: rooms, grid, doors, objects, regions and a route."""
 
 from __future__ import annotations
 
@@ -24,12 +24,26 @@ from scipy.ndimage import label
 
 from semmap.draw.labels import AROUND, Labels
 from semmap.draw.palette import INK, PAPER, PATH, family, object_colour, room_colour
-from semmap.draw.view import DoorView, ObjectView, Occupancy, Outline, RegionView, StoreyView
+from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, RegionView, StoreyView
 
 __all__ = ["floor_plan"]
 
-HIDDEN = {"ceiling", "roof", "beam", "wall", "floor", "ground", "window", "house",
-          "door_leaf", "door_frame", "handle", "elevator_shaft", "column", "railing"}  # fmt: skip
+HIDDEN = {
+    "ceiling",
+    "roof",
+    "beam",
+    "wall",
+    "floor",
+    "ground",
+    "window",
+    "house",
+    "door_leaf",
+    "door_frame",
+    "handle",
+    "elevator_shaft",
+    "column",
+    "railing",
+}
 FLAT = {"carpet", "ceiling_lamp"}
 REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("blocked_region", "#c0392b", "////"),
@@ -54,12 +68,19 @@ def floor_plan(
     dpi: int = 200,
     over: Callable[[Axes], None] | None = None,
 ) -> Path:
-    """Draw the plan of a storey and save it as PNG.
+    """Draw the plan of a storey and save it as PNG; return the path of the picture.
 
     Parameters
     ----------
-    width : of the picture in inches; the height follows from the storey
-    over : draws more on the plan, whose axes are metres of the map's frame, before names are put
+    storey : StoreyView
+    path : of the picture
+    title : str
+        By default the name of the storey.
+    width : float, inches
+        The height follows from the storey.
+    dpi : int, pixels per inch
+    over : callable, optional
+        Draws more on the plan before names are written; its axes are metres of the map's frame.
 
     Examples
     --------
@@ -91,8 +112,8 @@ def floor_plan(
         _fill(axes, room.outline, fc=room_colour(room.types, room.name), ec="none", zorder=1)
     for region in storey.regions:
         _region(axes, region)
-    for thing in objects:
-        _object(axes, thing)
+    for entity in objects:
+        _object(axes, entity)
     if storey.occupancy is not None:
         _walls(axes, storey.occupancy, [o.footprint for o in objects if o.footprint is not None])
     else:
@@ -105,10 +126,24 @@ def floor_plan(
     if over is not None:
         over(axes)
     _frame(axes, x0, y0, x1, y1)
-    figure.text(0.6 / width, 1 - 0.36 / whole, title or storey.name, fontsize=15, weight="bold",
-                color=INK, va="center")  # fmt: skip
-    figure.text(1 - 0.3 / width, 1 - 0.36 / whole, _summary(storey), fontsize=8.5, color="#6b6f76",
-                va="center", ha="right")  # fmt: skip
+    figure.text(
+        0.6 / width,
+        1 - 0.36 / whole,
+        title or storey.name,
+        fontsize=15,
+        weight="bold",
+        color=INK,
+        va="center",
+    )
+    figure.text(
+        1 - 0.3 / width,
+        1 - 0.36 / whole,
+        _summary(storey),
+        fontsize=8.5,
+        color="#6b6f76",
+        va="center",
+        ha="right",
+    )
     _write(axes, storey, objects, per_metre)
     _legend(figure, axes, storey, objects, foot / whole)
     path = Path(path)
@@ -118,7 +153,7 @@ def floor_plan(
 
 
 def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
-    """What the plan shows, with a margin: rooms, doors and path, else objects, else the grid."""
+    """The bounds of rooms, doors and path, else of objects, else of the grid, with a margin."""
     shapes: list[Any] = [r.outline for r in storey.rooms]
     shapes += [shapely.Point(p.x, p.y) for d in storey.doors for p in d.poses]
     shapes += [shapely.MultiPoint(p[:, :2]) for p in storey.path]
@@ -134,8 +169,8 @@ def _bounds(storey: StoreyView) -> tuple[float, float, float, float]:
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _height(thing: ObjectView) -> float:
-    return 0.0 if thing.mesh is None else float(thing.mesh.vertices[:, 2].max())
+def _height(entity: ObjectView) -> float:
+    return 0.0 if entity.mesh is None else float(entity.mesh.vertices[:, 2].max())
 
 
 def _polygons(outline: Outline) -> list[shapely.Polygon]:
@@ -150,8 +185,8 @@ def _fill(axes: Axes, outline: Outline, **style: Any) -> None:
         axes.add_patch(PathPatch(curve, **style))
 
 
-def _walls(axes: Axes, grid: Occupancy, things: list[Outline]) -> None:
-    """The occupied cells: dark where nothing but building is, a shade over objects."""
+def _walls(axes: Axes, grid: OccupancyView, outlines: list[Outline]) -> None:
+    """Draw the occupied cells: dark for the building, a light shade over objects."""
     rows, columns = np.nonzero(grid.cells > 50)
     image = np.zeros((*grid.cells.shape, 4))
     x = grid.origin[0] + (columns + 0.5) * grid.resolution
@@ -159,21 +194,22 @@ def _walls(axes: Axes, grid: Occupancy, things: list[Outline]) -> None:
     solid = _enclosed(grid.cells)
     image[solid] = to_rgba(_WALL, 0.80)
     image[rows, columns] = to_rgba(_WALL, 0.96)
-    if things:
-        covered = shapely.union_all([t.buffer(0.75 * grid.resolution) for t in things])
+    if outlines:
+        covered = shapely.union_all([t.buffer(0.75 * grid.resolution) for t in outlines])
         shapely.prepare(covered)
         over = shapely.contains_xy(covered, x, y)
         image[rows[over], columns[over]] = to_rgba(_WALL, 0.20)
     left, right, bottom, top = grid.extent
-    axes.imshow(image, extent=(left, right, bottom, top), origin="lower", interpolation="nearest",
-                zorder=4)  # fmt: skip
+    axes.imshow(
+        image, extent=(left, right, bottom, top), origin="lower", interpolation="nearest", zorder=4
+    )
     unknown = np.zeros_like(image)
     unknown[(grid.cells < 0) & ~solid] = to_rgba("#8a8f98", 0.22)
     axes.imshow(unknown, extent=(left, right, bottom, top), origin="lower", zorder=1.5)
 
 
 def _enclosed(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Unknown cells that walls enclose, as those inside of walls: not joined to the border."""
+    """The unknown cells that walls enclose: those that are not connected to the border."""
     parts, count = label(cells < 0)
     border = np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]])
     inner = np.setdiff1d(np.arange(1, count + 1), border)
@@ -183,8 +219,16 @@ def _enclosed(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
 
 def _region(axes: Axes, region: RegionView) -> None:
     _, colour, hatch = _region_style(region)
-    _fill(axes, region.outline, fc=to_rgba(colour, 0.10), ec=to_rgba(colour, 0.75), hatch=hatch,
-          lw=1.1, ls=(0, (4, 2)), zorder=2)  # fmt: skip
+    _fill(
+        axes,
+        region.outline,
+        fc=to_rgba(colour, 0.10),
+        ec=to_rgba(colour, 0.75),
+        hatch=hatch,
+        lw=1.1,
+        ls=(0, (4, 2)),
+        zorder=2,
+    )
 
 
 def _region_style(region: RegionView) -> tuple[str, str, str]:
@@ -193,19 +237,19 @@ def _region_style(region: RegionView) -> tuple[str, str, str]:
     return next((r for r in REGIONS if r[0] in region.types), REGIONS[-1])
 
 
-def _object(axes: Axes, thing: ObjectView) -> None:
-    assert thing.footprint is not None
-    colour = object_colour(thing.types)
+def _object(axes: Axes, entity: ObjectView) -> None:
+    assert entity.footprint is not None
+    colour = object_colour(entity.types)
     r, g, b = (0.62 * c for c in to_rgb(colour))
-    if FLAT & set(thing.types):
+    if FLAT & set(entity.types):
         fill, edge, above = to_rgba(colour, 0.45), (r, g, b, 0.5), 2.5
     else:
         fill, edge, above = to_rgba(colour, 0.85), (r, g, b, 0.95), 3.0
-    _fill(axes, thing.footprint, fc=fill, ec=edge, lw=0.7, zorder=above)
+    _fill(axes, entity.footprint, fc=fill, ec=edge, lw=0.7, zorder=above)
 
 
 def _door(axes: Axes, door: DoorView, storey: StoreyView) -> None:
-    """A door as on a plan: its opening, and its leaf swung open or panels slid aside."""
+    """Draw a door: its opening, and its open leaf or sliding panels."""
     a, b = (np.array([p.x, p.y]) for p in door.poses)
     middle, way = (a + b) / 2, b - a
     length = float(np.hypot(*way))
@@ -219,14 +263,23 @@ def _door(axes: Axes, door: DoorView, storey: StoreyView) -> None:
         nose = np.array([math.cos(pose.yaw), math.sin(pose.yaw)])
         side = np.array([-nose[1], nose[0]])
         p = np.array([pose.x, pose.y])
-        kite = [p + 0.13 * nose, p - 0.09 * nose + 0.085 * side, p - 0.045 * nose,
-                p - 0.09 * nose - 0.085 * side]  # fmt: skip
+        kite = [
+            p + 0.13 * nose,
+            p - 0.09 * nose + 0.085 * side,
+            p - 0.045 * nose,
+            p - 0.09 * nose - 0.085 * side,
+        ]
         axes.add_patch(Polygon(kite, fc="white", ec=colour, lw=0.8, zorder=5.5))
     hinge, latch = middle - along * w / 2, middle + along * w / 2
     if door.type == "elevator_door":
         for end, sign in ((hinge, 1.0), (latch, -1.0)):
-            axes.plot(*np.stack([end, end + sign * along * w * 0.36]).T, color=colour, lw=3.2,
-                      solid_capstyle="butt", zorder=5)  # fmt: skip
+            axes.plot(
+                *np.stack([end, end + sign * along * w * 0.36]).T,
+                color=colour,
+                lw=3.2,
+                solid_capstyle="butt",
+                zorder=5,
+            )
         return
     if door.type in ("stairs", "ramp"):
         axes.annotate(
@@ -242,39 +295,74 @@ def _door(axes: Axes, door: DoorView, storey: StoreyView) -> None:
     if door.state == "open" and w > _OPENING:
         axes.plot(*np.stack([hinge, latch]).T, color=colour, lw=1.2, ls=(0, (4, 3)), zorder=5)
     elif door.state == "open":
-        leaves = [(hinge, along, w)] if w <= _DOUBLE else [
-            (hinge, along, w / 2), (latch, -along, w / 2)]  # fmt: skip
+        leaves = (
+            [(hinge, along, w)] if w <= _DOUBLE else [(hinge, along, w / 2), (latch, -along, w / 2)]
+        )
         for pivot, shut, reach in leaves:
             tip = pivot - way * reach
-            axes.plot(*np.stack([pivot, tip]).T, color=colour, lw=1.8, solid_capstyle="round",
-                      zorder=5)  # fmt: skip
+            axes.plot(
+                *np.stack([pivot, tip]).T, color=colour, lw=1.8, solid_capstyle="round", zorder=5
+            )
             start, end_ = (math.degrees(math.atan2(v[1], v[0])) for v in (-way, shut))
             if (end_ - start) % 360 > 180:
                 start, end_ = end_, start
-            axes.add_patch(Arc((pivot[0], pivot[1]), 2 * reach, 2 * reach, theta1=start,
-                               theta2=end_, color=colour, lw=0.8, ls=(0, (3, 2)),
-                               zorder=5))  # fmt: skip
+            axes.add_patch(
+                Arc(
+                    (pivot[0], pivot[1]),
+                    2 * reach,
+                    2 * reach,
+                    theta1=start,
+                    theta2=end_,
+                    color=colour,
+                    lw=0.8,
+                    ls=(0, (3, 2)),
+                    zorder=5,
+                )
+            )
     else:
-        axes.plot(*np.stack([hinge, latch]).T, color=colour, lw=2.6, solid_capstyle="butt",
-                  zorder=5)  # fmt: skip
+        axes.plot(
+            *np.stack([hinge, latch]).T, color=colour, lw=2.6, solid_capstyle="butt", zorder=5
+        )
 
 
 def _path(axes: Axes, line: NDArray[np.float64]) -> None:
-    """The route as a line with arrows along it; a dot where it starts."""
+    """Draw a route as a line with arrows, and a dot at its start."""
     xy = line[:, :2]
-    axes.plot(*xy.T, color="white", lw=5.5, alpha=0.9, solid_capstyle="round",
-              solid_joinstyle="round", zorder=6)  # fmt: skip
-    axes.plot(*xy.T, color=PATH, lw=2.8, solid_capstyle="round", solid_joinstyle="round",
-              zorder=6.1)  # fmt: skip
+    axes.plot(
+        *xy.T,
+        color="white",
+        lw=5.5,
+        alpha=0.9,
+        solid_capstyle="round",
+        solid_joinstyle="round",
+        zorder=6,
+    )
+    axes.plot(
+        *xy.T, color=PATH, lw=2.8, solid_capstyle="round", solid_joinstyle="round", zorder=6.1
+    )
     steps = np.hypot(*np.diff(xy, axis=0).T)
     gone = np.concatenate([[0.0], np.cumsum(steps)])
     if gone[-1] > 0.3:
         for at in np.arange(min(1.2, gone[-1] / 2), gone[-1] - 0.3, 2.4):
-            p, q = (np.array([np.interp(s, gone, xy[:, i]) for i in (0, 1)])
-                    for s in (at - 0.12, at + 0.12))  # fmt: skip
-            axes.annotate("", (q[0], q[1]), (p[0], p[1]), zorder=6.2, arrowprops={
-                "arrowstyle": "-|>,head_width=0.34,head_length=0.5", "color": PATH, "lw": 0,
-                "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13, "ec": "white"})  # fmt: skip
+            p, q = (
+                np.array([np.interp(s, gone, xy[:, i]) for i in (0, 1)])
+                for s in (at - 0.12, at + 0.12)
+            )
+            axes.annotate(
+                "",
+                (q[0], q[1]),
+                (p[0], p[1]),
+                zorder=6.2,
+                arrowprops={
+                    "arrowstyle": "-|>,head_width=0.34,head_length=0.5",
+                    "color": PATH,
+                    "lw": 0,
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                    "mutation_scale": 13,
+                    "ec": "white",
+                },
+            )
     axes.plot(*xy[0], "o", ms=8, mfc="white", mec=PATH, mew=2.2, zorder=6.3)
     axes.plot(*xy[-1], "o", ms=8, mfc=PATH, mec="white", mew=1.4, zorder=6.3)
 
@@ -298,13 +386,13 @@ def _round_length(length: float) -> float:
 
 def _summary(storey: StoreyView) -> str:
     parts = []
-    for things, one, many in (
+    for outlines, one, many in (
         (storey.rooms, "room", "rooms"),
         (storey.doors, "door", "doors"),
         ([o for o in storey.objects if not HIDDEN & set(o.types)], "object", "objects"),
     ):
-        if things:
-            parts.append(f"{len(things)} {one if len(things) == 1 else many}")
+        if outlines:
+            parts.append(f"{len(outlines)} {one if len(outlines) == 1 else many}")
     if storey.occupancy is not None:
         rows, columns = storey.occupancy.cells.shape
         parts.append(f"grid {columns} x {rows} at {storey.occupancy.resolution:g} m")
@@ -312,7 +400,7 @@ def _summary(storey: StoreyView) -> str:
 
 
 def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre: float) -> None:
-    """Names of rooms, doors, regions and objects, each where there is room for it."""
+    """Write the names of rooms, doors, regions and objects where there is space for them."""
     labels = Labels(axes)
     halo = [effects.withStroke(linewidth=2.2, foreground="white", alpha=0.85)]
     for line in storey.path:
@@ -332,17 +420,41 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
             name += f"\n{kind}"
         x, y = spots[0]
         offsets = [((u - x) * per_metre, (v - y) * per_metre) for u, v in spots]
-        labels.put(x, y, name, offsets=offsets, force=True, fontsize=9.5, weight="bold",
-                   color=INK, path_effects=halo, zorder=8, linespacing=1.1)  # fmt: skip
+        labels.put(
+            x,
+            y,
+            name,
+            offsets=offsets,
+            force=True,
+            fontsize=9.5,
+            weight="bold",
+            color=INK,
+            path_effects=halo,
+            zorder=8,
+            linespacing=1.1,
+        )
     labels.shun([])
     for door in storey.doors:
         x, y = (float(np.mean([getattr(p, k) for p in door.poses])) for k in "xy")
         colour = STATES.get(door.state, STATES["open"])
         near = max(9.0, 0.30 * per_metre)
-        labels.put(x, y, door.name, offsets=_ring((near, near + 8, near + 16, near + 26)),
-                   force=True, fontsize=6.8, color="white", weight="bold", zorder=8,
-                   bbox={"boxstyle": "round,pad=0.22,rounding_size=0.5", "fc": colour,
-                         "ec": "white", "lw": 0.5})  # fmt: skip
+        labels.put(
+            x,
+            y,
+            door.name,
+            offsets=_ring((near, near + 8, near + 16, near + 26)),
+            force=True,
+            fontsize=6.8,
+            color="white",
+            weight="bold",
+            zorder=8,
+            bbox={
+                "boxstyle": "round,pad=0.22,rounding_size=0.5",
+                "fc": colour,
+                "ec": "white",
+                "lw": 0.5,
+            },
+        )
     for region in storey.regions:
         c = region.outline.representative_point()
         _, colour, _ = _region_style(region)
@@ -350,27 +462,55 @@ def _write(axes: Axes, storey: StoreyView, objects: list[ObjectView], per_metre:
         text = region.name
         if kind and kind not in region.name.lower():
             text += f" ({kind})"
-        labels.put(c.x, c.y, text, offsets=((0, 0), *AROUND), force=True, fontsize=7, color=colour,
-                   style="italic", weight="bold", path_effects=halo, zorder=8)  # fmt: skip
-    for thing in sorted(objects, key=lambda o: -o.footprint.area if o.footprint else 0.0):
-        assert thing.footprint is not None
-        if not thing.types:
+        labels.put(
+            c.x,
+            c.y,
+            text,
+            offsets=((0, 0), *AROUND),
+            force=True,
+            fontsize=7,
+            color=colour,
+            style="italic",
+            weight="bold",
+            path_effects=halo,
+            zorder=8,
+        )
+    for entity in sorted(objects, key=lambda o: -o.footprint.area if o.footprint else 0.0):
+        assert entity.footprint is not None
+        if not entity.types:
             continue
-        important = bool({"food", "robot", "person"} & set(thing.types))
-        c = thing.footprint.centroid
-        x0, y0, x1, y1 = thing.footprint.bounds
-        text = thing.types[0].replace("_", " ")
+        important = bool({"food", "robot", "person"} & set(entity.types))
+        c = entity.footprint.centroid
+        x0, y0, x1, y1 = entity.footprint.bounds
+        text = entity.types[0].replace("_", " ")
         if important:
-            labels.put(c.x, c.y, text, offsets=AROUND, fontsize=7, weight="bold", zorder=8,
-                       force=True, color="#b3261e", path_effects=halo,
-                       leader={"color": "#b3261e", "lw": 0.7})  # fmt: skip
+            labels.put(
+                c.x,
+                c.y,
+                text,
+                offsets=AROUND,
+                fontsize=7,
+                weight="bold",
+                zorder=8,
+                force=True,
+                color="#b3261e",
+                path_effects=halo,
+                leader={"color": "#b3261e", "lw": 0.7},
+            )
             axes.plot(c.x, c.y, "o", ms=9, mfc="none", mec="#b3261e", mew=1.3, zorder=7)
             continue
         tall = (y1 - y0) > 1.6 * (x1 - x0)
-        labels.put(c.x, c.y, text, fontsize=5.8, color="#23262b", zorder=7.5,
-                   rotation=90 if tall else 0, within=(1.12 * (x1 - x0), 1.2 * (y1 - y0)),
-                   path_effects=[effects.withStroke(linewidth=1.4, foreground="white",
-                                                    alpha=0.7)])  # fmt: skip
+        labels.put(
+            c.x,
+            c.y,
+            text,
+            fontsize=5.8,
+            color="#23262b",
+            zorder=7.5,
+            rotation=90 if tall else 0,
+            within=(1.12 * (x1 - x0), 1.2 * (y1 - y0)),
+            path_effects=[effects.withStroke(linewidth=1.4, foreground="white", alpha=0.7)],
+        )
 
 
 def _ring(radii: Iterable[float]) -> list[tuple[float, float]]:
@@ -379,7 +519,7 @@ def _ring(radii: Iterable[float]) -> list[tuple[float, float]]:
 
 
 def _spots(outline: Outline) -> list[tuple[float, float]]:
-    """Points of a room at which its name may stand, the middle and the widest places first."""
+    """Points for the name of a room, the middle and the widest places first."""
     largest = max(_polygons(outline), key=lambda p: p.area)
     middle = largest.centroid if largest.contains(largest.centroid) else largest.point_on_surface()
     x0, y0, x1, y1 = largest.bounds
@@ -396,19 +536,28 @@ def _spots(outline: Outline) -> list[tuple[float, float]]:
 def _legend(
     figure: Figure, axes: Axes, storey: StoreyView, objects: list[ObjectView], foot: float
 ) -> None:
-    """A scale bar, and what the colours mean."""
+    """Draw a scale bar and the meaning of the colours."""
     left, bottom, width, _ = axes.get_position().bounds
     x0, x1 = axes.get_xlim()
     length = _round_length((x1 - x0) / 6)
     share = width * length / (x1 - x0)
     y = bottom - 0.50 * foot
     for i in range(4):
-        figure.add_artist(Rectangle((left + i * share / 4, y), share / 4, 0.045 * foot,
-                                    fc=INK if i % 2 == 0 else "white", ec=INK, lw=0.7,
-                                    transform=figure.transFigure))  # fmt: skip
+        figure.add_artist(
+            Rectangle(
+                (left + i * share / 4, y),
+                share / 4,
+                0.045 * foot,
+                fc=INK if i % 2 == 0 else "white",
+                ec=INK,
+                lw=0.7,
+                transform=figure.transFigure,
+            )
+        )
     figure.text(left, y - 0.05 * foot, "0", fontsize=7, color=INK, ha="center", va="top")
-    figure.text(left + share, y - 0.05 * foot, f"{length:g} m", fontsize=7, color=INK,
-                ha="center", va="top")  # fmt: skip
+    figure.text(
+        left + share, y - 0.05 * foot, f"{length:g} m", fontsize=7, color=INK, ha="center", va="top"
+    )
 
     handles: list[Any] = []
     if storey.path:
@@ -420,10 +569,26 @@ def _legend(
     for kind, _ in kinds.most_common(14):
         handles.append(Patch(fc=object_colour([kind]), ec="none", label=kind.replace("_", " ")))
     for region in dict.fromkeys(_region_style(r) for r in storey.regions):
-        handles.append(Patch(fc=to_rgba(region[1], 0.12), ec=region[1], hatch=region[2],
-                             label=region[0].replace("_", " ")))  # fmt: skip
+        handles.append(
+            Patch(
+                fc=to_rgba(region[1], 0.12),
+                ec=region[1],
+                hatch=region[2],
+                label=region[0].replace("_", " "),
+            )
+        )
     if handles:
-        figure.legend(handles=handles, loc="lower right", bbox_to_anchor=(left + width, 0.01),
-                      ncols=min(9, max(1, math.ceil(len(handles) / 2))), fontsize=7, frameon=False,
-                      labelcolor=INK, handlelength=1.3, handleheight=0.9, columnspacing=1.2,
-                      handletextpad=0.5, borderaxespad=0.0)  # fmt: skip
+        figure.legend(
+            handles=handles,
+            loc="lower right",
+            bbox_to_anchor=(left + width, 0.01),
+            ncols=min(9, max(1, math.ceil(len(handles) / 2))),
+            fontsize=7,
+            frameon=False,
+            labelcolor=INK,
+            handlelength=1.3,
+            handleheight=0.9,
+            columnspacing=1.2,
+            handletextpad=0.5,
+            borderaxespad=0.0,
+        )

@@ -1,4 +1,4 @@
-"""Texts that keep clear of each other: each takes the first free place of several."""
+"""Texts that do not overlap: each takes the first free place of several."""
 
 from __future__ import annotations
 
@@ -21,7 +21,15 @@ AROUND: tuple[Offset, ...] = tuple(
 
 
 class Labels:
-    """The texts of a figure; the limits and the size of `axes` have to stand before."""
+    """The texts of a figure.
+
+    Parameters
+    ----------
+    axes : Axes
+        Their limits and size are final.
+    padding : float
+        Around each text, points.
+    """
 
     def __init__(self, axes: Axes, padding: float = 1.5) -> None:
         self.axes = axes
@@ -35,13 +43,13 @@ class Labels:
         self._inside = axes.get_window_extent(self._renderer)
 
     def keep_clear(self, x: float, y: float, radius: float) -> None:
-        """No text within `radius` points of a point of the axes."""
+        """Keep texts further than `radius` points from a point, in data units."""
         px, py = self.axes.transData.transform((x, y))
         r = radius * self._points
         self.taken.append(Bbox.from_extents(px - r, py - r, px + r, py + r))
 
     def shun(self, boxes: Iterable[tuple[float, float, float, float]]) -> None:
-        """From now on rather not above these (x0, y0, x1, y1) in data units."""
+        """Let later texts avoid these boxes, (x0, y0, x1, y1) in data units."""
         self._shunned = [Bbox(self.axes.transData.transform(np.reshape(b, (2, 2)))) for b in boxes]
 
     def put(
@@ -56,13 +64,21 @@ class Labels:
         within: tuple[float, float] | None = None,
         **style: Any,
     ) -> Annotation | None:
-        """Write at the first offset (points) at which it covers no other text.
+        """Write a text at the first offset at which it overlaps no other; return it, or None.
 
         Parameters
         ----------
-        force : write at the place with the least overlap where none is free, instead of not at all
-        leader : style of a line from the text to (x, y), drawn where it was moved
-        within : width and height in data units into which the text has to fit
+        x, y : float, data units
+        text : str
+        offsets : iterable of (right, up), points
+        force : bool
+            If no place is free, write at the place with the least overlap.
+        leader : dict, optional
+            The style of a line from a text that is moved to its point.
+        within : (width, height), optional
+            The text has to fit into this size, data units.
+        **style
+            As for `Axes.annotate`.
         """
         style = {"ha": "center", "va": "center"} | style
         artist = self.axes.annotate(

@@ -1,4 +1,4 @@
-"""Colours by semantic type: that of the type itself, or of a supertype."""
+"""Colours by semantic type: the colour of the type, or of its nearest supertype that has one."""
 
 from __future__ import annotations
 
@@ -84,29 +84,41 @@ OBJECTS: Mapping[str, str] = {  # the first that fits is taken: general types st
 _OTHER_OBJECTS = "#a8a29a"
 
 BOX_COLOURS = (
-    "#e6194b", "#0082c8", "#f58231", "#3cb44b", "#911eb4", "#00a5a5", "#c2a800", "#e0409f",
-    "#6b8e23", "#7a4b1e", "#3f51d5", "#c0392b", "#008080", "#8e44ad",
-)  # fmt: skip
+    "#e6194b",
+    "#0082c8",
+    "#f58231",
+    "#3cb44b",
+    "#911eb4",
+    "#00a5a5",
+    "#c2a800",
+    "#e0409f",
+    "#6b8e23",
+    "#7a4b1e",
+    "#3f51d5",
+    "#c0392b",
+    "#008080",
+    "#8e44ad",
+)
 
 
 PART_COLOURS = ("#2e9e4f", "#d6372c", "#2f6fd0", "#e0a21b", "#8a4fc0", "#2aa3a3")
-"""Of a robot's parts in their order: as in Figures 6 and 7 base green, arm red, pole blue."""
+"""Colours of a robot's parts in their order: base green, arm red, pole blue, as in Figure 6."""
 
 
 def family(types: Iterable[str]) -> str | None:
-    """The most special of the types that has a colour as an object."""
+    """Return the first of an object's types that has a colour; None if none has."""
     known = set(types)
     found = next((t for t in OBJECTS if t in known), None)
     return "fixture" if found == "toilet" else found
 
 
 def object_colour(types: Iterable[str]) -> str:
-    """The colour of an object of these types."""
+    """Return the colour of an object of these types."""
     return OBJECTS.get(family(types) or "", _OTHER_OBJECTS)
 
 
 def room_colour(types: Iterable[str], name: str) -> str:
-    """The colour of a room; one without a known type gets one by its name."""
+    """Return the colour of a room; if no type has one, it follows from the name."""
     for t in types:
         if t in ROOMS:
             return ROOMS[t]

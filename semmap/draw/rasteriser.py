@@ -1,7 +1,7 @@
-"""A z-buffer in NumPy: which triangle each pixel shows.
+"""A z-buffer in NumPy: the triangle that each pixel shows.
 
-Pictures need neither a display nor a graphics card this way. A fragment is one number, depth above
-and triangle below, so that the nearest is a maximum.
+It needs neither a display nor a graphics card. A fragment is one number with the depth in its upper
+bits and the triangle in its lower bits, so that the nearest fragment is the maximum.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ _FRAGMENTS_AT_ONCE = 4_000_000
 
 
 class Projection(Protocol):
-    """What takes points to a picture."""
+    """A projection of points to the pixels of a picture."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height in pixels."""
+        """The (width, height) of the picture, pixels."""
         ...
 
     def project(self, points: Floats) -> Floats:
-        """Points (..., 3): pixels from the left and from the top, and what is larger the nearer.
+        """Return (..., 3) pixels from the left, pixels from the top, and a depth.
 
-        All three are linear across the picture of a triangle.
+        The depth is larger for nearer points. All three are linear across a triangle's picture.
         """
         ...
 
@@ -42,10 +42,12 @@ class Camera:
 
     Attributes
     ----------
-    right, up, back : (3,) unit vectors of the picture in the map's frame; `back` leads to the eye
-    centre : (2,) what lies in the middle of the picture, along `right` and `up`, metres
-    scale : pixels per metre
-    size : width and height in pixels
+    right, up, back : (3,) arrays
+        Unit vectors in the map's frame; `back` points to the eye.
+    centre : (2,) array
+        The coordinates of the middle of the picture along `right` and `up`, metres.
+    scale : float, pixels per metre
+    size : (width, height), pixels
     """
 
     right: Floats
@@ -59,7 +61,17 @@ class Camera:
     def look(
         cls, azimuth: float, elevation: float, points: Floats, width: int, margin: float = 0.03
     ) -> Camera:
-        """See all `points` (N, 3) from a direction (radians; azimuth that of the eye, from +x)."""
+        """Return the camera that sees all points from a direction.
+
+        Parameters
+        ----------
+        azimuth, elevation : float
+            The direction of the eye, from +x and from the ground, radians.
+        points : (N, 3), metres
+        width : int, pixels
+        margin : float
+            The share of the width that stays free on each side.
+        """
         ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
         right = np.array([-sa, ca, 0.0])
         up = np.array([-ca * se, -sa * se, ce])
@@ -72,13 +84,13 @@ class Camera:
         return cls(right, up, back, (low + high) / 2, float(scale), (width, height))
 
     def window(self, left: int, top: int, width: int, height: int) -> Camera:
-        """The same view, of a part of the picture alone; lengths in pixels."""
+        """Return the camera of a part of the picture; lengths in pixels."""
         x = (left + width / 2 - self.size[0] / 2) / self.scale
         y = (self.size[1] / 2 - top - height / 2) / self.scale
         return replace(self, centre=self.centre + np.array([x, y]), size=(width, height))
 
     def project(self, points: Floats) -> Floats:
-        """Points (..., 3): pixels from the left and from the top, depth in metres to the eye."""
+        """Return (..., 3) pixels from the left, pixels from the top, and metres towards the eye."""
         width, height = self.size
         x = (points @ self.right - self.centre[0]) * self.scale + width / 2
         y = height / 2 - (points @ self.up - self.centre[1]) * self.scale
@@ -88,17 +100,22 @@ class Camera:
 def nearest_triangles(
     camera: Projection, triangles: Floats, cut: Floats | None = None
 ) -> tuple[NDArray[np.int32], Floats]:
-    """The triangle that each pixel shows, and its depth.
+    """Return the triangle that each pixel shows, and its depth.
 
     Parameters
     ----------
-    triangles : (F, 3, 3) corners in the map's frame; either side is seen
-    cut : (F,) height above which a triangle is cut away, inf for none; with a `Camera` alone
+    camera : Projection
+    triangles : (F, 3, 3), metres in the map's frame
+        Both sides are seen.
+    cut : (F,), optional
+        The height above which a triangle is cut away, inf for no cut. Only with a `Camera`.
 
     Returns
     -------
-    (height, width) int32, -1 where nothing is seen, and (height, width) depths in metres to the
-    eye, -inf there. A pixel is covered where its centre is.
+    faces : (height, width) int32
+        The number of the triangle at the centre of the pixel, -1 for none.
+    depths : (height, width) float64
+        Metres towards the eye, -inf for none.
     """
     width, height = camera.size
     buffer = np.full(width * height, -1, np.int64)
@@ -136,7 +153,7 @@ def nearest_triangles(
 
 
 def _depth_planes(corners: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """(F, 3) a, b, c with depth = a x + b y + c, and which triangles are seen edge on."""
+    """(F, 3) a, b, c with depth = a x + b y + c, and (F,) True for triangles seen edge on."""
     (x0, y0, d0), (x1, y1, d1), (x2, y2, d2) = (corners[:, i].T for i in range(3))
     twice = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     flat = np.abs(twice) < 1e-9
@@ -149,7 +166,7 @@ def _depth_planes(corners: Floats) -> tuple[Floats, NDArray[np.bool_]]:
 def _expand(
     items: NDArray[np.int64], counts: NDArray[np.int64], first: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Each item `counts` times, with the numbers that follow its `first`."""
+    """Each item repeated `counts` times, with the numbers that follow its `first`."""
     owner = np.repeat(items, counts)
     start = np.repeat(np.cumsum(counts) - counts, counts)
     return owner, np.repeat(first, counts) + np.arange(len(owner)) - start
@@ -158,7 +175,7 @@ def _expand(
 def _spans(
     corners: Floats, face: NDArray[np.int64], row: NDArray[np.int64], width: int
 ) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[Any]]:
-    """The pixels of triangles on rows of pixel centres: triangle, and x and y of the centre."""
+    """The pixels of triangles on rows: the triangle, and x and y of the pixel's centre."""
     y = row + 0.5
     left, right = np.full(len(face), np.inf), np.full(len(face), -np.inf)
     for i in range(3):
@@ -180,7 +197,7 @@ def _spans(
 
 
 def _height(camera: Camera, y: Floats, depth: Floats) -> Floats:
-    """z in the map's frame of what is seen at a pixel at a depth; `right` is level."""
+    """The z in the map's frame of pixels at a depth; `right` is level."""
     along_up = (camera.size[1] / 2 - y) / camera.scale + camera.centre[1]
     z: Floats = along_up * camera.up[2] + depth * camera.back[2]
     return z

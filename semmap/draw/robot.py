@@ -1,7 +1,4 @@
-"""A robot's parts: side by side with their intervals, and their footprints from above.
-
-After Figures 6 and 7 of Deeken et al.: base green, arm red, pole blue.
-"""
+"""Pictures of a robot's parts, their heights and footprints (Deeken et al., Figures 6 and 7)."""
 
 from __future__ import annotations
 
@@ -28,23 +25,34 @@ __all__ = ["footprints_picture", "parts_picture", "robot_views"]
 def robot_views(
     parts: Sequence[Part], meshes: Mapping[str, Mesh], pose: Pose | None = None
 ) -> list[ObjectView]:
-    """The robot as things to draw, a part in its colour each, at a pose in the map's frame."""
+    """Return a robot as objects for pictures, one per part, in the part's colour.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    meshes : mapping of Mesh
+        By link, in the robot's frame.
+    pose : Pose, optional
+        That of the robot in the map's frame.
+    """
     found = []
     for number, part in enumerate(parts):
         mesh = join([meshes[link] for link in part.links if link in meshes])
         found.append(
             ObjectView(
-                part.name, ("robot",), mesh if pose is None else mesh.moved(pose),
+                part.name,
+                ("robot",),
+                mesh if pose is None else mesh.moved(pose),
                 colour=PART_COLOURS[number % len(PART_COLOURS)],
             )
-        )  # fmt: skip
+        )
     return found
 
 
 def parts_picture(
     parts: Sequence[Part], meshes: Mapping[str, Mesh], path: Path | str, title: str = ""
 ) -> Path:
-    """The robot in 3D, its parts in their colours (Figure 6)."""
+    """Draw the robot in 3D with a colour per part (Figure 6); return the path of the picture."""
     storey = StoreyView("robot", objects=robot_views(parts, meshes))
     return scene3d(
         [storey], path, title=title, boxes=False, azimuth=-50, elevation=18, width=560, cut=9
@@ -52,7 +60,7 @@ def parts_picture(
 
 
 def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "") -> Path:
-    """Intervals from the side and footprints from above, with the radii that inflate (Figure 7)."""
+    """Draw the heights and footprints of parts (Figure 7); return the path of the picture."""
     figure = Figure(figsize=(11, 6.2), dpi=150, facecolor=PAPER, layout="constrained")
     side, above = figure.subplots(1, 2, width_ratios=(1, 1.35))
     for number, part in enumerate(parts):
@@ -64,14 +72,19 @@ def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "")
         )
         side.annotate(
             f"{part.name}\n{abs(low) if abs(low) < 5e-3 else low:.2f} to {high:.2f} m",
-            (x1, (low + high) / 2), (6, 0), textcoords="offset points", va="center", fontsize=9,
+            (x1, (low + high) / 2),
+            (6, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=9,
             color=INK,
-        )  # fmt: skip
+        )
         above.add_patch(Patch(part.footprint, fc=colour, ec=colour, alpha=0.35, lw=1.5))
         above.add_patch(Patch(part.footprint, fc="none", ec=colour, lw=1.8))
-        said = f"{part.name}: {part.inflate_by} {part.radius:.2f} m"
-        above.add_patch(Circle((0, 0), part.radius, fc="none", ec=colour, lw=1.2, ls="--",
-                               label=said))  # fmt: skip
+        label = f"{part.name}: {part.inflate_by} {part.radius:.2f} m"
+        above.add_patch(
+            Circle((0, 0), part.radius, fc="none", ec=colour, lw=1.2, ls="--", label=label)
+        )
     above.plot([0], [0], marker="+", color=INK, ms=12)
     above.annotate("", (0.12, 0), (0, 0), arrowprops={"arrowstyle": "->", "color": INK})
     reach = max(p.circumscribed_radius for p in parts) * 1.12
@@ -79,8 +92,9 @@ def footprints_picture(parts: Sequence[Part], path: Path | str, title: str = "")
     _frame(side, (-reach, reach + 0.35), (-0.05, top * 1.06), "x, metres", "z, metres")
     _frame(above, (-reach, reach), (-reach, reach), "x, metres", "y, metres")
     side.set_title("intervals of height", fontsize=10, loc="left", color=INK)
-    above.set_title("footprints, and the radius that inflates each layer", fontsize=10, loc="left",
-                    color=INK)  # fmt: skip
+    above.set_title(
+        "footprints, and the radius that inflates each layer", fontsize=10, loc="left", color=INK
+    )
     above.legend(loc="upper left", fontsize=8, frameon=True)
     figure.suptitle(title, x=0.02, ha="left", fontsize=13, weight="bold", color=INK)
     path = Path(path)

@@ -1,4 +1,4 @@
-"""Rooms, their boxes and what stands in them, in 3D (Deeken et al., Figures 2 and 8).
+"""Pictures of rooms, their boxes and objects in 3D (Deeken et al., Figures 2 and 8).
 
 Storeys are drawn one above the other, their walls cut open at a height.
 """
@@ -32,8 +32,19 @@ Floats = NDArray[np.float64]
 HIDDEN = {"ceiling", "roof", "ceiling_lamp", "beam", "ground"}
 CUT = {"building_element", "curtain", "blind", "room_divider", "picture", "mirror", "board"}
 UNCUT = {"floor", "stair_flight", "railing"}
-HUNG = {"picture", "mirror", "clock", "sign", "air_conditioner", "security_camera", "light_switch",
-        "range_hood", "lamp", "board", "handle"}  # fmt: skip
+HUNG = {
+    "picture",
+    "mirror",
+    "clock",
+    "sign",
+    "air_conditioner",
+    "security_camera",
+    "light_switch",
+    "range_hood",
+    "lamp",
+    "board",
+    "handle",
+}
 UNNAMED = {"building_element", "curtain", "blind", "handle", "picture", "book", "stationery"}
 _SLAB = 0.12
 _CAP = "#3c4250"
@@ -41,7 +52,7 @@ _CAP = "#3c4250"
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """A line through (N, 3) points."""
+    """A line through (N, 3) points, metres."""
 
     points: Floats
     colour: str
@@ -62,15 +73,29 @@ def scene3d(
     width: int = 2200,
     tint_rooms: bool = True,
 ) -> Path:
-    """Draw storeys in 3D and save the picture as PNG.
+    """Draw storeys in 3D and save the picture as PNG; return its path.
 
     Parameters
     ----------
-    boxes : wrap each room with its box, in a colour of its own, and name it (Figure 2)
-    object_labels : write the semantic types of objects beside them (Figure 8)
-    cut : height above a storey's floor at which walls are cut open, metres
-    azimuth, elevation : of the eye, degrees
-    width : of the picture, pixels
+    storeys : sequence of StoreyView
+    path : of the picture
+    title : str
+    boxes : bool
+        Draw a coloured box around each room, with its name (Deeken et al., Figure 2).
+    object_labels : bool
+        Write the semantic types of objects beside them (Figure 8).
+    cut : float
+        The height above a storey's floor at which walls are cut open, metres.
+    azimuth, elevation : float
+        The direction from which the storeys are seen, degrees.
+    width : int, pixels
+    tint_rooms : bool
+        Give each room's floor the colour of its type.
+
+    Raises
+    ------
+    ValueError
+        No room has an outline, and no object a mesh.
     """
     storeys = sorted(storeys, key=lambda s: s.elevation)
     tall = max((r.high - r.low for s in storeys for r in s.rooms), default=cut) if boxes else cut
@@ -89,13 +114,15 @@ def scene3d(
     points = [_uncut_points(s) for s in surfaces] + [line.points for line in lines]
     everything = np.concatenate([np.zeros((0, 3)), *points])
     if not len(everything):
-        raise ValueError("there is nothing to draw: no room has an outline, no object a mesh")
+        raise ValueError(
+            "the picture is empty: no room has an outline and no object a mesh; import some"
+        )
     camera = Camera.look(np.deg2rad(azimuth), np.deg2rad(elevation), everything, 2 * width, 0.035)
     w, h = (n // 2 for n in camera.size)
     picture = np.empty((h, w, 3), np.float32)
     picture[:] = to_rgb(PAPER)
     depth = np.full((h, w), -np.inf)
-    for storey in surfaces:  # each for itself, that none stands in the shadow of the next
+    for storey in surfaces:  # one by one: a storey casts no shadow on the next
         if len(storey.triangles):
             _render(camera, storey, picture, depth)
 
@@ -108,8 +135,9 @@ def scene3d(
     axes.set_ylim(2 * h, 0)
     axes.axis("off")
     if title:
-        figure.text(0.025, 1 - 60 / (h + head), title, fontsize=15, weight="bold", color=INK,
-                    va="center")  # fmt: skip
+        figure.text(
+            0.025, 1 - 60 / (h + head), title, fontsize=15, weight="bold", color=INK, va="center"
+        )
     for line in lines:
         _draw_line(axes, camera, depth, line)
     labels = Labels(axes)
@@ -127,7 +155,7 @@ def scene3d(
 
 
 def _render(camera: Camera, storey: Surfaces, picture: NDArray[np.float32], depth: Floats) -> None:
-    """Draw a storey, at twice the resolution of the picture, over what is there."""
+    """Draw a storey over the picture, at twice its resolution."""
     at = camera.project(_uncut_points(storey))
     low = np.maximum(np.floor(at[:, :2].min(axis=0)).astype(int) // 2 - 2, 0)
     high = np.minimum(np.ceil(at[:, :2].max(axis=0)).astype(int) // 2 + 3, picture.shape[1::-1])
@@ -143,17 +171,17 @@ def _render(camera: Camera, storey: Surfaces, picture: NDArray[np.float32], dept
 
 
 def _quarters(image: NDArray[Any]) -> NDArray[Any]:
-    """(4, height / 2, width / 2, ...) the four pixels of each 2 x 2."""
+    """(4, height / 2, width / 2, ...): the four pixels of each square of 2 x 2."""
     return np.stack([image[i::2, j::2] for i in (0, 1) for j in (0, 1)])
 
 
 def _shifts(
     storeys: Sequence[StoreyView], azimuth: float, elevation: float, tall: float
 ) -> list[Floats]:
-    """How far each storey is lifted so that it hides no part of the one below.
+    """The offsets that lift each storey so that it hides no part of the storey below.
 
-    The longest line across the storeys' ground, in the direction of view, is what has to be
-    cleared, and the `tall` metres that stand on it.
+    The lift clears the longest line across the storeys' ground in the direction of view, and the
+    `tall` metres above it.
     """
     shifts = [np.zeros(3)]
     bounds = [b for s in storeys if (b := _ground(s)) is not None]
@@ -178,7 +206,7 @@ def _ground(storey: StoreyView) -> Floats | None:
 
 
 def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surfaces:
-    """What is to be seen of a storey, lifted by `shift`."""
+    """The surfaces of a storey, lifted by `shift`."""
     triangles: list[Floats] = [np.zeros((0, 3, 3))]
     colours: list[str] = []
     cuts: list[float] = []
@@ -194,18 +222,18 @@ def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surf
         colour = room_colour(room.types, room.name) if tint else "#ece9e2"
         for polygon in getattr(room.outline, "geoms", [room.outline]):
             add(prism_mesh(polygon, room.low - _SLAB, room.low + 0.006), colour)
-    for thing in storey.objects:
-        shown = _shown(thing, storey, cut)
-        if shown is not None and _is_cut(thing):
+    for entity in storey.objects:
+        shown = _shown(entity, storey, cut)
+        if shown is not None and _is_cut(entity):
             at = storey.elevation + cut + float(shift[2])
             add(
                 shown,
-                thing.colour or object_colour(thing.types),
+                entity.colour or object_colour(entity.types),
                 at,
                 bool(closed_parts(shown)[1].all()),
             )
         elif shown is not None:
-            add(shown, thing.colour or object_colour(thing.types))
+            add(shown, entity.colour or object_colour(entity.types))
     counts = [len(t) for t in triangles[1:]]
     return Surfaces(
         np.concatenate(triangles),
@@ -217,30 +245,30 @@ def _surfaces(storey: StoreyView, shift: Floats, cut: float, tint: bool) -> Surf
 
 
 def _uncut_points(surfaces: Surfaces) -> Floats:
-    """The corners of what is left when all is cut."""
+    """The corners of triangles, lowered to the cut where they are above it."""
     points = surfaces.triangles.copy()
     points[..., 2] = np.minimum(points[..., 2], surfaces.cuts[:, None])
     return points.reshape(-1, 3)
 
 
-def _is_cut(thing: ObjectView) -> bool:
-    return bool(CUT & set(thing.types)) and not UNCUT & set(thing.types)
+def _is_cut(entity: ObjectView) -> bool:
+    return bool(CUT & set(entity.types)) and not UNCUT & set(entity.types)
 
 
-def _shown(thing: ObjectView, storey: StoreyView, cut: float) -> Mesh | None:
-    """The object's mesh, None where the picture leaves it out."""
-    if thing.mesh is None or not len(thing.mesh.faces) or HIDDEN & set(thing.types):
+def _shown(entity: ObjectView, storey: StoreyView, cut: float) -> Mesh | None:
+    """The mesh of an object; None if the picture leaves it out."""
+    if entity.mesh is None or not len(entity.mesh.faces) or HIDDEN & set(entity.types):
         return None
-    low = float(thing.mesh.vertices[:, 2].min())
-    if low > storey.elevation + cut and (_is_cut(thing) or HUNG & set(thing.types)):
+    low = float(entity.mesh.vertices[:, 2].min())
+    if low > storey.elevation + cut and (_is_cut(entity) or HUNG & set(entity.types)):
         return None
-    if "floor" in thing.types and storey.rooms:
+    if "floor" in entity.types and storey.rooms:
         return None
-    return thing.mesh
+    return entity.mesh
 
 
 def _box_edges(room: RoomView) -> list[Floats]:
-    """The twelve edges of a room's box, drawn in a little so that neighbours stay apart."""
+    """The twelve edges of a room's box, moved inwards a little to keep neighbours apart."""
     x0, y0, x1, y1 = room.outline.bounds
     low = np.array([x0, y0, room.low]) + 0.03
     high = np.array([x1, y1, room.high]) - 0.03
@@ -255,7 +283,7 @@ def _lifted(points: Floats, height: float) -> Floats:
 
 
 def _rides(storeys: Sequence[StoreyView], shifts: Sequence[Floats]) -> list[_Line]:
-    """From the end of a path on one storey to its start on another, straight up or down."""
+    """Vertical lines from the end of a path on one storey to its start on another."""
     ends = []
     for s, shift in zip(storeys, shifts, strict=True):
         for p in s.path:
@@ -271,7 +299,7 @@ def _rides(storeys: Sequence[StoreyView], shifts: Sequence[Floats]) -> list[_Lin
 
 
 def _draw_line(axes: object, camera: Camera, depth: Floats, line: _Line) -> None:
-    """A line, faint where something stands before it."""
+    """Draw a line, faint where it is hidden."""
     pieces = []
     for a, b in pairwise(line.points):
         n = max(2, int(np.ceil(np.linalg.norm(b - a) / 0.05)))
@@ -284,8 +312,14 @@ def _draw_line(axes: object, camera: Camera, depth: Floats, line: _Line) -> None
     style = {"color": line.colour, "solid_capstyle": "round", "lw": line.width * 0.6}
     plot = axes.plot  # type: ignore[attr-defined]
     if line.dashed:
-        plot(at[:, 0], at[:, 1], ls=(0, (1.2, 1.6)), dash_capstyle="round",
-             color=line.colour, lw=line.width * 0.6)  # fmt: skip
+        plot(
+            at[:, 0],
+            at[:, 1],
+            ls=(0, (1.2, 1.6)),
+            dash_capstyle="round",
+            color=line.colour,
+            lw=line.width * 0.6,
+        )
         return
     plot(at[:, 0], at[:, 1], **(style | {"alpha": 0.45 if line.colour == PATH else 0.28}))
     visible = np.where(free, 1.0, np.nan)
@@ -299,8 +333,17 @@ def _name_storey(labels: Labels, camera: Camera, storey: StoreyView, shift: Floa
     (x0, y0), (x1, y1) = bounds
     corners = np.array([[x, y, storey.elevation] for x in (x0, x1) for y in (y0, y1)]) + shift
     at = camera.project(corners)
-    labels.put(at[:, 0].min(), at[:, 1].min(), storey.name, force=True, ha="left", va="top",
-               fontsize=11, weight="bold", color=INK)  # fmt: skip
+    labels.put(
+        at[:, 0].min(),
+        at[:, 1].min(),
+        storey.name,
+        force=True,
+        ha="left",
+        va="top",
+        fontsize=11,
+        weight="bold",
+        color=INK,
+    )
 
 
 def _name_rooms(
@@ -310,15 +353,30 @@ def _name_rooms(
         colour = BOX_COLOURS[i % len(BOX_COLOURS)]
         centre = room.outline.representative_point()
         at = camera.project(np.array([centre.x, centre.y, room.low]) + shift)
-        name = room.name if not room.label or room.label in room.name else (
-            f"{room.name}\n{room.label}")  # fmt: skip
+        name = (
+            room.name
+            if not room.label or room.label in room.name
+            else (f"{room.name}\n{room.label}")
+        )
         labels.put(
-            at[0], at[1], name, offsets=((0, 0), (0, 10), (0, -10), *AROUND), force=True,
-            fontsize=7.5, color="white", weight="bold", linespacing=1.05,
+            at[0],
+            at[1],
+            name,
+            offsets=((0, 0), (0, 10), (0, -10), *AROUND),
+            force=True,
+            fontsize=7.5,
+            color="white",
+            weight="bold",
+            linespacing=1.05,
             leader={"color": colour, "lw": 0.8},
-            bbox={"boxstyle": "round,pad=0.28,rounding_size=0.6", "fc": colour, "ec": "white",
-                  "lw": 0.6, "alpha": 0.93},
-        )  # fmt: skip
+            bbox={
+                "boxstyle": "round,pad=0.28,rounding_size=0.6",
+                "fc": colour,
+                "ec": "white",
+                "lw": 0.6,
+                "alpha": 0.93,
+            },
+        )
 
 
 def _name_objects(
@@ -330,30 +388,40 @@ def _name_objects(
     cut: float,
     named_rooms: bool,
 ) -> None:
-    """Types of the objects, the largest first, where there is room for them."""
+    """Write the types of objects, the largest first, where there is space for them."""
     named: list[tuple[float, str, str, Floats]] = []
     for storey, shift in zip(storeys, shifts, strict=True):
-        for thing in storey.objects:
-            shown = _shown(thing, storey, cut)
-            if shown is None or not thing.types or UNNAMED & set(thing.types):
+        for entity in storey.objects:
+            shown = _shown(entity, storey, cut)
+            if shown is None or not entity.types or UNNAMED & set(entity.types):
                 continue
             bounds = shown.bounds
             top = np.array([*bounds.mean(axis=0)[:2], bounds[1, 2]]) + shift
             at = camera.project(top)
             row, column = int(at[1]) // 2, int(at[0]) // 2
             if depth[row, column] > at[2] + 0.25:
-                continue  # something else stands before it
+                continue  # it is hidden
             size = float(np.prod(np.maximum(np.ptp(bounds, axis=0), 0.05)))
-            wanted = 10.0 if {"food", "robot", "person"} & set(thing.types) else size
-            named.append((wanted, thing.types[0], object_colour(thing.types), at))
+            wanted = 10.0 if {"food", "robot", "person"} & set(entity.types) else size
+            named.append((wanted, entity.types[0], object_colour(entity.types), at))
     written: list[tuple[str, Floats]] = []
     for _, name, colour, at in sorted(named, key=lambda item: -item[0]):
         if any(n == name and np.hypot(*(p - at)[:2]) < 90 for n, p in written):
-            continue  # one of a heap is named
+            continue  # one name for several objects of a type
         written.append((name, at))
         labels.put(
-            at[0], at[1], name.replace("_", " "), offsets=((0, 5), *AROUND), fontsize=6.2,
-            color=INK, leader={"color": INK, "lw": 0.5},
-            bbox={"boxstyle": "round,pad=0.18,rounding_size=0.5", "fc": "white", "ec": colour,
-                  "lw": 0.9, "alpha": 0.9},
-        )  # fmt: skip
+            at[0],
+            at[1],
+            name.replace("_", " "),
+            offsets=((0, 5), *AROUND),
+            fontsize=6.2,
+            color=INK,
+            leader={"color": INK, "lw": 0.5},
+            bbox={
+                "boxstyle": "round,pad=0.18,rounding_size=0.5",
+                "fc": "white",
+                "ec": colour,
+                "lw": 0.9,
+                "alpha": 0.9,
+            },
+        )

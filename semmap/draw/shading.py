@@ -1,4 +1,4 @@
-"""Light for what the rasteriser found: sun and shadows, sky and its occlusion, drawn edges."""
+"""The light in 3D pictures: a sun with shadows, ambient occlusion, and drawn edges."""
 
 from __future__ import annotations
 
@@ -23,15 +23,18 @@ _SHADOW_MAP = 1600
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """What is to be seen, a row a triangle.
+    """The triangles of a picture, one row per triangle.
 
     Attributes
     ----------
-    triangles : (F, 3, 3) corners in the map's frame, metres
-    colours : (F, 3) sRGB in 0..1
-    owners : (F,) int32; an edge is drawn where two owners meet
-    cuts : (F,) height above which the triangle is cut away, inf for none
-    caps : (F,) bool; its back, seen through the cut, is shown as the cut itself
+    triangles : (F, 3, 3), metres in the map's frame
+    colours : (F, 3), sRGB in 0..1
+    owners : (F,) int32
+        An edge is drawn between two owners.
+    cuts : (F,)
+        The height above which the triangle is cut away, inf for no cut.
+    caps : (F,) bool
+        The back of the triangle, seen through the cut, is shown as the cut itself.
     """
 
     triangles: Floats
@@ -41,7 +44,7 @@ class Surfaces:
     caps: NDArray[np.bool_]
 
     def joined(self, other: Surfaces) -> Surfaces:
-        """These and those."""
+        """Return these triangles and others as one."""
         return Surfaces(
             *(np.concatenate([getattr(self, n), getattr(other, n)]) for n in vars(self))
         )
@@ -50,16 +53,22 @@ class Surfaces:
 def shade(
     camera: Camera, surfaces: Surfaces, background: Floats, cap: Floats, occlusion: float = 0.45
 ) -> tuple[NDArray[np.float32], Floats]:
-    """A picture of the surfaces.
+    """Return a picture of surfaces, and its depths.
 
     Parameters
     ----------
-    background, cap : (3,) sRGB colours of nothing and of what is cut
-    occlusion : radius in metres within which surfaces keep the sky's light from each other
+    camera : Camera
+    surfaces : Surfaces
+    background, cap : (3,), sRGB in 0..1
+        The colours of the background and of cuts.
+    occlusion : float
+        The radius within which surfaces occlude the light of the sky, metres.
 
     Returns
     -------
-    (height, width, 3) sRGB in 0..1 and (height, width) depths, -inf where nothing is seen.
+    picture : (height, width, 3) float32, sRGB in 0..1
+    depths : (height, width), metres towards the eye
+        -inf where no surface is seen.
     """
     face, depth = nearest_triangles(camera, surfaces.triangles, surfaces.cuts)
     seen = face >= 0
@@ -82,14 +91,19 @@ def shade(
     light = sky * open_sky + _SUN * lit * (0.4 + 0.6 * open_sky)
     colour = _to_linear(surfaces.colours).astype(np.float32)[f]
     colour *= light[:, None]
-    colour[:, 0] *= np.float32(1.02)  # the sun is warm, the sky cool
+    colour[:, 0] *= np.float32(1.02)  # a warm sun, a cool sky
     colour[:, 2] *= np.float32(0.985) + np.float32(0.03) * open_sky
     is_cap = (surfaces.caps & turned)[f]
     colour[is_cap] = _to_linear(cap[None])[0]
     picture[seen] = _to_srgb(colour)
 
-    edge = _edges(camera, face, depth, np.where((surfaces.caps & turned)[:, None], 9.0, normal),
-                  surfaces.owners)  # fmt: skip
+    edge = _edges(
+        camera,
+        face,
+        depth,
+        np.where((surfaces.caps & turned)[:, None], 9.0, normal),
+        surfaces.owners,
+    )
     picture *= np.where(edge, np.float32(_EDGE), np.float32(1.0))[..., None]
     return picture, depth
 
@@ -107,7 +121,7 @@ def _normals(triangles: Floats) -> Floats:
 
 
 def _positions(camera: Camera, y: Pixels, x: Pixels, depth: Floats) -> Floats:
-    """(N, 3) what pixels show, in the map's frame."""
+    """The (N, 3) points that pixels show, in the map's frame."""
     width, height = camera.size
     along_right = (x + 0.5 - width / 2) / camera.scale + camera.centre[0]
     along_up = (height / 2 - y - 0.5) / camera.scale + camera.centre[1]
@@ -122,7 +136,7 @@ def _positions(camera: Camera, y: Pixels, x: Pixels, depth: Floats) -> Floats:
 def _sunlit(
     camera: Camera, surfaces: Surfaces, face: NDArray[np.int32], depth: Floats, normal: Floats
 ) -> NDArray[np.float32]:
-    """(height, width) how much of the sun arrives: a shadow map, looked up at half resolution."""
+    """(height, width) share of the sun's light: a shadow map, sampled at half resolution."""
     light = Camera.look(
         _SUN_AZIMUTH, _SUN_ELEVATION, surfaces.triangles.reshape(-1, 3), _SHADOW_MAP
     )
@@ -153,7 +167,7 @@ def _enlarged(
 def _ambient(
     camera: Camera, face: NDArray[np.int32], depth: Floats, normal: Floats, radius: float
 ) -> NDArray[np.float32]:
-    """(height, width) share of the sky that is open, by the depths around, coarsely."""
+    """(height, width) share of the sky's light, estimated from the depths around each pixel."""
     whole = face.shape
     face, depth = face[::4, ::4], np.maximum(depth[::4, ::4], -1e9)
     shape = face.shape

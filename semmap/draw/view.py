@@ -1,4 +1,4 @@
-"""What the pictures show, as plain dataclasses; lengths in metres, all in the map's frame."""
+"""The content of pictures as plain data; lengths in metres, all in the map's frame."""
 
 from __future__ import annotations
 
@@ -11,17 +11,35 @@ from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
+from semmap.query.storey_scene import SceneEntity, StoreyScene
 
-__all__ = ["DoorView", "ObjectView", "Occupancy", "RegionView", "RoomView", "StoreyView"]
+__all__ = [
+    "DoorView",
+    "ObjectView",
+    "OccupancyView",
+    "RegionView",
+    "RoomView",
+    "StoreyView",
+    "storey_view",
+]
 
 Outline: TypeAlias = Polygon | MultiPolygon
 
 
 @dataclass(frozen=True)
 class RoomView:
-    """A room: its outline, and its floor and ceiling heights.
+    """A room.
 
-    `types` are its semantic type and the supertypes, the nearest first; `label` its function.
+    Attributes
+    ----------
+    name : str
+    outline : Polygon or MultiPolygon
+    low, high : float
+        z of its floor and of its ceiling.
+    types : tuple of str
+        Its semantic type and the supertypes, the nearest first.
+    label : str, optional
+        Its function.
     """
 
     name: str
@@ -34,7 +52,17 @@ class RoomView:
 
 @dataclass(frozen=True, eq=False)
 class ObjectView:
-    """An object: its triangles and what it covers on the ground; a colour, if not its type's."""
+    """An object: its mesh and the area that it covers on the ground.
+
+    Attributes
+    ----------
+    name : str
+    types : tuple of str
+    mesh : Mesh, optional
+    footprint : Polygon or MultiPolygon, optional
+    colour : str, optional
+        By default that of its type.
+    """
 
     name: str
     types: tuple[str, ...] = ()
@@ -45,20 +73,30 @@ class ObjectView:
 
 @dataclass(frozen=True, eq=False)
 class DoorView:
-    """A connector: a pose on each side, facing it; its clear width, its leaf where it has one."""
+    """A connector.
+
+    Attributes
+    ----------
+    name : str
+    poses : (Pose, Pose)
+        One on each side, facing it.
+    width : float, optional
+        Of the clear opening.
+    type : str
+        "door", "elevator_door", "stairs", "ramp", ...
+    state : "open", "closed" or "locked"
+    """
 
     name: str
     poses: tuple[Pose, Pose]
     width: float | None = None
     type: str = "door"
     state: str = "open"
-    footprint: Outline | None = None
-    mesh: Mesh | None = None
 
 
 @dataclass(frozen=True)
 class RegionView:
-    """A region with its meaning: home, blocked, ...; `blocked` where no robot may go."""
+    """A region; `blocked` means closed to robots."""
 
     name: str
     outline: Outline
@@ -67,8 +105,16 @@ class RegionView:
 
 
 @dataclass(frozen=True, eq=False)
-class Occupancy:
-    """(rows, columns) int8, row 0 the lowest y: 100 occupied, 0 free, -1 unknown."""
+class OccupancyView:
+    """An occupancy grid.
+
+    Attributes
+    ----------
+    origin : (x, y) of the lower left corner
+    resolution : float
+    cells : (rows, columns) int8
+        Row 0 is the lowest y: 100 occupied, 0 free, -1 unknown.
+    """
 
     origin: tuple[float, float]
     resolution: float
@@ -76,7 +122,7 @@ class Occupancy:
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top edge in metres."""
+        """The left, right, bottom and top edge."""
         rows, columns = self.cells.shape
         x, y = self.origin
         return (x, x + columns * self.resolution, y, y + rows * self.resolution)
@@ -84,9 +130,17 @@ class Occupancy:
 
 @dataclass(frozen=True, eq=False)
 class StoreyView:
-    """A storey with all that a picture of it shows.
+    """A storey with the content of a picture of it.
 
-    `path` are the metres that a route leads on this storey, as lines of (N, 2) or (N, 3) points.
+    Attributes
+    ----------
+    name : str
+    elevation : float
+        z of its floor.
+    rooms, objects, doors, regions : lists
+    occupancy : OccupancyView, optional
+    path : list of (N, 2) or (N, 3) arrays
+        The lines of a route on this storey.
     """
 
     name: str
@@ -95,5 +149,52 @@ class StoreyView:
     objects: list[ObjectView] = field(default_factory=list)
     doors: list[DoorView] = field(default_factory=list)
     regions: list[RegionView] = field(default_factory=list)
-    occupancy: Occupancy | None = None
+    occupancy: OccupancyView | None = None
     path: list[NDArray[np.float64]] = field(default_factory=list)
+
+
+def storey_view(scene: StoreyScene) -> StoreyView:
+    """Return the inventory of a storey as pictures show it.
+
+    Parameters
+    ----------
+    scene : StoreyScene
+        From `semmap.query.storey_reader.read_storeys`, which fills its inventory.
+    """
+    view = StoreyView(scene.storey, scene.elevation)
+    for entity in scene.inventory:
+        _add(view, entity)
+    return view
+
+
+def _add(view: StoreyView, entity: SceneEntity) -> None:
+    outline = entity.footprint
+    match entity.kind:
+        case "room" if outline is not None and entity.floor is not None:
+            high = entity.floor if entity.ceiling is None else entity.ceiling
+            view.rooms.append(
+                RoomView(entity.name, outline, entity.floor, high, entity.types, entity.label)
+            )
+        case "object" | "agent":
+            view.objects.append(ObjectView(entity.name, entity.types, _mesh(entity), outline))
+        case "region" if outline is not None:
+            view.regions.append(
+                RegionView(entity.name, outline, entity.types, entity.is_blocked_region)
+            )
+        case "connector" if entity.sides is not None:
+            view.doors.append(
+                DoorView(
+                    entity.name,
+                    entity.sides,
+                    entity.width,
+                    entity.form or "door",
+                    entity.state or "open",
+                )
+            )
+
+
+def _mesh(entity: SceneEntity) -> Mesh | None:
+    if not len(entity.triangles):
+        return None
+    faces = np.arange(3 * len(entity.triangles), dtype=np.int32).reshape(-1, 3)
+    return Mesh(entity.triangles.reshape(-1, 3), faces)

@@ -1,4 +1,4 @@
-"""Slices through a grid of sets: each set in the colour of its members, with what happened beside.
+"""Slices through a grid of sets of entities, with a legend and the events beside them.
 
 After Figure 1 of "VDB-based Spatially Grounded Semantics for Interactive Robots".
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from semmap.draw.palette import INK, PAPER
 
-__all__ = ["Slice", "VoxelSet", "draw_slices", "set_colour", "slices_picture"]
+__all__ = ["VoxelSet", "VoxelSlice", "draw_slices", "set_colour", "slices_picture"]
 
 _FAINT = "#6b6f76"
 _ROWS = 31  # lines of text that fit beside the slices
@@ -27,16 +27,20 @@ _SETS = 13
 
 
 @dataclass(frozen=True, eq=False)
-class Slice:
-    """Set numbers on a plane.
+class VoxelSlice:
+    """The sets of entities on a plane.
 
     Attributes
     ----------
-    numbers : (rows, columns) of sets, row 0 the lowest; 0 is none
-    extent : left, right, bottom, top in metres
-    title : which plane it is
-    axes : what its columns and rows are along
-    cut : where the other slice cuts it, and whether along its columns ("v") or rows ("h")
+    numbers : (rows, columns) int32
+        The number of a set; 0 for no set. Row 0 is the lowest.
+    extent : (left, right, bottom, top), metres
+    title : str
+        The plane.
+    axes : (str, str)
+        The names of the directions of columns and rows.
+    cut : ("v" or "h", float), optional
+        Where the plane of another slice cuts this one: at a column or row coordinate, metres.
     """
 
     numbers: NDArray[np.int32]
@@ -48,14 +52,14 @@ class Slice:
 
 @dataclass(frozen=True)
 class VoxelSet:
-    """A set of entities: its members' names, what is to be seen first, and how many voxels."""
+    """A set of entities: the names of its members, and the number of its voxels."""
 
     members: tuple[str, ...]
     voxels: int
 
 
 def set_colour(members: Sequence[str], colours: Mapping[str, str]) -> tuple[float, float, float]:
-    """A mixture of the members' colours, of which the first counts most; darker the more."""
+    """Return the colour of a set: a mixture of its members' colours, darker with more members."""
     parts = np.array([to_rgb(colours.get(name, _FAINT)) for name in members])
     shares = 0.5 ** np.arange(len(members))
     r, g, b = (shares @ parts / shares.sum() * 0.93 ** (len(members) - 1)).tolist()
@@ -64,29 +68,43 @@ def set_colour(members: Sequence[str], colours: Mapping[str, str]) -> tuple[floa
 
 def draw_slices(
     figure: Figure,
-    slices: Sequence[Slice],
+    slices: Sequence[VoxelSlice],
     sets: Mapping[int, VoxelSet],
     colours: Mapping[str, str],
     *,
     title: str = "",
-    said: Sequence[str] = (),
-    standing: Sequence[str] = (),
+    events: Sequence[str] = (),
+    relations: Sequence[str] = (),
 ) -> None:
     """Draw slices one above the other into a figure, and a legend of the sets beside them.
 
     Parameters
     ----------
-    colours : of single entities; grey of one that has none
-    said : what happened at this step, a line each
-    standing : what holds, a line each
+    figure : Figure
+    slices : sequence of VoxelSlice
+    sets : mapping of VoxelSet, by number
+    colours : mapping of colours, by name of entity
+        By default grey.
+    title : str
+    events : sequence of str
+        The events of this step, one per line.
+    relations : sequence of str
+        The relations that hold, one per line.
     """
     figure.clear()
     figure.set_facecolor(PAPER)
     grid = figure.add_gridspec(
-        len(slices), 2, width_ratios=(2.35, 1), left=0.05, right=0.98, bottom=0.065, top=0.9,
-        wspace=0.05, hspace=0.24,
+        len(slices),
+        2,
+        width_ratios=(2.35, 1),
+        left=0.05,
+        right=0.98,
+        bottom=0.065,
+        top=0.9,
+        wspace=0.05,
+        hspace=0.24,
         height_ratios=[abs(s.extent[3] - s.extent[2]) for s in slices],
-    )  # fmt: skip
+    )
     table = np.ones((max([*sets, 0]) + 1, 4))
     table[0] = (0, 0, 0, 0)
     for number, each in sets.items():
@@ -94,30 +112,30 @@ def draw_slices(
     for i, each_slice in enumerate(slices):
         _slice(figure.add_subplot(grid[i, 0]), each_slice, table)
     figure.text(0.05, 0.955, title, fontsize=14, weight="bold", color=INK, va="center")
-    _beside(figure.add_subplot(grid[:, 1]), sets, table, said, standing)
+    _beside(figure.add_subplot(grid[:, 1]), sets, table, events, relations)
 
 
 def slices_picture(
     path: Path | str,
-    slices: Sequence[Slice],
+    slices: Sequence[VoxelSlice],
     sets: Mapping[int, VoxelSet],
     colours: Mapping[str, str],
     *,
     title: str = "",
-    said: Sequence[str] = (),
-    standing: Sequence[str] = (),
+    events: Sequence[str] = (),
+    relations: Sequence[str] = (),
 ) -> Path:
-    """Save slices as PNG; returns the picture's path. Parameters as of `draw_slices`."""
+    """Save slices as PNG; return the path of the picture. Parameters as for `draw_slices`."""
     figure = Figure(figsize=(13, 9), dpi=110)
     FigureCanvasAgg(figure)
-    draw_slices(figure, slices, sets, colours, title=title, said=said, standing=standing)
+    draw_slices(figure, slices, sets, colours, title=title, events=events, relations=relations)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, facecolor=PAPER)
     return path
 
 
-def _slice(axes: Axes, slice_: Slice, table: NDArray[np.float64]) -> None:
+def _slice(axes: Axes, slice_: VoxelSlice, table: NDArray[np.float64]) -> None:
     axes.set_facecolor("white")
     axes.imshow(
         table[slice_.numbers], origin="lower", extent=slice_.extent, interpolation="nearest"
@@ -135,8 +153,8 @@ def _slice(axes: Axes, slice_: Slice, table: NDArray[np.float64]) -> None:
         spine.set_color("#c9c5ba")
 
 
-def _borders(axes: Axes, slice_: Slice) -> None:
-    """Thin lines where one set ends and another begins."""
+def _borders(axes: Axes, slice_: VoxelSlice) -> None:
+    """Draw thin lines between different sets."""
     numbers = slice_.numbers
     left, right, bottom, top = slice_.extent
     x = np.linspace(left, right, numbers.shape[1] + 1)
@@ -151,10 +169,10 @@ def _beside(
     axes: Axes,
     sets: Mapping[int, VoxelSet],
     table: NDArray[np.float64],
-    said: Sequence[str],
-    standing: Sequence[str],
+    events: Sequence[str],
+    relations: Sequence[str],
 ) -> None:
-    """The sets from the one with most members, then what happened, then what holds."""
+    """Write the sets, those with the most members first, then events, then relations."""
     axes.set_axis_off()
     axes.set_xlim(0, 1)
     axes.set_ylim(_ROWS, -0.6)
@@ -173,8 +191,9 @@ def _beside(
         )
         row += 1
     for heading, lines, colour, room in (
-        ("this step", said, "#b3261e", 8), ("holds", standing, INK, 99),
-    ):  # fmt: skip
+        ("this step", events, "#b3261e", 8),
+        ("holds", relations, INK, 99),
+    ):
         row = _heading(axes, row + 0.5, heading)
         fit = max(1, min(room, int(_ROWS - row)))
         shown = lines if len(lines) <= fit else lines[: fit - 1]

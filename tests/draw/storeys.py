@@ -12,7 +12,7 @@ from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.geometry.pose import Pose
 
 
-def thing(name: str, types: tuple[str, ...], low: tuple, high: tuple) -> ObjectView:
+def box_view(name: str, types: tuple[str, ...], low: tuple, high: tuple) -> ObjectView:
     return ObjectView(name, types, box_mesh(low, high), box(*low[:2], *high[:2]))
 
 
@@ -31,15 +31,12 @@ def walls(z: float = 0.0, height: float = 2.5) -> Mesh:
 
 def two_rooms(z: float = 0.0, state: str = "open", name: str = "ground") -> StoreyView:
     """A lab and a kitchen; a table with a muffin, a carpet, a ceiling, a blocked corner."""
-    leaf = box_mesh((4.08, 1.0, z), (4.12, 2.0, z + 2.01))
     door = DoorView(
         "door1",
         (Pose.planar(3.4, 1.5, 0.0, z), Pose.planar(4.8, 1.5, math.pi, z)),
         1.0,
         "door",
         state,
-        box(4.05, 1.0, 4.15, 2.0),
-        leaf,
     )
     return StoreyView(
         name,
@@ -50,12 +47,14 @@ def two_rooms(z: float = 0.0, state: str = "open", name: str = "ground") -> Stor
         ],
         objects=[
             ObjectView("walls", ("wall", "building_element", "object"), walls(z)),
-            thing("slab", ("floor", "building_element"), (-0.1, -0.1, z - 0.2), (8.3, 3.1, z)),
-            thing("ceiling", ("ceiling", "building_element"), (0, 0, z + 2.5), (8.2, 3, z + 2.6)),
-            thing("rug", ("carpet",), (1.5, 1.0, z), (2.5, 2.0, z + 0.06)),
-            thing("table1", ("table", "furniture"), (6.02, 1.02, z), (7.22, 1.82, z + 0.77)),
-            thing("muffin1", ("muffin", "food"), (6.5, 1.3, z + 0.77), (6.6, 1.4, z + 0.83)),
-            thing("robot", ("robot", "agent"), (1.0, 2.2, z), (1.4, 2.6, z + 1.0)),
+            box_view("slab", ("floor", "building_element"), (-0.1, -0.1, z - 0.2), (8.3, 3.1, z)),
+            box_view(
+                "ceiling", ("ceiling", "building_element"), (0, 0, z + 2.5), (8.2, 3, z + 2.6)
+            ),
+            box_view("rug", ("carpet",), (1.5, 1.0, z), (2.5, 2.0, z + 0.06)),
+            box_view("table1", ("table", "furniture"), (6.02, 1.02, z), (7.22, 1.82, z + 0.77)),
+            box_view("muffin1", ("muffin", "food"), (6.5, 1.3, z + 0.77), (6.6, 1.4, z + 0.83)),
+            box_view("robot", ("robot", "agent"), (1.0, 2.2, z), (1.4, 2.6, z + 1.0)),
         ],
         doors=[door],
         regions=[

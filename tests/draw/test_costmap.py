@@ -38,10 +38,13 @@ def test_paths_and_footprints_are_drawn(tmp_path: Path) -> None:
     costs = np.zeros((20, 30), np.uint8)
     square = np.array([[1, 1], [2, 1], [2, 1.5], [1, 1.5]])
     path = costmap_picture(
-        costs, (0.0, 0.0), 0.1, tmp_path / "way.png",
+        costs,
+        (0.0, 0.0),
+        0.1,
+        tmp_path / "way.png",
         lines=[(np.array([[0.2, 0.2], [2.8, 0.2]]), "#ff0000")],
         footprints=[(square, "#00ff00")],
-    )  # fmt: skip
+    )
     pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
     for colour in ((255, 0, 0), (0, 255, 0)):
         assert (np.abs(pixels - colour).sum(axis=-1) < 30).sum() > 200

@@ -10,16 +10,16 @@ from semmap.draw.depth_camera import DepthCamera, look_at
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_depths_by_rays(seed: int) -> None:
+def test_depths_agree_with_ray_casting(seed: int) -> None:
     """What a pixel shows is what a ray through its centre meets first, walls behind the eye too."""
     rng = np.random.default_rng(seed)
     room = trimesh.creation.box((6, 5, 3))
-    things = [room]
+    meshes = [room]
     for _ in range(6):
         ball = trimesh.creation.icosphere(2, radius=rng.uniform(0.1, 0.5))
         ball.apply_translation(rng.uniform((-2.5, -2, -1), (2.5, 2, 1)))
-        things.append(ball)
-    mesh = trimesh.util.concatenate(things)
+        meshes.append(ball)
+    mesh = trimesh.util.concatenate(meshes)
     eye = rng.uniform((-2.5, -2, -0.5), (2.5, 2, 0.5))
     camera = DepthCamera((80, 60), (60, 62, 39.5, 29.5), look_at(eye, rng.uniform(-1, 1, 3)))
     depth, face = camera.image(np.asarray(mesh.triangles))
@@ -40,7 +40,7 @@ def test_depths_by_rays(seed: int) -> None:
     assert np.isfinite(depth).all()
 
 
-def test_which_way_is_up() -> None:
+def test_the_picture_is_upright() -> None:
     pose = look_at((0, 0, 1), (1, 0, 1))
     np.testing.assert_allclose(pose[:3, 0], (0, -1, 0), atol=1e-12)  # x is right of ahead
     np.testing.assert_allclose(pose[:3, 1], (0, 0, -1), atol=1e-12)  # y is down
@@ -48,7 +48,7 @@ def test_which_way_is_up() -> None:
     assert np.linalg.det(look_at((0, 0, 2), (0, 0, 0))[:3, :3]) == pytest.approx(1)
 
 
-def test_nothing_to_see() -> None:
+def test_a_camera_without_triangles_sees_none() -> None:
     camera = DepthCamera((8, 6), (5, 5, 3.5, 2.5), np.eye(4))
     behind = np.array([[[0, 0, -1], [1, 0, -1], [0, 1, -1.0]]])
     for triangles in (behind, np.zeros((0, 3, 3))):

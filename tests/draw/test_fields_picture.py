@@ -37,15 +37,18 @@ def test_faces_enclose_the_voxels(voxels: set[tuple[int, ...]], size: float) -> 
     assert ball.bounds[1].max() <= 4 * size + 1e-9
 
 
-def test_colours_are_seen(tmp_path: Path) -> None:
+def test_the_picture_has_the_colours_of_the_fields(tmp_path: Path) -> None:
     table = box_mesh((-1, -1, 0), (1, 1, 0.1)).triangles
     cubes = np.argwhere(np.ones((4, 4, 4), bool)).astype(np.int32) + np.array([0, 0, 2], np.int32)
     air = cubes + np.array([-12, 0, 0], np.int32)
     path = fields_picture(
-        table, np.full((len(table), 3), 0.9),
+        table,
+        np.full((len(table), 3), 0.9),
         [FieldView(cubes, 0.05, "#d00000", "cubes"), FieldView(air, 0.05, "#0000d0", "air", 0.3)],
-        tmp_path / "f" / "picture.png", title="Fields", width=400,
-    )  # fmt: skip
+        tmp_path / "f" / "picture.png",
+        title="Fields",
+        width=400,
+    )
     pixels = np.asarray(Image.open(path).convert("RGB")).reshape(-1, 3).astype(int)
     red = (pixels[:, 0] > 120) & (pixels[:, 1] < 60) & (pixels[:, 2] < 60)
     blue = (pixels[:, 2] - pixels[:, 0] > 25) & (pixels[:, 0] > 60)

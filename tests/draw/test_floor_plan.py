@@ -7,7 +7,7 @@ from PIL import Image
 
 from semmap.draw.floor_plan import floor_plan
 from semmap.draw.palette import PATH, ROOMS
-from semmap.draw.view import DoorView, Occupancy, StoreyView
+from semmap.draw.view import DoorView, OccupancyView, StoreyView
 from semmap.geometry.pose import Pose
 from tests.draw.storeys import two_rooms
 
@@ -34,7 +34,7 @@ def test_rooms_cover_their_share_in_the_colours_of_their_types(tmp_path):
     assert share(picture, ROOMS["bedroom"]) == 0
 
 
-def test_a_route_is_drawn_where_there_is_one(tmp_path):
+def test_a_route_is_drawn(tmp_path):
     storey = two_rooms()
     with_route, without = drawn(storey, tmp_path), drawn(replace(storey, path=[]), tmp_path)
     assert share(with_route, PATH) > 0.002
@@ -43,7 +43,7 @@ def test_a_route_is_drawn_where_there_is_one(tmp_path):
 
 def test_the_grid_is_drawn_where_it_is_occupied(tmp_path):
     cells = np.zeros((62, 168), np.int8)
-    free = Occupancy((-0.1, -0.1), 0.05, cells)
+    free = OccupancyView((-0.1, -0.1), 0.05, cells)
     half = cells.copy()
     half[:31] = 100  # the lower half of the plan
     plain = drawn(replace(two_rooms(), occupancy=free, objects=[], path=[]), tmp_path)
@@ -57,8 +57,8 @@ def test_the_grid_is_drawn_where_it_is_occupied(tmp_path):
     assert rows.min() > 0.45 * len(dark)  # low y is low in the picture
 
 
-def replace_cells(grid: Occupancy, cells: np.ndarray) -> Occupancy:
-    return Occupancy(grid.origin, grid.resolution, cells)
+def replace_cells(grid: OccupancyView, cells: np.ndarray) -> OccupancyView:
+    return OccupancyView(grid.origin, grid.resolution, cells)
 
 
 @pytest.mark.parametrize("type_", ["door", "elevator_door", "stairs", "ramp"])
@@ -72,7 +72,7 @@ def test_doors_of_all_kinds_are_drawn(tmp_path, type_, state, width):
     assert (np.abs(picture - bare).max(axis=-1) > 0.2).sum() > 40
 
 
-def test_a_plan_without_rooms_shows_objects_and_one_of_nothing_says_so(tmp_path):
+def test_a_plan_without_rooms_shows_objects_and_an_empty_one_is_refused(tmp_path):
     bare = replace(two_rooms(), rooms=[], doors=[], regions=[], path=[])
     fewer = replace(bare, objects=[o for o in bare.objects if o.name != "table1"])
     differs = np.abs(drawn(bare, tmp_path) - drawn(fewer, tmp_path)).max(axis=-1) > 0.1

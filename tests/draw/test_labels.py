@@ -27,14 +27,14 @@ def overlaps(labels: Labels) -> bool:
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.5, 9.5), st.floats(0.5, 9.5)), max_size=25))
-def test_what_is_written_overlaps_nothing(points):
+def test_texts_do_not_overlap(points):
     labels = Labels(axes())
     for i, (x, y) in enumerate(points):
         labels.put(x, y, f"name {i}", offsets=((0, 0), *AROUND), fontsize=8)
     assert not overlaps(labels)
 
 
-def test_a_text_moves_aside_is_left_out_or_forced():
+def test_a_text_is_moved_left_out_or_forced():
     labels = Labels(axes())
     assert labels.put(5, 5, "first") is not None
     second = labels.put(5, 5, "second", offsets=((0, 0), (0, 40)))
@@ -44,13 +44,13 @@ def test_a_text_moves_aside_is_left_out_or_forced():
     assert labels.put(5, 5, "third", force=True) is not None
 
 
-def test_a_text_fits_into_what_it_is_given():
+def test_a_text_fits_into_its_limits():
     labels = Labels(axes())
     assert labels.put(5, 5, "a long name", within=(0.5, 0.5), fontsize=8) is None
     assert labels.put(5, 5, "a long name", within=(8, 2), fontsize=8) is not None
 
 
-def test_what_is_kept_clear_or_shunned_is_not_written_upon():
+def test_texts_avoid_points_and_boxes():
     labels = Labels(axes())
     labels.keep_clear(5, 5, 10)
     labels.shun([(4, 6, 6, 8)])

@@ -36,9 +36,11 @@ def seen_by_ray(camera, triangles, cut):
                     continue
                 depth = a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2])
                 corner = triangles[f]
-                z = corner[0, 2] + u * (corner[1, 2] - corner[0, 2]) + v * (
-                    corner[2, 2] - corner[0, 2]
-                )  # fmt: skip
+                z = (
+                    corner[0, 2]
+                    + u * (corner[1, 2] - corner[0, 2])
+                    + v * (corner[2, 2] - corner[0, 2])
+                )
                 if z <= cut[f] and depth > depths[row, column]:
                     faces[row, column], depths[row, column] = f, depth
     return faces, depths
@@ -70,7 +72,7 @@ def test_each_pixel_shows_the_triangle_that_a_ray_meets_first(triangles, elevati
     np.testing.assert_allclose(depths[both], expected_depths[both], atol=1e-5)
 
 
-def test_from_above_a_box_hides_what_lies_below_it():
+def test_from_above_a_box_hides_triangles_below_it():
     low, high = box_mesh((-4, -3, 0), (4, 3, 1)), box_mesh((-1, -1, 1), (1, 1, 2))
     faces, depths = nearest_triangles(ABOVE, np.concatenate([low.triangles, high.triangles]))
     assert (faces >= 12).sum() == 4  # 2 x 2 m at a pixel a metre
@@ -78,13 +80,13 @@ def test_from_above_a_box_hides_what_lies_below_it():
     assert set(np.unique(depths[faces >= 0]).round(6)) == {1.0, 2.0}
 
 
-def test_what_is_cut_away_shows_what_lies_behind():
+def test_a_cut_shows_the_triangles_behind():
     box = box_mesh((-4, -3, 0), (4, 3, 1)).triangles
     _, depths = nearest_triangles(ABOVE, box, np.full(12, 0.5))
     np.testing.assert_allclose(depths[np.isfinite(depths)], 0.0, atol=1e-6)
 
 
-def test_nothing_gives_an_empty_picture():
+def test_no_triangles_give_an_empty_picture():
     faces, depths = nearest_triangles(ABOVE, np.zeros((0, 3, 3)))
     assert (faces == -1).all()
     assert np.isneginf(depths).all()
@@ -103,7 +105,7 @@ def test_a_camera_sees_all_points_within_its_margin(azimuth, elevation, width):
     assert at[:, 1].max() <= camera.size[1] - 0.05 * width + 1
 
 
-def test_a_window_is_that_part_of_the_picture():
+def test_a_window_equals_its_part_of_the_picture():
     box = box_mesh((-4, -3, 0), (4, 3, 1)).triangles
     camera = Camera.look(0.7, 0.6, box.reshape(-1, 3), 40)
     whole, _ = nearest_triangles(camera, box)

@@ -23,7 +23,7 @@ def shades(path: Path, colour: str) -> int:
     return int(((pixels @ wanted) / np.maximum(length, 1e-9) > 0.985).sum())
 
 
-def test_parts_in_their_colours(tmp_path: Path) -> None:
+def test_parts_are_drawn_in_their_colours(tmp_path: Path) -> None:
     robot = load_robot(by_hand(tmp_path))
     parts, meshes = robot_parts(robot, {}), robot.link_meshes({})
     picture = parts_picture(parts, meshes, tmp_path / "parts.png")
@@ -34,7 +34,7 @@ def test_parts_in_their_colours(tmp_path: Path) -> None:
         assert shades(picture, colour) > 50, colour
 
 
-def test_a_robot_stands_where_it_is_put(tmp_path: Path) -> None:
+def test_a_robot_is_drawn_at_its_pose(tmp_path: Path) -> None:
     robot = load_robot(by_hand(tmp_path))
     parts, meshes = robot_parts(robot, {}), robot.link_meshes({})
     base = robot_views(parts, meshes, Pose.planar(3, 4, np.pi / 2, 7.0))[0]

@@ -9,7 +9,7 @@ from semmap.draw.palette import BOX_COLOURS, PATH
 from semmap.draw.scene3d import scene3d
 from semmap.draw.view import StoreyView
 from semmap.geometry.mesh import Mesh
-from tests.draw.storeys import thing, two_rooms
+from tests.draw.storeys import box_view, two_rooms
 
 
 def drawn(storeys, tmp_path, **more) -> np.ndarray:
@@ -25,7 +25,7 @@ def changed(a: np.ndarray, b: np.ndarray) -> float:
     return float((np.abs(a - b).max(axis=-1) > 0.1).mean())
 
 
-def test_each_room_has_a_box_in_a_colour_of_its_own(tmp_path):
+def test_each_room_has_a_box_in_a_different_colour(tmp_path):
     storey = replace(two_rooms(), path=[])
     boxed, bare = drawn([storey], tmp_path), drawn([storey], tmp_path, boxes=False)
     assert boxed.shape[1] == 500
@@ -38,7 +38,7 @@ def test_a_route_is_drawn(tmp_path):
     assert share(drawn([two_rooms()], tmp_path, boxes=False), PATH) > 0.001
 
 
-def test_walls_are_cut_open_and_the_ceiling_left_out(tmp_path):
+def test_walls_are_cut_and_the_ceiling_is_left_out(tmp_path):
     storey = replace(two_rooms(), path=[], regions=[])
     without = replace(storey, objects=[o for o in storey.objects if o.name != "ceiling"])
     cut = drawn([storey], tmp_path, boxes=False)
@@ -47,15 +47,15 @@ def test_walls_are_cut_open_and_the_ceiling_left_out(tmp_path):
     assert higher.shape[0] > cut.shape[0]
 
 
-def test_what_stands_on_the_floor_is_seen(tmp_path):
+def test_objects_on_the_floor_are_seen(tmp_path):
     storey = replace(two_rooms(), path=[])
     more = replace(
-        storey, objects=[*storey.objects, thing("sofa1", ("sofa",), (1, 1, 0), (3, 2, 0.8))]
+        storey, objects=[*storey.objects, box_view("sofa1", ("sofa",), (1, 1, 0), (3, 2, 0.8))]
     )
     assert changed(drawn([storey], tmp_path), drawn([more], tmp_path)) > 0.005
 
 
-def test_storeys_stand_above_each_other_without_hiding_one_another(tmp_path):
+def test_storeys_do_not_hide_each_other(tmp_path):
     lower, upper = two_rooms(0.0, name="low"), two_rooms(2.8, name="high")
     one, two = drawn([lower], tmp_path), drawn([upper, lower], tmp_path)
     assert two.shape[0] > 1.6 * one.shape[0]
@@ -63,7 +63,7 @@ def test_storeys_stand_above_each_other_without_hiding_one_another(tmp_path):
         assert share(two, colour) > 0.0002
 
 
-def test_types_of_objects_are_named_where_asked(tmp_path):
+def test_types_of_objects_are_written_on_request(tmp_path):
     plain = drawn([two_rooms()], tmp_path, boxes=False)
     named = drawn(
         [two_rooms()], tmp_path, boxes=False, object_labels=True, title="what stands where"
@@ -72,17 +72,23 @@ def test_types_of_objects_are_named_where_asked(tmp_path):
     assert changed(named[130:], plain) > 0.002
 
 
-def test_an_object_without_faces_is_no_harm_and_nothing_is_refused(tmp_path):
+def test_an_object_without_faces_is_left_out_and_an_empty_picture_refused(tmp_path):
     empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
-    odd = replace(thing("x", ("chair",), (1, 1, 0), (2, 2, 1)), mesh=empty)
+    odd = replace(box_view("x", ("chair",), (1, 1, 0), (2, 2, 1)), mesh=empty)
     storey = replace(two_rooms(), objects=[odd])
     assert drawn([storey], tmp_path).shape[1] == 500
-    with pytest.raises(ValueError, match="nothing to draw"):
+    with pytest.raises(ValueError, match="the picture is empty"):
         scene3d([StoreyView("empty")], tmp_path / "none.png")
 
 
 def test_a_mesh_seen_alone_fills_the_picture(tmp_path):
-    cube = replace(two_rooms(), rooms=[], doors=[], regions=[], path=[],
-                   objects=[thing("box1", ("container",), (0, 0, 0), (1, 1, 1))])  # fmt: skip
+    cube = replace(
+        two_rooms(),
+        rooms=[],
+        doors=[],
+        regions=[],
+        path=[],
+        objects=[box_view("box1", ("container",), (0, 0, 0), (1, 1, 1))],
+    )
     picture = drawn([cube], tmp_path, boxes=False)
     assert (picture.sum(axis=-1) < 2.4).mean() > 0.4

@@ -21,7 +21,6 @@ from PIL import Image
 from navgrid.grid import Grid
 from navgrid.map_file import MapFileError, read_map, write_map
 from navgrid.policy import Policy, PolicyError
-from navgrid.scene import Thing
 from planner.rules import Rules, RulesError
 from planner.tasks import GoalError, NoPlanError, State, parse_goal
 from planner.tasks.domain_file import DomainError, read_domain
@@ -34,6 +33,7 @@ from semmap.geometry.tin import encode_chunks
 from semmap.ingest.importer import read_world
 from semmap.ingest.ontology.tbox import read_tbox
 from semmap.ingest.world import World, WorldError
+from semmap.query.storey_scene import SceneEntity
 from semmap.robot import RobotError, load_robot, robot_parts
 from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import (
@@ -295,7 +295,7 @@ def policy() -> Iterator[bytes]:
 def run_policy(data: bytes, folder: Path) -> None:
     path = folder / "policy.yaml"
     path.write_bytes(data)
-    Policy.read(path).layer_of(Thing(1, "a", "object", ("cup",), properties={"full": True}))
+    Policy.read(path).layer_of(SceneEntity(1, "a", "object", ("cup",), properties={"full": True}))
 
 
 def rules() -> Iterator[bytes]:

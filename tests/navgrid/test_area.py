@@ -11,18 +11,22 @@ from navgrid.area import area_cells, flat_triangles
 from navgrid.grid import Grid
 
 GRID = Grid((-1.0, -0.5), 0.25, (16, 20))
-SQUARES = np.array([
-    [shapely.box(-1 + c * 0.25, -0.5 + r * 0.25, -0.75 + c * 0.25, -0.25 + r * 0.25)
-     for c in range(20)]
-    for r in range(16)
-])  # fmt: skip
+SQUARES = np.array(
+    [
+        [
+            shapely.box(-1 + c * 0.25, -0.5 + r * 0.25, -0.75 + c * 0.25, -0.25 + r * 0.25)
+            for c in range(20)
+        ]
+        for r in range(16)
+    ]
+)
 
 points = st.lists(st.tuples(st.floats(-2, 5), st.floats(-2, 5)), min_size=3, max_size=8)
 
 
 @settings(max_examples=150, deadline=None)
 @given(points, points)
-def test_cells_that_a_polygon_meets(
+def test_area_cells_are_the_cells_that_the_polygon_meets(
     outer: list[tuple[float, float]], hole: list[tuple[float, float]]
 ) -> None:
     shape = shapely.MultiPoint(outer).convex_hull - shapely.MultiPoint(hole).convex_hull
@@ -39,15 +43,15 @@ def test_a_border_belongs_to_the_cell_above_and_right_of_it() -> None:
     assert np.argwhere(cells).tolist() == [[r, c] for r in (2, 3) for c in (4, 5, 6)]
 
 
-def test_nothing() -> None:
+def test_an_empty_outline_has_no_cells() -> None:
     assert not area_cells(shapely.Polygon(), GRID).any()
     assert not len(flat_triangles(shapely.Point(0, 0)))
 
 
-def test_triangles_make_up_the_polygon() -> None:
-    shape = shapely.MultiPolygon([
-        shapely.box(0, 0, 4, 3) - shapely.box(1, 1, 2, 2), shapely.box(6, 0, 7, 1)
-    ])  # fmt: skip
+def test_flat_triangles_cover_exactly_the_polygon() -> None:
+    shape = shapely.MultiPolygon(
+        [shapely.box(0, 0, 4, 3) - shapely.box(1, 1, 2, 2), shapely.box(6, 0, 7, 1)]
+    )
     parts = shapely.polygons(flat_triangles(shape)[:, :, :2])
     assert shapely.union_all(parts).symmetric_difference(shape).area < 1e-12
     assert abs(shapely.area(parts).sum() - shape.area) < 1e-12

@@ -1,4 +1,4 @@
-"""The layered costmap against brute force, point by point; and updated against computed anew."""
+"""The layered costmap against brute force, point by point; and updated ones against new ones."""
 
 from __future__ import annotations
 
@@ -14,30 +14,34 @@ from numpy.typing import NDArray
 from navgrid.costmap import Costmap, Inflation, joined
 from navgrid.grid import Grid
 from navgrid.policy import Policy
-from navgrid.scene import Thing
-from navgrid.terrain import Gait
+from navgrid.terrain import DriveLimits
+from semmap.query.storey_scene import SceneEntity
 from semmap.robot import Part
-from tests.navgrid.scenes import ARM, BASE, POLE, part, room, scene, sheet, square, thing
+from tests.navgrid.scenes import ARM, BASE, POLE, part, room, scene, sheet, solid, square
 
 GRID = Grid((0.0, 0.0), 0.1, (40, 60))
 HALL = room("hall", 0, 0, 6, 4)
 FALL = Inflation(0.6, 3.0)
 TABLE = [
-    thing(1, (2, 1, 0.70), (4, 3, 0.75), "table"),
+    solid(1, (2, 1, 0.70), (4, 3, 0.75), "table"),
     *(
-        thing(2 + k, (x, y, 0), (x + 0.05, y + 0.05, 0.70), "table")
+        solid(2 + k, (x, y, 0), (x + 0.05, y + 0.05, 0.70), "table")
         for k, (x, y) in enumerate([(2.0, 1.0), (3.95, 1.0), (2.0, 2.95), (3.95, 2.95)])
     ),
-]  # fmt: skip
+]
 
 
 def centres(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     r, c = np.mgrid[: grid.shape[0], : grid.shape[1]]
-    return (grid.origin[0] + (c + 0.5) * grid.resolution,
-            grid.origin[1] + (r + 0.5) * grid.resolution)  # fmt: skip
+    return (
+        grid.origin[0] + (c + 0.5) * grid.resolution,
+        grid.origin[1] + (r + 0.5) * grid.resolution,
+    )
 
 
-def brute_cells(things: list[Thing], low: float, high: float, grid: Grid) -> NDArray[np.bool_]:
+def brute_cells(
+    entities: list[SceneEntity], low: float, high: float, grid: Grid
+) -> NDArray[np.bool_]:
     """Cells whose half-open square meets the footprint of an upright box that reaches into [a, b].
 
     By shapely; what only touches a border is left open (True in the second array).
@@ -46,7 +50,7 @@ def brute_cells(things: list[Thing], low: float, high: float, grid: Grid) -> NDA
     x, y = centres(grid)
     half = grid.resolution / 2
     squares = shapely.box(x - half, y - half, x + half, y + half)
-    for box in things:
+    for box in entities:
         z = box.triangles[:, :, 2]
         if z.max() < low or z.min() > high:
             continue
@@ -58,8 +62,9 @@ def brute_cells(things: list[Thing], low: float, high: float, grid: Grid) -> NDA
     return found
 
 
-def brute_cost(occupied: NDArray[np.bool_], inscribed: float, reach: float, k: float, res: float
-               ) -> NDArray[np.uint8]:  # fmt: skip
+def brute_cost(
+    occupied: NDArray[np.bool_], inscribed: float, reach: float, k: float, res: float
+) -> NDArray[np.uint8]:
     """The formula of costmap_2d by the distance to every occupied cell."""
     cost = np.zeros(occupied.shape, np.uint8)
     at = np.argwhere(occupied)
@@ -83,36 +88,46 @@ def brute_cost(occupied: NDArray[np.bool_], inscribed: float, reach: float, k: f
 
 
 boxes = st.tuples(
-    st.floats(0, 5), st.floats(0, 3.5), st.sampled_from([0.0, 0.1, 0.4, 0.9]),
-    st.floats(0.05, 1.5), st.floats(0.05, 1.0), st.sampled_from([0.05, 0.3, 1.0]),
+    st.floats(0, 5),
+    st.floats(0, 3.5),
+    st.sampled_from([0.0, 0.1, 0.4, 0.9]),
+    st.floats(0.05, 1.5),
+    st.floats(0.05, 1.0),
+    st.sampled_from([0.05, 0.3, 1.0]),
     st.floats(-3, 3),
-)  # fmt: skip
+)
 SMALL = Grid((0.0, 0.0), 0.2, (20, 30))
 
 
-def box_things(said: list[tuple[float, ...]]) -> list[Thing]:
+def box_objects(drawn: list[tuple[float, ...]]) -> list[SceneEntity]:
     sorts = ("mug", "wall", "table")
     return [
-        thing(
-            n, (x, y, z), (x + dx, y + dy, z + dz), sorts[n % 3], yaw=yaw,
+        solid(
+            n,
+            (x, y, z),
+            (x + dx, y + dy, z + dz),
+            sorts[n % 3],
+            yaw=yaw,
             properties={"workplace": "human"} if n % 3 == 2 else {},
         )
-        for n, (x, y, z, dx, dy, dz, yaw) in enumerate(said)
-    ]  # fmt: skip
+        for n, (x, y, z, dx, dy, dz, yaw) in enumerate(drawn)
+    ]
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(boxes, min_size=1, max_size=5))
-def test_the_master_is_the_highest_of_all_by_brute_force(said: list[tuple[float, ...]]) -> None:
-    things = box_things(said)
+def test_the_master_equals_the_maximum_computed_by_brute_force(
+    drawn: list[tuple[float, ...]],
+) -> None:
+    entities = box_objects(drawn)
     parts = [BASE, ARM]
-    made = Costmap(scene(*things), parts, SMALL, inflation=FALL)
+    made = Costmap(scene(*entities), parts, SMALL, inflation=FALL)
     policy = Policy.default()
     master = np.zeros(SMALL.shape, np.uint8)
     for number, each in enumerate(parts):
         low, high = max(each.interval[0], 0.02), each.interval[1]
         for layer in policy.layers:
-            members = [t for t in things if policy.layer_of(t) == layer.name]
+            members = [t for t in entities if policy.layer_of(t) == layer.name]
             wanted, open_ = brute_cells(members, low, high, SMALL)
             got = made.occupied[layer.name][number]
             assert (got == wanted)[~open_].all()
@@ -128,160 +143,166 @@ def test_the_master_is_the_highest_of_all_by_brute_force(said: list[tuple[float,
     st.lists(boxes, min_size=1, max_size=5),
     st.lists(st.tuples(st.integers(0, 5), boxes, st.booleans()), min_size=1, max_size=4),
 )
-def test_an_update_is_all_computed_anew(
-    said: list[tuple[float, ...]], moves: list[tuple[int, tuple[float, ...], bool]]
+def test_an_update_equals_a_new_costmap(
+    drawn: list[tuple[float, ...]], moves: list[tuple[int, tuple[float, ...], bool]]
 ) -> None:
-    things = {t.id: t for t in box_things(said)}
-    made = Costmap(scene(*things.values(), places=(HALL,)), [BASE, ARM, POLE], GRID, inflation=FALL)
+    entities = {t.id: t for t in box_objects(drawn)}
+    made = Costmap(
+        scene(*entities.values(), floors=(HALL,)), [BASE, ARM, POLE], GRID, inflation=FALL
+    )
     for number, box, gone in moves:
-        if gone and number in things:
-            del things[number]
+        if gone and number in entities:
+            del entities[number]
             made.update([], [number])
         else:
-            things[number] = box_things([box] * (number + 1))[number]
-            made.update([things[number]])
-        anew = Costmap(
-            scene(*things.values(), places=(HALL,)), [BASE, ARM, POLE], GRID, inflation=FALL
+            entities[number] = box_objects([box] * (number + 1))[number]
+            made.update([entities[number]])
+        expected = Costmap(
+            scene(*entities.values(), floors=(HALL,)), [BASE, ARM, POLE], GRID, inflation=FALL
         )
-        assert (made.master == anew.master).all()
-        assert (made.costs == anew.costs).all()
-        for name, cells in anew.occupied.items():
+        assert (made.master == expected.master).all()
+        assert (made.costs == expected.costs).all()
+        for name, cells in expected.occupied.items():
             assert (made.occupied[name] == cells).all()
 
 
-def test_an_update_computes_only_what_is_near() -> None:
-    things = [thing(n, (n, 1, 0), (n + 0.2, 1.2, 1), "chair") for n in range(5)]
+def test_an_update_computes_only_cells_near_the_change() -> None:
+    entities = [solid(n, (n, 1, 0), (n + 0.2, 1.2, 1), "chair") for n in range(5)]
     wide = Grid((0.0, 0.0), 0.05, (200, 400))
-    made = Costmap(scene(*things), [BASE], wide, inflation=FALL)
-    window = made.update([thing(0, (0.1, 1, 0), (0.3, 1.2, 1), "chair")])
+    made = Costmap(scene(*entities), [BASE], wide, inflation=FALL)
+    window = made.update([solid(0, (0.1, 1, 0), (0.3, 1.2, 1), "chair")])
     assert window is not None
     rows, columns = (s.stop - s.start for s in window)
     assert rows * columns < 40 * 40
-    assert made.update([], [17]) is None, "nobody knows it"
+    assert made.update([], [17]) is None, "unknown entity"
 
 
-def test_floors_that_change_are_computed_anew() -> None:
+def test_a_changed_floor_equals_a_new_costmap() -> None:
     places = (room("low", 0, 0, 3, 4), room("high", 3, 0, 6, 4, 0.3))
     step = sheet(9, [(3, 0, 0.3), (6, 0, 0.3), (6, 4, 0.3), (3, 4, 0.3)], "floor")
-    ball = thing(1, (4, 2, 0.35), (4.4, 2.4, 0.5), "ball")
-    made = Costmap(scene(ball, places=places), [BASE], GRID, inflation=FALL)
+    ball = solid(1, (4, 2, 0.35), (4.4, 2.4, 0.5), "ball")
+    made = Costmap(scene(ball, floors=places), [BASE], GRID, inflation=FALL)
     made.update([step])
-    anew = Costmap(scene(ball, step, places=places), [BASE], GRID, inflation=FALL)
-    assert (made.master == anew.master).all()
+    expected = Costmap(scene(ball, step, floors=places), [BASE], GRID, inflation=FALL)
+    assert (made.master == expected.master).all()
 
 
-def test_the_arm_passes_above_the_table_the_base_below() -> None:
+def test_the_arm_passes_over_a_table_and_the_base_under_it() -> None:
     arm = part("arm", 0.85, 1.05, square(0.2))
-    made = Costmap(scene(*TABLE, places=(HALL,)), [BASE, arm], GRID)
-    single = Costmap(scene(*TABLE, places=(HALL,)), [part("robot", 0.0, 1.05, square(0.25))], GRID)
-    row, column = made.cell(3.0, 2.0)
+    made = Costmap(scene(*TABLE, floors=(HALL,)), [BASE, arm], GRID)
+    single = Costmap(scene(*TABLE, floors=(HALL,)), [part("robot", 0.0, 1.05, square(0.25))], GRID)
+    row, column = made.grid.cell(3.0, 2.0)
     assert made.master[row, column] == 0
     assert single.master[row, column] == 254
-    legs = made.cell(2.02, 1.02)
+    legs = made.grid.cell(2.02, 1.02)
     assert made.master[legs] == 254
 
 
 def test_padding_is_added_before_costs_fall_off() -> None:
-    desk = thing(1, (3, 2, 0), (3.1, 2.1, 0.7), "table", properties={"workplace": "human"})
+    desk = solid(1, (3, 2, 0), (3.1, 2.1, 0.7), "table", properties={"workplace": "human"})
     made = Costmap(scene(desk), [BASE], GRID)
-    plain = Costmap(scene(thing(1, (3, 2, 0), (3.1, 2.1, 0.7), "table")), [BASE], GRID)
-    row, _ = made.cell(3.05, 2.05)
+    plain = Costmap(scene(solid(1, (3, 2, 0), (3.1, 2.1, 0.7), "table")), [BASE], GRID)
+    row, _ = made.grid.cell(3.05, 2.05)
     inscribed = int((made.master[row] == 253).sum()), int((plain.master[row] == 253).sum())
     assert inscribed[0] - inscribed[1] == 4, "0.2 m to either side, in cells of 0.1 m"
 
 
 def test_slabs_are_relative_to_the_floor_of_the_room() -> None:
     places = (room("low", 0, 0, 3, 4), room("high", 3, 0, 6, 4, 1.0))
-    above = thing(1, (4, 2, 1.1), (4.4, 2.4, 1.2), "box")
-    below = thing(2, (4, 1, 0.1), (4.4, 1.4, 0.2), "box")
-    low = thing(3, (1, 1, 0.1), (1.4, 1.4, 0.2), "box")
-    made = Costmap(scene(above, below, low, places=places), [BASE], GRID)
+    above = solid(1, (4, 2, 1.1), (4.4, 2.4, 1.2), "box")
+    below = solid(2, (4, 1, 0.1), (4.4, 1.4, 0.2), "box")
+    low = solid(3, (1, 1, 0.1), (1.4, 1.4, 0.2), "box")
+    made = Costmap(scene(above, below, low, floors=places), [BASE], GRID)
     for x, y, lethal in ((4.2, 2.2, True), (1.2, 1.2, True), (4.2, 1.2, False)):
-        assert (made.master[made.cell(x, y)] == 254) == lethal, "a thing under the floor is none"
+        assert (made.master[made.grid.cell(x, y)] == 254) == lethal, "not under the floor"
 
 
-def test_thresholds_ramps_and_steps() -> None:
+def test_thresholds_and_ramps_are_free_and_steep_slopes_are_not() -> None:
     ground = sheet(1, [(0, 0, 0), (2, 0, 0), (2, 4, 0), (0, 4, 0)], "floor")
     ramp = sheet(2, [(2, 0, 0), (4, 0, 0.16), (4, 4, 0.16), (2, 4, 0)], "floor")
     top = sheet(3, [(4, 0, 0.16), (6, 0, 0.16), (6, 4, 0.16), (4, 4, 0.16)], "floor")
-    sill = thing(4, (1, 0, 0), (1.1, 4, 0.015), "threshold")
-    mug = thing(5, (3, 2, 0.08), (3.1, 2.1, 0.2), "mug")
+    sill = solid(4, (1, 0, 0), (1.1, 4, 0.015), "threshold")
+    mug = solid(5, (3, 2, 0.08), (3.1, 2.1, 0.2), "mug")
     made = Costmap(
-        scene(ground, ramp, top, sill, mug, places=(room("hall", 0, 0, 6, 4),)), [BASE], GRID
+        scene(ground, ramp, top, sill, mug, floors=(room("hall", 0, 0, 6, 4),)), [BASE], GRID
     )
     assert (made.master == 254).sum() in (1, 2, 4), "the mug on the ramp alone"
-    assert made.master[made.cell(3.05, 2.05)] == 254
+    assert made.master[made.grid.cell(3.05, 2.05)] == 254
     steep = Costmap(
-        scene(ground, ramp, top, places=(room("hall", 0, 0, 6, 4),)), [BASE], GRID,
-        gait=Gait(max_slope=math.radians(3)),
-    )  # fmt: skip
+        scene(ground, ramp, top, floors=(room("hall", 0, 0, 6, 4),)),
+        [BASE],
+        GRID,
+        limits=DriveLimits(max_slope=math.radians(3)),
+    )
     assert (steep.master[20, 25:58] == 254).all(), "neither the ramp nor where it leads"
 
 
 def test_blocked_regions_fill_their_whole_area_whatever_their_height() -> None:
-    stairs = Thing(1, "stairs", "region", ("staircase", "region"), outline=shapely.box(2, 1, 4, 3))
-    made = Costmap(scene(stairs, places=(HALL,)), [BASE, ARM], GRID)
+    stairs = SceneEntity(
+        1, "stairs", "region", ("staircase", "region"), footprint=shapely.box(2, 1, 4, 3)
+    )
+    made = Costmap(scene(stairs, floors=(HALL,)), [BASE, ARM], GRID)
     assert made.occupied["blocked_regions"].all(axis=0).sum() == 21 * 21
-    assert made.master[made.cell(3, 2)] == 254
+    assert made.master[made.grid.cell(3, 2)] == 254
 
 
-def test_doors_by_state() -> None:
-    box = thing(1, (2, 1, 0), (2.05, 1.9, 2.1), "door", kind="connector", state="closed")
+def test_a_door_is_an_obstacle_unless_it_is_open() -> None:
+    box = solid(1, (2, 1, 0), (2.05, 1.9, 2.1), "door", kind="connector", state="closed")
     made = Costmap(scene(box), [BASE], GRID)
-    assert made.master[made.cell(2.02, 1.5)] == 254
-    opened = Thing(1, "door", "connector", ("door",), box.triangles, state="open")
+    assert made.master[made.grid.cell(2.02, 1.5)] == 254
+    opened = SceneEntity(1, "door", "connector", ("door",), box.triangles, state="open")
     made.update([opened])
     assert not made.master.any()
 
 
-def test_outside_of_every_room_is_unknown_and_known_beats_it() -> None:
-    wall = thing(1, (3.02, 0, 0), (3.18, 4, 2), "wall")
-    made = Costmap(scene(wall, places=(room("half", 0, 0, 3, 4),)), [BASE], GRID)
-    assert made.master[made.cell(5.0, 2.0)] == 255
-    assert made.master[made.cell(3.1, 2.0)] == 254
-    assert made.master[made.cell(3.35, 2.0)] == 253, "as costmap_2d: inscribed is known"
+def test_cells_outside_of_rooms_are_unknown_unless_an_obstacle_is_there() -> None:
+    wall = solid(1, (3.02, 0, 0), (3.18, 4, 2), "wall")
+    made = Costmap(scene(wall, floors=(room("half", 0, 0, 3, 4),)), [BASE], GRID)
+    assert made.master[made.grid.cell(5.0, 2.0)] == 255
+    assert made.master[made.grid.cell(3.1, 2.0)] == 254
+    assert made.master[made.grid.cell(3.35, 2.0)] == 253, "as costmap_2d: inscribed is known"
     costs = np.array([[[255, 255, 10]], [[255, 3, 254]]], np.uint8)
     assert joined(costs).tolist() == [[255, 3, 254]]
 
 
-def test_why_names_the_entity() -> None:
-    made = Costmap(scene(*TABLE, places=(HALL,)), [BASE, POLE], GRID)
-    blames = made.why(3.0, 2.0)
+def test_explain_names_the_entity() -> None:
+    made = Costmap(scene(*TABLE, floors=(HALL,)), [BASE, POLE], GRID)
+    blames = made.explain(3.0, 2.0)
     assert [(b.part, b.layer, b.entities, b.cost) for b in blames] == [
-        ("pole", "admissible_objects", ("thing1",), 254)
+        ("pole", "admissible_objects", ("solid1",), 254)
     ]
-    base = next(b for b in made.why(2.3, 1.1) if b.part == "base")
-    assert base.entities == ("thing2",)
+    base = next(b for b in made.explain(2.3, 1.1) if b.part == "base")
+    assert base.entities == ("solid2",)
     assert 0 < base.distance < 0.4
-    assert made.why(0.1, 0.1) == []
+    assert made.explain(0.1, 0.1) == []
     with pytest.raises(ValueError, match="not on the grid"):
-        made.why(99, 0)
+        made.explain(99, 0)
 
 
-def test_a_shell_of_a_room_is_hollow_its_pillars_solid() -> None:
-    shell = thing(1, (0.52, 0.52, 0), (5.52, 3.52, 2.5), "hall", kind="room")
+def test_the_shell_of_a_room_is_hollow() -> None:
+    shell = solid(1, (0.52, 0.52, 0), (5.52, 3.52, 2.5), "hall", kind="room")
     made = Costmap(scene(shell), [BASE], GRID)
-    assert made.master[made.cell(3, 2)] == 0
-    assert made.master[made.cell(0.55, 2)] == 254
+    assert made.master[made.grid.cell(3, 2)] == 0
+    assert made.master[made.grid.cell(0.55, 2)] == 254
 
 
-def test_the_section_of_a_laser() -> None:
-    column = thing(1, (2.02, 1.02, 0.3), (2.18, 1.08, 0.7), "column")
-    shelf = thing(2, (4.02, 1.02, 0.6), (4.48, 1.38, 0.7), "shelf")
-    made = Costmap(scene(column, shelf, places=(HALL,)), [BASE], GRID)
+def test_a_section_has_the_cells_at_its_height() -> None:
+    column = solid(1, (2.02, 1.02, 0.3), (2.18, 1.08, 0.7), "column")
+    shelf = solid(2, (4.02, 1.02, 0.6), (4.48, 1.38, 0.7), "shelf")
+    made = Costmap(scene(column, shelf, floors=(HALL,)), [BASE], GRID)
     assert [made.section(z).sum() for z in (0.2, 0.4, 0.65, 0.8)] == [0, 2, 2 + 5 * 4, 0]
 
 
 @pytest.mark.parametrize(
-    ("parts", "says"),
-    [([], "give one or more"), ([part("wheel", 0.0, 0.015, square(0.1))], "nothing but floor")],
+    ("parts", "message"),
+    [([], "give one or more"), ([part("wheel", 0.0, 0.015, square(0.1))], "can meet only floor")],
 )
-def test_robots_that_touch_nothing(parts: list[Part], says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_robots_without_parts_above_a_step_are_refused(parts: list[Part], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         Costmap(scene(), parts, GRID)
 
 
-def test_threads_agree() -> None:
-    things = box_things([(0.3 * k, 0.2 * k, 0.0, 0.9, 0.4, 1.0, k) for k in range(12)])
-    one, two = (Costmap(scene(*things), [BASE, ARM], GRID, threads=n).master for n in (1, 2))
+def test_the_number_of_threads_does_not_change_the_result() -> None:
+    entities = box_objects([(0.3 * k, 0.2 * k, 0.0, 0.9, 0.4, 1.0, k) for k in range(12)])
+    one, two = (Costmap(scene(*entities), [BASE, ARM], GRID, threads=n).master for n in (1, 2))
     assert (one == two).all()

@@ -17,7 +17,7 @@ from semmap.fields.regions import Box, Sphere
 from semmap.fields.representation_map import RepresentationMap
 from semmap.fields.sources import Moving, People, PersonalSpaceSource
 from semmap.fields.vocabulary import read_vocabulary
-from tests.navgrid.scenes import ARM, BASE, room, scene, thing
+from tests.navgrid.scenes import ARM, BASE, room, scene, solid
 
 VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
@@ -35,7 +35,7 @@ HALLS = (room("hall", 0, 0, 3, 4), room("dais", 3, 0, 6, 4, 0.4))
     tall=st.sampled_from([0.0, 0.05, 0.4]),
     seed=st.integers(0, 99),
 )
-def test_cells_by_brute_force(
+def test_layer_cells_equal_brute_force(
     size: float, resolution: float, origin: tuple[float, float], low: float, tall: float, seed: int
 ) -> None:
     """A cell has the largest value of the voxels whose box it overlaps."""
@@ -55,9 +55,11 @@ def test_cells_by_brute_force(
             for c in range(24):
                 x, y = origin[0] + c * resolution, origin[1] + r * resolution
                 if (
-                    x < (voxel[0] + 1) * size - 1e-9 and x + resolution > voxel[0] * size + 1e-9
-                    and y < (voxel[1] + 1) * size - 1e-9 and y + resolution > voxel[1] * size + 1e-9
-                ):  # fmt: skip
+                    x < (voxel[0] + 1) * size - 1e-9
+                    and x + resolution > voxel[0] * size + 1e-9
+                    and y < (voxel[1] + 1) * size - 1e-9
+                    and y + resolution > voxel[1] * size + 1e-9
+                ):
                     want[r, c] = max(want[r, c], value)
     np.testing.assert_array_equal(got, want)
 
@@ -75,8 +77,8 @@ def space(x: float, y: float, vx: float) -> RepresentationMap:
 
 
 def costmap(**fields: RepresentationMap) -> Costmap:
-    things = scene(thing(1, (2, 3, 0), (4, 3.5, 1)), places=HALLS)
-    return Costmap(things, PARTS, GRID, inflation=Inflation(0.4, 3.0), fields=fields)
+    storey = scene(solid(1, (2, 3, 0), (4, 3.5, 1)), floors=HALLS)
+    return Costmap(storey, PARTS, GRID, inflation=Inflation(0.4, 3.0), fields=fields)
 
 
 def same(a: Costmap, b: Costmap) -> None:
@@ -84,29 +86,29 @@ def same(a: Costmap, b: Costmap) -> None:
     np.testing.assert_array_equal(a.master, b.master)
 
 
-def test_people_are_in_the_way_of_parts_at_their_height() -> None:
+def test_people_are_obstacles_for_the_parts_at_their_height() -> None:
     """Only what is within a part's interval above the floor there."""
     bare = costmap()
     low, high = ARM.interval
     raised = costmap(people=person(1.0, 1.0, low + 0.05, high))
-    row, column = raised.cell(1.0, 1.0)
+    row, column = raised.grid.cell(1.0, 1.0)
     assert raised.costs[1, row, column] == 254
     assert raised.costs[0, row, column] == bare.costs[0, row, column]
-    assert [b.layer for b in raised.why(1.0, 1.0)] == ["people"]
-    assert raised.why(1.0, 1.0)[0].entities == ("human1",)
+    assert [b.layer for b in raised.explain(1.0, 1.0)] == ["people"]
+    assert raised.explain(1.0, 1.0)[0].entities == ("human1",)
     # On the dais the same height is lower above the floor.
     there = costmap(people=person(5.0, 1.0, 0.4 + low + 0.05, 0.4 + high))
-    assert there.costs[1, *there.cell(5.0, 1.0)] == 254
+    assert there.costs[1, *there.grid.cell(5.0, 1.0)] == 254
 
 
-def test_social_costs() -> None:
+def test_social_costs_are_higher_ahead_of_a_person() -> None:
     made = costmap(social=space(1.5, 1.5, 0.8))
-    row, column = made.cell(1.5, 1.5)
+    row, column = made.grid.cell(1.5, 1.5)
     assert 200 < made.master[row, column] < 253
     ahead, behind = made.master[row, column + 8], made.master[row, column - 8]
     assert ahead > behind
-    assert made.why(1.5, 1.5)[0].entities == ("human1",)
-    assert made.why(1.5, 1.5)[0].cost == made.master[row, column]
+    assert made.explain(1.5, 1.5)[0].entities == ("human1",)
+    assert made.explain(1.5, 1.5)[0].cost == made.master[row, column]
 
 
 @settings(max_examples=10)
@@ -121,7 +123,7 @@ def test_social_costs() -> None:
         max_size=5,
     )
 )
-def test_laid_on_and_taken_off_as_computed_anew(
+def test_set_field_equals_a_new_costmap(
     steps: list[tuple[str, str, float, float]],
 ) -> None:
     made = costmap()
@@ -131,23 +133,23 @@ def test_laid_on_and_taken_off_as_computed_anew(
             there[name] = person(x, y, 0, 1.7) if name == "people" else space(x, y, 0.5)
         else:
             there.pop(name, None)
-        made.lay(name, there.get(name))
+        made.set_field(name, there.get(name))
         same(made, costmap(**there))
-    made.update([thing(1, (1, 1, 0), (1.5, 1.5, 1))])
+    made.update([solid(1, (1, 1, 0), (1.5, 1.5, 1))])
     moved = costmap(**there)
-    moved.update([thing(1, (1, 1, 0), (1.5, 1.5, 1))])
+    moved.update([solid(1, (1, 1, 0), (1.5, 1.5, 1))])
     same(made, moved)
 
 
-def test_names_that_are_taken() -> None:
-    with pytest.raises(ValueError, match="give it its own"):
+def test_a_field_with_the_name_of_a_layer_is_refused() -> None:
+    with pytest.raises(ValueError, match="another layer has this name"):
         costmap(lethal_obstacles=person(1, 1, 0, 1))
-    with pytest.raises(ValueError, match="give it its own"):
-        costmap().lay("lethal_obstacles", None)
-    assert costmap().lay("nothing", None) is None
+    with pytest.raises(ValueError, match="another layer has this name"):
+        costmap().set_field("lethal_obstacles", None)
+    assert costmap().set_field("nothing", None) is None
 
 
-def test_a_map_that_is_turned() -> None:
+def test_a_turned_map_is_placed_by_its_pose() -> None:
     """A map in a sensor's frame lies where its frame is."""
     pose = np.array([[0, -1, 0, 2.0], [1, 0, 0, 1.0], [0, 0, 1, 0.5], [0, 0, 0, 1]])
     ball = RepresentationMap.of_regions(

@@ -28,7 +28,7 @@ def test_a_grid_around_a_box_covers_it(
 
 
 @pytest.mark.parametrize("resolution", [0, -0.1, math.nan, math.inf])
-def test_a_resolution_that_is_none_is_refused(resolution: float) -> None:
+def test_invalid_resolutions_are_refused(resolution: float) -> None:
     with pytest.raises(ValueError, match="resolution"):
         Grid((0, 0), resolution, (1, 1))
     with pytest.raises(ValueError, match="resolution"):
@@ -36,11 +36,11 @@ def test_a_resolution_that_is_none_is_refused(resolution: float) -> None:
 
 
 @pytest.mark.parametrize("shape", [(0, 1), (1, -1), (2**16, 2**16)])
-def test_a_shape_that_no_memory_holds_is_refused(shape: tuple[int, int]) -> None:
+def test_invalid_shapes_are_refused(shape: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="cells"):
         Grid((0, 0), 0.05, shape)
 
 
-def test_an_origin_nowhere_is_refused() -> None:
+def test_an_origin_that_is_not_finite_is_refused() -> None:
     with pytest.raises(ValueError, match="origin"):
         Grid((math.nan, 0), 0.05, (1, 1))

@@ -21,7 +21,7 @@ any_cells = hnp.arrays(np.int8, shapes, elements=st.integers(-1, 100))
 finite = st.floats(-1e5, 1e5)
 
 
-def test_the_files_are_those_of_map_saver(tmp_path):
+def test_the_files_equal_those_of_map_saver(tmp_path):
     path = write_map(GRID, CELLS, tmp_path / "map")
     assert path == tmp_path / "map.yaml"
     assert path.read_text().splitlines() == [
@@ -56,7 +56,7 @@ def test_scale_and_raw_maps_keep_every_value(tmp_path_factory, cells, mode):
     np.testing.assert_array_equal(back, cells)
 
 
-def test_trinary_calls_unknown_what_lies_between_the_thresholds(tmp_path):
+def test_trinary_writes_values_between_the_thresholds_as_unknown(tmp_path):
     cells = np.array([[-1, 0, 20, 21, 64, 65, 100]], np.int8)
     _, back = read_map(write_map(replace(GRID, shape=(1, 7)), cells, tmp_path / "map"))
     assert back.tolist() == [[-1, 0, 0, -1, -1, 100, 100]]
@@ -136,7 +136,7 @@ def test_sixteen_bit_images_are_read(tmp_path):
     assert cells.tolist() == [[0, 100, -1], [100, 0, 0]]
 
 
-def test_writing_anew_replaces_image_and_description(tmp_path):
+def test_writing_again_replaces_image_and_description(tmp_path):
     write_map(GRID, CELLS, tmp_path / "map")
     larger = replace(GRID, origin=(3.0, 4.0), shape=(4, 6))
     path = write_map(larger, np.zeros((4, 6), np.int8), tmp_path / "map")
@@ -144,7 +144,7 @@ def test_writing_anew_replaces_image_and_description(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_a_write_that_fails_leaves_no_halves(tmp_path):
+def test_a_failed_write_leaves_no_partial_file(tmp_path):
     write_map(GRID, CELLS, tmp_path / "map")
     (tmp_path / "map.pgm").unlink()
     (tmp_path / "map.pgm").mkdir()
@@ -161,7 +161,7 @@ def test_a_write_that_fails_leaves_no_halves(tmp_path):
         ({"resolution": "fine"}, "resolution: is 'fine'"),
         ({"resolution": math.nan}, "resolution: is nan"),
         ({"origin": [0, 0]}, r"origin: is \[0, 0\]"),
-        ({"origin": [0, 0, 0.5]}, r"origin\[2\]: turns the map"),
+        ({"origin": [0, 0, 0.5]}, r"origin\[2\]: is a yaw of"),
         ({"origin": [0, "a", 0]}, r"origin\[1\]: is 'a'"),
         ({"mode": "colour"}, "mode: is 'colour'. Give one of trinary, scale, raw"),
         ({"negate": None}, "negate: is missing"),
@@ -171,10 +171,10 @@ def test_a_write_that_fails_leaves_no_halves(tmp_path):
         ({"free_thresh": "x"}, "free_thresh: is 'x'"),
     ],
 )
-def test_what_a_map_lacks_is_named(tmp_path, change, element):
+def test_invalid_fields_are_refused_by_name(tmp_path, change, element):
     path = write_map(GRID, CELLS, tmp_path / "map")
-    said = yaml.safe_load(path.read_text()) | change
-    path.write_text(yaml.safe_dump({k: v for k, v in said.items() if v is not None}))
+    fields = yaml.safe_load(path.read_text()) | change
+    path.write_text(yaml.safe_dump({k: v for k, v in fields.items() if v is not None}))
     with pytest.raises(MapFileError, match=f"map.yaml: .*{element}"):
         read_map(path)
 
@@ -182,11 +182,13 @@ def test_what_a_map_lacks_is_named(tmp_path, change, element):
 @pytest.mark.parametrize(
     "text", ["a: [", "just words", "\x00", "", "a: &a [*a]", "a: " + "[" * 100, "a: 2024-13-45"]
 )
-def test_a_file_that_is_no_map_is_refused(tmp_path, text):
+def test_a_file_that_is_not_a_map_is_refused(tmp_path, text):
     (tmp_path / "m.yaml").write_text(text)
-    with pytest.raises(MapFileError, match=r"m\.yaml: file: (is no YAML|has no fields|line 1)"):
+    with pytest.raises(
+        MapFileError, match=r"m\.yaml: file: (is not valid YAML|has no fields|line 1)"
+    ):
         read_map(tmp_path / "m.yaml")
-    with pytest.raises(MapFileError, match="is not there"):
+    with pytest.raises(MapFileError, match="does not exist"):
         read_map(tmp_path / "other.yaml")
 
 
@@ -248,7 +250,7 @@ def test_a_truncated_image_is_refused(tmp_path):
         (CELLS, {"mode": "scale", "image_format": "pgm"}, "use png"),
     ],
 )
-def test_what_cannot_be_written_is_said(tmp_path, cells, more, message):
+def test_invalid_cells_are_refused(tmp_path, cells, more, message):
     with pytest.raises(ValueError, match=message):
         write_map(GRID, cells, tmp_path / "map", **more)
     assert list(tmp_path.iterdir()) == []

@@ -10,14 +10,20 @@ import shapely
 
 from navgrid.grid import Grid
 from navgrid.masks import Mask, keepout_mask, speed_mask
-from navgrid.scene import Thing
+from semmap.query.storey_scene import SceneEntity
 
 GRID = Grid((0.0, 0.0), 0.1, (20, 30))
 
 
-def zone(number: int, x0: float, x1: float, *types: str, **properties: Any) -> Thing:
-    return Thing(number, f"zone{number}", "region", (*types, "region"),
-                 outline=shapely.box(x0, 0.52, x1, 1.48), properties=properties)  # fmt: skip
+def zone(number: int, x0: float, x1: float, *types: str, **properties: Any) -> SceneEntity:
+    return SceneEntity(
+        number,
+        f"zone{number}",
+        "region",
+        (*types, "region"),
+        footprint=shapely.box(x0, 0.52, x1, 1.48),
+        properties=properties,
+    )
 
 
 def limit(mask: Mask, row: int, column: int) -> float:
@@ -25,11 +31,15 @@ def limit(mask: Mask, row: int, column: int) -> float:
     return mask.base + mask.multiplier * float(mask.cells[row, column])
 
 
-def test_keepout() -> None:
+def test_blocked_regions_are_100_in_the_keepout_mask() -> None:
     mask = keepout_mask(
-        [zone(1, 0.52, 0.98, "staircase"), zone(2, 2.02, 2.28, blocked=True),
-         zone(3, 1.02, 1.98, "home_region")], GRID,
-    )  # fmt: skip
+        [
+            zone(1, 0.52, 0.98, "staircase"),
+            zone(2, 2.02, 2.28, blocked=True),
+            zone(3, 1.02, 1.98, "home_region"),
+        ],
+        GRID,
+    )
     assert mask is not None
     assert mask.type == 0
     assert set(np.unique(mask.cells)) == {0, 100}
@@ -39,19 +49,22 @@ def test_keepout() -> None:
     assert keepout_mask([zone(3, 0, 1, "home_region")], GRID) is None
 
 
-def test_speed_in_metres_a_second() -> None:
+def test_speed_limits_in_metres_per_second() -> None:
     mask = speed_mask(
-        [zone(1, 0.52, 1.98, "speed_zone", speed_limit=0.8),
-         zone(2, 1.02, 1.48, "speed_zone", speed_limit=0.299)], GRID,
-    )  # fmt: skip
+        [
+            zone(1, 0.52, 1.98, "speed_zone", speed_limit=0.8),
+            zone(2, 1.02, 1.48, "speed_zone", speed_limit=0.299),
+        ],
+        GRID,
+    )
     assert mask is not None
     assert mask.type == 2
     assert limit(mask, 10, 6) == pytest.approx(0.8)
-    assert 0.29 < limit(mask, 10, 12) <= 0.299, "the lowest, never more than it says"
+    assert 0.29 < limit(mask, 10, 12) <= 0.299, "the lowest, rounded down"
     assert mask.cells[10, 25] == 0
 
 
-def test_speed_in_percent() -> None:
+def test_speed_limits_in_percent() -> None:
     mask = speed_mask([zone(1, 0.52, 1.98, "speed_zone", speed_percent=40)], GRID)
     assert mask is not None
     assert mask.type == 1
@@ -60,16 +73,16 @@ def test_speed_in_percent() -> None:
 
 
 @pytest.mark.parametrize(
-    ("zones", "says"),
+    ("zones", "message"),
     [
         ([{}], "give it speed_limit in m/s, or speed_percent"),
-        ([{"speed_limit": 0}], "its speed_limit is no speed: 0"),
-        ([{"speed_limit": "slow"}], "is no speed: 'slow'"),
-        ([{"speed_percent": 120}], "its speed_percent is no speed"),
-        ([{"speed_limit": 1.0}, {"speed_percent": 50}], "some limit in m/s, some in percent"),
+        ([{"speed_limit": 0}], "speed_limit is 0; give a number above 0 in m/s"),
+        ([{"speed_limit": "slow"}], "speed_limit is 'slow'; give a number"),
+        ([{"speed_percent": 120}], "speed_percent is 120; .* percent, at most 100"),
+        ([{"speed_limit": 1.0}, {"speed_percent": 50}], "some limits are in m/s and some"),
     ],
 )
-def test_zones_that_limit_nothing(zones: list[dict[str, Any]], says: str) -> None:
+def test_invalid_speed_zones_are_refused(zones: list[dict[str, Any]], message: str) -> None:
     regions = [zone(n, 0.5, 1.0, "speed_zone", **z) for n, z in enumerate(zones)]
-    with pytest.raises(ValueError, match=says):
+    with pytest.raises(ValueError, match=message):
         speed_mask(regions, GRID)

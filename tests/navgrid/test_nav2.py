@@ -17,37 +17,36 @@ from navgrid.costmap import Costmap
 from navgrid.grid import Grid
 from navgrid.map_file import write_map
 from navgrid.nav2 import as_occupancy, frame_name, write_nav2
-from navgrid.scene import Thing
 from navgrid.static_map import map_layer, resampled
-from tests.navgrid.scenes import ARM, BASE, room, scene, thing
+from semmap.query.storey_scene import SceneEntity
+from tests.navgrid.scenes import ARM, BASE, region, room, scene, solid
 
 GRID = Grid((-1.03, 0.4), 0.05, (60, 90))
 
 
 @pytest.fixture
 def costmap() -> Costmap:
-    things = [
-        thing(1, (0.5, 1, 0.72), (1.5, 1.8, 0.76), "table"),
-        thing(2, (0, 2.5, 0), (3, 2.6, 2), "wall", "building_element"),
-        Thing(3, "stairs", "region", ("staircase", "region"), outline=shapely.box(2, 0.5, 3, 1.2)),
-        Thing(4, "slow", "region", ("speed_zone", "region"), outline=shapely.box(0, 2, 1, 2.4),
-              properties={"speed_limit": 0.5}),
-    ]  # fmt: skip
-    return Costmap(scene(*things, places=(room("hall", -0.5, 0.5, 3, 3.2),)), [BASE, ARM], GRID)
+    entities = [
+        solid(1, (0.5, 1, 0.72), (1.5, 1.8, 0.76), "table"),
+        solid(2, (0, 2.5, 0), (3, 2.6, 2), "wall", "building_element"),
+        region(3, shapely.box(2, 0.5, 3, 1.2), "staircase"),
+        region(4, shapely.box(0, 2, 1, 2.4), "speed_zone", speed_limit=0.5),
+    ]
+    return Costmap(scene(*entities, floors=(room("hall", -0.5, 0.5, 3, 3.2),)), [BASE, ARM], GRID)
 
 
 def map_server(folder: Path, name: str) -> tuple[NDArray[np.int16], dict[str, object]]:
     """A map as `nav_msgs/OccupancyGrid` by map_server's rules (nav2_map_server, map_io.cpp)."""
-    said = yaml.safe_load((folder / name).read_text())
-    pixels = np.asarray(Image.open(folder / said["image"]).convert("L"), float)[::-1]
-    if said["mode"] == "raw":
+    files = yaml.safe_load((folder / name).read_text())
+    pixels = np.asarray(Image.open(folder / files["image"]).convert("L"), float)[::-1]
+    if files["mode"] == "raw":
         raw = pixels.astype(np.int16)
-        return np.where(raw > 100, -1, raw), said
-    shade = pixels / 255 if said["negate"] else (255 - pixels) / 255
+        return np.where(raw > 100, -1, raw), files
+    shade = pixels / 255 if files["negate"] else (255 - pixels) / 255
     found = np.full(shade.shape, -1, np.int16)
-    found[shade > said["occupied_thresh"]] = 100
-    found[shade < said["free_thresh"]] = 0
-    return found, said
+    found[shade > files["occupied_thresh"]] = 100
+    found[shade < files["free_thresh"]] = 0
+    return found, files
 
 
 def static_layer(grid: NDArray[np.int16]) -> NDArray[np.int16]:
@@ -58,13 +57,18 @@ def static_layer(grid: NDArray[np.int16]) -> NDArray[np.int16]:
     return costs
 
 
-def test_each_layer_and_the_master_come_back(costmap: Costmap, tmp_path: Path) -> None:
-    said = write_nav2(costmap, tmp_path)
-    assert set(said["maps"]) == {
-        "master", "base", "arm", "localisation", "keepout_mask", "speed_mask",
+def test_each_layer_and_the_master_are_read_back(costmap: Costmap, tmp_path: Path) -> None:
+    files = write_nav2(costmap, tmp_path)
+    assert set(files["maps"]) == {
+        "master",
+        "base",
+        "arm",
+        "localisation",
+        "keepout_mask",
+        "speed_mask",
         *(f"{p}_{la.name}" for p in ("base", "arm") for la in costmap.policy.layers),
-    }  # fmt: skip
-    for name, file in said["maps"].items():
+    }
+    for name, file in files["maps"].items():
         cells, head = map_server(tmp_path, file)
         assert cells.shape == GRID.shape, name
         assert head["resolution"] == GRID.resolution
@@ -74,10 +78,10 @@ def test_each_layer_and_the_master_come_back(costmap: Costmap, tmp_path: Path) -
             cells, _ = map_server(tmp_path, f"{part.name}_{layer.name}.yaml")
             assert ((cells == 100) == costmap.occupied[layer.name][number]).all()
             assert ((cells == -1) == (costmap.unknown & (cells != 100))).all()
-    assert json.loads((tmp_path / "costmap.json").read_text())["maps"] == said["maps"]
+    assert json.loads((tmp_path / "costmap.json").read_text())["maps"] == files["maps"]
 
 
-def test_a_static_layer_has_the_costs_back(costmap: Costmap, tmp_path: Path) -> None:
+def test_a_static_layer_reads_the_costs_back(costmap: Costmap, tmp_path: Path) -> None:
     write_nav2(costmap, tmp_path)
     for name, costs in (("master", costmap.master), ("base", costmap.costs[0])):
         back = static_layer(map_server(tmp_path, f"{name}.yaml")[0])
@@ -88,7 +92,7 @@ def test_a_static_layer_has_the_costs_back(costmap: Costmap, tmp_path: Path) -> 
         assert (back[costs == 255] == 255).all()
 
 
-def test_every_cost_as_occupancy() -> None:
+def test_each_cost_has_an_occupancy() -> None:
     every = as_occupancy(np.arange(256, dtype=np.uint8)[None])[0]
     assert every[0] == 0
     assert every[255] == -1
@@ -97,11 +101,14 @@ def test_every_cost_as_occupancy() -> None:
     assert (np.diff(every[:254].astype(int)) >= 0).all()
 
 
-def test_what_nav2_has_to_be_told(costmap: Costmap, tmp_path: Path) -> None:
+def test_the_parameters_describe_footprints_maps_and_filters(
+    costmap: Costmap, tmp_path: Path
+) -> None:
     write_nav2(costmap, tmp_path)
     params = yaml.safe_load((tmp_path / "nav2_params.yaml").read_text())
+    footprints = params["robot_footprints"]["ros__parameters"]
     for part in costmap.parts:
-        corners = np.array(ast.literal_eval(params["footprints"][part.name]))
+        corners = np.array(ast.literal_eval(footprints[part.name]))
         np.testing.assert_allclose(corners, part.footprint, atol=1e-3)
     layers = params["global_costmap"]["global_costmap"]["ros__parameters"]
     assert layers["global_frame"] == "map_ground"
@@ -109,33 +116,56 @@ def test_what_nav2_has_to_be_told(costmap: Costmap, tmp_path: Path) -> None:
     assert layers["filters"] == ["keepout_filter", "speed_filter"]
     info = params["speed_filter_info_server"]["ros__parameters"]
     mask, _ = map_server(tmp_path, "speed_mask.yaml")
-    row, column = costmap.cell(0.5, 2.2)
+    row, column = costmap.grid.cell(0.5, 2.2)
     assert info["type"] == 2
     assert info["base"] + info["multiplier"] * mask[row, column] == pytest.approx(0.5)
     keepout, _ = map_server(tmp_path, "keepout_mask.yaml")
-    assert keepout[costmap.cell(2.5, 0.8)] == 100
-    assert keepout[costmap.cell(0.0, 0.8)] == 0
+    assert keepout[costmap.grid.cell(2.5, 0.8)] == 100
+    assert keepout[costmap.grid.cell(0.0, 0.8)] == 0
     for server in ("master_server", "map_server", "keepout_mask_server", "speed_mask_server"):
-        said = params[server]["ros__parameters"]
-        assert (tmp_path / said["yaml_filename"]).is_file()
-        assert said["frame_id"] == "map_ground"
+        files = params[server]["ros__parameters"]
+        assert (tmp_path / files["yaml_filename"]).is_file()
+        assert files["frame_id"] == "map_ground"
 
 
-def test_the_localisation_map_is_what_a_laser_sees(costmap: Costmap, tmp_path: Path) -> None:
+def test_every_parameter_is_below_ros__parameters(costmap: Costmap, tmp_path: Path) -> None:
+    """The parser of rcl refuses a value above it."""
+    write_nav2(costmap, tmp_path)
+    params = yaml.safe_load((tmp_path / "nav2_params.yaml").read_text())
+
+    def check(node: object, path: str) -> None:
+        assert isinstance(node, dict), path
+        for key, value in node.items():
+            if key != "ros__parameters":
+                check(value, f"{path}/{key}")
+
+    check(params, "")
+
+
+def test_objects_without_geometry_are_listed_in_the_files(tmp_path: Path) -> None:
+    bed = SceneEntity(9, "bed1", "object", ("bed",))
+    hall = room("hall", -0.5, 0.5, 3, 3.2)
+    files = write_nav2(Costmap(scene(bed, floors=(hall,)), [BASE], GRID), tmp_path)
+    assert files["no_geometry"] == ["bed1"]
+    for name in ("master.yaml", "nav2_params.yaml"):
+        assert "treated as free floor: bed1" in (tmp_path / name).read_text()
+
+
+def test_the_localisation_map_is_the_section_at_the_laser(costmap: Costmap, tmp_path: Path) -> None:
     write_nav2(costmap, tmp_path, laser_height=0.74)
     table, _ = map_server(tmp_path, "localisation.yaml")
-    assert table[costmap.cell(1.0, 1.02)] == 100
+    assert table[costmap.grid.cell(1.0, 1.02)] == 100
     write_nav2(costmap, tmp_path, laser_height=0.3)
     shin, _ = map_server(tmp_path, "localisation.yaml")
-    assert shin[costmap.cell(1.0, 1.02)] == 0
-    assert shin[costmap.cell(1.0, 2.55)] == 100
+    assert shin[costmap.grid.cell(1.0, 1.02)] == 0
+    assert shin[costmap.grid.cell(1.0, 2.55)] == 100
 
 
 @pytest.mark.parametrize(
     ("storey", "frame"),
     [("floor-1st", "map_floor_1st"), ("1. OG", "map_1_OG"), ("!", "map_storey")],
 )
-def test_a_frame_a_storey(storey: str, frame: str) -> None:
+def test_each_storey_has_a_valid_frame_name(storey: str, frame: str) -> None:
     assert frame_name(storey) == frame
 
 
@@ -149,19 +179,21 @@ def test_a_slam_map_becomes_a_layer(tmp_path: Path) -> None:
     x0, y0, x1, y1 = -1 + 0.7, 0.5 + 0.5, -1 + 1.0, 0.5 + 0.6
     r, c = np.mgrid[: GRID.shape[0], : GRID.shape[1]]
     squares = shapely.box(
-        GRID.origin[0] + c * 0.05, GRID.origin[1] + r * 0.05,
-        GRID.origin[0] + c * 0.05 + 0.05, GRID.origin[1] + r * 0.05 + 0.05,
-    )  # fmt: skip
+        GRID.origin[0] + c * 0.05,
+        GRID.origin[1] + r * 0.05,
+        GRID.origin[0] + c * 0.05 + 0.05,
+        GRID.origin[1] + r * 0.05 + 0.05,
+    )
     wall = shapely.box(x0, y0, x1, y1)
     overlap = shapely.area(shapely.intersection(squares, wall))
     assert (layer == (overlap > 1e-6)).all()
     costmap = Costmap(scene(), [BASE], GRID, static={"slam": layer})
     assert (costmap.master[layer] == 254).all()
-    assert costmap.why(-0.2, 1.05)[0].entities == ("slam",)
-    with pytest.raises(ValueError, match="the grid's shape and its own name"):
+    assert costmap.explain(-0.2, 1.05)[0].entities == ("slam",)
+    with pytest.raises(ValueError, match="give it that of the grid"):
         Costmap(scene(), [BASE], GRID, static={"slam": cells > 0})
 
 
-def test_the_same_grid_comes_back_as_it_is() -> None:
+def test_resampling_to_the_same_grid_changes_no_cell() -> None:
     cells = np.random.default_rng(2).random(GRID.shape) < 0.1
     assert (resampled(GRID, cells, GRID) == cells).all()

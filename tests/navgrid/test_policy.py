@@ -1,4 +1,4 @@
-"""Which entity goes where, as the default says it and as files may."""
+"""The layer of each entity, by the default policy and by files."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 import pytest
 
 from navgrid.policy import Policy, PolicyError
-from navgrid.scene import Thing
+from semmap.query.storey_scene import SceneEntity
 
 
-def layer(kind: Any, *types: str, **said: Any) -> str:
-    return Policy.default().layer_of(Thing(1, "x", kind, (*types, kind), **said))
+def layer(kind: Any, *types: str, **fields: Any) -> str:
+    return Policy.default().layer_of(SceneEntity(1, "x", kind, (*types, kind), **fields))
 
 
 @pytest.mark.parametrize(
-    ("said", "wanted"),
+    ("entity", "expected"),
     [
         (("object", "mug"), "admissible_objects"),
         (("object", "wall", "building_element"), "room_geometry"),
@@ -29,11 +29,11 @@ def layer(kind: Any, *types: str, **said: Any) -> str:
         (("object",), "admissible_objects"),
     ],
 )
-def test_the_default(said: tuple[Any, ...], wanted: str) -> None:
-    assert layer(*said) == wanted
+def test_the_default_policy(entity: tuple[Any, ...], expected: str) -> None:
+    assert layer(*entity) == expected
 
 
-def test_doors_by_state_and_what_people_said() -> None:
+def test_doors_go_by_state_and_objects_by_properties() -> None:
     assert layer("connector", "door", state="open") == "none"
     assert layer("connector", "door", state="closed") == "room_geometry"
     assert layer("connector", "door", state="locked") == "room_geometry"
@@ -45,7 +45,7 @@ def test_doors_by_state_and_what_people_said() -> None:
     assert layer("region", "zone", properties={"blocked": False}) == "none"
 
 
-def test_the_first_rule_that_fits_decides(tmp_path: Path) -> None:
+def test_the_first_rule_that_applies_decides(tmp_path: Path) -> None:
     file = tmp_path / "policy.yaml"
     file.write_text(
         "layers: {near: {padding: 0.1}, far: }\n"
@@ -55,46 +55,52 @@ def test_the_first_rule_that_fits_decides(tmp_path: Path) -> None:
     )
     policy = Policy.read(file)
     assert [(la.name, la.padding) for la in policy.layers] == [("near", 0.1), ("far", 0.0)]
-    asked = [
-        Thing(1, "a", "object", ("cup",), properties={"full": True}),
-        Thing(2, "b", "object", ("cup",)),
-        Thing(3, "c", "object", ("chair",)),
+    entities = [
+        SceneEntity(1, "a", "object", ("cup",), properties={"full": True}),
+        SceneEntity(2, "b", "object", ("cup",)),
+        SceneEntity(3, "c", "object", ("chair",)),
     ]
-    assert [policy.layer_of(t) for t in asked] == ["far", "near", "none"]
+    assert [policy.layer_of(t) for t in entities] == ["far", "near", "none"]
 
 
 @pytest.mark.parametrize(
-    ("said", "says"),
+    ("text", "message"),
     [
-        ("layers: [", "is not valid YAML"),
-        ("- a", "the file: give key: value"),
-        ("layers: {a: }\nrules: {}", "rules as a list"),
-        ("layers: {}\nrules: []", "needs layers"),
-        ("layers: {a: }\nrules: []\nrule: 1", "knows no rule"),
-        ("layers: {a: {padding: -1}}\nrules: []", "0 or more metres"),
-        ("layers: {a: {padding: .nan}}\nrules: []", "0 or more metres"),
-        ("layers: {a: {padding: wide}}\nrules: []", "padding is metres"),
-        ("layers: {floor: }\nrules: []", "a name but none and floor"),
-        ("layers: {a: }\nrules: [{layer: b}]", "rule 1: its layer is one of a, floor, none"),
-        ("layers: {a: }\nrules: [{layer: [a]}]", "rule 1: its layer is one of a, floor, none"),
-        ("layers: {a: }\nrules: [{layer: {a: b}}]", "rule 1: its layer is one of a, floor, none"),
-        ("layers: {a: }\nrules: [{layer: a, kind: [room]}]", "its kind is one of room"),
-        ("layers: {a: }\nrules: [{layer: a, state: [open]}]", "open, closed or locked"),
-        ("layers: {a: }\nrules: [{layer: a, kind: thing}]", "its kind is one of room"),
-        ("layers: {a: }\nrules: [{layer: a, state: ajar}]", "open, closed or locked"),
-        ("layers: {a: }\nrules: [{layer: a, type: 3}]", "a name or a list of names"),
-        ("layers: {a: }\nrules: [{layer: a, typ: x}]", "rule 1: knows no typ"),
+        ("layers: [", "YAML"),
+        ("- a", r"document: is \['a'\]; give key: value"),
+        ("layers: {a: }\nrules: {}", "rules: is {}; give a list"),
+        ("layers: {}\nrules: []", "layers: is empty; give one or more"),
+        ("layers: {a: }\nrules: []\nrule: 1", "unknown key rule; give some of layers, rules"),
+        ("layers: {a: {padding: -1}}\nrules: []", "give 0 or more metres"),
+        ("layers: {a: {padding: .nan}}\nrules: []", "give 0 or more metres"),
+        ("layers: {a: {padding: wide}}\nrules: []", "padding is 'wide'"),
+        ("layers: {floor: }\nrules: []", "layer floor: this name is reserved"),
+        ("layers: {a: }\nrules: [{layer: b}]", "rule 1: layer is 'b'; give one of a, floor, none"),
+        ("layers: {a: }\nrules: [{layer: [a]}]", r"layer is \['a'\]; give one of a, floor, none"),
+        ("layers: {a: }\nrules: [{layer: {a: b}}]", "give one of a, floor, none"),
+        ("layers: {a: }\nrules: [{layer: a, kind: [room]}]", "give one of room"),
+        ("layers: {a: }\nrules: [{layer: a, state: [open]}]", "give one of open, closed, locked"),
+        ("layers: {a: }\nrules: [{layer: a, kind: thing}]", "kind is 'thing'; give one of room"),
+        (
+            "layers: {a: }\nrules: [{layer: a, state: ajar}]",
+            "state is 'ajar'; give one of open, closed, locked",
+        ),
+        (
+            "layers: {a: }\nrules: [{layer: a, type: 3}]",
+            "type is 3; give a name or a list of names",
+        ),
+        ("layers: {a: }\nrules: [{layer: a, typ: x}]", "rule 1: unknown key typ; give some of"),
         ("layers: {a: }\nrules: [{layer: a, properties: x}]", "rule 1, properties"),
     ],
 )
-def test_files_that_are_no_policy(tmp_path: Path, said: str, says: str) -> None:
+def test_invalid_policies_are_refused(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "mine.yaml"
-    file.write_text(said)
-    with pytest.raises(PolicyError, match=says) as caught:
+    file.write_text(text)
+    with pytest.raises(PolicyError, match=message) as caught:
         Policy.read(file)
     assert "mine.yaml" in str(caught.value)
 
 
-def test_no_file(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="cannot be read"):
         Policy.read(tmp_path / "none.yaml")

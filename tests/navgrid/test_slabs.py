@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy, occupancy_solids, slices
+from navgrid.slabs import occupancy, occupancy_solids, slices
 from semmap.geometry.mesh import box_mesh, join
 from tests.navgrid.rational import occupied
 
@@ -30,9 +30,7 @@ beside = st.tuples(quarters, st.sampled_from([-1, 1])).map(
 )
 within = st.floats(-1, 3).filter(lambda v: v == 0 or abs(v) >= 1e-60)
 coordinate = st.one_of(quarters, beside, within)
-triangles = st.lists(
-    st.tuples(coordinate, coordinate, coordinate), min_size=3, max_size=3
-)  # fmt: skip
+triangles = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=3, max_size=3)
 intervals = st.tuples(quarters, st.sampled_from([0.0, 0.25, 0.5, 3.0])).map(
     lambda p: (p[0], p[0] + p[1])
 )
@@ -50,7 +48,7 @@ def cells_of(triangle: Any, interval: tuple[float, float], grid: Grid) -> NDArra
 @example([(0, 0.25, 1), (1.25, 1.5, 1), (1.25, 0.25, 1)], (1, 2))  # a diagonal through corners
 @example([(-9, -9, 0), (9, -9, 0), (0, 30, 3)], (0.25, 0.5))  # larger than the grid
 @example([(0, 0, 0), (0, 0, 0.25), (0, 0.25, -1e-60)], (0, 0))  # just short of a border
-def test_a_triangle_as_in_exact_arithmetic(
+def test_a_triangle_agrees_with_exact_arithmetic(
     triangle: list[tuple[float, float, float]], interval: tuple[float, float]
 ) -> None:
     np.testing.assert_array_equal(
@@ -65,11 +63,12 @@ tenths = st.integers(0, 12).map(lambda k: k * 0.05)
 @given(
     st.lists(
         st.tuples(tenths.map(lambda v: v + 0.1), tenths.map(lambda v: v - 0.3), tenths),
-        min_size=3, max_size=3,
+        min_size=3,
+        max_size=3,
     ),
     st.tuples(tenths, tenths).map(sorted),
-)  # fmt: skip
-def test_on_borders_that_are_rounded(
+)
+def test_triangles_on_rounded_borders_agree_with_exact_arithmetic(
     triangle: list[tuple[float, float, float]], interval: list[float]
 ) -> None:
     ends = (interval[0], interval[1])
@@ -93,7 +92,7 @@ def close_to_borders(draw: st.DrawFn) -> tuple[float, float, float]:
 )
 @example([(0.0, 0.5, 1), (0.25 - 1e-7, 1.0, 1), (0.25 - 1e-7, 0.6, 1)], (0.25, 3.0))
 @example([(0.0, 0.75 - 1e-7, 1), (1.0, 0.75 + 1e-7, 1), (0.5, 1.5, 1)], (0.25, 3.0))
-def test_beside_borders_closer_than_single_precision_tells(
+def test_borders_are_decided_beyond_single_precision(
     triangle: list[tuple[float, float, float]], interval: tuple[float, float]
 ) -> None:
     np.testing.assert_array_equal(
@@ -101,7 +100,7 @@ def test_beside_borders_closer_than_single_precision_tells(
     )
 
 
-def test_a_grid_wider_than_shorts_count() -> None:
+def test_a_grid_may_be_wider_than_16_bit_numbers() -> None:
     random = np.random.default_rng(4)
     long = Grid((-1000.0, 0.0), 0.25, (6, 40_000))
     for _ in range(50):
@@ -112,7 +111,7 @@ def test_a_grid_wider_than_shorts_count() -> None:
         assert cells.sum() == window.sum()
 
 
-def test_a_border_is_where_it_is_written() -> None:
+def test_a_border_is_the_rounded_product() -> None:
     """390 * 0.05 is 19.5, though 0.05 is a little more than a twentieth."""
     assert Fraction(0.05) * 390 > Fraction("19.5")
     grid = Grid((0.0, 0.0), 0.05, (2, 400))
@@ -130,7 +129,7 @@ def clipped(triangle: NDArray[np.float64], low: float, high: float) -> shapely.G
     return shapely.MultiPoint(points).convex_hull if points else shapely.Point()
 
 
-def test_thousands_of_triangles_by_shapely() -> None:
+def test_thousands_of_triangles_agree_with_shapely() -> None:
     random = np.random.default_rng(11)
     grid = Grid((-1.0, -1.0), 0.1, (30, 30))
     r, c = np.mgrid[:30, :30]
@@ -162,7 +161,7 @@ WIDE = Grid((-1.0, -1.0), 0.05, (80, 81))
 MANY = [(0.1 * k, 0.1 * k + 0.07 * (k % 5)) for k in range(-8, 40)]
 
 
-def test_many_intervals_in_one_pass_are_single_runs() -> None:
+def test_many_intervals_in_one_pass_equal_single_passes() -> None:
     mesh = soup(2000, 1)
     together = occupancy(mesh, MANY, WIDE)
     for interval, layer in zip(MANY, together, strict=True):
@@ -170,7 +169,7 @@ def test_many_intervals_in_one_pass_are_single_runs() -> None:
 
 
 @pytest.mark.parametrize("fill", [False, True])
-def test_threads_and_orders_agree(fill: bool) -> None:
+def test_threads_and_order_do_not_change_the_result(fill: bool) -> None:
     vertices, faces = soup(30_000, 2)
     solid = np.arange(len(faces)) % 400
     order = np.random.default_rng(3).permutation(len(faces))
@@ -182,7 +181,7 @@ def test_threads_and_orders_agree(fill: bool) -> None:
     np.testing.assert_array_equal(got, wanted)
 
 
-def test_a_slab_holds_its_slices() -> None:
+def test_a_slab_contains_its_slices() -> None:
     mesh = soup(3000, 4)
     for low, high in [(0.0, 0.5), (-1.0, 2.0), (0.3, 0.3)]:
         (slab,) = occupancy(mesh, [(low, high)], WIDE)
@@ -191,7 +190,7 @@ def test_a_slab_holds_its_slices() -> None:
         assert slab.sum() >= planes.any(axis=0).sum()
 
 
-def test_the_lowest_solid_of_a_cell() -> None:
+def test_occupancy_solids_has_the_lowest_solid_of_a_cell() -> None:
     vertices, faces = soup(3000, 5)
     solid = np.random.default_rng(6).integers(0, 50, len(faces))
     found = occupancy_solids((vertices, faces), [(0.0, 0.6)], WIDE, solid=solid)[0]
@@ -206,10 +205,13 @@ ball = trimesh.creation.icosphere(subdivisions=3, radius=0.7)
 ring = trimesh.creation.torus(0.8, 0.25)
 
 
-@pytest.mark.parametrize("body", [ball, ring, ring.slice_plane([0, 0, 0.05], [0, 0, 1], cap=True)],
-                         ids=["ball", "torus", "half a torus"])  # fmt: skip
+@pytest.mark.parametrize(
+    "body",
+    [ball, ring, ring.slice_plane([0, 0, 0.05], [0, 0, 1], cap=True)],
+    ids=["ball", "torus", "half a torus"],
+)
 @pytest.mark.parametrize("flip", [False, True])
-def test_the_inside_of_closed_meshes_as_trimesh_sees_it(body: Any, flip: bool) -> None:
+def test_the_inside_of_closed_meshes_agrees_with_trimesh(body: Any, flip: bool) -> None:
     """Columns of points through each cell's middle: occupied if one in the slab is inside."""
     faces = np.asarray(body.faces)[:, ::-1] if flip else np.asarray(body.faces)
     grid = Grid((-1.3, -1.3), 0.1, (26, 26))
@@ -224,7 +226,7 @@ def test_the_inside_of_closed_meshes_as_trimesh_sees_it(body: Any, flip: bool) -
     assert inside.sum() > 20
 
 
-def test_solids_in_solids_and_open_ones() -> None:
+def test_nested_and_open_solids_are_filled_correctly() -> None:
     grid = Grid((0, 0), 0.1, (20, 20))
     outer, inner = (
         box_mesh((0.22, 0.22, 0), (1.78, 1.78, 1)),
@@ -239,8 +241,13 @@ def test_solids_in_solids_and_open_ones() -> None:
         (both.vertices, both.faces), [(0.2, 0.4)], grid, solid=np.repeat([0, 1], 12), fill=True
     )[0]
     assert two[10, 10], "two solids"
-    some = occupancy((both.vertices, both.faces), [(0.2, 0.4)], grid,
-                     solid=np.repeat([0, 1], 12), fill=np.array([False, True]))[0]  # fmt: skip
+    some = occupancy(
+        (both.vertices, both.faces),
+        [(0.2, 0.4)],
+        grid,
+        solid=np.repeat([0, 1], 12),
+        fill=np.array([False, True]),
+    )[0]
     assert some[10, 10]
     assert not some[4, 4], "only the inner one is filled"
     cut = occupancy((outer.vertices, outer.faces[1:]), [(0.2, 0.4)], grid, fill=True)[0]
@@ -249,11 +256,18 @@ def test_solids_in_solids_and_open_ones() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.lists(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12,
-                                   max_value=1e12)] * 3), min_size=3, max_size=12),
-    st.floats(-1e9, 1e9), st.floats(0, 1e9), st.booleans(),
-)  # fmt: skip
-def test_far_and_huge_never_crash(
+    st.lists(
+        st.tuples(
+            *[st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)] * 3
+        ),
+        min_size=3,
+        max_size=12,
+    ),
+    st.floats(-1e9, 1e9),
+    st.floats(0, 1e9),
+    st.booleans(),
+)
+def test_far_and_huge_meshes_do_not_crash(
     corners: list[tuple[float, float, float]], low: float, thick: float, fill: bool
 ) -> None:
     vertices = np.array(corners[: len(corners) // 3 * 3])
@@ -263,16 +277,21 @@ def test_far_and_huge_never_crash(
 
 
 @pytest.mark.parametrize(
-    ("ends", "says"),
-    [([(1, 0)], "upside down"), ([(0, np.nan)], "give ends"), ([(0, np.inf)], "give ends"),
-     ([3], "give a pair"), ([(1e31, 1e32)], "give ends")],
-)  # fmt: skip
-def test_intervals_that_are_none(ends: Any, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+    ("ends", "message"),
+    [
+        ([(1, 0)], "upside down"),
+        ([(0, np.nan)], "give ends"),
+        ([(0, np.inf)], "give ends"),
+        ([3], "give a pair"),
+        ([(1e31, 1e32)], "give ends"),
+    ],
+)
+def test_invalid_intervals_are_refused(ends: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         occupancy((np.zeros((3, 3)), [[0, 1, 2]]), ends, GRID)
 
 
-def test_coordinates_beyond_reason_are_refused() -> None:
+def test_coordinates_that_are_not_finite_or_too_large_are_refused() -> None:
     for value in (np.nan, np.inf, 1e31):
         for axis in range(3):
             vertices = np.zeros((3, 3))

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.scene import Place
-from navgrid.terrain import Gait, drivable, levels
+from navgrid.terrain import DriveLimits, drivable, floor_levels
 from semmap.geometry.mesh import box_mesh
+from semmap.query.storey_scene import FloorArea
 
 GRID = Grid((0.0, 0.0), 0.1, (20, 60))
-HALL = Place("hall", shapely.box(0, 0, 6, 2), 0.0)
+HALL = FloorArea("hall", shapely.box(0, 0, 6, 2), 0.0)
 
 
 def fan(*corners: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -32,7 +32,7 @@ def plate(x0: float, x1: float, z0: float, z1: float) -> NDArray[np.float64]:
 
 def driven(parts: list[NDArray[np.float64]], **gait: float) -> list[bool]:
     """Of each part, whether all of its faces are driven on; none are in part."""
-    found = drivable(np.concatenate(parts), [0.0], Gait(**gait))
+    found = drivable(np.concatenate(parts), [0.0], DriveLimits(**gait))
     ends = np.cumsum([len(p) for p in parts])
     each = np.split(found, ends[:-1])
     assert all(e.all() or not e.any() for e in each)
@@ -52,18 +52,27 @@ def driven(parts: list[NDArray[np.float64]], **gait: float) -> list[bool]:
         ([plate(2, 4, 0.03, 0.03)], {}, [False]),
         ([plate(0, 2, 0, 0), plate(2, 3, 0.015, 0.015), plate(3, 4, 0.03, 0.03)], {}, [True] * 3),
     ],
-    ids=["ground", "a step too high", "a step", "a ramp", "too steep", "down", "a gap", "apart",
-         "stairs"],
-)  # fmt: skip
-def test_what_hangs_together_with_the_floor(
+    ids=[
+        "ground",
+        "a step too high",
+        "a step",
+        "a ramp",
+        "too steep",
+        "down",
+        "a gap",
+        "apart",
+        "stairs",
+    ],
+)
+def test_faces_connected_to_the_floor_are_drivable(
     parts: list[NDArray[np.float64]], gait: dict[str, float], wanted: list[bool]
 ) -> None:
     assert driven(parts, **gait) == wanted
 
 
-def test_walls_are_no_floor_however_low() -> None:
+def test_walls_are_not_drivable() -> None:
     box = box_mesh((1, 0, 0), (2, 1, 0.5)).triangles
-    assert drivable(box, [0.0], Gait()).sum() == 2  # its bottom alone
+    assert drivable(box, [0.0], DriveLimits()).sum() == 2  # its bottom alone
 
 
 @settings(max_examples=80, deadline=None)
@@ -71,7 +80,7 @@ def test_walls_are_no_floor_however_low() -> None:
     st.lists(st.tuples(st.floats(0.2, 1), st.floats(-0.06, 0.06)), min_size=1, max_size=8),
     st.sampled_from([0.0, 0.01, 0.02, 0.05]),
 )
-def test_a_row_of_plates_as_walked_one_by_one(
+def test_a_row_of_plates_agrees_with_a_walk_over_it(
     row: list[tuple[float, float]], max_step: float
 ) -> None:
     """Brute force: from the first plate on, each is reached if the step to the last is not high."""
@@ -89,7 +98,7 @@ def test_a_row_of_plates_as_walked_one_by_one(
     if any(near):
         return
     # What lies within a step of the floor is ground, and leads back to plates before it.
-    found = drivable(np.concatenate(parts), [0.0], Gait(max_step=max_step))
+    found = drivable(np.concatenate(parts), [0.0], DriveLimits(max_step=max_step))
     got = found.reshape(-1, 2).all(axis=1).tolist()
     for k in range(len(wanted) - 2, -1, -1):
         step = abs(row[k][1])
@@ -97,11 +106,11 @@ def test_a_row_of_plates_as_walked_one_by_one(
     assert got == wanted
 
 
-def test_levels_of_rooms_and_ramps() -> None:
-    low = Place("low", shapely.box(0, 0, 2, 2), 0.0)
-    high = Place("high", shapely.box(4, 0, 6, 2), 0.2)
+def test_floor_levels_follow_rooms_and_ramps() -> None:
+    low = FloorArea("low", shapely.box(0, 0, 2, 2), 0.0)
+    high = FloorArea("high", shapely.box(4, 0, 6, 2), 0.2)
     ramp = plate(2, 4, 0.0, 0.2)
-    found = levels([low, high], ramp, 0.0, Gait(max_step=0.04), GRID)
+    found = floor_levels([low, high], ramp, 0.0, DriveLimits(max_step=0.04), GRID)
     floor = np.full(GRID.shape, np.nan)
     for level in found:
         floor[level.cells] = np.fmax(floor[level.cells], level.floor)
@@ -111,11 +120,13 @@ def test_levels_of_rooms_and_ramps() -> None:
     assert (floor[10, 22:39] >= (x - 2) * 0.1 - 1e-9).all(), "never below the ramp"
     assert (floor[10, 22:39] <= (x - 2) * 0.1 + 0.0101).all(), "by a quarter of a step above"
     flat = [lev for lev in found if lev.floor == 0.0]
-    assert not flat[0].cells[10, 22:39].any(), "under the ramp is no floor"
+    assert not flat[0].cells[10, 22:39].any(), "no floor under the ramp"
 
 
-def test_levels_cover_every_cell() -> None:
-    found = levels([HALL], np.empty((0, 3, 3)), 0.5, Gait(), Grid((-1, -1), 0.1, (40, 80)))
+def test_floor_levels_cover_every_cell_once() -> None:
+    found = floor_levels(
+        [HALL], np.empty((0, 3, 3)), 0.5, DriveLimits(), Grid((-1, -1), 0.1, (40, 80))
+    )
     assert [lev.floor for lev in found] == [0.0, 0.5]
     assert (found[0].cells ^ found[1].cells).all()
 
@@ -123,6 +134,6 @@ def test_levels_cover_every_cell() -> None:
 @pytest.mark.parametrize(
     "gait", [{"max_step": -0.1}, {"max_step": math.nan}, {"max_slope": 2.0}, {"max_slope": -0.1}]
 )
-def test_gaits_that_nobody_has(gait: dict[str, Any]) -> None:
+def test_invalid_limits_are_refused(gait: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="less than a right angle"):
-        Gait(**gait)
+        DriveLimits(**gait)

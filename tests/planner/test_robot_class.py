@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sqlalchemy import text
 
-from navgrid.terrain import Gait
+from navgrid.terrain import DriveLimits
 from planner.readers.robot_class import read_robot_class, store_robot_class
 from planner.readers.topology import read_topology
 from planner.robot_class import RobotClass
@@ -36,7 +36,7 @@ robots = st.builds(
     RobotClass,
     st.just("tester"),
     shapes,
-    st.builds(Gait, st.sampled_from([0.02, 0.1]), st.sampled_from([0.1, 0.3])),
+    st.builds(DriveLimits, st.sampled_from([0.02, 0.1]), st.sampled_from([0.1, 0.3])),
     behaviours=st.sampled_from([None, frozenset({"pass_door"})]),
     permissions=words,
     opens=st.booleans(),

@@ -14,14 +14,13 @@ from scipy.sparse.csgraph import dijkstra
 
 from navgrid.area import area_cells
 from navgrid.inflation import INSCRIBED
-from navgrid.scene import Place as Floor
-from navgrid.scene import Scene, Thing
 from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import SNAP, StoreyCostmaps
 from planner.topology import Place, PlaceConnector, PlaceRegion, Topology
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
+from semmap.query.storey_scene import FloorArea, SceneEntity, StoreyScene
 from semmap.robot import Part
 
 OUTLINE = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
@@ -32,7 +31,7 @@ STEPS = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if math.gcd(a, b) ==
 
 def box(number, x, y, half, kind="object", name=None, high=1.0):
     mesh = box_mesh((x - half, y - half, 0.02), (x + half, y + half, high))
-    return Thing(number, name or f"box{number}", kind, (kind,), mesh.triangles)
+    return SceneEntity(number, name or f"box{number}", kind, (kind,), mesh.triangles)
 
 
 def rooms():
@@ -59,12 +58,12 @@ def rooms():
 
 def scene(things=()):
     floors = (
-        Floor("left", shapely.box(0, 0, 3, 3), 0.0),
-        Floor("right", shapely.box(3.2, 0, 6, 3), 0.0),
-        Floor("door", shapely.box(2.3, 1.0, 3.9, 2.0), 0.0),
-        Floor("hatch", shapely.box(0.0, 2.5, 1.0, 3.5), 0.0),
+        FloorArea("left", shapely.box(0, 0, 3, 3), 0.0),
+        FloorArea("right", shapely.box(3.2, 0, 6, 3), 0.0),
+        FloorArea("door", shapely.box(2.3, 1.0, 3.9, 2.0), 0.0),
+        FloorArea("hatch", shapely.box(0.0, 2.5, 1.0, 3.5), 0.0),
     )
-    return Scene("ground", 0.0, tuple(things), floors, (-0.5, 3.0))
+    return StoreyScene("ground", 0.0, tuple(things), floors, (-0.5, 3.0))
 
 
 def ground(things=(), topology=None):
@@ -212,12 +211,12 @@ def test_changed_things_change_what_they_touch(said, then, data):
 def test_a_region_blocks_and_leaves():
     made, free = ground(), ground().costs("left")
     made.room("left"), made.room("right")
-    wet = Thing(
+    wet = SceneEntity(
         20,
         "wet",
         "region",
         ("region",),
-        outline=shapely.box(1, 1, 2, 2),
+        footprint=shapely.box(1, 1, 2, 2),
         properties={"blocked": True},
     )
     assert "left" in made.update({20}, (), {"ground": [wet]})

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from sqlalchemy import Engine
 
 from navgrid.costmap import Costmap
-from navgrid.costmap_command import grid_of
+from navgrid.grid import scene_grid
 from navgrid.nav2 import write_nav2
-from navgrid.scene import Scene
-from navgrid.source import read_scene, read_storey_names
 from semmap.ingest.importer import import_file
+from semmap.query.storey_reader import read_scene, read_storey_names
+from semmap.query.storey_scene import StoreyScene
 from semmap.robot import load_robot, robot_parts
 from tests.robot.robots import real_robot
 
@@ -27,13 +27,13 @@ def costmap_of(engine: Engine, storey: str | None, robot: str) -> Costmap:
     with engine.connect() as connection:
         scene = read_scene(connection, storey or read_storey_names(connection)[0])
     parts = robot_parts(load_robot(real_robot(robot)), {})
-    return Costmap(scene, parts, grid_of(scene, 0.05))
+    return Costmap(scene, parts, scene_grid(scene, 0.05))
 
 
-def touched(scene: Scene, square: shapely.Polygon, low: float, high: float) -> bool:
+def touched(scene: StoreyScene, square: shapely.Polygon, low: float, high: float) -> bool:
     """Whether a thing's triangles between two heights meet a square: trimesh cuts, shapely asks."""
     x0, y0, x1, y1 = square.bounds
-    for thing in scene.things:
+    for thing in scene.entities:
         t = thing.triangles
         if thing.kind != "object" or not len(t):
             continue
@@ -87,7 +87,7 @@ def filled(made: Costmap, number: int, r: int, c: int) -> bool:
     x = made.grid.origin[0] + (c + 0.5) * made.grid.resolution
     y = made.grid.origin[1] + (r + 0.5) * made.grid.resolution
     point = shapely.Point(x, y)
-    for thing in made.scene.things:
+    for thing in made.scene.entities:
         if thing.kind != "object" or thing.bounds is None:
             continue
         if shapely.box(*thing.bounds).contains(point):
@@ -111,8 +111,8 @@ def test_tiago_in_the_small_house(module_engine: Engine, worlds: Path, tmp_path:
     row, column = np.argwhere(made.master == 254)[0]
     x = made.grid.origin[0] + (column + 0.5) * 0.05
     y = made.grid.origin[1] + (row + 0.5) * 0.05
-    assert made.why(x, y)[0].cost == 254
-    assert made.why(x, y)[0].entities
+    assert made.explain(x, y)[0].cost == 254
+    assert made.explain(x, y)[0].entities
 
 
 @pytest.mark.parametrize("level", ["L1", "L2", "L3"])

@@ -66,7 +66,7 @@ def test_a_class_is_added_listed_replaced_and_forgotten(robots, office_engine):
         (("--reach", "0.9,0.3"), "porter: reach is 0.9 to 0.3 m; give the lower end first"),
         (("--heights", "-1,1"), "porter: heights is -1.0 to 1.0 m"),
         (("--reach", "far"), "MIN,MAX"),
-        (("--max-step", -1), "a step of -1.0 m .*: give 0 m or more"),
+        (("--max-step", -1), "a step of -1.0 m .*; give a step of 0 m or more"),
         (("--max-step", 5), "its part base ends at 0.330 m, below a step of 5 m; give a lower"),
         (("--max-slope", 90), "less than a right angle"),
     ],

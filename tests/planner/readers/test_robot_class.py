@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import text
 
-from navgrid.terrain import Gait
+from navgrid.terrain import DriveLimits
 from planner.duration import Durations
 from planner.measured_travel import MeasuredTravel
 from planner.readers.robot_class import (
@@ -31,7 +31,7 @@ classes = st.builds(
     RobotClass,
     name=st.just("tester"),
     parts=st.sampled_from([(), (BASE,), (BASE, MAST)]),
-    drive_limits=st.builds(Gait, st.floats(0, 0.3), st.floats(0, 1)),
+    drive_limits=st.builds(DriveLimits, st.floats(0, 0.3), st.floats(0, 1)),
     speed=lengths,
     behaviours=st.one_of(st.none(), words),
     permissions=words,
@@ -66,7 +66,7 @@ def test_what_is_read_is_what_was_kept(connection, robot, took):
     [
         ({"speed": 0.4}, True),
         ({"parts": (BASE,)}, True),
-        ({"drive_limits": Gait(0.1, 0.2)}, True),
+        ({"drive_limits": DriveLimits(0.1, 0.2)}, True),
         ({"opens": False}, False),
         ({"capacity": 3}, False),
         ({}, False),

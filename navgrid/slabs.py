@@ -1,8 +1,8 @@
-"""Which cells of a grid a mesh occupies, without sampling (Deeken et al., section 4.2).
+"""The cells of a grid that a mesh occupies, without sampling (Deeken et al., section 4.2).
 
-A cell is occupied where its half-open square meets the projection of what of a triangle lies within
-a closed interval of heights. The answer is that of exact arithmetic on the numbers given, of which
-none but 0 is within 1e-60 of 0.
+A triangle is clipped to a closed interval of heights and projected to the ground; it occupies the
+cells whose half-open square meets the projection. The result is that of exact arithmetic on the
+given numbers, if none of them but 0 is within 1e-60 of 0.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from navgrid.grid import Grid
 __all__ = ["closed_solids", "occupancy", "occupancy_solids", "slices"]
 
 LARGEST = 2**34
-"""Cells of all layers beyond which an answer is refused."""
+"""The most cells of a result, over all layers."""
 
 FARTHEST = 1e30
-"""Metres beyond which coordinates are refused."""
+"""The largest coordinate, metres."""
 
-_FEW_FACES = 20_000  # for which a second thread does not pay
+_FEW_FACES = 20_000  # per thread: with fewer, a second thread takes longer
 
 
 def occupancy(
@@ -38,30 +38,39 @@ def occupancy(
     fill: bool | ArrayLike | None = None,
     threads: int | None = None,
 ) -> NDArray[np.bool_]:
-    """The cells that a mesh occupies in intervals of height, all in one pass.
+    """Return the cells that a mesh occupies in intervals of height, in one pass.
 
     Parameters
     ----------
-    mesh : vertices (V, 3) float64 in metres, faces (F, 3) integer
-    intervals : closed [a, b], metres, in any order; they may overlap
-    grid : where to draw
-    solid : (F,) integer, the number of the solid that each face belongs to; by default all are one
-    fill
-        Whether the inside of solids is occupied, too, where it shows neither in the interval nor in
-        its ends: True for all solids, or (S,) bool by number of solid. Only a solid whose surface
-        is closed has an inside; the rest stay hollow (`closed_solids` tells which). A room's shell
+    mesh : (vertices, faces)
+        (V, 3) float64 in metres, (F, 3) integers.
+    intervals : iterable of (low, high), metres
+        Closed, in any order; they may overlap.
+    grid : Grid
+    solid : (F,) integers, optional
+        The number of the solid to which each face belongs; by default all belong to one.
+    fill : bool or (S,) bool, optional
+        Occupy the inside of solids, too: of all, or by number of the solid. Only a solid with a
+        closed surface has an inside (see `closed_solids`); others stay hollow. The shell of a room
         encloses air: do not fill it.
-    threads : by default as many as there are processors, one for small meshes
+    threads : int, optional
+        By default one a processor, and 1 for small meshes.
 
     Returns
     -------
-    (len(intervals), rows, columns) bool; the same for any number of threads and order of faces
+    (len(intervals), rows, columns) bool
+        The same for any number of threads and any order of faces.
 
     Raises
     ------
     ValueError
-        Arrays of another shape, numbers that are not finite, faces that name no vertex, intervals
-        upside down, an answer of more than `LARGEST` cells.
+        An array has a wrong shape, a number is not finite, a face has an unknown vertex, an
+        interval is upside down, or the result has more than `LARGEST` cells.
+
+    See Also
+    --------
+    slices : planes instead of intervals
+    occupancy_solids : the number of the solid in each cell
 
     Examples
     --------
@@ -72,9 +81,9 @@ def occupancy(
 
     Notes
     -----
-    With fill, a cell that the surface does not meet is decided by the winding number of the solid's
-    section at z = a, at the cell. It suffices: a column that no surface meets between a and b is
-    inside throughout or nowhere.
+    With fill, the winding number of the solid's section at the lower end of the interval decides
+    about a cell that the surface does not meet. This suffices: a column that no surface meets
+    within the interval is inside as a whole or not at all.
     """
     vertices, faces = _checked_mesh(mesh)
     ends = _checked_intervals(intervals)
@@ -103,13 +112,14 @@ def occupancy_solids(
     fill: bool | ArrayLike | None = None,
     threads: int | None = None,
 ) -> NDArray[np.int32]:
-    """Which solid occupies a cell, the one of the lowest number where there are several.
+    """Return the number of the solid that occupies each cell, the lowest of several.
 
-    Parameters are those of `occupancy`.
+    Parameters are as for `occupancy`.
 
     Returns
     -------
-    (len(intervals), rows, columns) int32, -1 where none does
+    (len(intervals), rows, columns) int32
+        -1 for cells without a solid.
     """
     vertices, faces = _checked_mesh(mesh)
     ends = _checked_intervals(intervals)
@@ -135,13 +145,20 @@ def closed_solids(
     solid: ArrayLike | None = None,
     threads: int | None = None,
 ) -> NDArray[np.bool_]:
-    """Which solids have a closed surface: each edge is met as often in one direction as the other.
+    """Return which solids have a closed surface.
 
-    Vertices of equal coordinates are one, so that faces need not share numbers.
+    A surface is closed if its faces have each edge as often in one direction as in the other.
+    Vertices with equal coordinates count as one.
+
+    Parameters
+    ----------
+    mesh, solid, threads
+        As for `occupancy`.
 
     Returns
     -------
-    (S,) bool, where S is one more than the highest number in `solid`
+    (S,) bool
+        S is the highest number in `solid` plus 1.
 
     Examples
     --------
@@ -165,15 +182,16 @@ def slices(
     *,
     threads: int | None = None,
 ) -> NDArray[np.bool_]:
-    """The cells that the sections of a mesh with level planes meet.
+    """Return the cells that the sections of a mesh with level planes meet.
 
-    A plane is the interval [h, h]: a face that lies in it is met as a whole.
+    A plane is the interval [h, h]: a face that lies in it is occupied as a whole.
 
     Parameters
     ----------
-    mesh : vertices (V, 3) float64 in metres, faces (F, 3) integer
-    heights : z of the planes, metres
-    grid : where to draw
+    mesh, grid, threads
+        As for `occupancy`.
+    heights : sequence of float
+        The z of the planes, metres.
 
     Returns
     -------
@@ -182,26 +200,26 @@ def slices(
     Raises
     ------
     ValueError
-        As `occupancy` does.
+        As for `occupancy`.
     """
     planes = [float(h) for h in heights]
     if not np.isfinite(planes).all():
-        raise ValueError(f"heights are finite, not {planes}")
+        raise ValueError(f"heights are {planes}; give finite numbers")
     return occupancy(mesh, [(h, h) for h in planes], grid, threads=threads)
 
 
 def _checked_mesh(
     mesh: tuple[ArrayLike, ArrayLike],
 ) -> tuple[NDArray[np.float64], NDArray[np.int32] | NDArray[np.int64]]:
-    """The arrays as C++ takes them, which checks the numbers on its way through them."""
+    """Contiguous arrays for the native module, which checks their numbers."""
     vertices = np.ascontiguousarray(mesh[0], dtype=np.float64)
     faces: NDArray[Any] = np.asarray(mesh[1])
     if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise ValueError(f"vertices have the shape (V, 3), not {vertices.shape}")
+        raise ValueError(f"vertices have the shape {vertices.shape}; give (V, 3)")
     if faces.ndim != 2 or faces.shape[1] != 3:
-        raise ValueError(f"faces have the shape (F, 3), not {faces.shape}")
+        raise ValueError(f"faces have the shape {faces.shape}; give (F, 3)")
     if faces.size and faces.dtype.kind not in "iu":
-        raise ValueError(f"faces are integers, not {faces.dtype}")
+        raise ValueError(f"faces are {faces.dtype}; give integers")
     if faces.dtype == np.int32:
         return vertices, np.ascontiguousarray(faces)
     return vertices, np.ascontiguousarray(faces, dtype=np.int64)
@@ -242,14 +260,14 @@ def _checked_solid(
         return None, 1
     numbers = np.asarray(solid)
     if numbers.shape != (face_count,):
-        raise ValueError(f"solid has the shape ({face_count},), one a face, not {numbers.shape}")
+        raise ValueError(f"solid has the shape {numbers.shape}; give ({face_count},), one per face")
     if numbers.size == 0:
         return np.zeros(0, np.int32), 1
     if numbers.dtype.kind not in "iu":
-        raise ValueError(f"solid holds integers, not {numbers.dtype}")
+        raise ValueError(f"solid is {numbers.dtype}; give integers")
     highest = int(numbers.max())
     if numbers.min() < 0 or highest > 2**31 - 2:
-        raise ValueError(f"solid holds 0 to {2**31 - 2}, not {numbers.min()} to {highest}")
+        raise ValueError(f"solid is {numbers.min()} to {highest}; give 0 to {2**31 - 2}")
     return np.ascontiguousarray(numbers, dtype=np.int32), highest + 1
 
 
@@ -261,10 +279,12 @@ def _checked_fill(
     filled = np.asarray(fill)
     if filled.ndim != 1 or filled.dtype != np.bool_:
         raise ValueError(
-            f"fill is a bool, or one a solid: not {filled.dtype} of shape {filled.shape}"
+            f"fill is {filled.dtype} of shape {filled.shape}; give a bool, or one per solid"
         )
     if len(filled) < solid_count:
-        raise ValueError(f"fill knows {len(filled)} solids, but there are {solid_count}")
+        raise ValueError(
+            f"fill has {len(filled)} values for {solid_count} solids; give one per solid"
+        )
     return bool(filled.any()), np.ascontiguousarray(filled)
 
 
@@ -279,9 +299,11 @@ class _Frame(NamedTuple):
 def _frame(grid: Grid) -> _Frame:
     x, y = grid.origin
     if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST):
-        raise ValueError(f"the grid's origin {grid.origin} is not within {FARTHEST:g} m")
+        raise ValueError(f"the grid's origin is {grid.origin}; give one within {FARTHEST:g} m")
     if not 1 / FARTHEST <= grid.resolution <= FARTHEST:
-        raise ValueError(f"a resolution of {grid.resolution} m is not one of a grid")
+        raise ValueError(
+            f"the grid's resolution is {grid.resolution} m; give {1 / FARTHEST:g} to {FARTHEST:g} m"
+        )
     return _Frame(float(x), float(y), float(grid.resolution), *map(int, grid.shape))
 
 
@@ -291,5 +313,5 @@ def _threads(threads: int | None, face_count: int) -> int:
             return 1
         return min(len(os.sched_getaffinity(0)), math.ceil(face_count / _FEW_FACES), 16)
     if threads < 1 or threads > 256:
-        raise ValueError(f"threads are 1 to 256, not {threads}")
+        raise ValueError(f"threads is {threads}; give 1 to 256")
     return int(threads)

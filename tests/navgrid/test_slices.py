@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from navgrid.grid import Grid
-from navgrid.occupancy import occupancy, slices
+from navgrid.slabs import occupancy, slices
 from semmap.geometry.mesh import Mesh, box_mesh
 
 GRID = Grid((-1.0, -0.5), 0.25, (16, 20))
@@ -38,10 +38,12 @@ def section(triangle: NDArray[np.float64], height: float) -> shapely.Geometry:
 def squares() -> list[list[shapely.Polygon]]:
     r, (x, y) = GRID.resolution, GRID.origin
     return [
-        [shapely.box(x + c * r, y + i * r, x + (c + 1) * r, y + (i + 1) * r)
-         for c in range(GRID.shape[1])]
+        [
+            shapely.box(x + c * r, y + i * r, x + (c + 1) * r, y + (i + 1) * r)
+            for c in range(GRID.shape[1])
+        ]
         for i in range(GRID.shape[0])
-    ]  # fmt: skip
+    ]
 
 
 SQUARES = squares()
@@ -93,7 +95,7 @@ def test_the_order_of_triangles_does_not_matter() -> None:
 
 
 @pytest.mark.parametrize(
-    ("vertices", "faces", "heights", "says"),
+    ("vertices", "faces", "heights", "message"),
     [
         (np.zeros((3, 2)), [[0, 1, 2]], [0], "vertices"),
         (np.zeros((3, 3)), [[0, 1]], [0], "faces"),
@@ -104,13 +106,13 @@ def test_the_order_of_triangles_does_not_matter() -> None:
     ],
 )
 def test_bad_input_is_refused(
-    vertices: NDArray[np.float64], faces: list[list[int]], heights: list[float], says: str
+    vertices: NDArray[np.float64], faces: list[list[int]], heights: list[float], message: str
 ) -> None:
-    with pytest.raises(ValueError, match=says):
+    with pytest.raises(ValueError, match=message):
         slices((vertices, faces), heights, GRID)
 
 
-def test_far_and_empty_meshes_are_no_trouble() -> None:
+def test_far_and_empty_meshes_have_empty_slices() -> None:
     far = Mesh(np.array([[1e7, 0, 0], [1e7, 1e7, 1], [-1e7, 0, 1.0]]), np.array([[0, 1, 2]]))
     assert slices((far.vertices, far.faces), [0.5], GRID).shape == (1, *GRID.shape)
     assert not slices((np.zeros((0, 3)), np.zeros((0, 3), int)), [0.5], GRID).any()

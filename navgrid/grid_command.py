@@ -1,0 +1,82 @@
+"""`semmap grid`: one occupancy grid per storey as files for Nav2, with a floor plan.
+
+The command loads its modules when it runs, so that its help is quick.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from navgrid.options import MaxSlope, MaxStep, Moment, PolicyFile, moment_of
+from semmap import cli
+
+__all__ = ["grid_command"]
+
+
+def grid_command(
+    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the maps.")],
+    map_name: cli.MapName = None,
+    storey: Annotated[str | None, typer.Option(help="Only this storey.")] = None,
+    interval: Annotated[
+        tuple[float, float], typer.Option(help="Lowest and highest end above the floor, metres.")
+    ] = (0.05, 1.8),
+    increment: Annotated[
+        float | None, typer.Option(help="Cut by planes so many metres apart; by default exact.")
+    ] = None,
+    resolution: Annotated[float, typer.Option(help="Side of a cell, metres.")] = 0.05,
+    free_outside: Annotated[
+        bool, typer.Option("--free-outside", help="Free, not unknown, outside of rooms.")
+    ] = False,
+    policy: PolicyFile = None,
+    max_step: MaxStep = 0.02,
+    max_slope: MaxSlope = 6.0,
+    at: Moment = None,
+    picture: Annotated[bool, typer.Option(help="Draw each grid as plan.png, too.")] = True,
+    json_: cli.Json = False,
+) -> None:
+    """Write the obstacles of each storey as a Nav2 map (map.yaml, map.pgm)."""
+    from navgrid.grid_output import write_grid
+    from navgrid.map_file import file_name
+    from navgrid.occupancy_grid import storey_grid
+    from navgrid.policy import Policy
+    from navgrid.terrain import DriveLimits
+    from semmap.query.geometry_notes import geometry_notes
+    from semmap.query.storey_reader import read_storeys
+
+    rules = None if policy is None else Policy.read(policy)
+    limits = DriveLimits(max_step, math.radians(max_slope))
+    with cli.open_map(map_name) as connection:
+        scenes = read_storeys(connection, storey, moment=moment_of(at))
+    there = [scene for scene in scenes if scene.entities or scene.floors] or scenes
+    grids = [
+        storey_grid(
+            scene,
+            interval,
+            resolution,
+            increment=increment,
+            free_outside=free_outside,
+            policy=rules,
+            limits=limits,
+        )
+        for scene in there
+    ]
+    written = []
+    for made in grids:
+        place = folder if len(grids) == 1 else folder / file_name(made.scene.storey)
+        written.append(write_grid(made, place, interval, picture=picture))
+    if json_:
+        print(json.dumps(written))
+        return
+    for made, row in zip(grids, written, strict=True):
+        cli.out.print(
+            f"{row['storey']}: {row['map']}, {row['width']} x {row['height']} cells of "
+            f"{row['resolution']:g} m: {row['occupied']} occupied, {row['free']} free, "
+            f"{row['unknown']} unknown"
+        )
+        for note in geometry_notes(made.scene.entities):
+            cli.out.print(f"{row['storey']}: {note}", style="yellow")

@@ -1,0 +1,60 @@
+"""The occupancy grid of a storey as files for Nav2, with a floor plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from navgrid.map_file import write_map
+from navgrid.occupancy_grid import StoreyGrid
+from semmap.draw.view import OccupancyView, StoreyView, storey_view
+from semmap.query.geometry_notes import geometry_lists, geometry_notes
+
+__all__ = ["with_grid", "write_grid"]
+
+
+def write_grid(
+    made: StoreyGrid, folder: Path, interval: tuple[float, float], *, picture: bool = True
+) -> dict[str, Any]:
+    """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` into a folder; return a description of them.
+
+    Parameters
+    ----------
+    made : StoreyGrid
+    folder : Path
+    interval : (low, high)
+        For the description, metres above the floor.
+    picture : bool
+        Draw the plan.
+    """
+    notes = geometry_notes(made.scene.entities)
+    path = write_map(made.grid, made.cells, folder / "map", comments=notes)
+    rows, columns = made.grid.shape
+    found: dict[str, Any] = {
+        "storey": made.scene.storey,
+        "map": str(path),
+        "image": str(path.with_suffix(".pgm")),
+        "elevation": made.scene.elevation,
+        "interval": list(interval),
+        "resolution": made.grid.resolution,
+        "origin": list(made.grid.origin),
+        "width": columns,
+        "height": rows,
+    }
+    for name, value in (("occupied", 100), ("free", 0), ("unknown", -1)):
+        found[name] = int(np.count_nonzero(made.cells == value))
+    found |= geometry_lists(made.scene.entities)
+    if picture:
+        from semmap.draw.floor_plan import floor_plan  # loads matplotlib
+
+        found["picture"] = str(floor_plan(with_grid(made), folder / "plan.png"))
+    return found
+
+
+def with_grid(made: StoreyGrid) -> StoreyView:
+    """Return the storey with its grid, for a floor plan."""
+    grid = OccupancyView(made.grid.origin, made.grid.resolution, made.cells)
+    return replace(storey_view(made.scene), occupancy=grid)

@@ -1,0 +1,207 @@
+"""The cells that entities occupy, by layer and by interval of heights above the floor.
+
+Both the occupancy grid of a storey and the costmap of a robot are made from these cells, so that
+the two agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navgrid.area import area_cells
+from navgrid.grid import Grid
+from navgrid.layer_members import LayerChange, LayerMembers
+from navgrid.slabs import occupancy
+from navgrid.terrain import FloorLevel, floor_levels
+from navgrid.window import Window, whole
+from semmap.query.storey_scene import SceneEntity
+
+__all__ = ["Interval", "ObstacleLayers"]
+
+Interval = tuple[float, float]
+"""Closed, metres above the floor."""
+
+
+class ObstacleLayers:
+    """The occupied cells of each layer on a grid.
+
+    Heights are measured from the floor of each cell: that of the room or ramp it lies in.
+
+    Parameters
+    ----------
+    members : LayerMembers
+    grid : Grid
+    threads : int, optional
+        By default one a processor.
+
+    Attributes
+    ----------
+    unknown : (rows, columns) bool
+        The cells outside of every room and doorway.
+    levels : list of FloorLevel
+    """
+
+    def __init__(self, members: LayerMembers, grid: Grid, *, threads: int | None = None) -> None:
+        self.members = members
+        self.grid = grid
+        self._threads = threads
+        self.unknown: NDArray[np.bool_] = np.zeros(grid.shape, np.bool_)
+        self.levels: list[FloorLevel] = []
+        self._find_floor()
+
+    def _find_floor(self) -> None:
+        scene = self.members.scene
+        if scene.floors:
+            known = np.zeros(self.grid.shape, np.bool_)
+            for area in scene.floors:
+                known |= area_cells(area.outline, self.grid)
+            self.unknown = ~known
+        self.levels = floor_levels(
+            scene.floors, self.members.ramps, scene.elevation, self.members.limits, self.grid
+        )
+
+    def cells(
+        self, layer: str, intervals: Sequence[Interval], window: Window | None = None
+    ) -> NDArray[np.bool_]:
+        """Return the cells of a window that a layer occupies, by interval.
+
+        Parameters
+        ----------
+        layer : str
+        intervals : sequence of (low, high), metres above the floor
+        window : optional
+            By default the whole grid.
+
+        Returns
+        -------
+        (len(intervals), rows, columns) bool
+            An area is occupied in every interval: that of a region on the layer.
+        """
+        members = self.members.layers[layer]
+        chosen = members.values() if window is None else self._near(members.values(), window)
+        return self._cells(chosen, intervals, window or whole(self.grid))
+
+    def areas(self, layer: str) -> NDArray[np.bool_]:
+        """Return the (rows, columns) bool cells of a layer's regions, occupied at any height."""
+        return self._areas(self.members.layers[layer].values(), whole(self.grid))
+
+    def solids(self, intervals: Sequence[Interval], *, fill: bool = True) -> NDArray[np.bool_]:
+        """Return the cells that the meshes of all layers occupy; areas of regions do not count.
+
+        Parameters
+        ----------
+        intervals : sequence of (low, high), metres above the floor
+            (h, h) is the plane at h.
+        fill : bool
+            Count the inside of closed meshes.
+
+        Returns
+        -------
+        (len(intervals), rows, columns) bool
+        """
+        solids = _solids(self.members.obstacles())
+        return self._slabs(solids, intervals, whole(self.grid), fill=fill)
+
+    def occupants(
+        self, layer: str, interval: Interval, cells: NDArray[np.int64]
+    ) -> list[tuple[SceneEntity, int]]:
+        """Return the entities of a layer that occupy some of the given cells, and how many.
+
+        Parameters
+        ----------
+        layer : str
+        interval : (low, high), metres above the floor
+        cells : (n, 2) rows and columns
+        """
+        (r0, c0), (r1, c1) = cells.min(axis=0), cells.max(axis=0)
+        window = (slice(int(r0), int(r1) + 1), slice(int(c0), int(c1) + 1))
+        at = tuple((cells - (r0, c0)).T)
+        counts = [
+            (entity, int(self._cells([entity], [interval], window)[0][at].sum()))
+            for entity in self._near(self.members.layers[layer].values(), window)
+        ]
+        return [(entity, count) for entity, count in counts if count]
+
+    def update(self, entities: Iterable[SceneEntity], gone: Iterable[int] = ()) -> LayerChange:
+        """Replace or add entities and remove those that are gone; return what this changed."""
+        change = self.members.update(entities, gone)
+        if change.floors:
+            self.members.sort()
+            self._find_floor()
+        return change
+
+    def _near(self, entities: Iterable[SceneEntity], window: Window) -> list[SceneEntity]:
+        """Those of the entities that may meet cells of a window."""
+        rows, columns = window
+        x0, y0, x1, y1 = (
+            origin + at * self.grid.resolution
+            for origin, at in (
+                (self.grid.origin[0], columns.start - 1),
+                (self.grid.origin[1], rows.start - 1),
+                (self.grid.origin[0], columns.stop + 1),
+                (self.grid.origin[1], rows.stop + 1),
+            )
+        )
+        return [
+            entity
+            for entity in entities
+            if (b := entity.bounds) is not None
+            if b[0] <= x1 and x0 <= b[2] and b[1] <= y1 and y0 <= b[3]
+        ]
+
+    def _cells(
+        self, entities: Collection[SceneEntity], intervals: Sequence[Interval], window: Window
+    ) -> NDArray[np.bool_]:
+        found = self._slabs(_solids(entities), intervals, window)
+        found |= self._areas(entities, window)
+        return found
+
+    def _areas(self, entities: Iterable[SceneEntity], window: Window) -> NDArray[np.bool_]:
+        found = np.zeros(self.unknown[window].shape, np.bool_)
+        for entity in entities:
+            if entity.kind == "region" and entity.footprint is not None:
+                found |= area_cells(entity.footprint, self.grid)[window]
+        return found
+
+    def _slabs(
+        self,
+        solids: Sequence[SceneEntity],
+        intervals: Sequence[Interval],
+        window: Window,
+        *,
+        fill: bool = True,
+    ) -> NDArray[np.bool_]:
+        """(intervals, rows, columns): where solids are in intervals above each cell's floor."""
+        found = np.zeros((len(intervals), *self.unknown[window].shape), np.bool_)
+        floors = [level for level in self.levels if level.cells[window].any()]
+        if not solids or not floors:
+            return found
+        triangles = np.concatenate([entity.triangles for entity in solids])
+        counts = [len(entity.triangles) for entity in solids]
+        layers = occupancy(
+            (
+                triangles.reshape(-1, 3),
+                np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3),
+            ),
+            [
+                (level.floor + low, level.floor + high)
+                for level in floors
+                for low, high in intervals
+            ],
+            self.grid,
+            solid=np.repeat(np.arange(len(solids), dtype=np.int32), counts),
+            # The shell of a room encloses air.
+            fill=np.array([fill and entity.kind != "room" for entity in solids]),
+            threads=self._threads,
+        )
+        for number, level in enumerate(floors):
+            here = layers[number * len(intervals) : (number + 1) * len(intervals), *window]
+            found |= here & level.cells[window]
+        return found
+
+
+def _solids(entities: Iterable[SceneEntity]) -> list[SceneEntity]:
+    return [e for e in entities if e.kind != "region" and len(e.triangles)]

@@ -1,0 +1,163 @@
+"""The occupancy grid of a storey for an interval of heights (Deeken et al., section 4.2).
+
+It has the obstacles of the layered costmap (`navgrid.costmap`), for one interval instead of the
+parts of a robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navgrid.grid import MARGIN, Grid
+from navgrid.layer_members import LayerMembers
+from navgrid.obstacle_layers import ObstacleLayers
+from navgrid.policy import Policy
+from navgrid.terrain import DriveLimits
+from semmap.query.storey_scene import Bounds, SceneEntity, StoreyScene
+
+__all__ = ["StoreyGrid", "plane_heights", "storey_grid"]
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+
+_PLANES_AT_ONCE = 8
+
+
+@dataclass(frozen=True, eq=False)
+class StoreyGrid:
+    """The occupancy grid of a storey.
+
+    Attributes
+    ----------
+    scene : StoreyScene
+    grid : Grid
+    cells : (rows, columns) int8
+        Row 0 is the lowest y: 0 free, 100 occupied, -1 unknown.
+    """
+
+    scene: StoreyScene
+    grid: Grid
+    cells: NDArray[np.int8]
+
+
+def plane_heights(interval: tuple[float, float], increment: float) -> list[float]:
+    """Return the heights from the lower to the upper end of an interval, at most `increment` apart.
+
+    Raises
+    ------
+    ValueError
+        The interval is upside down, or the increment is not above 0.
+
+    Examples
+    --------
+    >>> plane_heights((0.0, 0.25), 0.1)
+    [0.0, 0.1, 0.2, 0.25]
+    """
+    low, high = interval
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise ValueError(f"interval {low} to {high} m is upside down: give its lower end first")
+    if not (math.isfinite(increment) and increment > 0):
+        raise ValueError(f"increment is {increment} m; give one above zero")
+    count = math.floor((high - low) / increment + 1e-9)
+    planes = [low + i * increment for i in range(count + 1)]
+    return planes if math.isclose(planes[-1], high, abs_tol=1e-9) else [*planes, high]
+
+
+def storey_grid(
+    scene: StoreyScene,
+    interval: tuple[float, float] = (0.05, 1.8),
+    resolution: float = 0.05,
+    *,
+    increment: float | None = None,
+    free_outside: bool = False,
+    policy: Policy | None = None,
+    limits: DriveLimits | None = None,
+    grid: Grid | None = None,
+) -> StoreyGrid:
+    """Return the occupancy grid of a storey.
+
+    Parameters
+    ----------
+    scene : StoreyScene
+    interval : (low, high)
+        Closed, metres above the floor of the room that a cell lies in.
+    resolution : float
+        The side of a cell, metres.
+    increment : float, optional
+        Cut the meshes by planes so many metres apart, as in the paper, which misses what lies
+        between two planes. By default the interval is exact, and the inside of closed meshes is
+        occupied, too.
+    free_outside : bool
+        Make cells outside of rooms and doorways free. By default they are unknown, in maps that
+        have rooms.
+    policy : Policy, optional
+        Which entity is an obstacle; by default that of ``navgrid/policy.yaml``.
+    limits : DriveLimits, optional
+        The steps and slopes of floors that are not obstacles.
+    grid : Grid, optional
+        By default it covers the rooms and the obstacles, with a margin of `navgrid.grid.MARGIN`.
+
+    Raises
+    ------
+    ValueError
+        The storey has neither rooms nor obstacles, or the interval contains the floor.
+
+    Examples
+    --------
+    >>> from semmap.geometry.mesh import box_mesh
+    >>> shelf = box_mesh((0.5, 0.5, 0.4), (1.5, 0.8, 0.42)).triangles
+    >>> scene = StoreyScene("ground", 0.0, (SceneEntity(1, "shelf1", "object", triangles=shelf),))
+    >>> (storey_grid(scene, resolution=0.1).cells == 100).sum()
+    np.int64(44)
+    """
+    planes = plane_heights(interval, increment or interval[1] - interval[0] or 1.0)
+    if interval[0] <= 0 <= interval[1]:
+        raise ValueError(
+            f"interval {interval[0]:g} to {interval[1]:g} m contains the floor, which would be "
+            "occupied as a whole; begin above it, for example at 0.05 m"
+        )
+    members = LayerMembers(scene, policy or Policy.default(), limits or DriveLimits())
+    grid = grid or _grid_around(members, interval, resolution)
+    layers = ObstacleLayers(members, grid)
+    occupied = np.zeros(grid.shape, np.bool_)
+    for layer in members.layers:
+        occupied |= layers.cells(layer, [interval])[0] if increment is None else layers.areas(layer)
+    if increment is not None:
+        for i in range(0, len(planes), _PLANES_AT_ONCE):
+            heights = planes[i : i + _PLANES_AT_ONCE]
+            occupied |= layers.solids([(h, h) for h in heights], fill=False).any(axis=0)
+    cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
+    if not free_outside:
+        cells[~occupied & layers.unknown] = UNKNOWN
+    return StoreyGrid(scene, grid, cells)
+
+
+def _grid_around(members: LayerMembers, interval: tuple[float, float], resolution: float) -> Grid:
+    """The grid around the rooms, the regions that are obstacles, and what is in the interval."""
+    low, high = members.floors[0] + interval[0], members.floors[-1] + interval[1]
+    rectangles = [e.bounds for e in members.scene.entities if e.kind == "room"]
+    rectangles += [e.bounds for e in members.obstacles() if _reaches(e, low, high)]
+    corners = _known(rectangles)
+    if not corners:
+        raise ValueError(
+            f"storey {members.scene.storey} has neither rooms nor obstacles; import walls, "
+            "furniture or rooms"
+        )
+    first, last = np.min(corners, axis=0)[:2] - MARGIN, np.max(corners, axis=0)[2:] + MARGIN
+    return Grid.around(
+        (float(first[0]), float(first[1])), (float(last[0]), float(last[1])), resolution
+    )
+
+
+def _known(rectangles: Sequence[Bounds | None]) -> list[Bounds]:
+    return [rectangle for rectangle in rectangles if rectangle is not None]
+
+
+def _reaches(entity: SceneEntity, low: float, high: float) -> bool:
+    if entity.kind == "region" or entity.heights is None:
+        return entity.kind == "region"
+    return entity.heights[0] <= high and entity.heights[1] >= low

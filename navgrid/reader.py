@@ -1,0 +1,105 @@
+"""Costmaps of the storeys of a map in the database."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+from sqlalchemy import Connection
+
+from navgrid.costmap import Costmap, Inflation
+from navgrid.grid import MARGIN, scene_grid
+from navgrid.policy import Policy
+from navgrid.static_map import map_layer
+from navgrid.terrain import DriveLimits
+from semmap.query.storey_reader import read_scene, read_storey_names
+from semmap.query.storey_scene import Bounds
+from semmap.robot import Part
+
+__all__ = ["read_costmaps"]
+
+
+def read_costmaps(
+    connection: Connection,
+    parts: Sequence[Part],
+    *,
+    storey: str | None = None,
+    rooms: Sequence[str] | None = None,
+    bounds: Bounds | None = None,
+    resolution: float = 0.05,
+    policy: Policy | None = None,
+    inflation: Inflation | None = None,
+    limits: DriveLimits | None = None,
+    static_map: Path | None = None,
+    moment: datetime | None = None,
+) -> list[Costmap]:
+    """Return the costmaps of a robot, one per storey of the current map, the lowest first.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+    parts : sequence of Part
+    storey : str, optional
+        Only this storey.
+    rooms : sequence of str, optional
+        Only these rooms and their doorways.
+    bounds : (x0, y0, x1, y1), optional
+        Only this rectangle, metres.
+    resolution : float, metres
+    policy, inflation, limits
+        As for `Costmap`.
+    static_map : Path, optional
+        The YAML file of a map, such as one from SLAM, for a further layer ``static_map``.
+    moment : datetime, optional
+        Leave out regions that do not hold then.
+
+    Raises
+    ------
+    LookupError
+        There is no such storey or room, or nothing stands there.
+    """
+    policy, inflation = policy or Policy.default(), inflation or Inflation()
+    # A part of a storey has the costs of the whole: what is within reach of it is read, too.
+    reach = (
+        max(part.radius for part in parts)
+        + inflation.inflation_radius
+        + max(layer.padding for layer in policy.layers)
+    )
+    is_part = rooms is not None or bounds is not None
+    names = read_storey_names(connection)
+    costmaps = []
+    for name in names if storey is None else [storey]:
+        try:
+            scene = read_scene(
+                connection,
+                name,
+                bounds=bounds,
+                rooms=rooms,
+                margin=reach,
+                moment=moment,
+            )
+        except LookupError:
+            if rooms is None or storey is not None or len(names) == 1:
+                raise
+            continue  # these rooms are on another storey
+        if not scene.entities and not scene.floors:
+            continue
+        grid = scene_grid(scene, resolution, bounds, reach if is_part else MARGIN)
+        static = {} if static_map is None else {"static_map": map_layer(static_map, grid)}
+        costmaps.append(
+            Costmap(
+                scene,
+                parts,
+                grid,
+                policy=policy,
+                inflation=inflation,
+                limits=limits,
+                static=static,
+            )
+        )
+    if not costmaps:
+        raise LookupError(
+            "there is nothing to make a costmap of; name a storey, rooms or a box of the map"
+        )
+    return costmaps

@@ -1,0 +1,562 @@
+"""Read the contents of storeys from the database: the one reader for pictures, grids and fields.
+
+A storey contains what reaches into its heights, whichever storey its holder is on: a shelf that
+stands on the ground floor and passes through the ceiling is an obstacle on the floor above. A map
+without storeys is read as one storey that has the map's name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from sqlalchemy import Connection, text
+
+from semmap.geometry.floor_level import floor_level
+from semmap.geometry.mesh import box_mesh
+from semmap.geometry.pose import Pose
+from semmap.query.maps import current_name
+from semmap.query.meshes import models_triangles
+from semmap.query.storey_scene import (
+    NO_TRIANGLES,
+    Bounds,
+    EntityKind,
+    FloorArea,
+    SceneEntity,
+    StoreyScene,
+)
+from semmap.suggestions import suggestion
+
+__all__ = ["read_entities", "read_scene", "read_storey_names", "read_storeys"]
+
+BELOW, TOP = 0.5, 3.0
+"""Metres below a storey's floor, and above the floor of the highest one, that belong to it."""
+
+LEAF = (0.05, 2.1)
+"""Thickness and height, metres, of a shut door without a mesh."""
+
+ROOM_HEIGHT, DOOR_WIDTH = 2.5, 0.9
+"""Metres, where the map knows none."""
+
+FLOOR_TYPES = ("floor", "ground")
+"""Entities of these types carry the floor of a storey without rooms."""
+
+_STOREYS = """
+SELECT e.name, s.elevation, s.entity_id AS id FROM storey s JOIN entity e ON e.id = s.entity_id
+WHERE e.map_id = current_map() ORDER BY s.elevation, e.id
+"""
+
+_ENTITIES = """
+WITH RECURSIVE carried (id) AS (
+    SELECT p.entity_id FROM placement p JOIN entity a ON a.id = p.holder_id AND a.kind = 'agent'
+    WHERE a.map_id = current_map()
+    UNION SELECT p.entity_id FROM carried c JOIN placement p ON p.holder_id = c.id
+)
+SELECT e.id, e.name, e.kind, coalesce(e.type, e.kind) AS type, e.label, e.properties,
+       w.pose, w.storey_id, h.name AS storey, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
+       ST_AsBinary(w.footprint) AS footprint, e.id IN (SELECT id FROM carried) AS carried,
+       r.floor, r.ceiling, c.form, c.state, c.width, c.pose_a, c.pose_b,
+       lower(g.valid) AS since, upper(g.valid) AS until,
+       CASE WHEN :triangles THEN
+       (SELECT array_agg(em.model_id ORDER BY em.model_id) FROM entity_model em
+        JOIN model m ON m.id = em.model_id
+        WHERE em.entity_id = e.id AND m.triangles > 0 AND e.kind IN ('room', 'object', 'connector')
+          AND NOT (e.kind = 'room' AND m.kind = 'polygon')
+          AND (em.role = 'visual' OR NOT EXISTS (SELECT FROM entity_model v
+               WHERE v.entity_id = e.id AND v.role = 'visual'))) END AS models
+FROM world w JOIN entity e ON e.id = w.entity_id
+     LEFT JOIN entity h ON h.id = w.storey_id
+     LEFT JOIN connector c ON c.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
+     LEFT JOIN region g ON g.entity_id = e.id
+WHERE e.map_id = current_map() AND e.kind = ANY(:kinds)
+"""
+
+_ON_STOREY = """
+  AND CASE WHEN e.kind IN ('room', 'region') AND CAST(:storey AS bigint) IS NOT NULL
+      THEN coalesce(w.storey_id = :storey, ST_ZMin(w.box) < :high AND ST_ZMax(w.box) >= :low)
+      ELSE ST_ZMin(w.box) < :high AND ST_ZMax(w.box) >= :low END
+"""
+
+_IN_BOUNDS = "  AND w.box && ST_MakeEnvelope(:x0, :y0, :x1, :y1)\n"
+
+_OF_TYPES = """
+  AND EXISTS (SELECT FROM type_closure t WHERE t.sub = coalesce(e.type, e.kind)
+              AND t.super = ANY(:types))
+"""
+
+OBJECTS: tuple[EntityKind, ...] = ("object",)
+_KINDS: tuple[EntityKind, ...] = ("room", "object", "region", "connector", "agent")
+
+
+# -- the reader ---------------------------------------------------------------------------------
+
+
+def read_storey_names(connection: Connection) -> list[str]:
+    """Return the names of the current map's storeys, the lowest first.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+
+    Returns
+    -------
+    list of str
+        For a map without storeys, the name of the map alone.
+
+    Raises
+    ------
+    LookupError
+        There is no map.
+    """
+    return [storey.name for storey in _storeys(connection)]
+
+
+def read_scene(
+    connection: Connection,
+    storey: str,
+    *,
+    bounds: Bounds | None = None,
+    rooms: Sequence[str] | None = None,
+    margin: float = 0.0,
+    moment: datetime | None = None,
+) -> StoreyScene:
+    """Return what stands on a storey, or on a part of it.
+
+    What an agent carries moves with the agent and is left out.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+    storey : str
+    bounds : (x0, y0, x1, y1), optional
+        Read only what is in or near this rectangle, metres.
+    rooms : sequence of str, optional
+        Read only these rooms, their doorways and what is in or near them.
+    margin : float
+        Metres around bounds or rooms that are read as well.
+    moment : datetime, optional
+        Leave out regions that do not hold then.
+
+    Raises
+    ------
+    LookupError
+        There is no such storey, or it has no such room.
+    """
+    reading = _Reading(connection, moment=moment)
+    level = _storey_level(reading, storey)
+    inside = bounds
+    if rooms is not None:
+        inside = _bounds_of_rooms(connection, rooms, level, bounds)
+    where, values = _ON_STOREY, level.values
+    if inside is not None:
+        x0, y0, x1, y1 = inside
+        where += _IN_BOUNDS
+        values |= {"x0": x0 - margin, "y0": y0 - margin, "x1": x1 + margin, "y1": y1 + margin}
+    entities = [e for e in reading.entities(where, values) if not e.carried]
+    return StoreyScene(
+        storey, level.elevation, tuple(entities), _floor_areas(entities, rooms), level.band
+    )
+
+
+def read_storeys(
+    connection: Connection,
+    storey: str | None = None,
+    *,
+    moment: datetime | None = None,
+    triangles: bool = True,
+) -> list[StoreyScene]:
+    """Return the storeys of the current map with their contents, the lowest first.
+
+    Each mesh is read once, on however many storeys it shows.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+    storey : str, optional
+        Return only this one.
+    moment : datetime, optional
+        Leave out regions that do not hold then.
+    triangles : bool
+        Read the meshes of rooms, objects and connectors.
+
+    Raises
+    ------
+    LookupError
+        There is no map, it is empty, or it has no storey of that name.
+    """
+    stated = _storeys(connection)
+    if storey is not None:
+        _find(storey, stated)
+    if not connection.execute(
+        text("SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map())")
+    ).scalar():
+        raise LookupError("the map is empty: semmap import FILE fills it")
+    reading = _Reading(connection, moment=moment, triangles=triangles)
+    pairs = reading.pairs()
+    inventories: dict[str, list[SceneEntity]] = {s.name: [] for s in stated}
+    for row, entity in pairs:
+        inventories[_home(row, stated)].append(entity)
+    found = []
+    for s in stated:
+        if storey not in (None, s.name):
+            continue
+        level = _storey_level(reading, s.name)
+        here = [e for row, e in pairs if not e.carried and _is_on(row, level)]
+        found.append(
+            StoreyScene(
+                s.name,
+                level.elevation,
+                tuple(here),
+                _floor_areas(here),
+                level.band,
+                tuple(inventories[s.name]),
+            )
+        )
+    return found
+
+
+def read_entities(
+    connection: Connection,
+    ids: Iterable[int] | None = None,
+    *,
+    kinds: Collection[EntityKind] | None = None,
+    storey: str | None = None,
+    moment: datetime | None = None,
+    triangles: bool = True,
+    carried: bool = False,
+) -> list[SceneEntity]:
+    """Return placed entities of the current map with their geometry, in the order of their ids.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+    ids : iterable of int, optional
+        Only entities with these ids.
+    kinds : collection of kinds, optional
+        Only entities of these kinds.
+    storey : str, optional
+        Only entities in the scene of this storey.
+    moment : datetime, optional
+        Leave out regions that do not hold then.
+    triangles : bool
+        Read the meshes.
+    carried : bool
+        Include what agents carry.
+
+    Raises
+    ------
+    LookupError
+        There is no such storey.
+    """
+    reading = _Reading(connection, moment=moment, triangles=triangles)
+    where, values = "", {}
+    if ids is not None:
+        where, values = "  AND e.id = ANY(:ids)\n", {"ids": [*ids]}
+    if storey is not None:
+        where += _ON_STOREY
+        values |= _storey_level(reading, storey).values
+    found = reading.entities(where, values, kinds=kinds)
+    return [e for e in found if carried or not e.carried]
+
+
+# -- storeys and their heights ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Storey:
+    """A storey as the map states it; `id` is None for a map without storeys."""
+
+    name: str
+    elevation: float | None
+    id: int | None
+
+
+@dataclass(frozen=True)
+class _StoreyLevel:
+    """The floor of a storey and the heights that belong to it, z in metres."""
+
+    id: int | None
+    elevation: float
+    band: tuple[float, float]
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The parameters of `_ON_STOREY`."""
+        return {"storey": self.id, "low": self.band[0], "high": self.band[1]}
+
+
+def _storeys(connection: Connection) -> list[_Storey]:
+    rows = connection.execute(text(_STOREYS)).all()
+    if not rows:
+        return [_Storey(current_name(connection), None, None)]
+    return [_Storey(row.name, row.elevation, row.id) for row in rows]
+
+
+def _find(name: str, storeys: Sequence[_Storey]) -> _Storey:
+    for storey in storeys:
+        if storey.name == name:
+            return storey
+    raise LookupError(_unknown("storey", name, [s.name for s in storeys]))
+
+
+def _storey_level(reading: _Reading, name: str) -> _StoreyLevel:
+    """The floor of a storey: as its rooms or the map state it, else measured on its meshes."""
+    storeys = _storeys(reading.connection)
+    storey = _find(name, storeys)
+    if storey.elevation is None:
+        floor = _lowest_room(reading.connection)
+        if floor is None:
+            floor = _measured_floor(reading) or 0.0
+        return _StoreyLevel(None, floor, (floor - BELOW, floor + TOP))
+    elevation = storey.elevation
+    above = [s.elevation for s in storeys if s.elevation is not None and s.elevation > elevation]
+    band = elevation - BELOW, min(above, default=elevation + TOP)
+    level = _StoreyLevel(storey.id, elevation, band)
+    if _has_rooms(reading.connection, level):
+        return level
+    measured = _measured_floor(reading, level)
+    return level if measured is None else replace(level, elevation=measured)
+
+
+def _lowest_room(connection: Connection) -> float | None:
+    """The lowest floor that a room of the current map states."""
+    floor: float | None = connection.execute(
+        text(
+            "SELECT min(w.pose[3] + r.floor) FROM entity e JOIN room r ON r.entity_id = e.id "
+            "JOIN world w ON w.entity_id = e.id WHERE e.map_id = current_map() AND e.kind = 'room'"
+        )
+    ).scalar_one()
+    return floor
+
+
+def _has_rooms(connection: Connection, level: _StoreyLevel) -> bool:
+    statement = (
+        "SELECT EXISTS (SELECT FROM world w JOIN entity e ON e.id = w.entity_id "
+        "WHERE e.map_id = current_map() AND e.kind = 'room'" + _ON_STOREY + ")"
+    )
+    return bool(connection.execute(text(statement), level.values).scalar_one())
+
+
+def _measured_floor(reading: _Reading, level: _StoreyLevel | None = None) -> float | None:
+    """The floor that the meshes of a storey without rooms show; None where they show none.
+
+    Parameters
+    ----------
+    level : of the storey; if None, the whole map is one storey
+    """
+    where, values = ("", {}) if level is None else (_ON_STOREY, level.values)
+    ground = reading.entities(where + _OF_TYPES, values | {"types": [*FLOOR_TYPES]}, OBJECTS)
+    faces = [e.triangles for e in ground if not e.carried]
+    near = None if level is None else (level.elevation - BELOW, level.elevation + BELOW)
+    found = floor_level(faces, near=near)
+    if found is None:
+        others = reading.entities(where, values, OBJECTS)
+        found = floor_level([], [e.triangles for e in others if not e.carried], near=near)
+    return found
+
+
+def _home(row: Any, storeys: Sequence[_Storey]) -> str:
+    """The storey to which an entity belongs: its holder's, else the highest not above it."""
+    if row.storey is not None:
+        return str(row.storey)
+    below = [s for s in storeys if s.elevation is None or s.elevation <= row.low + BELOW]
+    return (below or [*storeys[:1]])[-1].name
+
+
+def _is_on(row: Any, level: _StoreyLevel) -> bool:
+    """The condition `_ON_STOREY`, for a row that is already read."""
+    if row.kind in ("room", "region") and level.id is not None and row.storey_id is not None:
+        return bool(row.storey_id == level.id)
+    return bool(row.low < level.band[1] and row.high >= level.band[0])
+
+
+def _bounds_of_rooms(
+    connection: Connection, rooms: Sequence[str], level: _StoreyLevel, bounds: Bounds | None
+) -> Bounds:
+    """The rectangle around rooms, and within bounds where they are given."""
+    found = connection.execute(
+        text(
+            "SELECT e.name, ST_XMin(w.box) AS x0, ST_YMin(w.box) AS y0, ST_XMax(w.box) AS x1, "
+            "ST_YMax(w.box) AS y1 FROM world w JOIN entity e ON e.id = w.entity_id "
+            "WHERE e.map_id = current_map() AND e.kind = 'room'" + _ON_STOREY
+        ),
+        level.values,
+    ).all()
+    known = {row.name: tuple(row)[1:] for row in found}
+    for room in rooms:
+        if room not in known:
+            raise LookupError(_unknown("room", room, [*known]))
+    boxes = np.array([known[room] for room in rooms])
+    low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    if bounds is not None:
+        low, high = np.maximum(low, bounds[:2]), np.minimum(high, bounds[2:])
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _unknown(what: str, name: str, names: Sequence[str]) -> str:
+    near = suggestion(name, names) or f"; there are: {', '.join(names) or 'none'}"
+    return f"there is no {what} named {name}{near}"
+
+
+# -- entities -----------------------------------------------------------------------------------
+
+
+class _Reading:
+    """Reads entities for one call; each mesh is fetched once."""
+
+    def __init__(
+        self,
+        connection: Connection,
+        *,
+        moment: datetime | None = None,
+        triangles: bool = True,
+    ) -> None:
+        self.connection = connection
+        self._moment = moment
+        self._triangles = triangles
+        self._models: dict[int, NDArray[np.float64]] = {}
+
+    def entities(
+        self,
+        where: str = "",
+        values: dict[str, Any] | None = None,
+        kinds: Collection[EntityKind] | None = None,
+    ) -> list[SceneEntity]:
+        """The entities that meet a condition, with their geometry, in the order of their ids."""
+        return [entity for _, entity in self.pairs(where, values, kinds)]
+
+    def pairs(
+        self,
+        where: str = "",
+        values: dict[str, Any] | None = None,
+        kinds: Collection[EntityKind] | None = None,
+    ) -> list[tuple[Any, SceneEntity]]:
+        """As `entities`, each with its row."""
+        rows = self.connection.execute(
+            text(_ENTITIES + where + "ORDER BY e.id"),
+            {"kinds": [*(kinds or _KINDS)], "triangles": self._triangles} | (values or {}),
+        ).all()
+        self._fetch({m for row in rows for m in row.models or ()} - {*self._models})
+        names = {row.type for row in rows}
+        types = _supertypes(self.connection, names)
+        footprints = shapely.from_wkb(
+            np.array([None if r.footprint is None else bytes(r.footprint) for r in rows], object)
+        )
+        found = []
+        for row, footprint in zip(rows, footprints, strict=True):
+            entity = self._entity(row, footprint, types.get(row.type, (row.kind,)))
+            if entity.holds_at(self._moment):
+                found.append((row, entity))
+        return found
+
+    def _fetch(self, models: set[int]) -> None:
+        if models:
+            driver = self.connection.connection.driver_connection
+            assert driver is not None
+            self._models |= models_triangles(driver, models)
+
+    def _entity(
+        self,
+        row: Any,
+        footprint: Any,
+        types: tuple[str, ...],
+    ) -> SceneEntity:
+        pose = Pose(*row.pose)
+        parts = [_placed(self._models[m], pose) for m in row.models or () if m in self._models]
+        entity = SceneEntity(
+            row.id,
+            row.name,
+            row.kind,
+            types,
+            np.concatenate(parts) if parts else NO_TRIANGLES,
+            footprint,
+            row.properties,
+            row.state,
+            (row.since, row.until),
+            pose,
+            row.label,
+            row.storey,
+            carried=row.carried,
+        )
+        if row.kind == "room":
+            ceiling = row.floor + ROOM_HEIGHT if row.ceiling is None else row.ceiling
+            return replace(entity, floor=pose.z + row.floor, ceiling=pose.z + ceiling)
+        if row.kind == "connector":
+            sides = (pose @ Pose(*row.pose_a), pose @ Pose(*row.pose_b))
+            door = replace(entity, form=row.form, width=row.width, sides=sides)
+            if parts or not self._triangles:
+                return door
+            return replace(door, triangles=_leaf(pose, sides, row.width))
+        return entity
+
+
+def _supertypes(connection: Connection, names: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Each type with its supertypes: itself first, then by how few types they have."""
+    rows = connection.execute(
+        text(
+            "SELECT c.sub, c.super FROM type_closure c WHERE c.sub = ANY(:names) ORDER BY c.sub, "
+            "c.sub <> c.super, (SELECT count(*) FROM type_closure o WHERE o.super = c.super), 2"
+        ),
+        {"names": sorted(names)},
+    )
+    found: dict[str, list[str]] = {}
+    for sub, above in rows:
+        found.setdefault(sub, []).append(above)
+    return {sub: tuple(above) for sub, above in found.items()}
+
+
+def _placed(triangles: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
+    """Triangles in the map's frame; corners that are equal stay equal to the last bit."""
+    r, t = pose.rotation, (pose.x, pose.y, pose.z)
+    if (pose.qx, pose.qy, pose.qz) == (0.0, 0.0, 0.0):
+        return np.add(triangles, t, dtype=np.float64)
+    x, y, z = np.moveaxis(triangles, 2, 0)
+    found = np.empty_like(triangles)
+    for k in range(3):
+        found[..., k] = x * r[k, 0] + y * r[k, 1] + z * r[k, 2] + t[k]
+    return found
+
+
+def _leaf(frame: Pose, sides: tuple[Pose, Pose], width: float | None) -> NDArray[np.float64]:
+    """The box of a connector's opening, for a connector without a mesh."""
+    a, b = sides
+    thick, high = LEAF
+    half = (width or DOOR_WIDTH) / 2
+    heading = np.arctan2(b.y - a.y, b.x - a.x) if (a.x, a.y) != (b.x, b.y) else frame.yaw
+    middle = Pose.planar((a.x + b.x) / 2, (a.y + b.y) / 2, float(heading), min(a.z, b.z))
+    box = box_mesh((-thick / 2, -half, 0.0), (thick / 2, half, high))
+    return _placed(box.triangles, middle)
+
+
+def _floor_areas(
+    entities: Iterable[SceneEntity], rooms: Sequence[str] | None = None
+) -> tuple[FloorArea, ...]:
+    """The rooms, and the doorways between the poses before and behind each connector.
+
+    Parameters
+    ----------
+    rooms : only these, and the doorways that touch them
+    """
+    entities = [*entities]
+    found = [
+        FloorArea(e.name, e.footprint, e.floor)
+        for e in entities
+        if e.kind == "room" and e.footprint is not None and e.floor is not None
+        if rooms is None or e.name in rooms
+    ]
+    inside = shapely.union_all([area.outline for area in found]).buffer(0.5)
+    for door in entities:
+        if door.sides is None:
+            continue
+        a, b = door.sides
+        if (a.x, a.y) != (b.x, b.y):
+            line = shapely.LineString([(a.x, a.y), (b.x, b.y)])
+            if rooms is None or inside.intersects(line):
+                doorway = line.buffer((door.width or DOOR_WIDTH) / 2, cap_style="flat")
+                found.append(FloorArea(door.name, doorway, min(a.z, b.z)))
+    return tuple(found)

@@ -1,0 +1,181 @@
+"""The contents of a storey as plain data: entities with their geometry, and the floor below them.
+
+All coordinates are in the map's frame, in metres. `semmap.query.storey_reader` reads scenes from
+the database; pictures, grids and fields are made from them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+
+from semmap.geometry.pose import IDENTITY, Pose
+
+__all__ = ["NO_TRIANGLES", "Bounds", "EntityKind", "FloorArea", "SceneEntity", "StoreyScene"]
+
+Bounds: TypeAlias = tuple[float, float, float, float]
+"""Lowest x and y, highest x and y, metres."""
+
+EntityKind: TypeAlias = Literal["room", "object", "region", "connector", "agent"]
+
+NO_TRIANGLES = np.empty((0, 3, 3))
+
+BLOCKED_TYPES = frozenset({"blocked_region", "keepout_zone", "staircase"})
+"""Regions of these types are closed to robots."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneEntity:
+    """An entity of the map, where it stands.
+
+    Attributes
+    ----------
+    id, name : int, str
+    kind : "room", "object", "region", "connector" or "agent"
+    types : tuple of str
+        The semantic type and its supertypes, the nearest first.
+    triangles : (F, 3, 3) float64
+        The mesh in the map's frame; for a shut door without a mesh the box of its opening. Empty
+        where the map has no mesh, as for a room that is drawn as an outline.
+    footprint : Polygon or MultiPolygon, optional
+        The area that it covers on the ground.
+    properties : dict
+    state : "open", "closed" or "locked", for a connector
+    valid : (begin, end), for a region
+        When the region holds; None on either side means without limit.
+    pose : Pose in the map's frame
+    label : str, optional
+        For a room, its function, such as kitchen.
+    storey : str, optional
+        The storey that holds it, directly or through its holders.
+    floor, ceiling : float, optional
+        For a room, the z of its floor and of its ceiling.
+    form, width, sides : for a connector
+        "door", "stairs", ...; the clear width; the poses before and behind it, facing it.
+    carried : bool
+        An agent carries it: it moves with the agent and is not an obstacle.
+    """
+
+    id: int
+    name: str
+    kind: EntityKind
+    types: tuple[str, ...] = ()
+    triangles: NDArray[np.float64] = field(default_factory=lambda: NO_TRIANGLES)
+    footprint: Polygon | MultiPolygon | None = None
+    properties: dict[str, Any] = field(default_factory=dict)
+    state: str | None = None
+    valid: tuple[datetime | None, datetime | None] = (None, None)
+    pose: Pose = IDENTITY
+    label: str | None = None
+    storey: str | None = None
+    floor: float | None = None
+    ceiling: float | None = None
+    form: str | None = None
+    width: float | None = None
+    sides: tuple[Pose, Pose] | None = None
+    carried: bool = False
+
+    def holds_at(self, moment: datetime | None) -> bool:
+        """Return True if the entity is valid at a moment, or if no moment is given."""
+        begin, end = self.valid
+        return moment is None or (
+            (begin is None or begin <= moment) and (end is None or moment < end)
+        )
+
+    @property
+    def is_blocked_region(self) -> bool:
+        """True for a region that is closed to robots, by its type or by ``blocked: true``."""
+        return self.kind == "region" and (
+            not BLOCKED_TYPES.isdisjoint(self.types) or self.properties.get("blocked") is True
+        )
+
+    @property
+    def lacks_geometry(self) -> bool:
+        """True for an object without triangles: it leaves no trace in grids."""
+        return self.kind == "object" and not len(self.triangles)
+
+    @cached_property
+    def heights(self) -> tuple[float, float] | None:
+        """The lowest and the highest z of the triangles; None without triangles."""
+        if not len(self.triangles):
+            return None
+        z = self.triangles[:, :, 2]
+        return float(z.min()), float(z.max())
+
+    @cached_property
+    def bounds(self) -> Bounds | None:
+        """The ground rectangle that encloses it; None without geometry.
+
+        That of the triangles, of a region or an outlined room that of its footprint.
+        """
+        if self.kind != "region" and len(self.triangles):
+            x, y = self.triangles[..., 0], self.triangles[..., 1]
+            return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+        if self.kind in ("region", "room") and self.footprint is not None:
+            x0, y0, x1, y1 = self.footprint.bounds
+            return x0, y0, x1, y1
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class FloorArea:
+    """An area on which a robot may drive: a room, or the doorway of a connector.
+
+    Attributes
+    ----------
+    name : str, of the room or connector
+    outline : Polygon or MultiPolygon
+    floor : float, z of its ground
+    """
+
+    name: str
+    outline: Polygon | MultiPolygon
+    floor: float
+
+
+@dataclass(frozen=True, eq=False)
+class StoreyScene:
+    """What stands on a storey, or on a part of it.
+
+    Attributes
+    ----------
+    storey : str
+    elevation : float
+        The z of the floor outside of `floors`.
+    entities : tuple of SceneEntity
+        Everything that reaches into the storey's heights, wherever its holder is; of rooms and
+        regions, those of the storey.
+    floors : tuple of FloorArea
+        Rooms and doorways. If there are none, the whole scene is known ground.
+    band : (low, high)
+        The heights z that belong to the storey.
+    inventory : tuple of SceneEntity
+        What belongs to the storey by its holder, else by its height: the content of a floor plan.
+        Only `semmap.query.storey_reader.read_storeys` fills it.
+    """
+
+    storey: str
+    elevation: float
+    entities: tuple[SceneEntity, ...]
+    floors: tuple[FloorArea, ...] = ()
+    band: tuple[float, float] = (-math.inf, math.inf)
+    inventory: tuple[SceneEntity, ...] = ()
+
+    def reaches(self, entity: SceneEntity) -> bool:
+        """Return True if an entity has triangles within the heights of the storey."""
+        if entity.heights is None:
+            return False
+        low, high = entity.heights
+        return low < self.band[1] and high >= self.band[0]
+
+    @property
+    def without_geometry(self) -> tuple[SceneEntity, ...]:
+        """The objects that have no geometry: grids treat their place as free floor."""
+        return tuple(e for e in self.entities if e.lacks_geometry)
