@@ -18,15 +18,20 @@ from typing import Any, Literal, get_args
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from navgrid.grid import Grid
+from semmap.limits import CONFIG_BYTES, PIXELS
+from semmap.yaml_file import check_structure
 
 __all__ = ["MapFileError", "Mode", "read_map", "write_map"]
 
 Mode = Literal["trinary", "scale", "raw"]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+
+ROWS_AT_ONCE = 256
+"""Rows of an image that are computed at once: shades take many bytes a pixel."""
 
 # A trinary map's unknown cells are grey 205, whose occupancy 1 - 205/255 = 0.1961 lies below the
 # free_thresh of 0.25 that map_saver writes by default: map_server would read them as free.
@@ -155,9 +160,15 @@ def read_map(path: Path | str) -> tuple[Grid, NDArray[np.int8]]:
     name = _required(path, said, "image")
     if not isinstance(name, str) or not name:
         raise MapFileError(path, "image", f"is {name!r}", "Give the image's file name")
-    shade, alpha, channels = _image(path, path.parent / name)
-    cells = _cells(shade, alpha, channels, mode, negate, free, occupied)[::-1]
-    grid = Grid(origin=(x, y), resolution=resolution, shape=cells.shape)
+    pixels, opaque = _image(path, path.parent / name)
+    shape = (pixels.shape[0], pixels.shape[1])
+    cells = np.empty(shape, np.int8)
+    for first in range(0, len(cells), ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
+        shades = _shades(pixels[rows], opaque)
+        cells[rows] = _cells(*shades, mode, negate, free, occupied)
+    cells = cells[::-1]
+    grid = Grid(origin=(x, y), resolution=resolution, shape=shape)
     return grid, np.ascontiguousarray(cells)
 
 
@@ -175,6 +186,18 @@ def _pixels(cells: NDArray[np.int8], mode: Mode, free: float, occupied: float) -
     pixels[~unknown & (cells <= round(100 * free))] = _GREY_FREE
     pixels[cells >= round(100 * occupied)] = _GREY_OCCUPIED
     return pixels
+
+
+def _shades(
+    pixels: NDArray[Any], opaque: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, int]:
+    """Mean shade over the colour channels, alpha, and the number of colour channels."""
+    shades = pixels / (255 if pixels.dtype == np.uint8 else 65535)
+    if shades.ndim == 2:
+        return shades, None, 1
+    if opaque:
+        return shades.mean(axis=-1), None, shades.shape[-1]
+    return shades[..., :-1].mean(axis=-1), shades[..., -1], shades.shape[-1] - 1
 
 
 def _cells(
@@ -204,10 +227,15 @@ def _cells(
     return np.select([is_occupied, is_free], [OCCUPIED, FREE], between).astype(np.int8)
 
 
-def _image(path: Path, image: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, int]:
-    """Mean shade over the colour channels, alpha, and the number of colour channels."""
+def _image(path: Path, image: Path) -> tuple[NDArray[Any], bool]:
+    """The pixels (rows, columns) or (rows, columns, channels), and whether there is no alpha."""
+
+    def refused(problem: str, fix: str) -> MapFileError:
+        return MapFileError(image, "image", problem, fix.removesuffix("."))
+
     try:
         with Image.open(image) as file:
+            PIXELS.check(math.prod(file.size), refused, "Take a coarser resolution.")
             wide = file.mode.startswith("I")
             opaque = file.mode in ("1", "L", "RGB") or wide
             if file.mode in ("1", "P"):
@@ -216,31 +244,34 @@ def _image(path: Path, image: Path) -> tuple[NDArray[np.float64], NDArray[np.flo
                 file_ = file
             else:
                 file_ = file.convert("RGB")
-            pixels = np.asarray(file_, dtype=float) / (65535 if wide else 255)
             opaque = opaque or file_.mode == "RGB"
+            pixels = np.asarray(file_)
     except FileNotFoundError:
         mend = f"Put the image there or correct image: in {path.name}"
         raise MapFileError(path, "image", f"there is no {image}", mend) from None
-    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
-        raise MapFileError(
-            image, "image", f"cannot be read ({error})", "Save it again as PGM, PNG or BMP"
-        ) from None
-    if pixels.ndim == 2:
-        return pixels, None, 1
-    if opaque:
-        return pixels.mean(axis=-1), None, pixels.shape[-1]
-    return pixels[..., :-1].mean(axis=-1), pixels[..., -1], pixels.shape[-1] - 1
+    except MapFileError:
+        raise
+    except Exception as error:  # decoders raise anything on broken bytes, SyntaxError among it
+        raise refused(f"cannot be read ({error})", "Save it again as PGM, PNG or BMP") from None
+    return pixels, opaque
 
 
 def _description(path: Path) -> dict[str, Any]:
+    def refused(problem: str, fix: str) -> MapFileError:
+        return MapFileError(path, "file", problem, fix.removesuffix("."))
+
     try:
-        said = yaml.safe_load(path.read_text(encoding="utf-8"))
+        CONFIG_BYTES.check(path.stat().st_size, refused, "Give the .yaml file of a map.")
+        text = path.read_text(encoding="utf-8")
+        check_structure(text, lambda line, problem, fix: refused(f"line {line} {problem}", fix))
+        said = yaml.safe_load(text)
+    except MapFileError:
+        raise
     except FileNotFoundError:
-        mend = "Give the .yaml file of a map"
-        raise MapFileError(path, "file", "is not there", mend) from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise refused("is not there", "Give the .yaml file of a map") from None
+    except (OSError, ValueError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())
-        raise MapFileError(path, "file", f"is no YAML ({reason})", "Correct or remake it") from None
+        raise refused(f"is no YAML ({reason})", "Correct or remake it") from None
     if not isinstance(said, dict):
         raise MapFileError(path, "file", "has no fields", "Give the .yaml file of a map")
     return said

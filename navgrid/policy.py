@@ -128,7 +128,7 @@ def _rule(value: object, number: int, known: set[str], file: str) -> Rule:
     element = f"rule {number}"
     said = _mapping(value, file, element, {"kind", "type", "properties", "state", "layer"})
     layer = said.get("layer")
-    if layer not in known:
+    if not isinstance(layer, str) or layer not in known:
         raise PolicyError(f"{file}: {element}: its layer is one of {', '.join(sorted(known))}")
     kind = said.get("kind")
     if kind is not None and kind not in KINDS:

@@ -11,14 +11,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 __all__ = [
+    "ACTIONS",
+    "CONFIG_BYTES",
+    "ELEMENTS",
     "EXTENT",
     "LIMITS",
     "LINKS",
     "MESH_BYTES",
     "NESTING",
     "PARTS",
+    "PIXELS",
+    "QUERY_CHARACTERS",
     "QUERY_ROWS",
     "QUERY_SECONDS",
+    "QUERY_WORDS",
     "REGEX_SECONDS",
     "REGION_BLOCKS",
     "REGION_VOXELS",
@@ -109,32 +115,46 @@ class Limit:
 TEXT_BYTES = Limit(
     "text_bytes", 64 * 2**20, "bytes", "a world, robot, annotation, policy or domain file as text"
 )
+CONFIG_BYTES = Limit(
+    "config_bytes", 2**20, "bytes", "a file of parts, policy, rules, domain or map"
+)
 MESH_BYTES = Limit("mesh_bytes", 512 * 2**20, "bytes", "a mesh file, unpacked")
 TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model with all it nests")
 PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")
 NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")
+ELEMENTS = Limit("elements", 2_000_000, "values", "a YAML file, aliases followed")
 EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file")
 
+ACTIONS = Limit("actions", 200, "actions", "a domain file")
 REGION_VOXELS = Limit("region_voxels", 2**30, "voxels", "a region, or a shape of an entity")
 REGION_BLOCKS = Limit(
     "region_blocks", 2**18, "blocks", "blocks of 8 x 8 x 8 voxels on the border of a region"
 )
+PIXELS = Limit("pixels", 2**26, "pixels", "the image of an occupancy grid")
 LINKS = Limit("links", 500, "links", "a robot")
 
-QUERY_ROWS = Limit("query_rows", 2**26, "rows", "solutions of a part of a query on fields")
+QUERY_CHARACTERS = Limit("query_characters", 1_000_000, "characters", "a query on fields")
+QUERY_WORDS = Limit("query_words", 2_500, "words", "a query on fields, marks and numbers counted")
+QUERY_ROWS = Limit("query_rows", 2**24, "rows", "solutions of a part of a query on fields")
 QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query on fields")
 REGEX_SECONDS = Limit("regex_seconds", 1, "s", "matching one name in REGEX of a query on fields")
 
 LIMITS: tuple[Limit, ...] = (
     TEXT_BYTES,
+    CONFIG_BYTES,
     MESH_BYTES,
+    ELEMENTS,
     TRIANGLES,
     PARTS,
     NESTING,
     EXTENT,
+    PIXELS,
     LINKS,
+    ACTIONS,
     REGION_VOXELS,
     REGION_BLOCKS,
+    QUERY_CHARACTERS,
+    QUERY_WORDS,
     QUERY_ROWS,
     QUERY_SECONDS,
     REGEX_SECONDS,

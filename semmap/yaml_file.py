@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-__all__ = ["parse_yaml", "read_text"]
+from semmap.limits import CONFIG_BYTES, ELEMENTS, NESTING
+
+__all__ = ["FAST", "check_structure", "parse_yaml", "read_text"]
+
+FAST: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""For large files; the other loader tells better where a mistake is."""
+
+_DIGITS = re.compile(r"[-+.:_0-9a-fA-FxoO]{1000,}")
+"""Numbers of so many digits, which take quadratic time to read."""
 
 
 def read_text(path: Path | str, what: str, error: type[Exception]) -> str:
@@ -16,9 +26,14 @@ def read_text(path: Path | str, what: str, error: type[Exception]) -> str:
     Raises
     ------
     Exception
-        One of type `error`, for a file that is not there or is no text.
+        One of type `error`, for a file that is not there, is too large or is no text.
     """
     try:
+        CONFIG_BYTES.check(
+            Path(path).stat().st_size,
+            lambda problem, fix: error(f"{path}: {problem}. {fix}"),
+            f"Name {what}.",
+        )
         return Path(path).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as problem:
         raise error(f"{path}: cannot be read: {problem}. Name {what}") from None
@@ -32,7 +47,67 @@ def parse_yaml(said: str, file: str, error: type[Exception]) -> Any:
     Exception
         One of type `error`: no YAML, a date that is none (2024-13-45), nested without end.
     """
+
+    def refused(line: int, problem: str, fix: str) -> Exception:
+        return error(f"{file}: is no YAML, mend it: line {line} {problem}. {fix}")
+
     try:
+        check_structure(said, refused)
         return yaml.safe_load(said)
     except (yaml.YAMLError, ValueError, RecursionError) as problem:
+        if isinstance(problem, error):
+            raise
         raise error(f"{file}: is no YAML, mend it: {problem}") from None
+
+
+def check_structure(
+    text: str,
+    error: Callable[[int, str, str], Exception],
+    *,
+    loader: type[yaml.SafeLoader] = yaml.SafeLoader,
+    aliases: bool = True,
+) -> None:
+    """Refuse YAML text that is nested too deeply, or that aliases unfold to too many values.
+
+    Parameters
+    ----------
+    error : makes an exception of the line, the problem and how to fix it
+    loader : what reads the text later
+    aliases : whether there may be any
+
+    Raises
+    ------
+    yaml.YAMLError
+        The text is not YAML.
+    Exception
+        What `error` makes.
+    """
+    sizes: dict[str, int] = {}  # values in what an anchor marks
+    open_: list[tuple[str | None, int]] = []  # its anchor, and the values before it
+    total = 0
+    for event in yaml.parse(text, Loader=loader):
+        line = event.start_mark.line + 1 if event.start_mark else 1
+
+        def refused(problem: str, fix: str, line: int = line) -> Exception:
+            return error(line, problem, fix)
+
+        if isinstance(event, yaml.CollectionStartEvent):
+            open_.append((event.anchor, total))
+            NESTING.check(len(open_), refused, "Make it flatter.", "nests")
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, before = open_.pop()
+            if anchor is not None:
+                sizes[anchor] = total - before
+        elif isinstance(event, yaml.AliasEvent):
+            if not aliases:
+                raise refused(f"has an alias (*{event.anchor})", "Write the value out.")
+            if event.anchor not in sizes:
+                raise refused(f"has an alias *{event.anchor} that contains itself", "Remove it.")
+            total += sizes[event.anchor]
+        elif isinstance(event, yaml.ScalarEvent):
+            total += 1
+            if event.anchor is not None:
+                sizes[event.anchor] = 1
+            if not event.style and _DIGITS.fullmatch(event.value):
+                raise refused(f"has a number of {len(event.value)} digits", "Shorten it.")
+        ELEMENTS.check(total, refused, "Say less, or use fewer aliases.")

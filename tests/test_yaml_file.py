@@ -1,3 +1,5 @@
+import time
+
 import pytest
 
 from semmap.yaml_file import parse_yaml, read_text
@@ -17,6 +19,51 @@ def test_what_is_written_is_read(tmp_path):
 def test_what_is_no_yaml_is_refused_in_the_callers_words(text):
     with pytest.raises(MendError, match=r"^mine\.yaml: is no YAML, mend it"):
         parse_yaml(text, "mine.yaml", MendError)
+
+
+LAUGHS = "a0: &a0 [x, x]\n" + "".join(
+    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 30)
+)
+
+UNBOUNDED = {
+    "aliases that multiply": (LAUGHS, "line 8 has 2,.* values, the limit is 2,000,000 values"),
+    "an alias of itself": ("a: &a [*a]", r"line 1 has an alias \*a that contains itself"),
+    "merges that multiply": (
+        "a0: &a0 {x: 1}\n"
+        + "".join(f"a{i}: &a{i} {{<<: [{', '.join([f'*a{i - 1}'] * 9)}]}}\n" for i in range(1, 30)),
+        "the limit is 2,000,000 values",
+    ),
+    "nesting": ("a: " + "[" * 65, "line 1 nests 65 levels, the limit is 64 levels"),
+    "mappings in mappings": ("{a: " * 65, "the limit is 64 levels"),
+    "a number in base 60": ("a: " + ":".join(["1"] * 100_000), "has a number of 199999 digits"),
+    "a number of many digits": ("a: " + "9" * 100_000, "has a number of 100000 digits"),
+}
+
+
+@pytest.mark.parametrize("name", UNBOUNDED)
+def test_what_would_take_gigabytes_or_minutes_is_refused(name):
+    text, message = UNBOUNDED[name]
+    start = time.perf_counter()
+    with pytest.raises(MendError, match=rf"^mine\.yaml: is no YAML, mend it: .*{message}"):
+        parse_yaml(text, "mine.yaml", MendError)
+    assert time.perf_counter() - start < 5
+
+
+def test_aliases_are_followed():
+    text = "a: &a [1, 2]\nb: {c: *a, d: &s word, e: *s}"
+    assert parse_yaml(text, "mine.yaml", MendError) == {
+        "a": [1, 2],
+        "b": {"c": [1, 2], "d": "word", "e": "word"},
+    }
+
+
+def test_a_file_has_a_limit(tmp_path, monkeypatch):
+    file = tmp_path / "large.yaml"
+    file.write_text("# " + "x" * 2**20)
+    with pytest.raises(MendError, match=r"has 1 MiB, the limit is 1 MiB. Name .*CONFIG_BYTES"):
+        read_text(file, "a policy file", MendError)
+    monkeypatch.setenv("SEMMAP_MAX_CONFIG_BYTES", "2e6")
+    assert len(read_text(file, "a policy file", MendError)) == 2**20 + 2
 
 
 def test_what_is_no_text_is_refused(tmp_path):

@@ -15,7 +15,7 @@ file's. One of a single thing holds at first where the thing's property of that 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -26,6 +26,8 @@ import yaml
 from planner.tasks.goal import Word
 from planner.tasks.problem import NoPlanError, Operator, Problem
 from planner.tasks.world import World
+from semmap.limits import ACTIONS, CONFIG_BYTES
+from semmap.yaml_file import check_structure
 
 __all__ = ["Domain", "DomainError", "UserAction", "read_domain"]
 
@@ -34,6 +36,9 @@ _OWN = {"holding": 1, "on": 2}
 _RESERVED = ("on", "in", "carries", "holding", "pickup", "place", "drive")
 _MOST = 2000
 """Actions with things in place of parameters, more than which are refused."""
+
+_MOST_STEPS = 10_000
+"""Ways to bring about a fact that are looked at, one action after another."""
 
 _LITERAL = re.compile(r"\s*(not\s+)?([A-Za-z_][\w-]*)\s*\(([^()]*)\)\s*$")
 
@@ -103,7 +108,7 @@ class Domain:
                     raise NoPlanError(f"{atom}: {word} is no thing; {atom.relation} takes things")
             names = [problem.candidates[w] for w in atom.words]
             wanted.update(dict.fromkeys((atom.relation, *chosen) for chosen in product(*names)))
-            slots += self._steps(atom.relation, ())
+            slots += self._steps(atom.relation, (), iter(range(_MOST_STEPS)))
         predicates = {n.predicate for a in self.actions for n in (*a.needs, *a.effects)}
         problem.facts = [
             (predicate, thing.name)
@@ -144,8 +149,13 @@ class Domain:
                 )
         return list(lifted), slots
 
-    def _steps(self, predicate: str, before: tuple[str, ...]) -> int:
+    def _steps(self, predicate: str, before: tuple[str, ...], budget: Iterator[int]) -> int:
         """Events that it takes at most to bring about a fact: actions, and things taken and put."""
+        if next(budget, None) is None:
+            raise NoPlanError(
+                f"{before[0]} needs facts that need others in more than {_MOST_STEPS} ways: "
+                "give the actions of the domain file fewer needs"
+            )
         if predicate in before:
             return 0
         most = 0
@@ -153,7 +163,7 @@ class Domain:
             if any(e.holds and e.predicate == predicate for e in action.effects):
                 most = max(most, 1 + sum(
                     2 if need.predicate in _OWN
-                    else self._steps(need.predicate, (*before, predicate))
+                    else self._steps(need.predicate, (*before, predicate), budget)
                     for need in action.needs if need.holds
                 ))  # fmt: skip
         return most
@@ -218,8 +228,17 @@ def read_domain(path: Path) -> Domain:
     DomainError
         With the line of the mistake.
     """
+
+    def refused(line: int, problem: str, fix: str) -> DomainError:
+        return DomainError(f"{path}, line {line}: {problem}. {fix}")
+
     try:
-        tree = yaml.compose(path.read_text(), Loader=yaml.SafeLoader)
+        CONFIG_BYTES.check(
+            path.stat().st_size, lambda p, f: refused(1, p, f), "Name a YAML file of actions."
+        )
+        text = path.read_text("utf-8")
+        check_structure(text, refused)
+        tree = yaml.compose(text, Loader=yaml.SafeLoader)
     except OSError as error:
         raise DomainError(f"{path}: {error.strerror}; name a YAML file of actions") from error
     except UnicodeDecodeError as error:
@@ -249,6 +268,9 @@ class _Reader:
         actions = self.mapping(top["actions"][1], "actions", "maps names to what they need")
         if not actions:
             raise self.fail(tree, "actions: is empty; name one")
+        ACTIONS.check(
+            len(actions), lambda problem, fix: self.fail(tree, f"{problem}. {fix}"), "Drop some."
+        )
         found = tuple(self.action(name, key, node) for name, (key, node) in actions.items())
         self.arities(found, actions)
         return Domain(found)

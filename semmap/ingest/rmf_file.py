@@ -14,20 +14,16 @@ from typing import Any
 import yaml
 
 from semmap.ingest.world import Skipped, WorldError
+from semmap.limits import TEXT_BYTES
+from semmap.yaml_file import FAST, check_structure
 
 __all__ = ["Building", "Edge", "FloorOutline", "LevelPlan", "Lift", "LiftDoor", "Model", "Vertex"]
 
-MOST_BYTES = 64 * 2**20
 LARGEST = 1e9
 """Pixels, metres or radians; also excludes NaN and infinity."""
 
-DEEPEST = 32
-"""Nesting that no building needs; deeper input is made to exhaust the reader."""
-
 COORDINATE_SYSTEMS = {"reference_image": -1.0, "cartesian_meters": 1.0}
 """What y is multiplied by so that it points up."""
-
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -148,25 +144,13 @@ def _load(path: Path) -> dict[str, Any]:
     def fail(element: str, problem: str, mend: str) -> WorldError:
         return WorldError(path, element, problem, mend)
 
-    if path.stat().st_size > MOST_BYTES:
-        raise fail("file", f"is larger than {MOST_BYTES >> 20} MiB", "Is it a building.yaml?")
+    TEXT_BYTES.check(path.stat().st_size, lambda p, f: fail("file", p, f), "Is it a building.yaml?")
     try:
         text = path.read_text(encoding="utf-8")
-        depth = 0
-        for event in yaml.parse(text, Loader=_LOADER):
-            where = f"line {event.start_mark.line + 1}" if event.start_mark else "file"
-            if isinstance(event, yaml.AliasEvent):
-                raise fail(
-                    where,
-                    f"has an alias (*{event.anchor}), which no building needs",
-                    "Write the value out.",
-                )
-            depth += isinstance(event, yaml.CollectionStartEvent)
-            depth -= isinstance(event, yaml.CollectionEndEvent)
-            if depth > DEEPEST:
-                problem = f"is nested deeper than {DEEPEST}"
-                raise fail(where, problem, "Is it a building.yaml?")
-        data = yaml.load(text, Loader=_LOADER)
+        check_structure(
+            text, lambda line, p, f: fail(f"line {line}", p, f), loader=FAST, aliases=False
+        )
+        data = yaml.load(text, Loader=FAST)
     except UnicodeDecodeError as error:
         raise fail(f"byte {error.start}", "is not UTF-8", "Save the file as UTF-8.") from None
     except yaml.YAMLError as error:

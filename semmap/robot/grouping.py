@@ -90,6 +90,8 @@ def find_groups(robot: Robot) -> list[Group]:
     an arm.
     """
     hulls = robot.hulls({})
+    if not hulls:
+        raise RobotError(f"{robot.name}: no link has geometry. Give its links collision geometry")
     tops = {link: float(points[:, 2].max()) for link, points in hulls.items()}
     limit = _base_top(robot, hulls) + ABOVE_BASE
     root = robot.links[0]

@@ -138,6 +138,11 @@ class Robot:
                 raise RobotError(
                     f"{self.name}: joint {name} goes from {low:g} to {high:g}, not to {value:g}"
                 )
+            if joint.type == "prismatic" and EXTENT.exceeded_by(abs(value)):
+                raise RobotError(
+                    f"{self.name}: joint {name} is moved by {value:g} m: give at most "
+                    f"{EXTENT.value:g}, or set {EXTENT.variable}"
+                )
         return {
             name: float(state.get(name, min(max(0.0, joint.limits[0]), joint.limits[1])))
             for name, joint in known.items()
@@ -189,6 +194,8 @@ def load_robot(path: Path | str) -> Robot:
         raise RobotError(f"{path}: no link has geometry. Give its links collision geometry")
     meshes = {link: join(each) for link, each in parts.items()}
     names = {base, *(joint.child for joint in ordered)}
+    for link in sorted(meshes.keys() - names):
+        raise _error(path, f"link {link}")(f"no joint joins it to {base}", "Add one.")
     return Robot(read.name or path.stem, GROUND if GROUND in names else base, ordered, meshes, urdf)
 
 

@@ -179,13 +179,55 @@ def test_what_a_map_lacks_is_named(tmp_path, change, element):
         read_map(path)
 
 
-@pytest.mark.parametrize("text", ["a: [", "just words", "\x00", ""])
+@pytest.mark.parametrize(
+    "text", ["a: [", "just words", "\x00", "", "a: &a [*a]", "a: " + "[" * 100, "a: 2024-13-45"]
+)
 def test_a_file_that_is_no_map_is_refused(tmp_path, text):
     (tmp_path / "m.yaml").write_text(text)
-    with pytest.raises(MapFileError, match=r"m\.yaml: file: (is no YAML|has no fields)"):
+    with pytest.raises(MapFileError, match=r"m\.yaml: file: (is no YAML|has no fields|line 1)"):
         read_map(tmp_path / "m.yaml")
     with pytest.raises(MapFileError, match="is not there"):
         read_map(tmp_path / "other.yaml")
+
+
+BROKEN = {
+    "a chunk of a PNG": lambda png: png[:45] + bytes(20) + png[65:],
+    "a PNG that ends": lambda png: png[:60],
+    "noise behind the signature": lambda png: png[:8] + bytes(range(200)),
+    "no bytes": lambda png: b"",
+    "noise": lambda png: bytes(range(256)),
+    "a TIFF that names itself": lambda png: b"II*\x00\x08\x00\x00\x00" + b"\xff" * 40,
+    "a PGM of text": lambda png: b"P2\n2 2\n255\nmany words",
+    "a PGM of no size": lambda png: b"P5\n0 0\n255\n",
+    "a PGM below 0": lambda png: b"P5\n-3 -3\n255\n",
+    "a PGM of no levels": lambda png: b"P5\n2 2\n0\n0000",
+    "an image of a million rows": lambda png: b"P5\n1000000 1000000\n255\n",
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_image_is_refused(tmp_path, name):
+    cells = np.random.default_rng(3).integers(0, 101, (20, 30)).astype(np.int8)
+    path = write_map(Grid((0, 0), 0.1, (20, 30)), cells, tmp_path / "map", "scale")
+    image = tmp_path / "map.png"
+    image.write_bytes(BROKEN[name](image.read_bytes()))
+    with pytest.raises(MapFileError, match=r"map\.png: image: "):
+        read_map(path)
+
+
+def test_an_image_has_a_limit(tmp_path, monkeypatch):
+    path = write_map(GRID, CELLS, tmp_path / "map")
+    monkeypatch.setenv("SEMMAP_MAX_PIXELS", str(CELLS.size - 1))
+    with pytest.raises(MapFileError, match=r"map\.pgm: image: has \d+ pixels.*SEMMAP_MAX_PIXELS"):
+        read_map(path)
+    monkeypatch.setenv("SEMMAP_MAX_PIXELS", str(CELLS.size))
+    assert (read_map(path)[1] == CELLS).all()
+
+
+def test_a_large_image_is_read_in_parts(tmp_path):
+    cells = np.random.default_rng(4).choice(np.array([-1, 0, 100], np.int8), (700, 50))
+    path = write_map(Grid((0, 0), 0.1, cells.shape), cells, tmp_path / "map")
+    assert (read_map(path)[1] == cells).all()
 
 
 def test_a_truncated_image_is_refused(tmp_path):

@@ -138,6 +138,12 @@ def test_groups_that_do_not_fit(robot: Robot, tmp_path: Path, text: str, says: s
         robot_parts(robot, {}, file)
 
 
+def test_a_robot_without_geometry_has_no_parts(robot: Robot) -> None:
+    bare = Robot("bare", robot.base, robot.joints, {}, robot._urdf)
+    with pytest.raises(RobotError, match="bare: no link has geometry"):
+        robot_parts(bare, {})
+
+
 @pytest.mark.parametrize("name", ["by_hand", *REAL])
 def test_footprints_as_nav2_takes_them(robot: Robot, name: str) -> None:
     """Few corners, and none of the real footprint left out."""

@@ -198,6 +198,13 @@ def test_numbers_and_sizes_of_no_robot(tmp_path: Path, old: str, new: str, says:
         load_robot(by_hand(tmp_path, BY_HAND.replace(old, new, 1)))
 
 
+def test_a_link_that_hangs_on_no_joint(tmp_path: Path) -> None:
+    loose = '<link name="loose"><collision><geometry><box size="1 1 1"/></geometry></collision>'
+    text = BY_HAND.replace("</robot>", f"{loose}</link></robot>")
+    with pytest.raises(RobotError, match="link loose: no joint joins it to base_footprint"):
+        load_robot(by_hand(tmp_path, text))
+
+
 @pytest.mark.parametrize("scale", ["1 2", "nan", "1e308 1 1"])
 def test_scales_of_no_mesh(tmp_path: Path, scale: str) -> None:
     trimesh.creation.box().export(tmp_path / "box.stl")
@@ -210,6 +217,11 @@ def test_a_state_is_finite(tmp_path: Path) -> None:
     robot = load_robot(by_hand(tmp_path))
     with pytest.raises(RobotError, match="joint roll goes from -inf to inf, not to inf"):
         robot.hulls({"roll": np.inf})
+    free = BY_HAND.replace('<limit lower="0" upper="0.4" effort="1" velocity="1"/>', "")
+    robot = load_robot(by_hand(tmp_path, free))
+    robot.hulls({"lift": 100.0, "roll": 1e300})
+    with pytest.raises(RobotError, match=r"joint lift is moved by 1e\+200 m: give at most 10000"):
+        robot.hulls({"lift": 1e200})
 
 
 def test_no_file(tmp_path: Path) -> None:

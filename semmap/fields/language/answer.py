@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from semmap.fields.language.check import TAKEN, Checker
 from semmap.fields.language.evaluate import evaluate
 from semmap.fields.language.expressions import centres, word
-from semmap.fields.language.grammar import EVERYTHING, Parsed, parse_query
+from semmap.fields.language.grammar import EVERYTHING, TOO_DEEP, Parsed, parse_query
 from semmap.fields.language.plan import Context
 from semmap.fields.language.table import Column, ColumnKind, LimitError, Table, unbound
 from semmap.fields.property import Property
@@ -129,7 +129,15 @@ def query(catalogue: Catalogue, text: str, now: datetime | None = None) -> Rows 
         With the place in the text: no SPARQL, an unknown property or name, kinds that do not fit.
     """
     parsed = parse_query(text)
-    catalogue = _then(parsed, catalogue, now)
+    try:
+        return _answer(parsed, _then(parsed, catalogue, now))
+    except LimitError as error:
+        raise parsed.error(str(error), 0) from None
+    except RecursionError:
+        raise parsed.error(TOO_DEEP, 0) from None
+
+
+def _answer(parsed: Parsed, catalogue: Catalogue) -> Rows | Stored | bool:
     store = None if parsed.store is None else Checker(parsed, catalogue).relation(parsed.store)
     taking = store if len(parsed.names) == 1 else None
     checker = Checker(parsed, catalogue, store=taking, subject=str(next(iter(parsed.names), "")))
@@ -137,10 +145,7 @@ def query(catalogue: Catalogue, text: str, now: datetime | None = None) -> Rows 
     if store is not None:
         _check_store(parsed, checker, store, plan.variables)
     context = Context(catalogue.voxel_size)
-    try:
-        table = evaluate(plan, context)
-    except LimitError as error:
-        raise parsed.error(str(error), 0) from None
+    table = evaluate(plan, context)
     if parsed.form == "AskQuery":
         return table.rows > 0
     names = [str(name) for name in parsed.names]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -44,6 +46,7 @@ from semmap.fields.language.plan import (
 from semmap.fields.language.table import Column, ColumnKind, Names, Table
 from semmap.fields.property import Kind
 from semmap.fields.statements import Catalogue, Relation
+from semmap.limits import QUERY_ROWS
 
 __all__ = ["KB", "TAKEN", "Checker"]
 
@@ -286,8 +289,12 @@ class Checker:
 
     def _inline(self, rows: list[dict[Any, Any]]) -> Plan:
         columns: dict[str, list[list[Any]]] = {str(v): [] for v in rows[0]}
+        made = 0
         for row in rows:
             each = {str(variable): self._values(variable, term) for variable, term in row.items()}
+            made += math.prod(map(len, each.values()))
+            first = next(iter(row.values()))
+            QUERY_ROWS.check(made, partial(self._too_many, first), "Name things, not types.")
             for chosen in product(*each.values()):
                 for name, value in zip(each, chosen, strict=True):
                     columns[name].append(value)
@@ -301,6 +308,9 @@ class Checker:
             )  # fmt: skip
 
         return Inline(make, frozenset(bound))
+
+    def _too_many(self, at: Any, problem: str, fix: str) -> QueryError:
+        return self.error(f"VALUES {problem}. {fix}", at)
 
     def _values(self, variable: Any, term: Any) -> list[Any]:
         """What a value in VALUES stands for."""

@@ -5,6 +5,10 @@ from __future__ import annotations
 __all__ = ["QueryError"]
 
 
+WIDEST = 200
+"""Characters that are shown of a line before the place of an error, and behind it."""
+
+
 class QueryError(ValueError):
     """A text that cannot be answered; nothing was changed.
 
@@ -27,8 +31,11 @@ class QueryError(ValueError):
         self.reason = reason
         self.line = text.count("\n", 0, offset) + 1
         self.column = offset - begin + 1
+        if self.column > WIDEST or len(shown) > 2 * WIDEST:
+            first = max(0, self.column - WIDEST)
+            shown, offset = shown[first : self.column + WIDEST], offset - first
         # Tabs stay tabs, so that the caret stands below its character.
-        margin = "".join(c if c == "\t" else " " for c in shown[: self.column - 1])
+        margin = "".join(c if c == "\t" else " " for c in shown[: offset - begin])
         super().__init__(
             f"line {self.line}, column {self.column}: {reason}\n    {shown}\n    {margin}^"
         )

@@ -25,6 +25,7 @@ from semmap.fields.language.normalise import Normalised, normalise
 
 __all__ = [
     "EVERYTHING",
+    "TOO_DEEP",
     "BlankNode",
     "Iri",
     "Literal",
@@ -59,6 +60,8 @@ class BlankNode(rdflib.BNode):
 
     at: int
 
+
+TOO_DEEP = "this is nested too deeply, or has too many parts: use fewer brackets and UNIONs"
 
 EVERYTHING = "*"
 """In place of a variable: all that can be seen."""
@@ -227,8 +230,6 @@ def _read(source: Normalised, which: int) -> Any:
     with _LOCK:
         try:
             return _grammars()[which].parse_string(source.text, parse_all=True)
-        except RecursionError:
-            raise _error(source, "this is nested too deeply: use fewer brackets", 0) from None
         except pyparsing.ParseBaseException as error:
             grammars, missed = _watched()
             missed.clear()
@@ -314,6 +315,15 @@ def _namer(source: Normalised, prologue: Any) -> Callable[[Any], Any]:
 
 
 @contextmanager
+def _shallow(source: Normalised) -> Iterator[None]:
+    """An error for a text whose parts are nested too deeply to be followed."""
+    try:
+        yield
+    except RecursionError:
+        raise _error(source, TOO_DEEP, 0) from None
+
+
+@contextmanager
 def _quiet() -> Iterator[None]:
     """Without what rdflib logs of a literal that is none of its type: it is refused where it is."""
     thread, logger = threading.get_ident(), logging.getLogger("rdflib.term")
@@ -338,14 +348,18 @@ def parse_query(text: str) -> Parsed:
         What is not SPARQL, or not of this language.
     """
     source = normalise(text)
+    with _shallow(source), _quiet():
+        return _query(source)
+
+
+def _query(source: Normalised) -> Parsed:
     declarations, tree = _read(source, 0)
     _check(source, [tree])
     clauses = _split(source, tree)
     prologue = algebra.translatePrologue(declarations, None)
     name = _namer(source, prologue)
-    with _quiet():
-        tree = algebra.traverse(tree, visitPost=name)
-        clauses = algebra.traverse(clauses, visitPost=name)
+    tree = algebra.traverse(tree, visitPost=name)
+    clauses = algebra.traverse(clauses, visitPost=name)
     _mark_everything(tree)
     translated, names = algebra.translate(tree)
     found = {clause.name: clause for clause in clauses}
@@ -399,13 +413,17 @@ def parse_update(text: str) -> Parsed:
         What is not SPARQL, or not of this language.
     """
     source = normalise(text)
+    with _shallow(source), _quiet():
+        return _update(source)
+
+
+def _update(source: Normalised) -> Parsed:
     (tree,) = _read(source, 1)
     _check(source, [tree])
     requests, prologue = [], None
     for declarations, request in zip(tree.prologue or (), tree.request or (), strict=False):
         prologue = algebra.translatePrologue(declarations, None, None, prologue)
-        with _quiet():
-            request = algebra.traverse(request, visitPost=_namer(source, prologue))
+        request = algebra.traverse(request, visitPost=_namer(source, prologue))
         request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
         request = algebra.traverse(request, visitPost=algebra.translatePath)
         _mark_everything(request)

@@ -7,8 +7,11 @@ without a colon. What is SPARQL already stays as it is.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+
+from semmap.fields.language.error import QueryError
+from semmap.limits import QUERY_CHARACTERS, QUERY_WORDS
 
 __all__ = ["Normalised", "normalise"]
 
@@ -67,9 +70,20 @@ class Normalised:
 
 
 def normalise(source: str) -> Normalised:
-    """A text as SPARQL."""
+    """A text as SPARQL.
+
+    Raises
+    ------
+    QueryError
+        It is longer than `semmap.limits` allow.
+    """
+
+    def refused(problem: str, fix: str) -> QueryError:
+        return QueryError(f"the text {problem}. {fix}", source, 0)
+
+    QUERY_CHARACTERS.check(len(source), refused, "Ask for less at a time.")
     steps, text = [], source
-    for find in (_escapes, _insertions):
+    for find in (_escapes, lambda text: _insertions(text, refused)):
         edits = tuple(find(text))
         text = _edited(text, edits)
         steps.append(edits)
@@ -104,13 +118,13 @@ def _escapes(text: str) -> Iterator[Edit]:
             yield match.start(), match.end(), chr(number)
 
 
-def _insertions(text: str) -> Iterator[Edit]:
+def _insertions(text: str, refused: Callable[[str, str], QueryError]) -> Iterator[Edit]:
     """Brackets and colons that the paper leaves out."""
     depth = 0
     opened: list[int] = []  # the depths at which a WHERE without braces began
     last = 0  # the end of what came last
     previous = ""
-    position = 0
+    position = count = 0
     while position < len(text):
         match = _TOKEN.match(text, position)
         assert match is not None
@@ -118,6 +132,10 @@ def _insertions(text: str) -> Iterator[Edit]:
         kind, token = match.lastgroup, match[0]
         if kind in ("space", "comment"):
             continue
+        if kind == "other" and token in "\"'":
+            break  # nothing closes it; the grammar says so
+        count += 1
+        QUERY_WORDS.check(count, refused, "Ask for less at a time.")
         word = token.upper() if kind == "word" else ""
         if previous == "WHERE" and token != "{":
             yield last, last, " {"

@@ -19,13 +19,13 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.fields.language.check import KB, Checker
 from semmap.fields.language.evaluate import evaluate
 from semmap.fields.language.expressions import centres, thing_named, word
-from semmap.fields.language.grammar import Parsed, parse_update, place
+from semmap.fields.language.grammar import TOO_DEEP, Parsed, parse_update, place
 from semmap.fields.language.plan import Context
 from semmap.fields.language.region_text import read_region
 from semmap.fields.language.table import UNIT, LimitError, Table
 from semmap.fields.property import Property
 from semmap.fields.region_map import RegionMap
-from semmap.fields.regions import Region, voxels_of
+from semmap.fields.regions import Region, shape_of
 from semmap.fields.statements import (
     Catalogue,
     Relation,
@@ -34,6 +34,7 @@ from semmap.fields.statements import (
     Voxels,
     keys_of,
 )
+from semmap_vdb import BoolGrid
 
 __all__ = ["OCCUPIES", "Updated", "update"]
 
@@ -89,6 +90,9 @@ def update(regions: RegionMap, text: str, catalogue: Catalogue | None = None) ->
     try:
         for request in parsed.requests:
             work.carry_out(request)
+    except RecursionError:
+        work.take_back()
+        raise parsed.error(TOO_DEEP, 0) from None
     except BaseException:
         work.take_back()
         raise
@@ -197,12 +201,15 @@ class _Work:
                 added = request.insert.triples if request.insert else []
                 table = self._solutions(checker, context, request.where)
         find = _Template(self.parsed, checker, context, table, self._named)
-        gone = [find(*triple) for triple in _in_order(removed)]
-        come = [find(*triple, fresh=True) for triple in _in_order(added)]
-        for thing, region in (each for one in gone for each in one):
-            self._delete(thing, region)
-        for thing, region in (each for one in come for each in one):
-            self._insert(thing, region)
+        gone = [(triple, find(*triple)) for triple in _in_order(removed)]
+        come = [(triple, find(*triple, fresh=True)) for triple in _in_order(added)]
+        for change, made in ((self._delete, gone), (self._insert, come)):
+            for triple, pairs in made:
+                for thing, region in pairs:
+                    try:
+                        change(thing, region)
+                    except ValueError as error:
+                        raise self.parsed.error(str(error), triple[2]) from error
 
     def _solutions(self, checker: Checker, context: Context, where: Any) -> Table:
         plan = checker.plan(where)
@@ -226,8 +233,9 @@ class _Work:
 
     def _delete(self, thing: str, region: Region) -> None:
         voxels = self.regions.voxels(self._entity(thing))
-        gone = keys_of(voxels_of(region, self.regions.voxel_size))
-        kept = voxels[~np.isin(keys_of(voxels), gone)]
+        gone = BoolGrid(self.regions.voxel_size, False)
+        gone.fill(shape_of(region), True)
+        kept = voxels[~gone.at(centres(keys_of(voxels), self.regions.voxel_size))]
         if len(kept) < len(voxels):
             self.before.setdefault(thing, voxels)
             self._put(thing, kept)

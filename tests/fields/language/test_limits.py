@@ -6,7 +6,8 @@ import time
 
 import pytest
 
-from semmap.fields.language import QueryError, Rows, query
+from semmap.fields import RegionMap
+from semmap.fields.language import QueryError, Rows, query, update
 from tests.fields.language.catalogue import PREFIX, kitchen
 
 
@@ -76,3 +77,58 @@ def test_time_and_rows_of_a_query(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SEMMAP_MAX_QUERY_SECONDS", "1e-9")
     with pytest.raises(QueryError, match=r"takes longer than 1e-09 s.*SEMMAP_MAX_QUERY_SECONDS"):
         query(kitchen(), text)
+
+
+def test_the_text_of_a_query_has_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = time.perf_counter()
+    prefixes = "".join(f"PREFIX p{i}: <urn:{i}>\n" for i in range(12_500))
+    with pytest.raises(QueryError, match=r"2,501 words, the limit is 2,500 words.*MAX_QUERY_WORDS"):
+        query(kitchen(), PREFIX + prefixes + "SELECT ?v { ?v :occupiedBy ?o }")
+    with pytest.raises(QueryError, match=r"1,000,0\d\d characters.*SEMMAP_MAX_QUERY_CHARACTERS"):
+        query(kitchen(), PREFIX + "SELECT ?v { ?v :occupiedBy ?o }" + " " * 1_000_000)
+    assert time.perf_counter() - start < 5
+
+
+@pytest.mark.parametrize("text", ['"""a' + '\\"' * 50_000, '"\\' * 50_000, "'''" + '"' * 99_999])
+def test_quotation_marks_that_nothing_closes_are_found_at_once(text: str) -> None:
+    start = time.perf_counter()
+    with pytest.raises(QueryError) as error:
+        query(kitchen(), PREFIX + "SELECT ?v { ?v :occupiedBy " + text)
+    assert time.perf_counter() - start < 5, "it took 88 s"
+    assert len(str(error.value)) < 1500
+
+
+NESTED = {
+    "unions": "SELECT ?v { " + " UNION ".join(["{ ?v :occupiedBy ?o }"] * 300) + " }",
+    "groups": "SELECT ?v " + "{ " * 200 + "?v :occupiedBy ?o " + "} " * 200,
+    "brackets": "SELECT ?v { ?v :free ?o FILTER(" + "(" * 200 + "1 > 0" + ")" * 200 + ") }",
+    "negations": "SELECT ?v { ?v :free ?o FILTER(" + "!(" * 200 + "1 > 0" + ")" * 200 + ") }",
+}
+
+
+@pytest.mark.parametrize("name", NESTED)
+def test_what_is_nested_too_deeply_is_refused(name: str) -> None:
+    with pytest.raises(QueryError, match="nested too deeply"):
+        query(kitchen(), PREFIX + NESTED[name])
+
+
+def test_types_in_values_do_not_multiply_without_end() -> None:
+    names = [f"?v{i}" for i in range(9)]
+    text = f"SELECT * {{ VALUES ({' '.join(names)}) {{ ({' '.join([':thing'] * 9)}) }} }}"
+    with pytest.raises(QueryError, match=r"VALUES has 134,217,728 rows.*SEMMAP_MAX_QUERY_ROWS"):
+        query(kitchen(), PREFIX + text)
+
+
+def test_a_region_that_is_too_large_is_named_with_its_place() -> None:
+    regions = RegionMap(0.1)
+    small = 'INSERT DATA { :a :occupies "BOX(0 0 0 1 1 1)"^^:region }'
+    for verb in ("INSERT", "DELETE"):
+        large = f'{verb} DATA {{ :a :occupies "BOX(0 0 0 9999 9999 9999)"^^:region }}'
+        with pytest.raises(QueryError, match=r"line 2, column \d+: .*the region spans too many"):
+            update(regions, f"{PREFIX}{small} ; {large}")
+        assert len(regions) == 0
+    much = 'DELETE DATA { :a :occupies "BOX(0 0 0 40 40 40)"^^:region }'
+    start = time.perf_counter()
+    update(regions, f"{PREFIX}{small} ; {much}")
+    assert time.perf_counter() - start < 5
+    assert len(regions) == 0

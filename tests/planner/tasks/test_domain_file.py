@@ -53,6 +53,21 @@ def test_what_no_action_brings_about_is_said():
                   domain=read_domain(TIDY))  # fmt: skip
 
 
+def test_facts_that_need_each_other_in_many_ways_end(tmp_path):
+    of = "parameters: {p: potted_plant}"
+    actions = "".join(
+        f"  {name}{i}: {{{of}, needs: [f{i - 1}(p)], effects: [f{i}(p)]}}\n"
+        for i in range(1, 60)
+        for name in "ab"
+    )
+    path = tmp_path / "many.yaml"
+    path.write_text(f"actions:\n{actions}")
+    with pytest.raises(NoPlanError, match="in more than 10000 ways"):
+        plan_task(
+            office().network(), garden(), State("lab1"), "f59(plant1)", domain=read_domain(path)
+        )
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -68,6 +83,10 @@ def test_what_no_action_brings_about_is_said():
         ("actions:\n  w:\n    effects: [wet]\n", "line 3: w: a fact reads"),
         ("actions:\n  w:\n    effects: [wet()]\n    seconds: soon\n", "line 4: w: seconds is a"),
         ("actions: [", "line 1: no YAML"),
+        ("actions: " + "[" * 5000, "line 1: nests 65 levels, the limit is 64 levels"),
+        ("actions:\n  a: &a {needs: *a}\n", "line 2: has an alias .a that contains itself"),
+        ("actions:\n" + "".join(f"  a{i}: {{effects: [f{i}()]}}\n" for i in range(201)),
+         "line 1: has 201 actions, the limit is 200 actions"),
         ("- a", "line 1: the file begins with actions:"),
         ("", "line 1: the file begins with actions:"),
         ("actions:\n  pickup:\n    effects: [wet()]\n", "line 2: an action cannot be named pickup"),
