@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["Grid"]
+from semmap.limits import GRID_CELLS
 
-LARGEST = 2**30
-"""Cells beyond which a grid is refused."""
+__all__ = ["Grid"]
 
 
 @dataclass(frozen=True)
@@ -34,8 +33,11 @@ class Grid:
             raise ValueError(f"a grid's resolution is above 0 m, not {self.resolution}")
         if not all(math.isfinite(v) for v in self.origin):
             raise ValueError(f"a grid's origin is finite, not {self.origin}")
-        if min(self.shape) < 1 or self.shape[0] * self.shape[1] > LARGEST:
-            raise ValueError(f"a grid has 1 to {LARGEST} cells, not {self.shape}")
+        if min(self.shape) < 1 or GRID_CELLS.exceeded_by(self.shape[0] * self.shape[1]):
+            raise ValueError(
+                f"a grid has 1 to {GRID_CELLS.value} cells, not {self.shape}; take a coarser "
+                f"resolution, or set {GRID_CELLS.variable}"
+            )
 
     @classmethod
     def around(cls, low: tuple[float, float], high: tuple[float, float], resolution: float) -> Grid:

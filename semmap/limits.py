@@ -14,10 +14,13 @@ __all__ = [
     "ACTIONS",
     "CONFIG_BYTES",
     "ELEMENTS",
+    "ENTRIES",
     "EXTENT",
+    "GRID_CELLS",
     "LIMITS",
     "LINKS",
     "MESH_BYTES",
+    "NAME_CHARACTERS",
     "NESTING",
     "PARTS",
     "PIXELS",
@@ -28,9 +31,12 @@ __all__ = [
     "REGEX_SECONDS",
     "REGION_BLOCKS",
     "REGION_VOXELS",
+    "SURFACE_TRIANGLES",
     "TEXT_BYTES",
     "TRIANGLES",
+    "VERTICES",
     "Limit",
+    "table",
 ]
 
 
@@ -105,15 +111,15 @@ class Limit:
             )
 
     def text(self, number: float) -> str:
-        """A number with the unit: bytes as MiB, others with thousands separated."""
-        if self.unit == "bytes":
+        """A number with the unit, thousands separated; whole mebibytes as such."""
+        if self.unit == "bytes" and number % 2**20 == 0:
             return f"{number / 2**20:,.0f} MiB"
         plain = f"{number:,.0f}" if 1000 <= abs(number) < 1e15 else f"{number:g}"
         return f"{plain} {self.unit}"
 
 
 TEXT_BYTES = Limit(
-    "text_bytes", 64 * 2**20, "bytes", "a world, robot, annotation, policy or domain file as text"
+    "text_bytes", 64 * 2**20, "bytes", "a world, robot, annotation or ontology as text"
 )
 CONFIG_BYTES = Limit(
     "config_bytes", 2**20, "bytes", "a file of parts, policy, rules, domain or map"
@@ -123,6 +129,9 @@ TRIANGLES = Limit("triangles", 20_000_000, "triangles", "a mesh file or model wi
 PARTS = Limit("parts", 20_000, "parts", "meshes placed in a file or model, nested ones included")
 NESTING = Limit("nesting", 64, "levels", "elements, models, nodes or lists within each other")
 ELEMENTS = Limit("elements", 2_000_000, "values", "a YAML file, aliases followed")
+VERTICES = Limit("vertices", 50_000, "vertices", "the outline of a room, region or object")
+ENTRIES = Limit("entries", 1_000_000, "entries", "a world file")
+NAME_CHARACTERS = Limit("name_characters", 500, "characters", "a name, type or label")
 EXTENT = Limit("extent", 10_000, "m", "coordinates, sizes and offsets in a file")
 
 ACTIONS = Limit("actions", 200, "actions", "a domain file")
@@ -131,6 +140,10 @@ REGION_BLOCKS = Limit(
     "region_blocks", 2**18, "blocks", "blocks of 8 x 8 x 8 voxels on the border of a region"
 )
 PIXELS = Limit("pixels", 2**26, "pixels", "the image of an occupancy grid")
+GRID_CELLS = Limit("grid_cells", 2**30, "cells", "an occupancy grid or costmap")
+SURFACE_TRIANGLES = Limit(
+    "surface_triangles", 300_000, "triangles", "a model in which support surfaces are looked for"
+)
 LINKS = Limit("links", 500, "links", "a robot")
 
 QUERY_CHARACTERS = Limit("query_characters", 1_000_000, "characters", "a query on fields")
@@ -147,8 +160,13 @@ LIMITS: tuple[Limit, ...] = (
     TRIANGLES,
     PARTS,
     NESTING,
+    VERTICES,
+    ENTRIES,
+    NAME_CHARACTERS,
     EXTENT,
+    SURFACE_TRIANGLES,
     PIXELS,
+    GRID_CELLS,
     LINKS,
     ACTIONS,
     REGION_VOXELS,
@@ -160,3 +178,9 @@ LIMITS: tuple[Limit, ...] = (
     REGEX_SECONDS,
 )
 """All limits, in the order of the documentation."""
+
+
+def table() -> str:
+    """The limits as a table in Markdown: default, what is counted, and the variable."""
+    rows = [f"| {each.text(each.default)} | {each.covers} | `{each.variable}` |" for each in LIMITS]
+    return "\n".join(["| at most | in | raised by |", "|---|---|---|", *rows]) + "\n"

@@ -60,7 +60,9 @@ def test_aliases_are_followed():
 def test_a_file_has_a_limit(tmp_path, monkeypatch):
     file = tmp_path / "large.yaml"
     file.write_text("# " + "x" * 2**20)
-    with pytest.raises(MendError, match=r"has 1 MiB, the limit is 1 MiB. Name .*CONFIG_BYTES"):
+    with pytest.raises(
+        MendError, match=r"has 1,048,578 bytes, the limit is 1 MiB. Name .*CONFIG_BYTES"
+    ):
         read_text(file, "a policy file", MendError)
     monkeypatch.setenv("SEMMAP_MAX_CONFIG_BYTES", "2e6")
     assert len(read_text(file, "a policy file", MendError)) == 2**20 + 2

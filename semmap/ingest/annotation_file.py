@@ -9,6 +9,7 @@ import sqlite3
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -18,10 +19,10 @@ import shapely
 from numpy.typing import NDArray
 
 from semmap.ingest.world import Skipped, WorldError
+from semmap.limits import EXTENT, NESTING, TEXT_BYTES, VERTICES
 
 __all__ = [
     "ENDINGS",
-    "LARGEST",
     "Feature",
     "FeatureFile",
     "Refused",
@@ -32,9 +33,6 @@ __all__ = [
 
 ENDINGS = (".geojson", ".json", ".gpkg")
 
-LARGEST = 10_000.0
-"""A coordinate beyond this, in metres, is not of a local frame but of the earth, or a slip."""
-
 DEPTHS = {
     "Point": 0,
     "MultiPoint": 1,
@@ -44,9 +42,6 @@ DEPTHS = {
     "MultiPolygon": 3,
 }
 """How deep the positions of a GeoJSON geometry are nested."""
-
-DEEPEST = 32
-"""How deep a property may be nested."""
 
 STYLE_LAYERS = frozenset({"layer_styles", "qgis_projects"})
 """Tables of a GeoPackage that say how QGIS shows the others."""
@@ -155,6 +150,9 @@ def _read_geojson(path: Path) -> FeatureFile:
 def parse_json(path: Path) -> Any:
     """The content of a JSON file; a `WorldError` says where it is none."""
     try:
+        TEXT_BYTES.check(
+            path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
+        )
         return json.loads(path.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as error:
         raise WorldError(
@@ -187,6 +185,7 @@ def _geojson_geometry(geometry: object) -> shapely.Geometry | None:
         )
     except (ValueError, TypeError, IndexError, shapely.errors.ShapelyError) as error:
         raise Refused(f"is no {kind} ({error})", "Draw it again.") from error
+    VERTICES.check(shapely.get_num_coordinates(made), Refused, "Simplify it.")
     return None if made.is_empty else made
 
 
@@ -205,10 +204,11 @@ def _check_positions(coordinates: object, depth: int) -> None:
 
 def _check_range(numbers: list[Any] | NDArray[np.float64]) -> None:
     for number in numbers:
-        if not abs(number) <= LARGEST:  # not: NaN compares as False
+        if EXTENT.exceeded_by(abs(number)):
             raise Refused(
                 f"has {str(number)[:20]}, which is no coordinate of a local frame",
-                f"Draw it within {LARGEST:,.0f} m of the map's origin, in metres.",
+                f"Draw it within {EXTENT.value:,.0f} m of the map's origin, in metres. "
+                f"{EXTENT.variable} raises the limit.",
             )
 
 
@@ -306,6 +306,7 @@ def _wkb_geometry(wkb: bytes | None) -> shapely.Geometry | None:
     except shapely.errors.ShapelyError as error:
         raise Refused(f"has a geometry that cannot be read ({error})", "Draw it again.") from error
     _check_range(shapely.get_coordinates(geometry).ravel())
+    VERTICES.check(shapely.get_num_coordinates(geometry), Refused, "Simplify it.")
     return None if geometry.is_empty else geometry
 
 
@@ -342,7 +343,7 @@ def checked_property(value: Any, key: str) -> Any:
 
 def _texts(value: Any, key: str, depth: int = 0) -> Iterator[str]:
     """All texts in a value; a number in it that is not finite is refused."""
-    if depth > DEEPEST:
+    if NESTING.exceeded_by(depth):
         raise Refused(f"{key!a} is nested too deeply", "Make it flatter.")
     if isinstance(value, str):
         yield value

@@ -12,12 +12,10 @@ import shapely
 
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
+from semmap.limits import SURFACE_TRIANGLES
 from semmap.query.meshes import model_triangles
 
-__all__ = ["MANY_TRIANGLES", "derive_inventories", "find_surfaces", "postpone_derivation"]
-
-MANY_TRIANGLES = 300_000
-"""Models beyond this are not searched for support surfaces: terrains and scans, not furniture."""
+__all__ = ["derive_inventories", "find_surfaces", "postpone_derivation"]
 
 
 def postpone_derivation(connection: psycopg.Connection[Any]) -> None:
@@ -33,8 +31,7 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
     """
     find_surfaces(connection, map_id)
     row = connection.execute(
-        "SELECT derive_again(ARRAY("
-        "SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
+        "SELECT derive_again(ARRAY(SELECT id FROM entity WHERE map_id = %s AND kind = 'object'))",
         (map_id,),
     ).fetchone()
     assert row is not None
@@ -50,7 +47,7 @@ def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
             "WHERE e.map_id = %s AND e.kind = 'object' AND m.kind IN ('mesh', 'box', 'polygon') "
             "AND m.triangles BETWEEN 1 AND %s AND NOT EXISTS "
             "(SELECT FROM support_surface s WHERE s.model_id = m.id) ORDER BY m.id",
-            (map_id, MANY_TRIANGLES),
+            (map_id, SURFACE_TRIANGLES.value),
         )
         for (model_id,) in cursor.fetchall():
             found = support_surfaces(to_mesh(model_triangles(connection, model_id)))

@@ -6,6 +6,7 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,6 +28,7 @@ from semmap.ingest.sdf import read_sdf
 from semmap.ingest.store import Progress, Stored, store_world
 from semmap.ingest.types import load_tbox
 from semmap.ingest.world import Skipped, World, WorldError
+from semmap.limits import ENTRIES, NAME_CHARACTERS
 
 __all__ = ["ImportSummary", "import_file", "read_world"]
 
@@ -57,9 +59,21 @@ def read_world(path: Path, geometry: Geometry = "visual", mesh_as: MeshAs = "obj
         raise WorldError(path, "file", "is not there", "Check the path.")
     for endings, read in READERS:
         if path.suffix.lower() in endings:
-            return read(path, geometry, mesh_as)
+            world = read(path, geometry, mesh_as)
+            _check_names(path, world)
+            return world
     known = ", ".join(sorted(e for endings, _ in READERS for e in endings))
     raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", f"Known: {known}.")
+
+
+def _check_names(path: Path, world: World) -> None:
+    """Refuse names that the database cannot index, and more entries than one would wait for."""
+    ENTRIES.check(len(world.entries), partial(WorldError, path, "file"), "Split the file.")
+    for entry in world.entries:
+        for what, text in (("name", entry.name), ("type", entry.type), ("label", entry.label)):
+            where = f"{entry.kind} {entry.name[:60]}"
+            refused = partial(WorldError, path, where)
+            NAME_CHARACTERS.check(len(text or ""), refused, "Shorten it.", f"its {what} has")
 
 
 def _read_features(path: Path) -> World:

@@ -25,7 +25,7 @@ from semmap.geometry.outline import silhouette
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
-from semmap.ingest.holders import MANY_TRIANGLES, find_surfaces
+from semmap.ingest.holders import find_surfaces
 from semmap.ingest.region_store import (
     Outline,
     Owner,
@@ -35,6 +35,7 @@ from semmap.ingest.region_store import (
     level_region,
     with_article,
 )
+from semmap.limits import SURFACE_TRIANGLES
 from semmap.query.meshes import model_triangles, world_triangles
 
 __all__ = [
@@ -175,7 +176,7 @@ def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
     Raises
     ------
     ValueError
-        No object, one without triangles, or one of more than `MANY_TRIANGLES`.
+        No object, one without triangles, or one of more than limits allow.
     """
     owner = _owner(connection, entity)
     if owner.kind != "object":
@@ -387,8 +388,9 @@ def _surfaces(
     (most,) = connection.exec_driver_sql(
         "SELECT max(triangles) FROM model WHERE id = ANY(%(models)s)", {"models": models}
     ).one()
-    if most > MANY_TRIANGLES:
-        raise ValueError(f"{owner.name} has more than {MANY_TRIANGLES} triangles: simplify it")
+    SURFACE_TRIANGLES.check(
+        most, lambda problem, fix: ValueError(f"{owner.name} {problem}. {fix}"), "Simplify it."
+    )
     if frame is IDENTITY:
         find_surfaces(_driver(connection), owner.map_id)
         rows = connection.exec_driver_sql(

@@ -30,6 +30,7 @@ from semmap.ingest.world import (
     Skipped,
     World,
 )
+from semmap.limits import EXTENT
 
 __all__ = ["read_rmf"]
 
@@ -44,9 +45,6 @@ SHAFT_REACH = 0.25
 
 STANDING = (0.6, 0.5, 0.4, 0.8, 1.0, 0.3)
 """Where a robot stands before a door: the first of these distances that lies in the place."""
-
-FARTHEST = 10_000.0
-"""A point further from the middle of its level than this, metres, is a slip of the mouse."""
 
 PLACE_TYPES = (
     ("is_charger", "charging_station"),
@@ -243,7 +241,7 @@ class _Storey:
             return set()
         middle = np.median(self.points[usable], axis=0)
         away = np.linalg.norm(self.points - middle, axis=1)
-        far = {i for i in usable if not away[i] <= FARTHEST}
+        far = {i for i in usable if not away[i] <= EXTENT.value}
         for i in sorted(far):
             self.reading.skip(
                 f"levels/{self.plan.name}/vertices[{i}]",
@@ -507,7 +505,7 @@ class _Storey:
             np.median(self.points, axis=0) if len(self.points) else np.zeros(2)
         )
         away = math.hypot(x - middle[0], y - middle[1], model.z)
-        if away > FARTHEST:
+        if EXTENT.exceeded_by(away):
             self.reading.skip(
                 f"{model.element} ({model.name})",
                 f"stands {away:.0f} m from the middle of its level",

@@ -17,9 +17,10 @@ import psycopg
 from psycopg.types.json import Jsonb
 
 from semmap.geometry.pose import Pose
-from semmap.ingest.annotation_file import LARGEST, Refused, checked_property, parse_json
+from semmap.ingest.annotation_file import Refused, checked_property, parse_json
 from semmap.ingest.naming import unique_name
 from semmap.ingest.world import Entry, Link, Skipped, World, WorldError
+from semmap.limits import EXTENT, TEXT_BYTES
 
 __all__ = [
     "EDGE",
@@ -53,7 +54,8 @@ ENDS = ("startid", "endid")
 def is_route_graph(path: Path) -> bool:
     """Whether a line in a GeoJSON file has `startid` and `endid`, which no annotation has."""
     try:
-        if path.suffix.lower() == ".gpkg" or b'"startid"' not in path.read_bytes():
+        large = TEXT_BYTES.exceeded_by(path.stat().st_size)  # refused when it is read
+        if large or path.suffix.lower() == ".gpkg" or b'"startid"' not in path.read_bytes():
             return False
     except OSError:
         return False
@@ -207,12 +209,13 @@ def _position(coordinates: Any) -> list[float]:
     numbers = [
         float(c)
         for c in (coordinates if isinstance(coordinates, list) else [])
-        if isinstance(c, int | float) and not isinstance(c, bool) and abs(c) <= LARGEST
+        if isinstance(c, int | float) and not isinstance(c, bool) and not EXTENT.exceeded_by(abs(c))
     ]
     if len(numbers) < 2 or len(numbers) != len(coordinates):
         raise Refused(
             f"has the position {str(coordinates)[:60]}",
-            f"Give x and y in metres of the map's frame, within {LARGEST:,.0f} m.",
+            f"Give x and y in metres of the map's frame, within {EXTENT.value:,.0f} m. "
+            f"{EXTENT.variable} raises the limit.",
         )
     return numbers[:3]
 

@@ -9,6 +9,7 @@ their surfaces, and `sdf_resources` finds the files.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import get_args
 from xml.etree.ElementTree import Element
@@ -19,12 +20,12 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.georeference import utm_crs
 from semmap.ingest.naming import guess_type, unique_name
 from semmap.ingest.sdf_frames import Frames
-from semmap.ingest.sdf_geometry import LARGEST
 from semmap.ingest.sdf_model import Instance, Models, Role, Source
 from semmap.ingest.sdf_resources import Resources
 from semmap.ingest.sdf_text import Unusable, leaving_out, local_pose, numbers
 from semmap.ingest.world import Entry, Skipped, World, WorldError
 from semmap.ingest.xml import read_xml
+from semmap.limits import EXTENT
 
 __all__ = ["read_sdf"]
 
@@ -154,11 +155,10 @@ def _actor(element: Element, frames: Frames) -> Entry:
 
 
 def _in_world(pose: Pose, where: str) -> Pose:
-    if np.abs(pose.translation).max() > LARGEST:
-        raise Unusable(
-            f"{where}: pose",
-            f"it stands at ({pose.x:,.0f}, {pose.y:,.0f}, {pose.z:,.0f}) m, more than "
-            f"{LARGEST / 1000:,.0f} km from the origin",
-            "Correct its pose, or remove it.",
-        )
+    EXTENT.check(
+        float(np.abs(pose.translation).max()),
+        partial(Unusable, f"{where}: pose"),
+        "Correct its pose, or remove it.",
+        f"it stands at ({pose.x:,.0f}, {pose.y:,.0f}, {pose.z:,.0f}) m,",
+    )
     return pose

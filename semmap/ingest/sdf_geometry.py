@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -16,11 +17,9 @@ from semmap.geometry.pose import IDENTITY
 from semmap.ingest.mesh_file import MeshFileError, read_mesh
 from semmap.ingest.sdf_resources import Resources
 from semmap.ingest.sdf_text import Unusable, flag, numbers
+from semmap.limits import EXTENT, VERTICES
 
-__all__ = ["LARGEST", "Geometries"]
-
-LARGEST = 10_000.0
-"""Metres; what is larger or further away than this is a mistake in the file."""
+__all__ = ["Geometries"]
 
 SMALLEST = 1e-6
 """Metres: a film; of less nothing can be computed."""
@@ -66,8 +65,7 @@ class Geometries:
             )
         if not len(mesh.faces):
             raise Unusable(where, "it is too small to have a surface", "Correct size or scale.")
-        if not np.isfinite(mesh.vertices).all() or np.abs(mesh.vertices).max() > LARGEST:
-            raise Unusable(where, f"it is larger than {LARGEST:,.0f} m", "Correct size or scale.")
+        _check_extent(float(np.abs(mesh.vertices).max()), where)
         return mesh
 
     def _from_file(self, shape: Element, named_in: Path, where: str) -> Mesh:
@@ -103,9 +101,12 @@ def _size(shape: Element, name: str, where: str) -> float:
 def _positive(values: tuple[float, ...], where: str) -> tuple[float, ...]:
     if min(values) < SMALLEST:
         raise Unusable(where, f"sizes must be at least {SMALLEST:g} m", "Correct the size.")
-    if max(values) > LARGEST:
-        raise Unusable(where, f"it is larger than {LARGEST:,.0f} m", "Correct the size.")
+    _check_extent(max(values), where)
     return values
+
+
+def _check_extent(reach: float, where: str) -> None:
+    EXTENT.check(reach, partial(Unusable, where), "Correct size or scale.", "it measures")
 
 
 def _box(shape: Element, where: str) -> Mesh:
@@ -156,8 +157,9 @@ def _polylines(shapes: list[Element], where: str) -> Mesh:
     outline: shapely.Geometry = shapely.Polygon()
     for shape in shapes:
         points = [numbers(p, 2, f"{where}: point") for p in shape.findall("point")]
+        VERTICES.check(len(points), partial(Unusable, where), "Simplify it.", "an outline has")
         ring = shapely.Polygon(points) if len(points) > 2 else shapely.Polygon()
-        if not ring.is_valid or ring.area == 0 or max(map(abs, ring.bounds)) > LARGEST:
+        if not ring.is_valid or ring.area == 0 or EXTENT.exceeded_by(max(map(abs, ring.bounds))):
             raise Unusable(
                 where,
                 "an outline needs three points, a finite area, and may not cross itself",

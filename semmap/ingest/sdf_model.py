@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal, get_args
 from xml.etree.ElementTree import Element
@@ -13,24 +14,16 @@ from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.ingest.naming import unique_name
 from semmap.ingest.sdf_frames import Frames
-from semmap.ingest.sdf_geometry import LARGEST, Geometries
+from semmap.ingest.sdf_geometry import Geometries
 from semmap.ingest.sdf_resources import Resources, model_name
 from semmap.ingest.sdf_text import Unusable, flag, leaving_out, local_pose
 from semmap.ingest.world import Shape, Skipped, World, WorldError
 from semmap.ingest.xml import read_xml
+from semmap.limits import EXTENT, NESTING, PARTS, TRIANGLES
 
 __all__ = ["Instance", "Model", "Models", "Role", "Source"]
 
 Role = Literal["visual", "collision"]
-
-MOST_NESTED = 32
-"""Models within models, at most."""
-
-MOST_PARTS = 20_000
-"""Visuals and collisions of one model with all that it nests, at most."""
-
-MOST_FACES = 20_000_000
-"""Triangles of one model with all that it nests, at most."""
 
 MODEL_FRAME = "__model__"
 
@@ -190,26 +183,16 @@ class Models:
     def _read(self, element: Element, source: Source) -> Model:
         name = element.get("name", "").strip() or "model"
         where = f"{source}model {name}"
-        if source.depth >= MOST_NESTED:
-            raise WorldError(
-                source.path,
-                where,
-                f"more than {MOST_NESTED} models stand within each other",
-                "Nest less deeply.",
-            )
         source = replace(source, depth=source.depth + 1)
+        refused = partial(WorldError, source.path, where)
+        NESTING.check(source.depth, refused, "Nest models less deeply.", "nests models:")
         frames = Frames(source.path, where, MODEL_FRAME)
         nested = self.instances(element, frames, source)
         links = self.add_frames(element, frames, where)
         frames.check()
         parts = self._parts(links, frames, source.path, where)
-        if len(parts) + sum(len(n.model.parts) for n in nested) > MOST_PARTS:
-            raise WorldError(
-                source.path,
-                where,
-                f"it has more than {MOST_PARTS:,} visuals and collisions, nested ones included",
-                "Split it, or nest fewer models.",
-            )
+        count = len(parts) + sum(len(n.model.parts) for n in nested)
+        PARTS.check(count, refused, "Split it, or nest fewer models.")
         for instance in nested:
             with leaving_out(self._world.skipped):
                 stands = frames.pose(instance.name, f"{where}: model {instance.name}")
@@ -300,12 +283,12 @@ class Models:
                 with leaving_out(skipped):
                     surface = self._surface(part)
                     faces += len(surface.faces)
-                    if faces > MOST_FACES:
-                        raise Unusable(
-                            part.where,
-                            f"with it the model has more than {MOST_FACES:,} triangles",
-                            "Split the model, or simplify its meshes.",
-                        )
+                    TRIANGLES.check(
+                        faces,
+                        partial(Unusable, part.where),
+                        "Split the model, or simplify its meshes.",
+                        "with it the model has",
+                    )
                     surfaces.append(surface)
             self._baked[key] = join(surfaces) if len(surfaces) > 1 else next(iter(surfaces), None)
         return self._baked[key]
@@ -314,12 +297,12 @@ class Models:
         mesh = self._geometries.mesh(part.geometry, part.path, part.where)
         if part.pose != IDENTITY:
             mesh = mesh.moved(part.pose)
-        if np.abs(mesh.vertices).max() > LARGEST:
-            raise Unusable(
-                part.where,
-                f"it reaches further than {LARGEST / 1000:,.0f} km from its model's origin",
-                "Correct its pose, size or scale.",
-            )
+        EXTENT.check(
+            float(np.abs(mesh.vertices).max()),
+            partial(Unusable, part.where),
+            "Correct its pose, size or scale.",
+            "from its model's origin it reaches",
+        )
         return mesh
 
     def _note(self, note: str) -> None:

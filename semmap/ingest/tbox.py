@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from rdflib import OWL, RDF, RDFS, SKOS, Graph, Literal, URIRef
 from rdflib.plugins.parsers.notation3 import BadSyntax
 
 from semmap.ingest.world import WorldError
+from semmap.limits import TEXT_BYTES
 
 __all__ = ["KINDS", "TypeRecord", "read_tbox", "snake_case"]
 
@@ -121,6 +123,9 @@ def _parse(path: Path) -> Graph:
             path, "ending", f"{path.suffix!r} is not an ontology's", f"Known: {known}."
         )
     try:
+        TEXT_BYTES.check(
+            path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
+        )
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise WorldError(

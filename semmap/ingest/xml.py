@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
@@ -10,6 +11,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import parse
 
 from semmap.ingest.world import WorldError
+from semmap.limits import TEXT_BYTES
 
 __all__ = ["read_xml"]
 
@@ -29,6 +31,7 @@ def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
         another root.
     """
     try:
+        TEXT_BYTES.check(path.stat().st_size, partial(WorldError, path, "file"), "Split the file.")
         root: Element | None = parse(path, forbid_dtd=True).getroot()
     except OSError as error:
         raise WorldError(
