@@ -17,10 +17,10 @@ from benchmarks.spheres import centers
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.database.files import schema_folder
 from semmap.fields import Box, RegionMap, Sphere, voxels_of
-from semmap.fields.operators import mask
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.maps.operators import mask
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.sources import Gaze, GazeSource, ObjectSource, Segmentation
-from semmap.fields.vocabulary import Vocabulary, read_vocabulary
+from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
 
 __all__ = ["main"]
 

@@ -12,10 +12,10 @@ import rdflib
 from numpy.typing import NDArray
 
 from benchmarks.timing import Row, median_seconds, print_rows
-from semmap.fields.language import Rows, query
-from semmap.fields.language.grammar import parse_query
-from semmap.fields.property import Kind, Property
-from semmap.fields.statements import (
+from semmap.fields.queries import Rows, query
+from semmap.language.grammar import parse_query
+from semmap.language.property import Kind, Property
+from semmap.fields.queries.statements import (
     Column,
     Numbers,
     Relation,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.fields import Box, Cone, RegionMap, Sphere
-from semmap.fields.relations import Relations
+from semmap.fields.relations.relations import Relations
 
 __all__ = ["main"]
 

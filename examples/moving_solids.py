@@ -21,10 +21,10 @@ from matplotlib.figure import Figure
 
 from semmap.draw.voxel_slices import Slice, VoxelSet, draw_slices, slices_picture
 from semmap.fields import Box, Cone, Cylinder, Hull, RegionMap, Solid, Sphere
-from semmap.fields.events import Events
-from semmap.fields.regions import Region
-from semmap.fields.relations import Event, Relations
-from semmap.fields.statements import keys_of, voxels_of_keys
+from semmap.fields.relations.events import Events
+from semmap.fields.regions.shapes import Region
+from semmap.fields.relations.relations import Event, Relations
+from semmap.fields.queries.statements import keys_of, voxels_of_keys
 
 VOXEL = 0.025
 LOW, HIGH = np.array((-1.6, -1.1, 0.0)), np.array((2.4, 1.1, 1.9))

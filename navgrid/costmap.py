@@ -27,7 +27,7 @@ from navgrid.terrain import Gait, Level, drivable, levels
 from semmap.robot import Part
 
 if TYPE_CHECKING:
-    from semmap.fields.representation_map import RepresentationMap
+    from semmap.fields.maps.representation_map import RepresentationMap
 
 __all__ = ["Blame", "Costmap", "Inflation"]
 

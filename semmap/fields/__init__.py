@@ -3,10 +3,10 @@
 Needs OpenVDB. The working modules know no database; `source`, `mirror` and `announce` do.
 """
 
-from semmap.fields.maps import Maps
-from semmap.fields.property import Property
-from semmap.fields.region_map import Memory, Overlap, RegionMap
-from semmap.fields.regions import (
+from semmap.fields.maps.map_buffer import Maps
+from semmap.language.property import Property
+from semmap.fields.regions.region_map import Memory, Overlap, RegionMap
+from semmap.fields.regions.shapes import (
     Box,
     Cone,
     Cylinder,
@@ -18,7 +18,7 @@ from semmap.fields.regions import (
     Surface,
     voxels_of,
 )
-from semmap.fields.representation_map import Lattice, RepresentationMap
+from semmap.fields.maps.representation_map import Lattice, RepresentationMap
 
 __all__ = [
     "Box",

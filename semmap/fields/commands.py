@@ -13,16 +13,16 @@ import numpy as np
 import typer
 
 from semmap import cli
-from semmap.fields import keep
-from semmap.fields.announce import Announcer, as_json
-from semmap.fields.export import write_grid, write_points
-from semmap.fields.kept_maps import keep_map, kept_maps
-from semmap.fields.language import Rows, query
-from semmap.fields.mirror import Mirror
-from semmap.fields.mirrored import catalogue_of
-from semmap.fields.relations import Relations
-from semmap.fields.source import read_names, read_vocabulary_of_map
-from semmap.fields.stored import stored_map
+from semmap.fields.store import field_store
+from semmap.fields.store.event_channel import Announcer, as_json
+from semmap.fields.maps.export import write_grid, write_points
+from semmap.fields.store.map_store import keep_map, kept_maps
+from semmap.fields.queries import Rows, query
+from semmap.fields.store.voxel_mirror import Mirror
+from semmap.fields.queries.mirror_catalogue import catalogue_of
+from semmap.fields.relations.relations import Relations
+from semmap.fields.store.reader import read_names, read_vocabulary_of_map
+from semmap.fields.queries.query_result import stored_map
 
 __all__ = ["fields"]
 
@@ -117,7 +117,7 @@ def kept(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the maps that the database keeps, with their versions."""
     with cli.open_map(map_name) as connection:
         rows = [
-            (name, m.property.name, m.about, len(m), len(keep.versions(connection, name)))
+            (name, m.property.name, m.about, len(m), len(field_store.versions(connection, name)))
             for name, m in kept_maps(connection, read_vocabulary_of_map()).items()
         ]
     cli.show_rows(["name", "property", "about", "voxels", "versions"], rows, json_)
@@ -127,10 +127,10 @@ def kept(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 def forget(name: str, map_name: cli.MapName = None) -> None:
     """Delete a map that the database keeps, with all its versions."""
     with cli.open_map(map_name) as connection:
-        if name not in keep.names(connection):
-            known = ", ".join(keep.names(connection)) or "none"
+        if name not in field_store.names(connection):
+            known = ", ".join(field_store.names(connection)) or "none"
             raise LookupError(f"no field {name} is kept of this map; there are: {known}")
-        keep.forget(connection, name)
+        field_store.forget(connection, name)
         connection.commit()
 
 
@@ -252,7 +252,7 @@ def export_kept(
 ) -> None:
     """Write a map that is kept as OpenVDB, its legend, and its voxels as points."""
     with cli.open_map(map_name) as connection:
-        field = keep.load(connection, name, version)
+        field = field_store.load(connection, name, version)
     folder.mkdir(parents=True, exist_ok=True)
     write_grid(folder / "field.vdb", field.grid, name)
     write_grid(folder / "points.ply", field.grid, name)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from semmap.draw.fields import FieldView, fields_picture
 from semmap.draw.palette import object_colour
-from semmap.fields.catalogue import FieldCatalogue
-from semmap.fields.language import Stored, query
-from semmap.fields.maps import Maps
-from semmap.fields.names import Names
-from semmap.fields.source import read_names, read_props, read_vocabulary_of_map, read_zones
+from semmap.fields.queries.catalogue import FieldCatalogue
+from semmap.fields.queries import Stored, query
+from semmap.fields.maps.map_buffer import Maps
+from semmap.language.names import Names
+from semmap.fields.store.reader import read_names, read_props, read_vocabulary_of_map, read_zones
 from semmap.fields.sources import (
     GazeSource,
     ObjectSource,
@@ -27,7 +27,7 @@ from semmap.fields.sources import (
     ZoneSource,
 )
 from semmap.fields.sources.percepts import Zone
-from semmap.fields.stage import Actor, Prop, Stage, standpoints
+from semmap.fields.sources.synthetic_scene import Actor, Prop, Stage, standpoints
 
 __all__ = ["field_demo", "perceived", "staged"]
 

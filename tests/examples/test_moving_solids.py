@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from semmap.fields.relations import Event, Fact
+from semmap.fields.relations.relations import Event, Fact
 
 SCRIPT = Path(__file__).parents[2] / "examples/moving_solids.py"
 

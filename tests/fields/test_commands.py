@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from sqlalchemy import Engine, text
 
-from semmap.fields.announce import Listener
+from semmap.fields.store.event_channel import Listener
 from semmap.ingest.importer import import_file
 from tests.command_line import semmap
 

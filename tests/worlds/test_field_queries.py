@@ -13,16 +13,16 @@ import trimesh
 from numpy.typing import NDArray
 from sqlalchemy import Engine
 
-from semmap.fields.catalogue import FieldCatalogue, Occupancy
+from semmap.fields.queries.catalogue import FieldCatalogue, Occupancy
 from semmap.fields.demo import PAPERS_QUERY, perceived, staged
-from semmap.fields.language import Rows, Stored, query
-from semmap.fields.maps import Maps
-from semmap.fields.names import Names
-from semmap.fields.region_map import RegionMap
-from semmap.fields.regions import Cylinder, Surface
-from semmap.fields.source import read_names, read_props, read_vocabulary_of_map
+from semmap.fields.queries import Rows, Stored, query
+from semmap.fields.maps.map_buffer import Maps
+from semmap.language.names import Names
+from semmap.fields.regions.region_map import RegionMap
+from semmap.fields.regions.shapes import Cylinder, Surface
+from semmap.fields.store.reader import read_names, read_props, read_vocabulary_of_map
 from semmap.fields.sources import Segmentation
-from semmap.fields.stage import Prop, Stage
+from semmap.fields.sources.synthetic_scene import Prop, Stage
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh

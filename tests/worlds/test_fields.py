@@ -10,8 +10,8 @@ import trimesh
 from numpy.typing import NDArray
 from sqlalchemy import Engine
 
-from semmap.fields.mirror import Mirror
-from semmap.fields.source import read_occupants
+from semmap.fields.store.voxel_mirror import Mirror
+from semmap.fields.store.reader import read_occupants
 from semmap.geometry.parts import closed_parts
 from semmap.geometry.tin import to_mesh
 from semmap.ingest.importer import import_file

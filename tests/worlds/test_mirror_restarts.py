@@ -9,7 +9,7 @@ import numpy as np
 from sqlalchemy import Engine, text
 
 from semmap.database import Cluster, connect
-from semmap.fields.mirror import Mirror
+from semmap.fields.store.voxel_mirror import Mirror
 from semmap.ingest.importer import import_file
 from tests.database.conftest import made, own
 from tests.database.test_crash import kill_server

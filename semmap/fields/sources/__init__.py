@@ -13,7 +13,7 @@ from semmap.fields.sources.percepts import (
 )
 from semmap.fields.sources.personal_space import PersonalSpaceSource
 from semmap.fields.sources.robot_body import RobotBodySource
-from semmap.fields.sources.seen import ObjectSource, PeopleSource
+from semmap.fields.sources.segmentation import ObjectSource, PeopleSource
 from semmap.fields.sources.source import Source, discovered, make_source
 from semmap.fields.sources.zones import ZoneSource
 

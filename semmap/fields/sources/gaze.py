@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.regions import Cone, _above_0, _rigid, shape_of, voxels_of
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.regions.shapes import Cone, _above_0, _rigid, shape_of, voxels_of
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.sources.percepts import Gaze
-from semmap.fields.vocabulary import Vocabulary
+from semmap.fields.maps.vocabulary import Vocabulary
 from semmap_vdb import BoolGrid, FloatGrid
 
 __all__ = ["GazeSource"]

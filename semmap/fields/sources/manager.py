@@ -13,7 +13,7 @@ from datetime import timedelta
 from time import monotonic
 from typing import Any
 
-from semmap.fields.maps import Maps
+from semmap.fields.maps.map_buffer import Maps
 from semmap.fields.sources.source import Source
 
 __all__ = ["Manager", "Status"]

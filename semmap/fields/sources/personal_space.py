@@ -11,10 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.regions import _above_0
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.regions.shapes import _above_0
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.sources.percepts import Moving, People
-from semmap.fields.vocabulary import Vocabulary
+from semmap.fields.maps.vocabulary import Vocabulary
 from semmap_vdb import FloatGrid
 
 __all__ = ["PersonalSpaceSource", "disturbance"]

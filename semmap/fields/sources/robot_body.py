@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from semmap.fields.mesh_regions import parts_of
-from semmap.fields.regions import Region, _above_0, _rigid
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.regions.mesh_regions import parts_of
+from semmap.fields.regions.shapes import Region, _above_0, _rigid
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.sources.percepts import RobotState
-from semmap.fields.vocabulary import Vocabulary
+from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.robot.urdf import Robot, load_robot
 
 __all__ = ["RobotBodySource"]

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import entry_points
 from typing import Any, Protocol
 
-from semmap.fields.representation_map import RepresentationMap
-from semmap.fields.vocabulary import Vocabulary
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import Vocabulary
 
 __all__ = ["GROUP", "Source", "discovered", "make_source"]
 

@@ -6,11 +6,11 @@ import numpy as np
 from shapely import Polygon
 from trimesh.creation import extrude_polygon
 
-from semmap.fields.mesh_regions import parts_of
-from semmap.fields.regions import Region, _above_0
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.regions.mesh_regions import parts_of
+from semmap.fields.regions.shapes import Region, _above_0
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.sources.percepts import Zone, Zones
-from semmap.fields.vocabulary import Vocabulary
+from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from semmap.fields.maps import Maps
-from semmap.fields.property import Property
-from semmap.fields.regions import Box, Sphere
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.maps.map_buffer import Maps
+from semmap.language.property import Property
+from semmap.fields.regions.shapes import Box, Sphere
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.sources import Manager
 
 SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "thing", measure="attention")

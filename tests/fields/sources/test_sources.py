@@ -32,7 +32,7 @@ from semmap.fields.sources import (
     discovered,
     make_source,
 )
-from semmap.fields.vocabulary import read_vocabulary
+from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.robot.urdf import load_robot
 from tests.robot.robots import real_robot
 
