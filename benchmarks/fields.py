@@ -19,8 +19,8 @@ from semmap.database.files import schema_folder
 from semmap.fields import Box, RegionMap, Sphere, voxels_of
 from semmap.fields.maps.operators import mask
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.sources import Gaze, GazeSource, ObjectSource, Segmentation
 from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
+from semmap.fields.sources import Gaze, GazeSource, ObjectSource, Segmentation
 
 __all__ = ["main"]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.fields import Box, Cone, RegionMap, Sphere
-from semmap.fields.relations.relations import Relations
+from semmap.fields.relations.tracker import RelationTracker
 
 __all__ = ["main"]
 
@@ -42,15 +42,20 @@ def main() -> None:
     """Print the table."""
     here, places = furnished()
     views = {f"view{i}": f"human{i}" for i in range(5)}
-    relations = Relations(here, views=views)  # near is within 0.5 m
+    relations = RelationTracker(here, views=views)  # near is within 0.5 m
     start = time.perf_counter()
     relations.update(here.entities())
     first = time.perf_counter() - start
     facts = len(relations.holding())
     rows = [
-        Row(f"all of {len(here):,} things for the first time", f"{1e3 * first:.0f} ms",
-            f"{facts:,} facts", "reported", True)
-    ]  # fmt: skip
+        Row(
+            f"all of {len(here):,} things for the first time",
+            f"{1e3 * first:.0f} ms",
+            f"{facts:,} facts",
+            "reported",
+            True,
+        )
+    ]
 
     up = np.array((0, 0, 0.95))
     for name, steps in (
@@ -74,11 +79,14 @@ def main() -> None:
         update = 1e3 * (median_seconds(follow, 21) - moved) / len(steps)
         small = name != "floor"
         rows.append(
-            Row(f"{name} ({size:,} voxels) moves by 5 cm", f"{update:.2f} ms",
+            Row(
+                f"{name} ({size:,} voxels) moves by 5 cm",
+                f"{update:.2f} ms",
                 f"all things anew: {1e3 * first / update:,.0f}x",
                 f"at most {UPDATE_MS:g} ms" if small else "reported",
-                not small or update <= UPDATE_MS)
-        )  # fmt: skip
+                not small or update <= UPDATE_MS,
+            )
+        )
     print_rows("Relations", rows)
 
 

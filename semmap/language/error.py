@@ -1,26 +1,40 @@
-"""What is refused, and where in the text."""
+"""The error for a query or update that cannot be carried out, with its place in the text."""
 
 from __future__ import annotations
 
-__all__ = ["QueryError"]
+__all__ = ["TOO_DEEP", "QueryError"]
 
+TOO_DEEP = "this is nested too deeply, or has too many parts: use fewer brackets and UNIONs"
+"""The reason for refusing a text that exceeds Python's limit of recursion."""
 
 WIDEST = 200
-"""Characters that are shown of a line before the place of an error, and behind it."""
+"""The most characters of a line that are shown on either side of an error."""
 
 
 class QueryError(ValueError):
-    """A text that cannot be answered; nothing was changed.
+    """A query or update is wrong; nothing was changed.
+
+    The message gives line and column, the reason, the line of the text, and a caret below the
+    wrong character.
 
     Parameters
     ----------
-    reason : what is wrong, and how to mend it
+    reason : what is wrong, and how to fix it
     text : the text as the user wrote it
-    offset : of the character that is wrong, from 0
+    offset : index of the wrong character in `text`
 
     Attributes
     ----------
-    line, column : the place, both from 1
+    reason : str
+    line, column : int
+        The place of the error, both counted from 1.
+
+    Examples
+    --------
+    >>> print(QueryError("use SELECT", "SELCT ?v { }", 0))
+    line 1, column 1: use SELECT
+        SELCT ?v { }
+        ^
     """
 
     def __init__(self, reason: str, text: str, offset: int) -> None:

@@ -1,87 +1,111 @@
-"""What things are called: entities, and the semantic types that constants of a query may name."""
+"""The names that constants of a query may use: entities of a map, and semantic types."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 
 from semmap.ingest.tbox import TypeRecord, snake_case
+from semmap.suggestions import suggestion
 
-__all__ = ["Names"]
+__all__ = ["NameIndex"]
 
 
 @dataclass(frozen=True)
-class Names:
-    """Entities with their types, and types with what subsumes them.
+class NameIndex:
+    """Entities with their semantic types, and types with the types that subsume them.
 
     Attributes
     ----------
-    entities : the type of each entity, None where it has none
-    supers : all types that subsume a type, itself among them
-    synonyms : other words for a type
+    entities : the type of each entity; None where it has none
+    supertypes : for each type all types that subsume it, itself included
+    synonyms : other words for types, in snake case, with the type
+
+    Examples
+    --------
+    >>> index = NameIndex({"mug7": "mug"}, {"mug": frozenset({"mug", "object"})}, {"cup": "mug"})
+    >>> sorted(index.find("Cup"))
+    ['mug', 'mug7']
     """
 
     entities: Mapping[str, str | None] = field(default_factory=dict)
-    supers: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    supertypes: Mapping[str, frozenset[str]] = field(default_factory=dict)
     synonyms: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of_tbox(
+    def from_tbox(
         cls, records: Iterable[TypeRecord], entities: Mapping[str, str | None] | None = None
-    ) -> Names:
-        """From a T-Box as `read_tbox` gives it: each type after its parents."""
-        supers: dict[str, frozenset[str]] = {}
-        synonyms = {}
-        for record in records:
-            supers[record.name] = frozenset({record.name}).union(
-                *(supers[parent] for parent in record.parents)
-            )
-            for word in (record.label, *record.synonyms):
-                synonyms[snake_case(word)] = record.name
-        return cls(dict(entities or {}), supers, synonyms)
-
-    def is_a(self, type_: str | None, super_: str) -> bool:
-        """Whether a type is subsumed by another; one that is not known may be anything."""
-        return type_ is None or type_ not in self.supers or super_ in self.supers[type_]
-
-    def subtypes(self, type_: str) -> frozenset[str]:
-        """The types that a type subsumes, itself among them."""
-        return frozenset(name for name, supers in self.supers.items() if type_ in supers)
-
-    def things(
-        self, name: str, range_: str | None, also: Mapping[str, str | None]
-    ) -> frozenset[str]:
-        """The entities and types that a word names, as `Catalogue.things` has it.
+    ) -> NameIndex:
+        """Index the types of a T-Box.
 
         Parameters
         ----------
-        also : things that only maps know, with the type that their property gives them
+        records : as `read_tbox` returns them, each type after its parents
+        entities : the type of each entity
         """
-        entities = {**also, **self.entities}
+        supertypes: dict[str, frozenset[str]] = {}
+        synonyms = {}
+        for record in records:
+            supertypes[record.name] = frozenset({record.name}).union(
+                *(supertypes[parent] for parent in record.parents)
+            )
+            for word in (record.label, *record.synonyms):
+                synonyms[snake_case(word)] = record.name
+        return cls(dict(entities or {}), supertypes, synonyms)
+
+    def is_a(self, type_: str | None, supertype: str) -> bool:
+        """Return whether a type is subsumed by another; True for an unknown type."""
+        known = None if type_ is None else self.supertypes.get(type_)
+        return known is None or supertype in known
+
+    def subtypes(self, type_: str) -> frozenset[str]:
+        """Return the types that a type subsumes, itself included."""
+        return frozenset(name for name, supers in self.supertypes.items() if type_ in supers)
+
+    def find(
+        self,
+        name: str,
+        range_: str | None = None,
+        others: Mapping[str, str | None] | None = None,
+    ) -> frozenset[str]:
+        """Return what a name stands for.
+
+        An entity stands for itself, a type for itself, its subtypes and their entities.
+
+        Parameters
+        ----------
+        name : of an entity or a type; types may be written in any case, or by a synonym
+        range_ : the type that the result must have; any if not given
+        others : further entities with their types
+
+        Raises
+        ------
+        LookupError
+            There is no such entity or type.
+        TypeError
+            There is one, but not of the type `range_`.
+        """
+        entities = {**(others or {}), **self.entities}
         found: set[str] = set()
-        misfit: set[str] = set()
+        known = False
         if name in entities:
-            fits = range_ is None or self.is_a(entities[name], range_)
-            (found if fits else misfit).add(name)
+            known = True
+            if range_ is None or self.is_a(entities[name], range_):
+                found.add(name)
         type_ = self._type(name)
         if type_ is not None:
+            known = True
             below = self.subtypes(type_)
             if range_ is None or self.is_a(type_, range_) or range_ in below:
                 found |= below
-                found |= {e for e, of in entities.items() if of in below}
-            else:
-                misfit.add(type_)
+                found |= {entity for entity, of in entities.items() if of in below}
         if found:
             return frozenset(found)
-        if misfit:
-            raise TypeError(f"{name} is no {range_}")
-        raise LookupError(f"there is no entity and no type {name}{self._near(name, entities)}")
+        if known:
+            raise TypeError(f"{name} is not of the type {range_}")
+        similar = suggestion(name, [*entities, *self.supertypes])
+        raise LookupError(f"there is no entity and no type {name}{similar}")
 
     def _type(self, word: str) -> str | None:
         name = snake_case(word)
-        return name if name in self.supers else self.synonyms.get(name)
-
-    def _near(self, name: str, entities: Collection[str]) -> str:
-        near = get_close_matches(name, [*entities, *self.supers], n=3)
-        return f"; near it: {', '.join(near)}" if near else ""
+        return name if name in self.supertypes else self.synonyms.get(name)

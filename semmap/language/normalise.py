@@ -1,7 +1,7 @@
-"""From the text of the paper to SPARQL.
+"""Rewrites the notation of reMap (section 4) as SPARQL, and keeps track of positions.
 
-The examples of reMap (section 4) have IRIs without angle brackets, WHERE without braces and names
-without a colon. What is SPARQL already stays as it is.
+The paper writes IRIs without angle brackets, WHERE without braces and names without a colon. Text
+that is SPARQL already stays as it is.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from semmap.language.error import QueryError
 from semmap.limits import QUERY_CHARACTERS, QUERY_WORDS
 
-__all__ = ["Normalised", "normalise"]
+__all__ = ["NormalisedText", "normalise", "skip_space"]
 
 _TOKEN = re.compile(
     r"""
@@ -38,7 +38,7 @@ _BRACKET = re.compile(r"\s*[({]")
 _ESCAPE = re.compile(r"(?<!\\)\\(?:u([0-9A-Fa-f]{4})|U([0-9A-Fa-f]{8}))")
 
 _MODIFIERS = frozenset(["STORE", "AT", "DURING", "GROUP", "HAVING", "ORDER", "LIMIT", "OFFSET"])
-"""Words that end a WHERE without braces."""
+"""The keywords that end a WHERE without braces."""
 
 _RESERVED = _MODIFIERS | {
     *("A", "ADD", "ALL", "AS", "ASC", "ASK", "BASE", "BIND", "BY", "CLEAR", "CONSTRUCT", "COPY"),
@@ -47,47 +47,77 @@ _RESERVED = _MODIFIERS | {
     *("NAMED", "NOT", "OPTIONAL", "PREFIX", "REDUCED", "SELECT", "SEPARATOR", "SERVICE", "SILENT"),
     *("TO", "TRUE", "UNDEF", "UNION", "USING", "VALUES", "WHERE", "WITH"),
 }
-"""All words of the grammar that can stand without an opening bracket after them."""
-
+"""The keywords that need no opening bracket after them."""
 
 Edit = tuple[int, int, str]
-"""What stands in place of the characters from the first number to the second."""
+"""Begin and end of the replaced characters, and the new ones."""
 
 
 @dataclass(frozen=True)
-class Normalised:
-    """A text in SPARQL, and where its parts stood in what the user wrote."""
+class NormalisedText:
+    """A text as SPARQL, and how its positions map to the text that the user wrote.
 
-    text: str
-    source: str
+    Attributes
+    ----------
+    sparql : the text as SPARQL
+    original : the text as the user wrote it
+    steps : the edits from `original` to `sparql`, one tuple for each pass
+    """
+
+    sparql: str
+    original: str
     steps: tuple[tuple[Edit, ...], ...]
 
     def offset(self, position: int) -> int:
-        """The place in the source of a place in the text."""
+        """Return the index in `original` of a position in `sparql`."""
         for edits in reversed(self.steps):
             position = _before(edits, position)
         return position
 
+    def error(self, reason: str, position: int) -> QueryError:
+        """Return an error at the first word from a position in `sparql` on."""
+        return QueryError(reason, self.original, self.offset(skip_space(self.sparql, position)))
 
-def normalise(source: str) -> Normalised:
-    """A text as SPARQL.
+
+def normalise(text: str) -> NormalisedText:
+    """Rewrite a text as SPARQL.
 
     Raises
     ------
     QueryError
-        It is longer than `semmap.limits` allow.
+        The text is longer than `semmap.limits` allow.
+
+    Examples
+    --------
+    >>> normalise("SELECT ?v WHERE ?v :inRoom kitchen").sparql
+    'SELECT ?v WHERE { ?v :inRoom :kitchen }'
     """
 
-    def refused(problem: str, fix: str) -> QueryError:
-        return QueryError(f"the text {problem}. {fix}", source, 0)
+    def too_long(problem: str, fix: str) -> QueryError:
+        return QueryError(f"the text {problem}. {fix}", text, 0)
 
-    QUERY_CHARACTERS.check(len(source), refused, "Ask for less at a time.")
-    steps, text = [], source
-    for find in (_escapes, lambda text: _insertions(text, refused)):
-        edits = tuple(find(text))
-        text = _edited(text, edits)
+    fix = "Split it into several queries."
+    QUERY_CHARACTERS.check(len(text), too_long, fix)
+
+    def check_words(count: int) -> None:
+        QUERY_WORDS.check(count, too_long, fix)
+
+    steps, sparql = [], text
+    for find_edits in (_escapes, lambda text: _insertions(text, check_words)):
+        edits = tuple(find_edits(sparql))
+        sparql = _edited(sparql, edits)
         steps.append(edits)
-    return Normalised(text, source, tuple(steps))
+    return NormalisedText(sparql, text, tuple(steps))
+
+
+def skip_space(text: str, position: int) -> int:
+    """Return the first position from there on that is neither space nor in a comment."""
+    while position < len(text) and (text[position].isspace() or text[position] == "#"):
+        if text[position] == "#":
+            position = text.find("\n", position) + 1 or len(text)
+        else:
+            position += 1
+    return position
 
 
 def _edited(text: str, edits: Iterable[Edit]) -> str:
@@ -99,7 +129,7 @@ def _edited(text: str, edits: Iterable[Edit]) -> str:
 
 
 def _before(edits: Iterable[Edit], position: int) -> int:
-    """Where a place in an edited text was before."""
+    """Return the position before the edits of a position after them."""
     shift = 0
     for begin, end, new in edits:
         if position < begin + shift:
@@ -111,18 +141,18 @@ def _before(edits: Iterable[Edit], position: int) -> int:
 
 
 def _escapes(text: str) -> Iterator[Edit]:
-    """Code points written as numbers, which SPARQL allows anywhere (SPARQL 1.1, section 19.2)."""
+    r"""Replace code points such as \u0041, which are allowed anywhere (SPARQL 1.1, 19.2)."""
     for match in _ESCAPE.finditer(text):
         number = int(match[1] or match[2], 16)
         if number <= 0x10FFFF:
             yield match.start(), match.end(), chr(number)
 
 
-def _insertions(text: str, refused: Callable[[str, str], QueryError]) -> Iterator[Edit]:
-    """Brackets and colons that the paper leaves out."""
+def _insertions(text: str, check_words: Callable[[int], None]) -> Iterator[Edit]:
+    """Insert the brackets, braces and colons that the paper leaves out."""
     depth = 0
     opened: list[int] = []  # the depths at which a WHERE without braces began
-    last = 0  # the end of what came last
+    last = 0  # the end of the last token
     previous = ""
     position = count = 0
     while position < len(text):
@@ -133,9 +163,9 @@ def _insertions(text: str, refused: Callable[[str, str], QueryError]) -> Iterato
         if kind in ("space", "comment"):
             continue
         if kind == "other" and token in "\"'":
-            break  # nothing closes it; the grammar says so
+            break  # an open string: the grammar reports it
         count += 1
-        QUERY_WORDS.check(count, refused, "Ask for less at a time.")
+        check_words(count)
         word = token.upper() if kind == "word" else ""
         if previous == "WHERE" and token != "{":
             yield last, last, " {"

@@ -10,7 +10,8 @@ import rdflib
 from rdflib.plugins.sparql import parser
 
 from semmap.fields.queries import QueryError, query
-from semmap.language.grammar import parse_query, parse_update, place
+from semmap.language.parser import parse_query, parse_update
+from semmap.language.terms import position_of
 from tests.fields.queries.arrays import PREFIX, kitchen
 from tests.fields.queries.test_query import ANSWERS, rows
 
@@ -25,21 +26,21 @@ def test_the_grammar_of_rdflib_is_not_changed() -> None:
         parser.parseQuery(text + " STORE :free")
     tree = parser.parseQuery(text)
     assert type(tree[1].projection[0].var) is rdflib.Variable
-    assert place(tree[1].where) is None
+    assert position_of(tree[1].where) is None
 
 
 def test_terms_tell_their_places() -> None:
     text = "PREFIX : <http://a/> # b\nSELECT ?v { ?v :p 'x' FILTER(?v != -1.5) } STORE  :q"
     parsed = parse_query(text)
-    assert place(parsed.store) == text.index(":q")
-    assert place(parsed.names[0]) == text.index("?v {")
+    assert position_of(parsed.store) == text.index(":q")
+    assert position_of(parsed.names[0]) == text.index("?v {")
     condition = parsed.algebra.p
     ((subject, verb, object_),) = condition.p.p2.triples
-    assert [place(t) for t in (subject, verb, object_)] == [
+    assert [position_of(t) for t in (subject, verb, object_)] == [
         text.index(part) for part in ("?v :p", ":p", "'x'")
     ]
-    assert place(condition.expr) == text.index("?v !=")
-    assert place(condition.expr.other) == text.index("-1.5")
+    assert position_of(condition.expr) == text.index("?v !=")
+    assert position_of(condition.expr.other) == text.index("-1.5")
 
 
 def test_clauses_stand_before_and_after_the_other_modifiers() -> None:

@@ -37,7 +37,7 @@ STORE
 
 @pytest.mark.parametrize("text", MENDED)
 def test_what_the_paper_leaves_out_is_put_in(text: str) -> None:
-    assert normalise(text).text == MENDED[text]
+    assert normalise(text).sparql == MENDED[text]
 
 
 SAME = [
@@ -55,21 +55,21 @@ SAME = [
 
 @pytest.mark.parametrize("text", SAME)
 def test_sparql_stays_as_it_is(text: str) -> None:
-    assert normalise(text).text == text
+    assert normalise(text).sparql == text
 
 
 @given(st.text(alphabet="PREFIX WHERE{}()<>?v:a'\"#\\u0041\n STORE.human1", max_size=60))
 def test_any_text_keeps_its_places(text: str) -> None:
     done = normalise(text)
-    places = [done.offset(i) for i in range(len(done.text) + 1)]
+    places = [done.offset(i) for i in range(len(done.sparql) + 1)]
     assert places == sorted(places)
     assert places[-1] == len(text)
-    kept = [i for i, place in enumerate(places[:-1]) if done.text[i] == text[place : place + 1]]
-    inserted = len(done.text) - len(kept)
-    assert inserted >= len(done.text) - len(text)
+    kept = [i for i, place in enumerate(places[:-1]) if done.sparql[i] == text[place : place + 1]]
+    inserted = len(done.sparql) - len(kept)
+    assert inserted >= len(done.sparql) - len(text)
     # each character of the text is there, in its order, unless it was an escape
     if "\\" not in text:
-        assert "".join(done.text[i] for i in _first(places, len(text))) == text
+        assert "".join(done.sparql[i] for i in _first(places, len(text))) == text
 
 
 def _first(places: list[int], length: int) -> list[int]:

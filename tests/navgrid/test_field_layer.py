@@ -13,10 +13,10 @@ from navgrid.costmap import Costmap, Inflation
 from navgrid.grid import Grid
 from semmap.database.files import schema_folder
 from semmap.fields.maps.costmap_layer import layer_cells
-from semmap.fields.regions.shapes import Box, Sphere
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.sources import Moving, People, PersonalSpaceSource
 from semmap.fields.maps.vocabulary import read_vocabulary
+from semmap.fields.regions.shapes import Box, Sphere
+from semmap.fields.sources import Motion, People, PersonalSpaceSource
 from tests.navgrid.scenes import ARM, BASE, room, scene, thing
 
 VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
@@ -55,9 +55,11 @@ def test_cells_by_brute_force(
             for c in range(24):
                 x, y = origin[0] + c * resolution, origin[1] + r * resolution
                 if (
-                    x < (voxel[0] + 1) * size - 1e-9 and x + resolution > voxel[0] * size + 1e-9
-                    and y < (voxel[1] + 1) * size - 1e-9 and y + resolution > voxel[1] * size + 1e-9
-                ):  # fmt: skip
+                    x < (voxel[0] + 1) * size - 1e-9
+                    and x + resolution > voxel[0] * size + 1e-9
+                    and y < (voxel[1] + 1) * size - 1e-9
+                    and y + resolution > voxel[1] * size + 1e-9
+                ):
                     want[r, c] = max(want[r, c], value)
     np.testing.assert_array_equal(got, want)
 
@@ -70,7 +72,7 @@ def person(x: float, y: float, low: float, high: float) -> RepresentationMap:
 
 
 def space(x: float, y: float, vx: float) -> RepresentationMap:
-    (made,) = PersonalSpaceSource(VOCABULARY)(People({"human1": Moving(x, y, 0.0, vx, 0.0)}, NOW))
+    (made,) = PersonalSpaceSource(VOCABULARY)(People({"human1": Motion(x, y, 0.0, vx, 0.0)}, NOW))
     return made
 
 

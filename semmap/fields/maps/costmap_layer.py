@@ -1,4 +1,4 @@
-"""A map over an interval of heights as cells of a grid on the ground: what a costmap takes."""
+"""A map within an interval of heights as cells of a grid on the floor, for a costmap."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.maps.representation_map import Lattice, RepresentationMap
+from semmap.fields.maps.lattice import Lattice
+from semmap.fields.maps.representation_map import RepresentationMap
 
 __all__ = ["layer_cells"]
 
-_SLACK = 1e-9  # of a cell: what only touches a border is not on its other side
+_SLACK = 1e-9  # of a cell: a voxel that only touches the border of a cell is not in it
 
 
 def layer_cells(
@@ -21,16 +22,20 @@ def layer_cells(
     resolution: float,
     shape: tuple[int, int],
 ) -> NDArray[np.float32]:
-    """What voxels above a cell hold, the largest of it.
+    """Return for each cell the largest value of the voxels above it.
 
     Parameters
     ----------
-    interval : closed [a, b], metres in the shared frame; a voxel counts that reaches into it
-    origin, resolution, shape : of the grid, in metres and (rows, columns); row 0 has the lowest y
+    map : any map
+    interval : closed [a, b] in metres in the shared frame; voxels that meet it count
+    origin : (x, y) of the lower corner of the grid, metres
+    resolution : edge of a cell, metres
+    shape : (rows, columns) of the grid; row 0 has the lowest y
 
     Returns
     -------
-    (rows, columns) float32; 1 where a bool map or one of things has a voxel; 0 where there is none
+    (rows, columns) float32; 0 where there is no voxel. A voxel of a bool map, or of a map with a
+    legend, counts as 1
     """
     made = map.resampled(Lattice(map.voxel_size))
     size = map.voxel_size
@@ -45,7 +50,7 @@ def layer_cells(
     highest = np.full(len(columns), -np.inf, np.float32)
     np.maximum.at(highest, column_of.reshape(-1), heights[reached])
     cells = np.full(shape, -np.inf, np.float32)
-    # A column of voxels meets a block of cells; all blocks are walked at once.
+    # A column of voxels meets a block of cells; one step writes one cell of every block.
     at = (columns * size - np.array(origin)) / resolution
     first = np.floor(at + _SLACK).astype(int)
     last = np.ceil(at + size / resolution - _SLACK).astype(int) - 1

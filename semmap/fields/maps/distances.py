@@ -1,4 +1,4 @@
-"""How far voxels are from others: exact Euclidean distances, in dense boxes of bounded size."""
+"""Exact Euclidean distances between voxels, in dense boxes of bounded size."""
 
 from __future__ import annotations
 
@@ -10,57 +10,77 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.maps.representation_map import VoxelBox
+from semmap.fields.maps.lattice import VoxelBox
 from semmap_vdb import BoolGrid
 
-__all__ = ["Near", "deep", "near"]
+__all__ = ["DistanceTile", "core_tiles", "distance_tiles"]
 
 _SIDE = 96
 _SLACK = 1e-9  # 0.15 / 0.05 is less than 3
 
 
-class Near(NamedTuple):
-    """A dense box of voxels.
+class DistanceTile(NamedTuple):
+    """Distances in a dense box of voxels.
 
     Attributes
     ----------
-    low : (3,) its lowest voxel
-    distance : (X, Y, Z) voxels between centres, to the nearest active one
-    place : (3, X, Y, Z) that voxel, or nothing if it was not asked for
-    within : (X, Y, Z) where it is within reach
+    low : (3,) the lowest voxel of the box
+    distance : (X, Y, Z) distance in voxels between centres, to the nearest active voxel
+    nearest : (3, X, Y, Z) that voxel; None unless it was requested
+    within : (X, Y, Z) where the distance is at most the reach
     """
 
     low: NDArray[np.int_]
     distance: NDArray[np.float64]
-    place: NDArray[np.int_] | None
+    nearest: NDArray[np.int_] | None
     within: NDArray[np.bool_]
 
 
-def near(
-    active: BoolGrid, reach: float, *, box: VoxelBox | None = None, places: bool = False
-) -> Iterator[Near]:
-    """Boxes that hold all voxels within `reach` voxels of the active ones, or those of `box`."""
-    from scipy.ndimage import distance_transform_edt
+def distance_tiles(
+    active: BoolGrid, reach: float, *, box: VoxelBox | None = None, with_nearest: bool = False
+) -> Iterator[DistanceTile]:
+    """Yield boxes that contain all voxels within `reach` voxels of an active one.
+
+    Parameters
+    ----------
+    active : the active voxels
+    reach : voxels
+    box : where distances are computed; everywhere if not given
+    with_nearest : whether to compute the nearest active voxels
+    """
+    from scipy.ndimage import distance_transform_edt  # slow to load; few commands need it
 
     halo = math.ceil(reach + _SLACK)
     for low, dense, inner in _tiles(active, halo, box, around=halo):
         if not dense.any():
             continue
-        place = None
-        if places:
-            far, place = distance_transform_edt(~dense, return_indices=True)
-            place = place[(slice(None), *inner)] + (low - halo)[:, None, None, None]
+        nearest = None
+        if with_nearest:
+            far, nearest = distance_transform_edt(~dense, return_indices=True)
+            nearest = nearest[(slice(None), *inner)] + (low - halo)[:, None, None, None]
         else:
             far = distance_transform_edt(~dense)
         far = far[inner]
-        yield Near(low, far, place, np.square(far) <= reach**2 * (1 + _SLACK))
+        yield DistanceTile(low, far, nearest, np.square(far) <= reach**2 * (1 + _SLACK))
 
 
-def deep(
+def core_tiles(
     active: BoolGrid, reach: float, *, box: VoxelBox | None = None
 ) -> Iterator[tuple[NDArray[np.int_], NDArray[np.bool_]]]:
-    """Boxes, and where in them a voxel is active and all others within `reach`, too."""
-    from scipy.ndimage import distance_transform_edt
+    """Yield boxes, and where in them all voxels within `reach` are active.
+
+    Parameters
+    ----------
+    active : the active voxels
+    reach : voxels
+    box : where it is computed; everywhere if not given
+
+    Yields
+    ------
+    low : (3,) the lowest voxel of a box
+    core : (X, Y, Z) bool
+    """
+    from scipy.ndimage import distance_transform_edt  # slow to load; few commands need it
 
     halo = math.ceil(reach + _SLACK)
     for low, dense, inner in _tiles(active, halo, box, around=0):
@@ -74,7 +94,7 @@ def deep(
 def _tiles(
     active: BoolGrid, halo: int, box: VoxelBox | None, *, around: int
 ) -> Iterator[tuple[NDArray[np.int_], NDArray[np.bool_], Any]]:
-    """The lowest voxel of each box, what is active in it and its halo, and where in that it is."""
+    """Yield the lowest voxel of each box, the dense voxels of box and halo, and the box in them."""
     ends = active.bounds()
     if ends is None:
         return

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semmap.fields.regions.shapes import _points
-from semmap.fields.maps.representation_map import Grid, Lattice
+from semmap.fields.checks import as_points
+from semmap.fields.maps.grids import Grid
+from semmap.fields.maps.lattice import Lattice
 
 __all__ = ["write_grid", "write_points"]
 
@@ -16,22 +17,24 @@ Values = NDArray[np.bool_] | NDArray[np.int32] | NDArray[np.float32]
 
 PLY_TYPES = {"b": ("uchar", "u1"), "i": ("int", "<i4"), "f": ("float", "<f4")}
 RAMP = ((68, 1, 84), (33, 145, 140), (253, 231, 37))
-"""From the lowest number to the highest."""
+"""Red, green and blue of the lowest, the middle and the highest number."""
 PLAIN = (150, 150, 150)
-"""Of what has no place on the ramp."""
+"""The colour of NaN and infinity."""
 
 
 def write_grid(path: str | Path, grid: Grid, name: str) -> None:
-    """Write a grid: as OpenVDB to a `.vdb` file, as the centres of its active voxels to a `.ply`.
+    """Write a grid to a `.vdb` file, or the centres of its active voxels to a `.ply` file.
 
     Parameters
     ----------
-    name : what the values are; the grid's name in the `.vdb` file
+    path : ends in .vdb or .ply
+    grid : the grid to write
+    name : of the values; the name of the grid in the `.vdb` file
 
     Raises
     ------
     ValueError
-        The file's name ends otherwise.
+        The file has another ending.
     """
     path = Path(path)
     if path.suffix == ".vdb":
@@ -41,7 +44,9 @@ def write_grid(path: str | Path, grid: Grid, name: str) -> None:
         lattice = Lattice(grid.voxel_size, tuple(tuple(row) for row in grid.placement))
         write_points(path, lattice.points_at(voxels + 0.5), values)
     else:
-        raise ValueError(f"{path.name} names no format: give a file that ends in .vdb or .ply")
+        raise ValueError(
+            f"{path.name} has an unknown ending: give a file that ends in .vdb or .ply"
+        )
 
 
 def write_points(
@@ -51,13 +56,14 @@ def write_points(
 
     Parameters
     ----------
+    path : the file to write
     points : (N, 3) metres
     values : (N,) bool, int32 or float32
-        Equal integers have equal colours, different ones mostly others; numbers lie on a ramp from
-        the lowest to the highest.
-    name : that of the values' property in the file
+        Equal integers get equal colours, and different ones mostly different colours; float32
+        values get colours on a ramp from the lowest to the highest.
+    name : of the property of the values in the file
     """
-    at = _points(points, "points")
+    at = as_points(points, "points")
     ply, dtype = PLY_TYPES[values.dtype.kind]
     rows = np.empty(
         len(at),
@@ -79,7 +85,7 @@ def write_points(
 
 
 def _colours(values: Values) -> NDArray[np.uint8]:
-    """(N, 3) red, green and blue."""
+    """Return red, green and blue of each value: (N, 3)."""
     if values.dtype.kind != "f":
         mixed = values.astype(np.uint32) * np.uint32(2654435761)
         return np.stack(

@@ -1,7 +1,7 @@
-"""The maps that there are now, and were of late: what sources write and everybody reads.
+"""The current maps of all sources, and their recent history.
 
-Writers replace all that a source gave in one step; readers take a state that never changes. So none
-waits for another, and nobody sees a half of an update.
+A writer replaces all maps of its source in one step; a reader gets a state that never changes. So
+nobody waits for a reader, and no reader sees half of an update.
 """
 
 from __future__ import annotations
@@ -14,30 +14,36 @@ from itertools import pairwise
 
 from semmap.fields.maps.representation_map import RepresentationMap
 
-__all__ = ["Maps", "Update"]
+__all__ = ["MapBuffer", "SourceUpdate"]
 
 
 @dataclass(frozen=True)
-class Update:
-    """What a source gave at a time; it holds until its next one."""
+class SourceUpdate:
+    """The maps of a source from a time on, until its next update.
+
+    Attributes
+    ----------
+    time : aware
+    maps : all maps of the source
+    """
 
     time: datetime
     maps: tuple[RepresentationMap, ...]
 
 
-class Maps:
-    """Maps by source, with their history (reMap, section 6, has that as future work).
+class MapBuffer:
+    """Maps by source, with their history (future work in reMap, section 6).
 
     Parameters
     ----------
     span : timedelta
-        How long an update is kept after the next one replaced it, unless a source has its own span.
+        How long an update is kept after the next one replaced it, where its source has no span.
     """
 
     def __init__(self, span: timedelta = timedelta(seconds=30)) -> None:
         self._span = span
-        self._state: Mapping[str, tuple[Update, ...]] = {}
-        self._lock = threading.Lock()  # of writers among each other
+        self._state: Mapping[str, tuple[SourceUpdate, ...]] = {}
+        self._lock = threading.Lock()  # between writers; readers need none
 
     def put(
         self,
@@ -47,50 +53,60 @@ class Maps:
         *,
         span: timedelta | None = None,
     ) -> None:
-        """Replace what a source gave by what it gives now.
+        """Replace the maps of a source.
+
+        Parameters
+        ----------
+        source : name of the source
+        maps : all its maps
+        time : aware; now if not given
+        span : how long they are kept after the next update; the span of the buffer if not given
 
         Raises
         ------
         ValueError
-            A time without a zone, or before the source's last.
+            The time has no time zone, or is before the last update of the source.
         """
         now = _aware(time) if time is not None else datetime.now(UTC)
-        update = Update(now, tuple(maps))
+        update = SourceUpdate(now, tuple(maps))
         with self._lock:
             past = self._state.get(source, ())
             if past and past[-1].time > now:
-                raise ValueError(f"{source} gave maps of {past[-1].time} before those of {now}")
+                raise ValueError(
+                    f"{source}: the maps of {now} are older than those of {past[-1].time}, its "
+                    "last update: give a later time"
+                )
             oldest = now - (self._span if span is None else span)
-            # An update holds until the next one: keep each whose successor is not too old.
+            # An update is valid until the next one: keep each whose successor is not too old.
             kept = [
                 each for each, following in pairwise((*past, update)) if following.time > oldest
             ]
             self._state = {**self._state, source: (*kept, update)}
 
     def withdraw(self, source: str, time: datetime | None = None) -> None:
-        """Take out what a source put in; what it was stays known for its span."""
+        """Remove the current maps of a source; the history stays for its span."""
         if source in self._state:
             self.put(source, (), time)
 
     def sources(self) -> list[str]:
-        """Those that have maps now."""
+        """Return the names of the sources that have maps now."""
         return sorted(name for name, past in self._state.items() if past[-1].maps)
 
     def now(self) -> tuple[RepresentationMap, ...]:
-        """The maps of all sources."""
+        """Return the current maps of all sources."""
         return tuple(m for past in self._state.values() for m in past[-1].maps)
 
     def at(self, moment: datetime) -> tuple[RepresentationMap, ...]:
-        """The maps that held at a moment."""
+        """Return the maps that were valid at a moment."""
         return self.during(moment, moment)
 
     def during(self, begin: datetime, end: datetime) -> tuple[RepresentationMap, ...]:
-        """The maps that held at any time from `begin` to `end`, both included.
+        """Return the maps that were valid at any time from `begin` to `end`, both included.
 
         Raises
         ------
         ValueError
-            Times without a zone, or an end before the beginning.
+            A time has no time zone, or the end is before the beginning.
         """
         if _aware(end) < _aware(begin):
             raise ValueError(f"the time ends at {end}, before it begins at {begin}")
@@ -103,13 +119,13 @@ class Maps:
         return tuple(found)
 
     def remembered(self) -> Iterator[RepresentationMap]:
-        """All maps of the span that is kept."""
+        """Yield all maps that are kept, current and former ones."""
         for past in self._state.values():
             for each in past:
                 yield from each.maps
 
     def since(self) -> datetime | None:
-        """The time of the oldest update that is still known."""
+        """Return the time of the oldest update that is kept; None without updates."""
         return min((past[0].time for past in self._state.values()), default=None)
 
 

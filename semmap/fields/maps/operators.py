@@ -1,8 +1,8 @@
-"""Operators: maps made of maps (reMap, section 3.1.3).
+"""Operators: new maps from maps (reMap, section 3.1.3).
 
-What they mean is checked at once, by the properties of the maps; voxels are worked out when they
-are asked for, and of a chain over a bounded box those of that box alone. Maps of different lattices
-or frames combine in the lattice of the first.
+The properties and types of the maps are checked at once. Voxels are computed when the new map is
+read; where only a box is read, each map of a chain is computed in that box alone. Maps of several
+lattices or frames are combined in the lattice of the first.
 """
 
 from __future__ import annotations
@@ -16,16 +16,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semmap.fields.maps.distances import deep, near
-from semmap.language.property import Property
-from semmap.fields.maps.representation_map import (
-    DTYPES,
-    Grid,
-    RepresentationMap,
-    ValueType,
-    VoxelBox,
-    empty,
-)
+from semmap.fields.checks import as_length
+from semmap.fields.maps.distances import core_tiles, distance_tiles
+from semmap.fields.maps.grids import DTYPES, Grid, ValueType, empty_grid
+from semmap.fields.maps.lattice import VoxelBox
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.language.schema import Property
 from semmap_vdb import BoolGrid, Int32Grid
 
 __all__ = [
@@ -43,27 +39,30 @@ __all__ = [
 ]
 
 How = Literal["first", "last", "max", "min", "sum"]
+"""Which value a voxel gets where several maps have one."""
 
 
 def union(*maps: RepresentationMap, as_: Property | None = None) -> RepresentationMap:
-    """What any of the maps has; where several do, the value of the first."""
+    """Return the voxels of all maps; where several have a voxel, it has the value of the first."""
     return combine(*maps, how="first", as_=as_)
 
 
 def combine(
     *maps: RepresentationMap, how: How = "last", as_: Property | None = None
 ) -> RepresentationMap:
-    """What any of the maps has, with the largest, smallest, last or first value or their sum.
+    """Return the voxels of all maps.
 
     Parameters
     ----------
-    as_ : the property of what results; it has to be said where that of the maps differs
+    maps : at least one
+    how : the value where several maps have a voxel; only "first" and "last" for maps with legends
+    as_ : the property of the result; required where the properties of the maps differ
 
     Raises
     ------
     TypeError
-        Values of different types, other properties and no word of what results, or values whose
-        order or sum means nothing: those of a legend.
+        The types of the values differ, the properties differ without `as_`, or `how` does not fit
+        to legends.
     """
     first = _some(maps)
     property = _result(maps, as_)
@@ -75,41 +74,68 @@ def combine(
             )
     legend, others = _one_legend(maps)
     if legend and how not in ("first", "last"):
-        raise TypeError(f"the {how} of things means nothing: combine by first or last")
+        raise TypeError(f"entities have no {how}: combine by first or last")
     others = [other.resampled(first.lattice) for other in others]
 
     def evaluate(box: VoxelBox | None) -> Grid:
-        grids: list[Any] = [_grid(each, box) for each in others]
+        grids: list[Any] = [each.read(box) for each in others]
         joined: Grid = reduce(lambda a, b: a.joined(b, how), grids)
         return joined
 
     return RepresentationMap.lazily(
-        property, first.value_type, first.lattice, evaluate,
-        about=_common_about(maps), legend=legend, time=_latest(maps),
-    )  # fmt: skip
+        property,
+        first.value_type,
+        first.lattice,
+        evaluate,
+        about=_common_about(maps),
+        legend=legend,
+        time=_latest(maps),
+    )
 
 
 def intersection(*maps: RepresentationMap, as_: Property | None = None) -> RepresentationMap:
-    """What all of the maps have, with the values of the first."""
+    """Return the voxels that all maps have, with the values of the first.
+
+    Parameters
+    ----------
+    maps : at least one
+    as_ : the property of the result; required where the properties of the maps differ
+    """
     first = _some(maps)
     property = _result(maps, as_)
     masked = reduce(lambda a, b: mask(a, b), maps)
     return RepresentationMap.lazily(
-        property, first.value_type, first.lattice, lambda box: _grid(masked, box),
-        about=_common_about(maps), legend=first.legend, time=_latest(maps),
-    )  # fmt: skip
+        property,
+        first.value_type,
+        first.lattice,
+        masked.read,
+        about=_common_about(maps),
+        legend=first.legend,
+        time=_latest(maps),
+    )
 
 
 def mask(map: RepresentationMap, by: RepresentationMap) -> RepresentationMap:
-    """What of the map lies where the other, of any class, has a value; of the map's class.
+    """Return the voxels of a map that another map has, too.
 
-    "Those voxels of the object map that are in the field of view" (reMap, section 3.1.3).
+    This is "those voxels of the object map that are in the field of view" (reMap, section 3.1.3).
+
+    Parameters
+    ----------
+    map : gives values and property
+    by : any map
     """
     return _masked(map, by, inside=True)
 
 
 def difference(map: RepresentationMap, without: RepresentationMap) -> RepresentationMap:
-    """What of the map lies where the other, of any class, has no value; of the map's class."""
+    """Return the voxels of a map that another map does not have.
+
+    Parameters
+    ----------
+    map : gives values and property
+    without : any map
+    """
     return _masked(map, without, inside=False)
 
 
@@ -120,22 +146,31 @@ def threshold(
     *,
     as_: Property | None = None,
 ) -> RepresentationMap:
-    """Where the value is between `low` and `high`, both included: a bool map.
+    """Return a bool map of the voxels whose value is between `low` and `high`, both included.
 
-    A map that says how much of something is about someone says then that it is so. One whose
-    objects are numbers has to be told what results.
+    Parameters
+    ----------
+    map : a map without legend
+    low, high : the smallest and the largest value
+    as_ : the property of the result; required where the objects of the property are numbers. A map
+        of degrees becomes a map of its property without it
+
+    Raises
+    ------
+    TypeError
+        The map has a legend, or `as_` is required.
     """
     property = as_ or map.property
     if map.legend:
-        raise TypeError(f"{_name(map)} has things for values: choose some by `named`")
+        raise TypeError(f"{_name(map)} has entities for values: select them in a query")
 
     def evaluate(box: VoxelBox | None) -> Grid:
-        grid: Any = _grid(map, box)
+        grid: Any = map.read(box)
         if map.value_type == "float32":
             return grid.between(low, high)  # type: ignore[no-any-return]
         least, most = (0, 1) if map.value_type == "bool" else (-(2**31), 2**31 - 1)
         if not low <= high or low > most or high < least:
-            return empty("bool", map.lattice)
+            return empty_grid("bool", map.lattice)
         return grid.between(math.ceil(max(low, least)), math.floor(min(high, most)))  # type: ignore[no-any-return]
 
     return RepresentationMap.lazily(
@@ -150,40 +185,53 @@ def map_values(
     value_type: ValueType | None = None,
     as_: Property | None = None,
 ) -> RepresentationMap:
-    """Each value changed by a function of arrays of them."""
+    """Return a map with changed values.
+
+    Parameters
+    ----------
+    map : the map
+    function : from an array of values to an array of new values
+    value_type : of the new values; that of the map if not given
+    as_ : the property of the result; that of the map if not given
+    """
     to: ValueType = value_type or map.value_type
 
     def evaluate(box: VoxelBox | None) -> Grid:
-        voxels, values = _grid(map, box).read()
+        voxels, values = map.read(box).read()
         changed: NDArray[Any] = np.ascontiguousarray(function(values), dtype=DTYPES[to])
         if changed.shape != values.shape:
             raise ValueError(f"the function made {changed.shape} of {values.shape} values")
-        grid: Any = empty(to, map.lattice)
+        grid: Any = empty_grid(to, map.lattice)
         grid.set(voxels, changed)
         grid.prune()
         return grid  # type: ignore[no-any-return]
 
     return RepresentationMap.lazily(
-        as_ or map.property, to, map.lattice, evaluate,
-        about=map.about, legend=map.legend if to == "int32" else None, time=map.time,
-    )  # fmt: skip
+        as_ or map.property,
+        to,
+        map.lattice,
+        evaluate,
+        about=map.about,
+        legend=map.legend if to == "int32" else None,
+        time=map.time,
+    )
 
 
 def dilate(map: RepresentationMap, metres: float) -> RepresentationMap:
-    """The map and what is within `metres` of it, between centres, with the nearest value."""
-    return map.like(_spread(map, _length(metres, "metres"), _nearest_values(map)))
+    """Return the map grown by `metres`, between centres; new voxels get the nearest value."""
+    return map.like(_spread(map, as_length(metres, "metres"), _nearest_values(map)))
 
 
 def erode(map: RepresentationMap, metres: float) -> RepresentationMap:
-    """What of the map has nothing else within `metres`, between centres."""
-    reach = _length(metres, "metres") / map.voxel_size
+    """Return the voxels of a map that have only voxels of the map within `metres`."""
+    reach = as_length(metres, "metres") / map.voxel_size
     halo = math.ceil(reach)
 
     def evaluate(box: VoxelBox | None) -> Grid:
-        grid: Any = _grid(map, None if box is None else box.grown(halo))
+        grid: Any = map.read(None if box is None else box.grown(halo))
         rim: Any = BoolGrid(map.voxel_size, False)
         rim.place(map.lattice.rows)
-        for low, kept in deep(grid.active(), reach, box=box):
+        for low, kept in core_tiles(grid.active(), reach, box=box):
             rim.set(*_of_dense(low, kept, kept))
         rim.prune()
         return grid.masked(rim)  # type: ignore[no-any-return]
@@ -199,45 +247,58 @@ DISTANCE = Property(
 def distance(
     map: RepresentationMap, farthest: float, *, as_: Property | None = None
 ) -> RepresentationMap:
-    """Metres from each voxel's centre to the nearest centre that the map has: a float32 map.
+    """Return a float32 map of the distance in metres to the nearest voxel of a map.
 
     Parameters
     ----------
-    farthest : metres beyond which there is no value
-    as_ : the property of what results; `distance`, about nothing, if not given
+    map : any map
+    farthest : the largest distance that gets a value, metres
+    as_ : the property of the result; `distance` if not given
     """
-    evaluate = _spread(map, _length(farthest, "farthest"), None)
+    evaluate = _spread(map, as_length(farthest, "farthest"), None)
     property = as_ or replace(DISTANCE, domain=map.property.domain)
-    about = map.about if property.object == "thing" else None
+    about = map.about if property.object == "entity" else None
     return RepresentationMap.lazily(
         property, "float32", map.lattice, evaluate, about=about, time=map.time
     )
 
 
 def transform(map: RepresentationMap, pose: ArrayLike) -> RepresentationMap:
-    """The map with its frame at a (4, 4) pose in the shared one; `resampled` makes it a lattice."""
+    """Return the map with its frame at another pose.
+
+    Parameters
+    ----------
+    map : any map
+    pose : (4, 4) rigid transform in the shared frame
+
+    See Also
+    --------
+    RepresentationMap.resampled : brings it to a lattice
+    """
     return map.placed(pose)
 
 
 def _spread(
     map: RepresentationMap, metres: float, values: Callable[[Any, Any], Any] | None
 ) -> Callable[[VoxelBox | None], Grid]:
-    """The voxels within reach of a map, with a value for each: the distance if none is said."""
+    """Return a function that computes the voxels within reach of a map, and their values.
+
+    Without `values`, a value is the distance.
+    """
     reach = metres / map.voxel_size
     halo = math.ceil(reach)
 
     def evaluate(box: VoxelBox | None) -> Grid:
-        source: Any = _grid(map, None if box is None else box.grown(halo))
+        source: Any = map.read(None if box is None else box.grown(halo))
         kind = "float32" if values is None else map.value_type
-        made: Any = empty(kind, map.lattice)
-        for low, far, where, within in near(
-            source.active(), reach, box=box, places=values is not None
-        ):
+        made: Any = empty_grid(kind, map.lattice)
+        tiles = distance_tiles(source.active(), reach, box=box, with_nearest=values is not None)
+        for tile in tiles:
             if values is None:
-                given = (far * map.voxel_size).astype(np.float32)
+                given = (tile.distance * map.voxel_size).astype(np.float32)
             else:
-                given = values(source, where)
-            made.set(*_of_dense(low, within, given))
+                given = values(source, tile.nearest)
+            made.set(*_of_dense(tile.low, tile.within, given))
         made.prune()
         return made  # type: ignore[no-any-return]
 
@@ -258,7 +319,7 @@ def _nearest_values(map: RepresentationMap) -> Callable[[Any, Any], Any]:
 def _of_dense(
     low: NDArray[np.int_], chosen: NDArray[np.bool_], values: NDArray[Any]
 ) -> tuple[NDArray[np.int32], NDArray[Any]]:
-    """Voxels and values of what is chosen of a dense box whose lowest voxel is `low`."""
+    """Return the chosen voxels of a dense box, whose lowest voxel is `low`, and their values."""
     voxels = np.argwhere(chosen).astype(np.int32) + low.astype(np.int32)
     return np.ascontiguousarray(voxels), np.ascontiguousarray(values[chosen])
 
@@ -268,21 +329,17 @@ def _masked(map: RepresentationMap, by: RepresentationMap, *, inside: bool) -> R
 
     def evaluate(box: VoxelBox | None) -> Grid:
         if box is None and inside:
-            # The smaller map bounds what the larger has to be worked out for.
+            # The box of the smaller map bounds where the larger one must be computed.
             other: Any = by.grid
             ends = other.bounds()
             if ends is None:
-                return empty(map.value_type, map.lattice)
+                return empty_grid(map.value_type, map.lattice)
             grid: Any = map.within(VoxelBox(tuple(ends[0]), tuple(ends[1])))
         else:
-            grid, other = _grid(map, box), _grid(by, box)
+            grid, other = map.read(box), by.read(box)
         return grid.masked(other.active(), inside)  # type: ignore[no-any-return]
 
     return map.like(evaluate)
-
-
-def _grid(map: RepresentationMap, box: VoxelBox | None) -> Grid:
-    return map.grid if box is None else map.within(box)
 
 
 def _some(maps: tuple[RepresentationMap, ...]) -> RepresentationMap:
@@ -292,15 +349,15 @@ def _some(maps: tuple[RepresentationMap, ...]) -> RepresentationMap:
 
 
 def _result(maps: tuple[RepresentationMap, ...], as_: Property | None) -> Property:
-    """The property of what combines maps, or why they don't combine."""
+    """Return the property of a combination of maps."""
     if as_ is not None:
         return as_
     for other in maps[1:]:
         if other.property != maps[0].property:
             raise TypeError(
                 f"{_name(maps[0])} (class {maps[0].rdf_class}) and {_name(other)} "
-                f"(class {other.rdf_class}) say different things: say what results with as_=, or "
-                "keep the class of the first by mask or difference"
+                f"(class {other.rdf_class}) have different properties: give that of the result "
+                "with as_=, or keep the property of the first by mask or difference"
             )
     return maps[0].property
 
@@ -321,7 +378,7 @@ def _latest(maps: tuple[RepresentationMap, ...]) -> Any:
 def _one_legend(
     maps: tuple[RepresentationMap, ...],
 ) -> tuple[dict[int, str], list[RepresentationMap]]:
-    """Maps whose values mean the same, by one legend."""
+    """Return one legend for several maps, and the maps with its values."""
     legend = dict(maps[0].legend)
     number = {name: value for value, name in legend.items()}
     same = [maps[0]]
@@ -342,16 +399,10 @@ def _renumbered(
     map: RepresentationMap, pairs: list[tuple[int, int]], legend: dict[int, str]
 ) -> RepresentationMap:
     def evaluate(box: VoxelBox | None) -> Grid:
-        grid = _grid(map, box)
+        grid = map.read(box)
         assert isinstance(grid, Int32Grid)
         return grid.renumbered(pairs)
 
     return RepresentationMap.lazily(
         map.property, "int32", map.lattice, evaluate, legend=legend, time=map.time
     )
-
-
-def _length(value: float, name: str) -> float:
-    if not (math.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} is {value!r}: give metres of at least 0")
-    return float(value)

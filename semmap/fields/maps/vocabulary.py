@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
 from rdflib import OWL, RDF, RDFS, Graph, Namespace, URIRef
 from rdflib.term import Node
 
-from semmap.language.property import Property
 from semmap.ingest.tbox import snake_case
+from semmap.language.schema import Property
+from semmap.language.terms import local_name
 
 __all__ = ["SEMMAP", "Vocabulary", "read_vocabulary"]
 
@@ -18,7 +18,12 @@ SEMMAP = Namespace("urn:semmap:ontology#")
 
 
 class Vocabulary:
-    """Properties by identifier, and by name."""
+    """Properties by IRI and by name.
+
+    Parameters
+    ----------
+    properties : all properties
+    """
 
     def __init__(self, properties: Iterable[Property]) -> None:
         self.properties = tuple(properties)
@@ -26,15 +31,26 @@ class Vocabulary:
         self._by_name = {p.name: p for p in self.properties}
 
     def __getitem__(self, name: str) -> Property:
-        """The property of an identifier or a name; KeyError if there is none."""
+        """Return the property of an IRI or a name.
+
+        Raises
+        ------
+        KeyError
+            There is no such property.
+        """
         return self._by_iri[name] if name in self._by_iri else self._by_name[name]
 
     def __contains__(self, name: object) -> bool:
+        """Return whether there is a property of an IRI or a name."""
         return name in self._by_iri or name in self._by_name
 
 
 def read_vocabulary(paths: Iterable[Path]) -> Vocabulary:
-    """The properties of Turtle files: object properties, datatype properties, fields of either."""
+    """Return the properties that Turtle files declare.
+
+    These are the object properties and the datatype properties. Those that are of the class
+    `FieldProperty`, too, are properties of voxels.
+    """
     graph = Graph()
     for path in paths:
         graph.parse(path, format="turtle")
@@ -53,21 +69,17 @@ def _property(graph: Graph, iri: URIRef) -> Property:
     measure = graph.value(iri, SEMMAP.measure)
     return Property(
         iri=str(iri),
-        name=_local(iri),
+        name=local_name(str(iri)),
         domain=_type(graph.value(iri, RDFS.domain)),
         range=None if number else _type(graph.value(iri, RDFS.range)),
-        subject="voxel" if field else "thing",
-        object="number" if number else "thing",
+        subject="voxel" if field else "entity",
+        object="number" if number else "entity",
         same_as=tuple(sorted(str(o) for o in graph.objects(iri, OWL.equivalentProperty))),
-        measure=None if measure is None else _local(measure),
+        measure=None if measure is None else local_name(str(measure)),
     )
 
 
-def _local(iri: Node) -> str:
-    return re.split(r"[#/:]", str(iri))[-1]
-
-
 def _type(iri: Node | None) -> str | None:
-    """The name of a semantic type; the root of all is any."""
-    name = None if iri is None else snake_case(_local(iri))
+    """Return the name of a semantic type; None for the root, which is any type."""
+    name = None if iri is None else snake_case(local_name(str(iri)))
     return None if name == "entity" else name

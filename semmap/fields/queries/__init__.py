@@ -1,7 +1,11 @@
-"""The query language over fields: SPARQL with STORE, AT and DURING (reMap, section 4)."""
+"""Queries and updates on fields: SPARQL with STORE, AT and DURING (reMap, section 4).
 
-from semmap.fields.queries.query import Rows, Stored, query
+`semmap.language` parses and checks a text; here it is evaluated on voxels, whole columns at a time.
+"""
+
+from semmap.fields.queries.query import query
+from semmap.fields.queries.query_result import SelectResult, StoreResult, UpdateResult
+from semmap.fields.queries.update import update
 from semmap.language.error import QueryError
-from semmap.fields.queries.update import Updated, update
 
-__all__ = ["QueryError", "Rows", "Stored", "Updated", "query", "update"]
+__all__ = ["QueryError", "SelectResult", "StoreResult", "UpdateResult", "query", "update"]

@@ -1,336 +1,183 @@
-"""What a query may ask: maps, the region map, and what is worked out of them, by property."""
+"""The catalogue of fields: the properties of a vocabulary, stated by maps and a region map."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
-from difflib import get_close_matches
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from semmap.fields.maps import operators
-from semmap.fields.maps.map_buffer import Maps
-from semmap.language.names import Names
-from semmap.language.property import Property
-from semmap.fields.regions.region_map import RegionMap
-from semmap.fields.maps.representation_map import Lattice, RepresentationMap, VoxelBox
-from semmap.fields.queries.statements import (
-    Column,
-    Numbers,
-    Relation,
-    Statements,
-    Things,
-    Voxels,
-    keys_of,
-    voxels_of_keys,
-)
+from semmap.fields.maps.lattice import Lattice
+from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.queries.map_relations import (
+    EntityMapRelation,
+    FreeSpaceRelation,
+    NumberMapRelation,
+    OccupancyRelation,
+    TypeRelation,
+)
+from semmap.fields.queries.statements import StatementRelation
+from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
+from semmap.fields.regions.region_map import NamedRegionMap
+from semmap.language.names import NameIndex
+from semmap.language.schema import Function, Property
+from semmap.suggestions import similar_names
 
-__all__ = ["FieldCatalogue", "Occupancy"]
+__all__ = ["RDF_TYPE", "FieldCatalogue"]
 
-TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
-
-Selected = Callable[[], Sequence[RepresentationMap]]
-
-
-class Occupancy:
-    """A region map whose entities are told by name.
-
-    Parameters
-    ----------
-    names : the name of each entity of the region map; the entity itself where it has none
-    """
-
-    def __init__(self, regions: RegionMap, names: Mapping[Any, str] | None = None) -> None:
-        self.regions = regions
-        self._names = names or {}
-
-    def entities(self) -> dict[str, Any]:
-        """The entities that have voxels, by name."""
-        return {self._names.get(e, str(e)): e for e in self.regions.entities()}
+RDF_TYPE = Property(
+    "http://www.w3.org/1999/02/22-rdf-syntax-ns#type",
+    "type",
+    domain=None,
+    range=None,
+    subject="entity",
+    object="entity",
+)
 
 
 class FieldCatalogue:
-    """Properties of a vocabulary, stated by what there is.
+    """The properties of a vocabulary, and what states them.
 
     Parameters
     ----------
-    vocabulary : which properties there are
-    maps : what sources gave
-    names : entities and types
-    occupancy : which entities are where, for `occupiedBy` and `freeIn`
-    relations : what else states something, such as relations of things; they hold now only
-    voxel_size : metres; maps of other lattices are brought to this one
-    farthest : metres up to which `distanceToPerson` is told
+    vocabulary : the properties
+    maps : the maps of sources
+    names : entities and semantic types
+    occupancy : which entities occupy which voxels, for `occupiedBy` and `freeIn`
+    relations : further statements about the present, such as relations between entities
+    voxel_size : metres; maps of other lattices are resampled
+    farthest : metres up to which `distanceToPerson` is computed
     """
+
+    functions: Mapping[str, Function] = VOXEL_FUNCTIONS
 
     def __init__(
         self,
         vocabulary: Vocabulary,
-        maps: Maps,
-        names: Names | None = None,
+        maps: MapBuffer,
+        names: NameIndex | None = None,
         *,
-        occupancy: Occupancy | None = None,
-        relations: Iterable[Relation] = (),
+        occupancy: NamedRegionMap | None = None,
+        relations: Iterable[StatementRelation] = (),
         voxel_size: float = 0.05,
         farthest: float = 3.0,
     ) -> None:
         self._vocabulary = vocabulary
         self._maps = maps
-        self._names = names or Names()
+        self._names = names or NameIndex()
         self._occupancy = occupancy
-        self._extra = {relation.property.name: relation for relation in relations}
+        self._relations = {relation.property.name: relation for relation in relations}
         self._lattice = Lattice(voxel_size)
         self._farthest = farthest
-        self._selected: Selected = maps.now
-        self._past = False
+        self._selected: Callable[[], Sequence[RepresentationMap]] = maps.now
+        self._is_past = False
 
     @property
     def voxel_size(self) -> float:
+        """Edge of a voxel in metres."""
         return self._lattice.voxel_size
 
-    def relation(self, iri: str) -> Relation:
-        if iri == TYPE:
-            return _TypeRelation(self)
+    # Properties
+
+    def find_property(self, iri: str) -> Property:
+        """Return the property of an IRI.
+
+        Raises
+        ------
+        LookupError
+            There is no such property, or only its present is known.
+        """
+        if iri == RDF_TYPE.iri:
+            return RDF_TYPE
         if iri not in self._vocabulary:
-            words = [p.name for p in self._vocabulary.properties]
             local = iri.replace("#", "/").split("/")[-1]
-            near = ", ".join(get_close_matches(local, words, n=3)) or ", ".join(sorted(words))
-            raise LookupError(f"there is no property {local}; near it: {near}")
-        return self._stated(self._vocabulary[iri])
+            known = [each.name for each in self._vocabulary.properties]
+            names = ", ".join(similar_names(local, known) or sorted(known))
+            raise LookupError(f"there is no property {local}; similar names: {names}")
+        found = self._vocabulary[iri]
+        if self._is_past and self._is_present_only(found):
+            raise LookupError(f"only the present of {found.name} is known: leave out the time")
+        return found
 
-    def relations(self) -> Iterable[Relation]:
-        return [self.relation(p.iri) for p in self._vocabulary.properties] + [_TypeRelation(self)]
+    def properties(self) -> Iterable[Property]:
+        """Return all properties."""
+        return [*self._vocabulary.properties, RDF_TYPE]
 
-    def things(self, name: str, range_: str | None) -> frozenset[str]:
-        return self._names.things(name, range_, self.known())
+    def relation(self, property: Property) -> StatementRelation:
+        """Return the relation that states a property."""
+        if property == RDF_TYPE:
+            return TypeRelation(RDF_TYPE, self.types(), self._names.supertypes)
+        if property.name in self._relations:
+            return self._relations[property.name]
+        if property.name == "occupiedBy":
+            return OccupancyRelation(property, self._occupancy)
+        maps = [each.resampled(self._lattice) for each in self._selected()]
+        if property.name == "freeIn":
+            rooms = [each for each in maps if each.property.name == "inRoom"]
+            return FreeSpaceRelation(property, rooms, self._occupancy)
+        own = [each for each in maps if each.property == property]
+        if property.object != "number":
+            return EntityMapRelation(property, own)
+        if property.name == "distanceToPerson" and not own:
+            own = self._distances_to_people(property, maps)
+        graded = [each for each in maps if each.value_type == "float32"]
+        own += [each for each in graded if each.property.measure == property.name]
+        return NumberMapRelation(property, own)
 
-    def at(self, moment: datetime) -> FieldCatalogue:
-        return self._when(lambda: self._maps.at(moment))
+    def _is_present_only(self, property: Property) -> bool:
+        return property.name in ("occupiedBy", "freeIn") or property.name in self._relations
 
-    def during(self, begin: datetime, end: datetime) -> FieldCatalogue:
-        return self._when(lambda: self._maps.during(begin, end))
+    def _distances_to_people(
+        self, property: Property, maps: Sequence[RepresentationMap]
+    ) -> list[RepresentationMap]:
+        people = [each for each in maps if each.property.name == "containsPerson"]
+        if not people:
+            return []
+        return [operators.distance(operators.union(*people), self._farthest, as_=property)]
 
-    def known(self) -> dict[str, str | None]:
-        """Things that maps name or are about, now or of late, with the type of their property."""
+    # Entities and types
+
+    def find_entities(self, name: str, range_: str | None) -> frozenset[str]:
+        """Return what a constant stands for; see `NameIndex.find`."""
+        return self._names.find(name, range_, self._entities_of_maps())
+
+    def types(self) -> dict[str, str | None]:
+        """Return the type of each known entity."""
+        return {**self._entities_of_maps(), **self._names.entities}
+
+    def _entities_of_maps(self) -> dict[str, str | None]:
+        """Return the entities that maps name now or lately, with the type of their property."""
         found: dict[str, str | None] = {}
         for each in self._maps.remembered():
             for name in [*each.legend.values(), *([each.about] if each.about else [])]:
-                if name not in self._names.supers:
-                    # A detector's own word for a type is a thing of that type.
+                if name not in self._names.supertypes:
+                    # A word of a detector for a type is an entity of that type.
                     found[name] = self._names.synonyms.get(name) or each.property.range
         if self._occupancy is not None:
             for name in self._occupancy.entities():
                 found.setdefault(name, None)
         return found
 
-    def types(self) -> dict[str, str | None]:
-        """The type of each thing that is known."""
-        return {**self.known(), **self._names.entities}
+    # The past
 
-    def supers(self, type_: str) -> frozenset[str]:
-        """The types that subsume one."""
-        return self._names.supers.get(type_, frozenset({type_}))
+    def at(self, moment: datetime) -> FieldCatalogue:
+        """Return the catalogue as it was at a moment."""
+        return self._in_the_past(lambda: self._maps.at(moment))
 
-    def _when(self, selected: Selected) -> FieldCatalogue:
-        then = FieldCatalogue(
-            self._vocabulary, self._maps, self._names, occupancy=self._occupancy,
-            relations=self._extra.values(), voxel_size=self.voxel_size, farthest=self._farthest,
-        )  # fmt: skip
-        then._selected, then._past = selected, True
-        return then
+    def during(self, begin: datetime, end: datetime) -> FieldCatalogue:
+        """Return a catalogue of all maps that were valid at any time in between."""
+        return self._in_the_past(lambda: self._maps.during(begin, end))
 
-    def _stated(self, property: Property) -> Relation:
-        maps = [m.resampled(self._lattice) for m in self._selected()]
-        own = [m for m in maps if m.property == property]
-        if property.name in ("occupiedBy", "freeIn") or property.name in self._extra:
-            if self._past:
-                raise LookupError(f"{property.name} is known of now only; leave out the time")
-            if property.name in self._extra:
-                return self._extra[property.name]
-            if property.name == "occupiedBy":
-                return _OccupiedRelation(property, self._occupancy)
-            rooms = [m for m in maps if m.property.name == "inRoom"]
-            return _FreeRelation(property, rooms, self._occupancy)
-        if property.name == "distanceToPerson" and not own:
-            people = [m for m in maps if m.property.name == "containsPerson"]
-            if people:
-                nearest = operators.distance(operators.union(*people), self._farthest, as_=property)
-                own = [nearest]
-        if property.object == "number":
-            graded = [m for m in maps if m.value_type == "float32"]
-            own += [m for m in graded if m.property.measure == property.name]
-            return _NumberRelation(property, own)
-        return _ThingRelation(property, own)
-
-
-class _ThingRelation:
-    """`voxel property thing`, of bool maps about things and int32 maps of a legend."""
-
-    def __init__(self, property: Property, maps: Sequence[RepresentationMap]) -> None:
-        self.property = property
-        self._maps = maps
-
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
-        found: list[tuple[str, NDArray[np.int64]]] = []
-        box = _box_of(within)
-        about: dict[tuple[str, str], list[RepresentationMap]] = {}
-        for each in self._maps:
-            if each.legend:
-                wanted = {
-                    value: name
-                    for value, name in each.legend.items()
-                    if objects is None or name in objects
-                }
-                if wanted:
-                    voxels, values = _read(each, box)
-                    keys = keys_of(voxels)
-                    found += [(name, keys[values == value]) for value, name in wanted.items()]
-            elif each.about is not None and (objects is None or each.about in objects):
-                about.setdefault((each.about, each.value_type), []).append(each)
-        # Of a time there are many about one: joined as grids, they are sorted once.
-        for (name, _), several in about.items():
-            found.append((name, keys_of(_read(operators.union(*several), box)[0])))
-        return _by_thing(found)
-
-
-class _NumberRelation:
-    """`voxel property number`; where several maps have one, the largest."""
-
-    def __init__(self, property: Property, maps: Sequence[RepresentationMap]) -> None:
-        self.property = property
-        self._maps = maps
-
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
-        box = _box_of(within)
-        keys: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
-        values: list[NDArray[np.float64]] = [np.zeros(0)]
-        for each in self._maps:
-            voxels, numbers = _read(each, box)
-            keys.append(keys_of(voxels))
-            values.append(numbers.astype(np.float64))
-        key, value = np.concatenate(keys), np.concatenate(values)
-        order = np.lexsort((value, key))
-        key, value = key[order], value[order]
-        last = np.append(key[1:] != key[:-1], True) if len(key) else np.zeros(0, np.bool_)
-        return Statements(Voxels(key[last]), Numbers(value[last]))
-
-
-class _OccupiedRelation:
-    """`voxel occupiedBy entity`, of a region map."""
-
-    def __init__(self, property: Property, occupancy: Occupancy | None) -> None:
-        self.property = property
-        self._occupancy = occupancy
-
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
-        if self._occupancy is None:
-            return _by_thing([])
-        regions = self._occupancy.regions
-        return _by_thing(
-            [
-                (name, keys_of(regions.voxels(entity)))
-                for name, entity in self._occupancy.entities().items()
-                if objects is None or name in objects
-            ]
+    def _in_the_past(self, selected: Callable[[], Sequence[RepresentationMap]]) -> FieldCatalogue:
+        past = FieldCatalogue(
+            self._vocabulary,
+            self._maps,
+            self._names,
+            occupancy=self._occupancy,
+            relations=self._relations.values(),
+            voxel_size=self.voxel_size,
+            farthest=self._farthest,
         )
-
-
-class _FreeRelation:
-    """`voxel freeIn room`: of the room, and of no entity."""
-
-    def __init__(
-        self, property: Property, rooms: Sequence[RepresentationMap], occupancy: Occupancy | None
-    ) -> None:
-        self.property = property
-        self._rooms = _ThingRelation(property, rooms)
-        self._occupancy = occupancy
-
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
-        subject, thing = self._rooms.statements(objects=objects, within=within)
-        assert isinstance(subject, Voxels)
-        assert isinstance(thing, Things)
-        if self._occupancy is None:
-            return Statements(subject, thing)
-        regions = self._occupancy.regions
-        centres = (voxels_of_keys(subject.keys) + 0.5) * regions.voxel_size
-        free = regions.set_numbers_at(centres) == 0
-        return Statements(Voxels(subject.keys[free]), Things(thing.codes[free], thing.names))
-
-
-class _TypeRelation:
-    """`thing a type`, the types that subsume its own among them."""
-
-    property = Property(TYPE, "type", None, None, subject="thing", object="thing")
-
-    def __init__(self, catalogue: FieldCatalogue) -> None:
-        self._catalogue = catalogue
-
-    def statements(
-        self,
-        *,
-        subjects: Collection[str] | None = None,
-        objects: Collection[str] | None = None,
-        within: NDArray[np.int64] | None = None,
-    ) -> Statements:
-        pairs = [
-            (thing, super_)
-            for thing, type_ in self._catalogue.types().items()
-            if type_ is not None and (subjects is None or thing in subjects)
-            for super_ in self._catalogue.supers(type_)
-            if objects is None or super_ in objects
-        ]
-        return Statements(Things.of(a for a, _ in pairs), Things.of(b for _, b in pairs))
-
-
-def _by_thing(found: Sequence[tuple[str, NDArray[np.int64]]]) -> Statements:
-    """Rows of voxels by thing; those of one thing that several maps name come once."""
-    of: dict[str, list[NDArray[np.int64]]] = {}
-    for name, keys in found:
-        of.setdefault(name, []).append(keys)
-    each = [np.unique(np.concatenate(keys)) for keys in of.values()]
-    subject: Column = Voxels(np.concatenate([np.zeros(0, np.int64), *each]))
-    codes = np.repeat(np.arange(len(each), dtype=np.int32), [len(keys) for keys in each])
-    return Statements(subject, Things(codes, tuple(of)))
-
-
-def _read(
-    map: RepresentationMap, box: VoxelBox | None
-) -> tuple[NDArray[np.int32], NDArray[np.int32] | NDArray[np.float32] | NDArray[np.bool_]]:
-    return (map.grid if box is None else map.within(box)).read()
-
-
-def _box_of(within: NDArray[np.int64] | None) -> VoxelBox | None:
-    if within is None:
-        return None
-    if not len(within):
-        return VoxelBox((0, 0, 0), (-1, -1, -1))
-    voxels = voxels_of_keys(within)
-    low, high = voxels.min(axis=0).tolist(), voxels.max(axis=0).tolist()
-    return VoxelBox(tuple(low), tuple(high))
+        past._selected, past._is_past = selected, True
+        return past

@@ -1,34 +1,31 @@
-"""What relations hold between things, as a query asks for it."""
+"""Relations between entities, such as `on` and `sees`, as statements for queries."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.language.property import Property
-from semmap.fields.relations.relations import Relations
-from semmap.fields.queries.statements import Statements, Things
+from semmap.fields.queries.statements import Entities, Statements
+from semmap.fields.relations.tracker import RelationTracker
+from semmap.language.schema import Property
 
-__all__ = ["ThingRelation"]
+__all__ = ["EntityRelation"]
 
 
-class ThingRelation:
-    """`thing property thing`, of the relation that has the property's name.
+class EntityRelation:
+    """States `entity property entity`, from the relation that has the property's name.
 
     Parameters
     ----------
     property : its `name` is that of a rule: `in`, `on`, `touching`, `near` or `sees`
-    relations : what holds; things are called as they are in facts
+    tracker : returns the relations, named as in facts; called when statements are read
     """
 
-    def __init__(self, property: Property, relations: Relations) -> None:
-        known = [rule.name for rule in relations.rules]
-        if property.name not in known:
-            raise LookupError(f"no rule is named {property.name}: there are {', '.join(known)}")
+    def __init__(self, property: Property, tracker: Callable[[], RelationTracker]) -> None:
         self.property = property
-        self._relations = relations
+        self._tracker = tracker
 
     def statements(
         self,
@@ -37,13 +34,24 @@ class ThingRelation:
         objects: Collection[str] | None = None,
         within: NDArray[np.int64] | None = None,
     ) -> Statements:
-        pairs = sorted(
-            (str(fact.subject), str(fact.object))
-            for fact in self._relations.holding(self.property.name)
-        )
+        """Return the statements; see `StatementRelation.statements`.
+
+        Raises
+        ------
+        LookupError
+            No rule of the tracker has the name of the property.
+        """
+        tracker, name = self._tracker(), self.property.name
+        known = [rule.name for rule in tracker.rules]
+        if name not in known:
+            raise LookupError(f"there is no relation {name}; relations: {', '.join(known)}")
+        facts = sorted((str(fact.subject), str(fact.object)) for fact in tracker.holding(name))
         wanted = [
             (subject, object)
-            for subject, object in pairs
+            for subject, object in facts
             if (subjects is None or subject in subjects) and (objects is None or object in objects)
         ]
-        return Statements(Things.of(a for a, _ in wanted), Things.of(b for _, b in wanted))
+        return Statements(
+            Entities.from_names(subject for subject, _ in wanted),
+            Entities.from_names(object for _, object in wanted),
+        )

@@ -1,216 +1,226 @@
-"""A plan, evaluated over whole columns.
+"""Evaluates checked queries, whole columns at a time.
 
-What is bound already limits what is read next: constants and small tables go first, and the voxels
-found so far go down as `within`, so that a chain of lazy maps is worked out there alone.
+Values that are already bound limit what is read next: triple patterns with constants and few
+solutions come first, and the voxels found so far are passed on to relations as `within`, so that a
+chain of lazy maps is computed for these alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import singledispatch
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.language.expressions import Expression
-from semmap.language.plan import (
-    Aggregate,
-    Basic,
-    Context,
-    Distinct,
-    Extend,
-    Filter,
-    Group,
-    Inline,
-    Join,
-    Left,
-    Minus,
-    Order,
-    Pattern,
-    Plan,
-    Project,
-    Slice,
-    Union,
-)
+from semmap.fields.queries.context import Context
+from semmap.fields.queries.expressions import evaluate_expression, is_true
+from semmap.fields.queries.statements import Entities, Numbers, StatementColumn, Voxels
 from semmap.fields.queries.table import (
-    NOTHING,
+    EMPTY,
     UNIT,
     Column,
     Table,
     codes_of,
+    compatible_pairs,
     join,
     merge,
     minus,
-    pairs,
     unbound,
     union,
 )
-from semmap.fields.queries.statements import Column as Stated
-from semmap.fields.queries.statements import Numbers, Things, Voxels
+from semmap.language.algebra import (
+    Aggregate,
+    BasicGraphPattern,
+    Distinct,
+    Exists,
+    Expression,
+    Extend,
+    Filter,
+    GroupPattern,
+    InlineData,
+    Join,
+    LeftJoin,
+    Minus,
+    OrderBy,
+    Pattern,
+    Project,
+    SolutionSlice,
+    TriplePattern,
+    Union,
+)
+from semmap.language.schema import ValueKind
 
-__all__ = ["evaluate", "exists", "holds"]
+__all__ = ["evaluate"]
 
 Limits = Mapping[str, NDArray[np.int64]]
-"""Ascending keys to which voxels may be limited: solutions elsewhere are not asked for."""
+"""For variables the ascending keys of voxels beyond which solutions are not needed."""
 
 MOST_NAMES = 256
-"""How many things are named to a relation at most; of more, all is read."""
+"""A relation is limited to the bound entities where these are at most so many."""
 
 MOST_PAIRS = 1 << 22
-"""How many pairs of solutions are compared at a time in EXISTS."""
+"""So many pairs of solutions are compared at a time in EXISTS."""
 
 
-def holds(context: Context, condition: Expression, table: Table) -> NDArray[np.bool_]:
-    """(N,) where a condition is true; an error is not."""
-    column = condition.run(context, table)
-    found: NDArray[np.bool_] = (
-        column.values & column.there if column.bound is not None else (column.values)
-    )
-    return found
+def evaluate(pattern: Pattern, context: Context, limits: Limits | None = None) -> Table:
+    """Return the solutions of a pattern.
+
+    Parameters
+    ----------
+    pattern : a checked pattern
+    context : shared by all parts of one query
+    limits : voxels beyond which solutions may be left out
+
+    Raises
+    ------
+    LimitError
+        There are too many solutions, or it takes too long.
+    """
+    context.check_time()
+    return _evaluate(pattern, context, limits or {})
 
 
-def _filtered(context: Context, conditions: tuple[Expression, ...], table: Table) -> Table:
+@singledispatch
+def _evaluate(pattern: Pattern, context: Context, limits: Limits) -> Table:
+    raise TypeError(f"{type(pattern).__name__} cannot be evaluated")
+
+
+# Triple patterns
+
+
+@_evaluate.register
+def _(pattern: BasicGraphPattern, context: Context, limits: Limits) -> Table:
+    return _basic(pattern, context, limits, ())
+
+
+def _basic(
+    pattern: BasicGraphPattern,
+    context: Context,
+    limits: Limits,
+    conditions: tuple[Expression, ...],
+) -> Table:
+    """Join triple patterns, and filter as soon as the variables of a condition are bound."""
+    table, left, waiting = UNIT, list(pattern.patterns), list(conditions)
+    while left:
+        triple = min(left, key=lambda each: _cost(each, table))
+        left.remove(triple)
+        table = join(table, _read(triple, table, context, limits))
+        context.check_time()
+        ready = [each for each in waiting if each.variables <= table.columns.keys()]
+        waiting = [each for each in waiting if each not in ready]
+        table = _filtered(tuple(ready), context, table)
+        if table.rows == 0:
+            return EMPTY
+    return _filtered(tuple(waiting), context, table)
+
+
+def _filtered(conditions: tuple[Expression, ...], context: Context, table: Table) -> Table:
     for condition in conditions:
         if table.rows:
-            found = holds(context, condition, table)
+            found = is_true(condition, context, table)
             table = table if found.all() else table.take(found)
     return table
 
 
-def evaluate(plan: Plan, context: Context, limits: Limits | None = None) -> Table:
-    """The solutions of a plan."""
-    context.expect_time()
-    return _evaluate(plan, context, limits or {})
+def _cost(triple: TriplePattern, table: Table) -> tuple[bool, int, bool, int]:
+    """Return what is read first: connected to the table, few variables, no numbers, first."""
+    free = sum(isinstance(side, str) for side in (triple.subject, triple.object))
+    new = triple.variables - table.columns.keys()
+    connected = not table.columns or bool(triple.variables & table.columns.keys())
+    numeric = triple.property.object == "number"
+    return not connected, min(free, len(new)), numeric, triple.position
 
 
-@singledispatch
-def _evaluate(plan: Plan, context: Context, limits: Limits) -> Table:
-    raise TypeError(plan)
-
-
-@_evaluate.register
-def _(plan: Basic, context: Context, limits: Limits) -> Table:
-    return _basic(plan, context, limits, ())
-
-
-def _basic(
-    plan: Basic, context: Context, limits: Limits, conditions: tuple[Expression, ...]
-) -> Table:
-    table, left, waiting = UNIT, list(plan.patterns), list(conditions)
-    while left:
-        pattern = min(left, key=lambda each: _cost(each, table))
-        left.remove(pattern)
-        table = join(table, _stated(pattern, table, context, limits))
-        context.expect_time()
-        ready = [each for each in waiting if each.variables <= table.columns.keys()]
-        waiting = [each for each in waiting if each not in ready]
-        table = _filtered(context, tuple(ready), table)
-        if table.rows == 0:
-            return NOTHING
-    return _filtered(context, tuple(waiting), table)
-
-
-def _cost(pattern: Pattern, table: Table) -> tuple[bool, int, bool, int]:
-    """What comes first: what is connected, has constants, has no numbers, stands first."""
-    free = sum(isinstance(side, str) for side in (pattern.subject, pattern.object))
-    new = pattern.variables - table.columns.keys()
-    connected = not table.columns or bool(pattern.variables & table.columns.keys())
-    return not connected, min(free, len(new)), _is_number(pattern), pattern.at
-
-
-def _is_number(pattern: Pattern) -> bool:
-    return pattern.relation.property.object == "number"
-
-
-def _stated(pattern: Pattern, table: Table, context: Context, limits: Limits) -> Table:
-    """What a relation states, as far as it can go with a table."""
-    about = pattern.relation.property
+def _read(triple: TriplePattern, table: Table, context: Context, limits: Limits) -> Table:
+    """Return the solutions of a triple pattern, limited to those that can join a table."""
+    about = triple.property
     within = None
-    if about.subject == "voxel" and isinstance(pattern.subject, str):
-        within = table.keys(pattern.subject)
-        within = limits.get(pattern.subject) if within is None else within
-    subjects = _names(pattern.subject, about.subject, table, context)
-    objects = _names(pattern.object, about.object, table, context)
-    if (within is not None and not len(within)) or not all((subjects != [], objects != [])):
-        return NOTHING
-    stated = pattern.relation.statements(subjects=subjects, objects=objects, within=within)
-    subject, object_ = _column(stated.subject, context), _column(stated.object, context)
+    if about.subject == "voxel" and isinstance(triple.subject, str):
+        within = table.keys(triple.subject)
+        within = limits.get(triple.subject) if within is None else within
+    subjects = _wanted_names(triple.subject, about.subject, table, context)
+    objects = _wanted_names(triple.object, about.object, table, context)
+    if subjects == [] or objects == [] or (within is not None and not len(within)):
+        return EMPTY
+    relation = context.relation(about)
+    statements = relation.statements(subjects=subjects, objects=objects, within=within)
+    subject, object_ = (_column(each, context) for each in statements)
     columns: dict[str, Column] = {}
     kept: NDArray[np.bool_] | None = None
-    for side, column in ((pattern.subject, subject), (pattern.object, object_)):
+    for side, column in ((triple.subject, subject), (triple.object, object_)):
         if isinstance(side, float):
             kept = column.values == side
         elif isinstance(side, str) and side in columns:
             kept = column.values == columns[side].values
         elif isinstance(side, str):
             columns[side] = column
-    if pattern.taken is not None:
-        columns[pattern.taken] = object_
+    if triple.object_variable is not None:
+        columns[triple.object_variable] = object_
     found = Table(len(subject), columns)
     found = found if kept is None else found.take(kept)
     several = any(
-        isinstance(s, frozenset) and len(s) > 1 for s in (pattern.subject, pattern.object)
+        isinstance(side, frozenset) and len(side) > 1 for side in (triple.subject, triple.object)
     )
     return found.distinct() if several or not columns else found
 
 
-def _names(side: object, kind: str, table: Table, context: Context) -> list[str] | None:
-    """The things to which a side is limited; None is all."""
+def _wanted_names(side: object, kind: str, table: Table, context: Context) -> list[str] | None:
+    """Return the entities to which a side is limited; None for all."""
     if isinstance(side, frozenset):
         return sorted(side)
-    column = table.columns.get(side) if isinstance(side, str) and kind == "thing" else None
+    column = table.columns.get(side) if isinstance(side, str) and kind == "entity" else None
     if column is None or column.bound is not None:
         return None
     codes = np.unique(column.values)
     return [context.names.names[c] for c in codes.tolist()] if len(codes) <= MOST_NAMES else None
 
 
-def _column(stated: Stated, context: Context) -> Column:
+def _column(stated: StatementColumn, context: Context) -> Column:
     match stated:
         case Voxels(keys):
             return Column("voxel", keys)
-        case Things(codes, names):
-            return Column("thing", context.names.codes(names)[codes])
+        case Entities(codes, names):
+            return Column("entity", context.names.codes(names)[codes])
         case Numbers(values):
             return Column("number", values)
 
 
-def _narrowed(plan: Plan, table: Table, limits: Limits) -> Limits:
-    """Limits for what is joined with a table."""
+# Patterns that combine others
+
+
+def _narrowed(pattern: Pattern, table: Table, limits: Limits) -> Limits:
+    """Return limits for a pattern whose solutions are joined with a table."""
     found = dict(limits)
-    for name in plan.variables:
+    for name in pattern.variables:
         keys = table.keys(name)
         if keys is not None:
             found[name] = keys
     return found
 
 
-def _certain(plan: Plan, table: Table) -> Limits:
-    """Limits for what extends or reduces a table: only what it binds in each row."""
-    return _narrowed(plan, table, {})
+@_evaluate.register
+def _(pattern: Join, context: Context, limits: Limits) -> Table:
+    left = evaluate(pattern.left, context, limits)
+    if left.rows == 0:
+        return EMPTY
+    return join(left, evaluate(pattern.right, context, _narrowed(pattern.right, left, limits)))
 
 
 @_evaluate.register
-def _(plan: Join, context: Context, limits: Limits) -> Table:
-    left = evaluate(plan.left, context, limits)
+def _(pattern: LeftJoin, context: Context, limits: Limits) -> Table:
+    left = evaluate(pattern.left, context, limits)
     if left.rows == 0:
-        return NOTHING
-    return join(left, evaluate(plan.right, context, _narrowed(plan.right, left, limits)))
-
-
-@_evaluate.register
-def _(plan: Left, context: Context, limits: Limits) -> Table:
-    left = evaluate(plan.left, context, limits)
-    if left.rows == 0:
-        return NOTHING
-    right = evaluate(plan.right, context, _certain(plan.right, left))
+        return EMPTY
+    right = evaluate(pattern.right, context, _narrowed(pattern.right, left, {}))
     if right.rows == 0:
         return left
-    rows = pairs(left, right)
+    rows = compatible_pairs(left, right)
     found = merge(left, right, rows)
     passed = np.ones(found.rows, np.bool_)
-    for condition in plan.conditions:
-        passed &= holds(context, condition, found)
+    for condition in pattern.conditions:
+        passed &= is_true(condition, context, found)
     alone = np.ones(left.rows, np.bool_)
     alone[rows.left[passed]] = False
     found = found if passed.all() else found.take(passed)
@@ -218,92 +228,115 @@ def _(plan: Left, context: Context, limits: Limits) -> Table:
 
 
 @_evaluate.register
-def _(plan: Minus, context: Context, limits: Limits) -> Table:
-    left = evaluate(plan.left, context, limits)
+def _(pattern: Minus, context: Context, limits: Limits) -> Table:
+    left = evaluate(pattern.left, context, limits)
     if left.rows == 0:
-        return NOTHING
-    return minus(left, evaluate(plan.right, context, _certain(plan.right, left)))
+        return EMPTY
+    return minus(left, evaluate(pattern.right, context, _narrowed(pattern.right, left, {})))
 
 
 @_evaluate.register
-def _(plan: Union, context: Context, limits: Limits) -> Table:
-    return union([evaluate(each, context, limits) for each in (plan.left, plan.right)])
+def _(pattern: Union, context: Context, limits: Limits) -> Table:
+    return union([evaluate(each, context, limits) for each in (pattern.left, pattern.right)])
 
 
 @_evaluate.register
-def _(plan: Filter, context: Context, limits: Limits) -> Table:
-    if isinstance(plan.of, Basic):
-        return _basic(plan.of, context, limits, plan.conditions)
-    return _filtered(context, plan.conditions, evaluate(plan.of, context, limits))
+def _(pattern: Filter, context: Context, limits: Limits) -> Table:
+    if isinstance(pattern.of, BasicGraphPattern):
+        return _basic(pattern.of, context, limits, pattern.conditions)
+    return _filtered(pattern.conditions, context, evaluate(pattern.of, context, limits))
 
 
 @_evaluate.register
-def _(plan: Extend, context: Context, limits: Limits) -> Table:
-    table = evaluate(plan.of, context, {n: k for n, k in limits.items() if n != plan.name})
-    column = plan.value.run(context, table)
-    return Table(table.rows, {**table.columns, plan.name: column})
+def _(pattern: Extend, context: Context, limits: Limits) -> Table:
+    table = evaluate(pattern.of, context, {n: k for n, k in limits.items() if n != pattern.name})
+    column = evaluate_expression(pattern.value, context, table)
+    return Table(table.rows, {**table.columns, pattern.name: column})
 
 
 @_evaluate.register
-def _(plan: Inline, context: Context, limits: Limits) -> Table:
-    return plan.make(context)
+def _(pattern: InlineData, context: Context, limits: Limits) -> Table:
+    columns = {
+        name: _inline_column(pattern.kinds[name], values, context)
+        for name, values in pattern.values.items()
+    }
+    return Table(pattern.count, columns)
+
+
+def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -> Column:
+    bound = np.array([value is not None for value in values], np.bool_)
+    if kind == "entity":
+        codes = [0 if name is None else context.names.code(name) for name in values]
+        column = np.array(codes, np.int64)
+    else:
+        plain = [0 if value is None else value for value in values]
+        column = np.array(plain, np.bool_ if kind == "boolean" else np.float64)
+    return Column(kind, column, None if bound.all() else bound)
+
+
+# Solution modifiers
 
 
 @_evaluate.register
-def _(plan: Project, context: Context, limits: Limits) -> Table:
-    inside = {name: keys for name, keys in limits.items() if name in plan.variables}
-    return evaluate(plan.of, context, inside).only(plan.variables)
+def _(pattern: Project, context: Context, limits: Limits) -> Table:
+    inside = {name: keys for name, keys in limits.items() if name in pattern.variables}
+    return evaluate(pattern.of, context, inside).only(pattern.variables)
 
 
 @_evaluate.register
-def _(plan: Distinct, context: Context, limits: Limits) -> Table:
-    return evaluate(plan.of, context, limits).distinct()
+def _(pattern: Distinct, context: Context, limits: Limits) -> Table:
+    return evaluate(pattern.of, context, limits).distinct()
 
 
 @_evaluate.register
-def _(plan: Slice, context: Context, limits: Limits) -> Table:
-    table = evaluate(plan.of, context)
-    stop = table.rows if plan.length is None else min(table.rows, plan.start + plan.length)
-    return table.take(np.arange(min(plan.start, stop), stop))
+def _(pattern: SolutionSlice, context: Context, limits: Limits) -> Table:
+    table = evaluate(pattern.of, context)
+    stop = table.rows
+    if pattern.length is not None:
+        stop = min(stop, pattern.start + pattern.length)
+    return table.take(np.arange(min(pattern.start, stop), stop))
 
 
 @_evaluate.register
-def _(plan: Order, context: Context, limits: Limits) -> Table:
-    table = evaluate(plan.of, context, limits)
+def _(pattern: OrderBy, context: Context, limits: Limits) -> Table:
+    table = evaluate(pattern.of, context, limits)
     if table.rows < 2:
         return table
     ranks = []
-    for by, descending in plan.by:
-        rank = _ranks(by.run(context, table), context)
+    for by, descending in pattern.by:
+        rank = _ranks(evaluate_expression(by, context, table), context)
         ranks.append(-rank if descending else rank)
     return table.take(np.lexsort(ranks[::-1]))
 
 
 def _ranks(column: Column, context: Context) -> NDArray[np.int64]:
-    """The place of each value in ascending order; nothing comes first."""
+    """Return the rank of each value in ascending order; unbound ones come first."""
     values = column.values
-    if column.kind in ("thing", "text"):
+    if column.kind in ("entity", "text"):
         ranks = context.names.ranks()
         values = ranks[values] if len(ranks) else values
     places = np.unique(values, return_inverse=True)[1].astype(np.int64)
-    return np.where(column.there, places, -1)
+    return np.where(column.is_bound, places, -1)
+
+
+# Groups
 
 
 @_evaluate.register
-def _(plan: Group, context: Context, limits: Limits) -> Table:
-    table = evaluate(plan.of, context)
-    if plan.whole:
-        first, group = np.zeros(0, np.intp), np.zeros(table.rows, np.intp)
+def _(pattern: GroupPattern, context: Context, limits: Limits) -> Table:
+    table = evaluate(pattern.of, context)
+    if pattern.whole:
+        group = np.zeros(table.rows, np.intp)
         count, columns = 1, {}
     elif table.rows == 0:
-        return NOTHING
+        return EMPTY
     else:
-        keys = [name for name in plan.keys if name in table.columns]
+        keys = [name for name in pattern.keys if name in table.columns]
         codes = codes_of(table, keys) if keys else np.zeros(table.rows, np.int64)
         _, first, group = np.unique(codes, return_index=True, return_inverse=True)
         count = len(first)
         columns = {name: table.columns[name].take(first) for name in keys}
-    for each in plan.aggregates:
+    for each in pattern.aggregates:
         columns[each.name] = _aggregated(each, context, table, group, count)
     return Table(count, columns)
 
@@ -311,14 +344,14 @@ def _(plan: Group, context: Context, limits: Limits) -> Table:
 def _aggregated(
     each: Aggregate, context: Context, table: Table, group: NDArray[np.intp], count: int
 ) -> Column:
-    """One value a group; what has no value does not count (as rdflib has it for sums, too)."""
+    """Return one value for each group; rows without a value do not count, as in rdflib."""
     if each.of is None:
         if each.distinct:
             rows = Table(table.rows, {**table.columns, "*group": Column("number", group)})
             group = rows.distinct().columns["*group"].values
         return Column("number", np.bincount(group, minlength=count))
-    column = each.of.run(context, table)
-    there = np.flatnonzero(column.there)
+    column = evaluate_expression(each.of, context, table)
+    there = np.flatnonzero(column.is_bound)
     of, values = group[there], column.values[there]
     if each.distinct and len(there):
         both = {"*group": Column("number", of), "*value": Column(column.kind, values)}
@@ -334,7 +367,7 @@ def _aggregated(
             return Column("number", np.bincount(of, values, count) / np.maximum(counts, 1))
     if len(of) == 0:
         return unbound(column.kind, count)
-    # The first of each group, in an order in which that is the one sought.
+    # Sort so that the row sought is the first of its group.
     rank = np.arange(len(of))
     if each.function != "Sample":
         rank = _ranks(Column(column.kind, values), context)
@@ -345,35 +378,36 @@ def _aggregated(
     return Column(column.kind, result, None if counts.all() else counts > 0)
 
 
-def exists(
-    plan: Plan, correlated: tuple[Expression, ...]
-) -> Callable[[Context, Table], NDArray[np.bool_]]:
-    """Where a table has a compatible solution of a plan of which conditions hold that need both."""
+# EXISTS
 
-    def run(context: Context, table: Table) -> NDArray[np.bool_]:
-        found = np.zeros(table.rows, np.bool_)
-        if table.rows == 0:
-            return found
-        other = evaluate(plan, context, _certain(plan, table))
-        if other.rows == 0:
-            return found
-        if not correlated:
-            shared = [name for name in table.columns if name in other.columns]
-            if not shared:
-                return ~found
-            other = other.only(shared).distinct()
-        step = max(1, MOST_PAIRS // other.rows)
-        if not correlated or any(name in other.columns for name in table.columns):
-            step = table.rows
-        for begin in range(0, table.rows, step):
-            some = table.take(np.arange(begin, min(begin + step, table.rows)))
-            rows = pairs(some, other)
-            both = merge(some, other, rows)
-            passed = np.ones(both.rows, np.bool_)
-            context.expect_time()
-            for condition in correlated:
-                passed &= holds(context, condition, both)
-            found[begin + rows.left[passed]] = True
+
+@evaluate_expression.register
+def _(expression: Exists, context: Context, table: Table) -> Column:
+    found = _exists(expression, context, table)
+    return Column("boolean", ~found if expression.negated else found)
+
+
+def _exists(expression: Exists, context: Context, table: Table) -> NDArray[np.bool_]:
+    """Return for which rows there is a compatible solution that meets all conditions."""
+    found = np.zeros(table.rows, np.bool_)
+    if table.rows == 0:
         return found
-
-    return run
+    other = evaluate(expression.pattern, context, _narrowed(expression.pattern, table, {}))
+    if other.rows == 0:
+        return found
+    shared = [name for name in table.columns if name in other.columns]
+    if not expression.conditions:
+        if not shared:
+            return ~found
+        other = other.only(shared).distinct()
+    step = table.rows if shared else max(1, MOST_PAIRS // other.rows)
+    for begin in range(0, table.rows, step):
+        some = table.take(np.arange(begin, min(begin + step, table.rows)))
+        rows = compatible_pairs(some, other)
+        both = merge(some, other, rows)
+        passed = np.ones(both.rows, np.bool_)
+        context.check_time()
+        for condition in expression.conditions:
+            passed &= is_true(condition, context, both)
+        found[begin + rows.left[passed]] = True
+    return found

@@ -1,6 +1,7 @@
-"""What properties state, as columns: the form in which queries take fields.
+"""Statements of properties as columns: the form in which queries read fields.
 
-A voxel is one 64-bit key, so that a join of two fields is a search in sorted integers.
+A voxel is one 64-bit key (`semmap.geometry.voxel_keys`), so that a join of two fields is a search
+in sorted integers.
 """
 
 from __future__ import annotations
@@ -13,72 +14,50 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.language.property import Property
+from semmap.language.schema import Property, Schema
 
 __all__ = [
     "Catalogue",
-    "Column",
+    "Entities",
     "Numbers",
-    "Relation",
+    "StatementColumn",
+    "StatementRelation",
     "Statements",
-    "Things",
     "Voxels",
-    "keys_of",
-    "voxels_of_keys",
 ]
-
-_BITS = 21
-_HALF = 1 << (_BITS - 1)
-
-
-def keys_of(voxels: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(N,) a key for each of (N, 3) voxels, ascending as they do; indices within 2**20 of 0.
-
-    Raises
-    ------
-    ValueError
-        A voxel further away (52 km at 5 cm).
-    """
-    shifted = voxels.astype(np.int64) + _HALF
-    if shifted.size and (shifted.min() < 0 or shifted.max() >= 2 * _HALF):
-        raise ValueError(f"a voxel lies more than {_HALF} voxels from the origin")
-    keys: NDArray[np.int64] = (
-        (shifted[:, 0] << (2 * _BITS)) | (shifted[:, 1] << _BITS) | shifted[:, 2]
-    )
-    return keys
-
-
-def voxels_of_keys(keys: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(N, 3) the voxels of (N,) keys."""
-    low = (1 << _BITS) - 1
-    return np.column_stack(
-        [((keys >> shift) & low) - _HALF for shift in (2 * _BITS, _BITS, 0)]
-    ).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """(N,) keys of voxels."""
+    """A column of voxels: (N,) keys."""
 
     keys: NDArray[np.int64]
 
     def __len__(self) -> int:
+        """Return the number of rows."""
         return len(self.keys)
 
 
 @dataclass(frozen=True, eq=False)
-class Things:
-    """Entities or semantic types by name: (N,) places in `names`."""
+class Entities:
+    """A column of entities or semantic types: (N,) indices into `names`."""
 
     codes: NDArray[np.int32]
     names: tuple[str, ...]
 
     def __len__(self) -> int:
+        """Return the number of rows."""
         return len(self.codes)
 
     @classmethod
-    def of(cls, names: Iterable[str]) -> Things:
-        """A row a name."""
+    def from_names(cls, names: Iterable[str]) -> Entities:
+        """Make a column with a row for each name.
+
+        Examples
+        --------
+        >>> Entities.from_names(["mug", "desk", "mug"]).codes.tolist()
+        [0, 1, 0]
+        """
         rows = list(names)
         known = tuple(dict.fromkeys(rows))
         code = {name: i for i, name in enumerate(known)}
@@ -87,29 +66,32 @@ class Things:
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """(N,) values."""
+    """A column of numbers: (N,) values."""
 
     values: NDArray[np.float64]
 
     def __len__(self) -> int:
+        """Return the number of rows."""
         return len(self.values)
 
 
-Column = Voxels | Things | Numbers
+StatementColumn = Voxels | Entities | Numbers
 
 
 class Statements(NamedTuple):
-    """Rows of subject and object; none twice."""
+    """Rows of subject and object; no row occurs twice."""
 
-    subject: Column
-    object: Column
+    subject: StatementColumn
+    object: StatementColumn
 
 
-class Relation(Protocol):
-    """What states a property: a map, a region map, or what is computed from them."""
+class StatementRelation(Protocol):
+    """States a property: a map, a region map, or what is computed from them."""
 
     @property
-    def property(self) -> Property: ...
+    def property(self) -> Property:
+        """The property that it states."""
+        ...
 
     def statements(
         self,
@@ -118,49 +100,33 @@ class Relation(Protocol):
         objects: Collection[str] | None = None,
         within: NDArray[np.int64] | None = None,
     ) -> Statements:
-        """All that it states.
+        """Return the statements, all of them without arguments.
 
         Parameters
         ----------
-        subjects, objects : things to which that side is limited
-        within : ascending keys of voxels to which the subjects are limited; what lies elsewhere may
-            be given all the same
+        subjects, objects : entities to which that side is limited
+        within : ascending keys of voxels that the subjects may have. Other subjects may be
+            returned, too: this only saves work
         """
         ...
 
 
-class Catalogue(Protocol):
-    """What a query may ask: properties, and names for constants."""
+class Catalogue(Schema, Protocol):
+    """The properties that queries may read, and their statements."""
 
     @property
     def voxel_size(self) -> float:
-        """Metres; all voxels of a catalogue are of one lattice."""
+        """Edge of a voxel in metres; all voxels of a catalogue are of one lattice."""
         ...
 
-    def relation(self, iri: str) -> Relation:
-        """The relation that states a property; LookupError, naming near ones, if there is none."""
-        ...
-
-    def relations(self) -> Iterable[Relation]:
-        """All of them."""
-        ...
-
-    def things(self, name: str, range_: str | None) -> frozenset[str]:
-        """The things that a constant names: an entity, or a semantic type and its subtypes.
-
-        Raises
-        ------
-        LookupError
-            No such entity or type.
-        TypeError
-            There is one, but not of the type `range_`.
-        """
+    def relation(self, property: Property) -> StatementRelation:
+        """Return the relation that states a property of the catalogue."""
         ...
 
     def at(self, moment: datetime) -> Catalogue:
-        """The same as it was then."""
+        """Return the catalogue as it was at a moment."""
         ...
 
     def during(self, begin: datetime, end: datetime) -> Catalogue:
-        """The same, stating all that was stated at any time between."""
+        """Return a catalogue that states all that was stated at any time in between."""
         ...

@@ -1,4 +1,4 @@
-"""Meshes as regions: solids where they are closed, surfaces where they are open or thin-walled."""
+"""Meshes as regions: closed parts as solids, open and thin-walled parts as surfaces."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.regions.shapes import Region, Solid, Surface
+from semmap.fields.regions.shapes import Region, Solid, SurfaceRegion
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.parts import closed_parts
 
-__all__ = ["Parts", "parts_of"]
+__all__ = ["MeshParts", "mesh_parts"]
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
-    """A mesh whose corners within a micrometre are one.
+class MeshParts:
+    """A mesh, and which of its parts are closed.
 
     Attributes
     ----------
-    closed : (F,) whether a face is of a closed part, which has an inside
-    wall : (F,) metres, how thick the walls of a face's part are on the whole; infinite for what is
-        no shell
+    mesh : corners within a micrometre are merged
+    closed : (F,) whether a face belongs to a closed part, which has an inside
+    wall : (F,) the mean wall thickness of the part of a face in metres; infinite where the part is
+        not a shell
     """
 
     mesh: Mesh
@@ -30,14 +31,15 @@ class Parts:
     wall: NDArray[np.float64]
 
     def regions(self, voxel_size: float, pose: NDArray[np.float64] | None = None) -> list[Region]:
-        """What the closed parts enclose, and the surfaces of the others and of thin walls.
+        """Return the inside of the closed parts, and the surface of the other parts.
 
-        A wall thinner than a voxel could lie between centres, so that its surface counts, too.
+        The surface of a closed part with walls thinner than a voxel is returned, too: such a wall
+        could lie between the centres of voxels.
 
         Parameters
         ----------
         voxel_size : metres
-        pose : (4, 4) of the mesh in the frame of the regions; none if it is the same
+        pose : (4, 4) of the mesh in the frame of the regions; the identity if not given
         """
         vertices = self.mesh.vertices
         if pose is not None:
@@ -47,22 +49,25 @@ class Parts:
         if self.closed.any():
             found.append(Solid(vertices, self.mesh.faces[self.closed]))
         if drawn.any():
-            found.append(Surface(vertices, self.mesh.faces[drawn]))
+            found.append(SurfaceRegion(vertices, self.mesh.faces[drawn]))
         return found
 
 
-def parts_of(mesh: Mesh) -> Parts:
-    """Which parts of a mesh have an inside, and how thick they are."""
+def mesh_parts(mesh: Mesh) -> MeshParts:
+    """Return which parts of a mesh are closed, and how thick their walls are."""
     corners, number = np.unique(np.round(mesh.vertices, 6), axis=0, return_inverse=True)
     merged = Mesh(corners, number.reshape(-1)[mesh.faces].astype(np.int32))
     part, closed = closed_parts(merged)
     if not len(part):
-        return Parts(merged, np.zeros(0, np.bool_), np.zeros(0))
-    return Parts(merged, closed[part], _walls(merged, part)[part])
+        return MeshParts(merged, np.zeros(0, np.bool_), np.zeros(0))
+    return MeshParts(merged, closed[part], _wall_thickness(merged, part)[part])
 
 
-def _walls(mesh: Mesh, part: NDArray[np.int32]) -> NDArray[np.float64]:
-    """(parts,) twice volume by area, of parts that fill less than a quarter of their box."""
+def _wall_thickness(mesh: Mesh, part: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return 2 * volume / area of each part that is a shell: (parts,).
+
+    A shell fills less than a quarter of its box.
+    """
     triangles = mesh.triangles
     count = part.max() + 1
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)

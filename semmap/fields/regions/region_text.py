@@ -1,4 +1,4 @@
-"""Regions as text: "SPHERE(x y z r)" and the like, in metres."""
+"""Regions as text, such as "SPHERE(x y z radius)", in metres and radians."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from semmap.fields.regions.shapes import Box, Cone, Cylinder, Hull, Region, Sphere, _points
+from semmap.fields.checks import as_points
+from semmap.fields.regions.shapes import Box, Cone, Cylinder, Hull, Region, Sphere
 
 __all__ = ["FORMS", "read_region"]
 
-Numbers = list[float]
+Values = list[float]
 
-_ONE: Mapping[str, tuple[tuple[int, ...], Callable[[Numbers], Region]]] = {
+_OF_VALUES: Mapping[str, tuple[tuple[int, ...], Callable[[Values], Region]]] = {
     "SPHERE": ((4,), lambda n: Sphere(n[:3], n[3])),
     "BOX": ((6, 10), lambda n: Box(n[:3], n[3:6], *[n[6:]] * (len(n) > 6))),
     "CYLINDER": ((5, 8), lambda n: Cylinder(n[:3], n[3], n[4], *[n[5:]] * (len(n) > 5))),
     "CONE": ((8,), lambda n: Cone(n[:3], n[3:6], n[6], n[7])),
 }
-"""Those of a fixed number of numbers."""
+"""Forms with a fixed number of values: the allowed numbers, and the region."""
 
-_MANY: Mapping[str, Callable[[list[Numbers]], Region]] = {
+_OF_POINTS: Mapping[str, Callable[[list[Values]], Region]] = {
     "HULL": Hull,
-    "POINTS": lambda points: _points(np.array(points).reshape(-1, 3), "POINTS"),
+    "POINTS": lambda points: as_points(np.array(points).reshape(-1, 3), "POINTS"),
 }
-"""Those of points."""
+"""Forms with any number of points."""
 
 FORMS: Mapping[str, str] = {
     "SPHERE": "SPHERE(x y z radius)",
@@ -35,23 +36,29 @@ FORMS: Mapping[str, str] = {
     "HULL": "HULL(x y z, x y z, ...)",
     "POINTS": "POINTS(x y z, x y z, ...)",
 }
-"""How each is written: a centre first, lengths in metres, angles in radians."""
+"""The text of each form: a centre first, lengths in metres, angles in radians."""
 
 _TEXT = re.compile(r"\s*([A-Za-z]+)\s*\(([^()]*)\)\s*")
 
 
 def read_region(text: str) -> Region:
-    """The region that a text describes.
+    """Return the region that a text describes.
 
     Raises
     ------
     ValueError
-        No such form, or numbers that make none.
+        The form is unknown, or its numbers do not make a region; the error shows the form.
+
+    Examples
+    --------
+    >>> read_region("SPHERE(0 0 1 0.5)").radius
+    0.5
     """
     match = _TEXT.fullmatch(text)
     name = match[1].upper() if match else ""
     if match is None or name not in FORMS:
-        raise ValueError(f"no region: write {', '.join(form.split('(')[0] for form in FORMS)}(...)")
+        forms = ", ".join(form.split("(")[0] for form in FORMS)
+        raise ValueError(f"this is not a region: write {forms}(...)")
     try:
         groups = [
             [float(number) for number in group.split()]
@@ -60,12 +67,12 @@ def read_region(text: str) -> Region:
         ]
     except ValueError as error:
         raise ValueError(f"{error}: write {FORMS[name]}") from None
-    if name in _ONE:
-        counts, make = _ONE[name]
+    if name in _OF_VALUES:
+        counts, make = _OF_VALUES[name]
         numbers = [number for group in groups for number in group]
         if len(numbers) not in counts:
             raise ValueError(f"{name} has {len(numbers)} numbers: write {FORMS[name]}")
         return make(numbers)
     if any(len(group) != 3 for group in groups):
         raise ValueError(f"{name} takes points of three numbers: write {FORMS[name]}")
-    return _MANY[name](groups)
+    return _OF_POINTS[name](groups)

@@ -1,10 +1,12 @@
 """Regions of space in metres, and the voxels that belong to them.
 
-A voxel is ``floor(p / voxel_size)``. It belongs to a solid if its centre lies in it, the surface
-included, to 1e-9 of a voxel. All that they meet belong to a `Surface`, and to a solid so thin that
-it could lie between centres: narrower than a voxel in one direction, than sqrt(2) voxels in two, or
-than sqrt(3) in three. Of a thin `Cylinder` or `Cone` the prism or pyramid around it is taken, up to
-0.01 voxels wider where its radius is below 1,000 voxels.
+The voxel of a point p is ``floor(p / voxel_size)``. A voxel belongs to a solid if its centre lies
+in the solid or on its surface, to 1e-9 of a voxel.
+
+A thin solid could lie between the centres: one that is narrower than a voxel in one direction, than
+sqrt(2) voxels in two, or than sqrt(3) in three. All voxels that such a solid meets belong to it, as
+do all that meet a `SurfaceRegion`. A thin `Cylinder` or `Cone` is replaced by the prism or pyramid
+around it, which is up to 0.01 voxels wider where the radius is below 1,000 voxels.
 """
 
 from __future__ import annotations
@@ -16,6 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from semmap.fields.checks import (
+    as_direction,
+    as_faces,
+    as_length,
+    as_points,
+    as_rigid_rows,
+    as_rotation,
+    as_vector,
+    positive,
+)
+from semmap.fields.regions.convex_hull import convex_hull
 from semmap.limits import REGION_BLOCKS, REGION_VOXELS
 from semmap_vdb import Shape, limit_regions
 
@@ -28,15 +41,12 @@ __all__ = [
     "Region",
     "Solid",
     "Sphere",
-    "Surface",
+    "SurfaceRegion",
     "voxels_of",
 ]
 
 MOST_VOXELS, MOST_BLOCKS = 2**36, 2**27
-"""To which the limits of a region can be raised: indices and memory do not reach further."""
-
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+"""The highest limits of a region: beyond them, indices and memory do not suffice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +57,9 @@ class Box:
     ----------
     center : (3,) metres
     size : (3,) metres
-        Along its own axes; 0 makes a rectangle, a segment or a point of it.
+        Along the axes of the box; with a size of 0 it is a rectangle, a segment or a point.
     rotation : (4,)
-        Unit quaternion (x, y, z, w), of its axes in the map's frame.
+        Unit quaternion (x, y, z, w): the axes of the box in the frame of the map.
     """
 
     center: ArrayLike
@@ -58,12 +68,12 @@ class Box:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what is no box."""
-        center = np.array(_vector(self.center, "Box.center"))
-        half = np.array(_vector(self.size, "Box.size")) / 2
+        """Check the arguments, and make the native shape."""
+        center = np.array(as_vector(self.center, "Box.center"))
+        half = np.array(as_vector(self.size, "Box.size")) / 2
         if (half < 0).any():
             raise ValueError(f"Box.size is {self.size!r}: give lengths of at least 0 m")
-        axes = _rotation(self.rotation, "Box.rotation")
+        axes = as_rotation(self.rotation, "Box.rotation")
         signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         corners = center + (signs * half) @ axes.T
         normals = np.concatenate([axes.T, -axes.T])
@@ -86,9 +96,9 @@ class Sphere:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what is no ball."""
-        center = _vector(self.center, "Sphere.center")
-        _set(self, Shape.ball(center, _above_0(self.radius, "Sphere.radius")))
+        """Check the arguments, and make the native shape."""
+        center = as_vector(self.center, "Sphere.center")
+        _set(self, Shape.ball(center, positive(self.radius, "Sphere.radius")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +112,7 @@ class Cylinder:
     radius : float
         Metres, above 0.
     height : float
-        Metres along the axis; 0 makes a disc of it.
+        Metres along the axis; a cylinder of height 0 is a disc.
     axis : (3,)
         The direction of its axis, of any length.
     """
@@ -114,13 +124,11 @@ class Cylinder:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what is no cylinder."""
-        center = _vector(self.center, "Cylinder.center")
-        axis = _direction(self.axis, "Cylinder.axis")
-        radius = _above_0(self.radius, "Cylinder.radius")
-        height = float(self.height)
-        if not (math.isfinite(height) and height >= 0):
-            raise ValueError(f"Cylinder.height is {self.height!r}: give metres of at least 0")
+        """Check the arguments, and make the native shape."""
+        center = as_vector(self.center, "Cylinder.center")
+        axis = as_direction(self.axis, "Cylinder.axis")
+        radius = positive(self.radius, "Cylinder.radius")
+        height = as_length(self.height, "Cylinder.height")
         _set(self, Shape.cylinder(center, axis, radius, height))
 
 
@@ -146,16 +154,16 @@ class Cone:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what is no cone."""
-        apex = _vector(self.apex, "Cone.apex")
-        axis = _direction(self.axis, "Cone.axis")
+        """Check the arguments, and make the native shape."""
+        apex = as_vector(self.apex, "Cone.apex")
+        axis = as_direction(self.axis, "Cone.axis")
         angle = float(self.angle)
         if not 0 < angle < math.pi:
             raise ValueError(
                 f"Cone.angle is {self.angle!r}: give the full opening angle, in radians between 0 "
                 "and pi"
             )
-        _set(self, Shape.cone(apex, axis, angle / 2, _above_0(self.height, "Cone.height")))
+        _set(self, Shape.cone(apex, axis, angle / 2, positive(self.height, "Cone.height")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,31 +180,32 @@ class Hull:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what has no hull."""
-        points = _points(self.points, "Hull.points")
+        """Check the arguments, and make the native shape."""
+        points = as_points(self.points, "Hull.points")
         if len(points) == 0:
             raise ValueError("Hull.points is empty: give at least one point")
-        _set(self, Shape.polytope(*_hull(points)))
+        _set(self, Shape.polytope(*convex_hull(points)))
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """What a closed triangle mesh encloses.
+    """The inside of a closed triangle mesh.
 
-    The winding number says what is inside, whichever way the faces turn: parts may overlap, and a
-    part that turns the other way within another is a cavity. Thinness is looked at part by part.
+    A point is inside where the winding number is not 0, whichever way the faces turn: parts may
+    overlap, and a part within another that turns the other way is a cavity. Each part is checked
+    for thinness by itself.
 
     Parameters
     ----------
     vertices : (N, 3) metres
-        Those of the same place are one vertex.
+        Vertices at the same place count as one.
     faces : (M, 3) integers
         Vertices of each triangle, from 0.
 
     Raises
     ------
     ValueError
-        Where the mesh is not closed: give a `Surface`.
+        The mesh is not closed: use a `SurfaceRegion`.
     """
 
     vertices: ArrayLike
@@ -204,14 +213,14 @@ class Solid:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what has no inside."""
-        vertices = _points(self.vertices, "Solid.vertices")
-        _set(self, Shape.solid(vertices, _faces(self.faces, len(vertices), "Solid.faces")))
+        """Check the arguments, and make the native shape."""
+        vertices = as_points(self.vertices, "Solid.vertices")
+        _set(self, Shape.solid(vertices, as_faces(self.faces, len(vertices), "Solid.faces")))
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """Triangles without an inside: all the voxels that they meet.
+class SurfaceRegion:
+    """Triangles without an inside: all voxels that they meet.
 
     Parameters
     ----------
@@ -225,27 +234,30 @@ class Surface:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse faces of vertices that are not there."""
-        vertices = _points(self.vertices, "Surface.vertices")
-        _set(self, Shape.surface(vertices, _faces(self.faces, len(vertices), "Surface.faces")))
+        """Check the arguments, and make the native shape."""
+        vertices = as_points(self.vertices, "SurfaceRegion.vertices")
+        _set(
+            self,
+            Shape.surface(vertices, as_faces(self.faces, len(vertices), "SurfaceRegion.faces")),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
-    """What a depth camera sees: the points of its pixels, as of a surface seen from one side.
+    """The points that a depth camera sees, one for each pixel.
 
-    There are gaps where neighbouring pixels lie further apart than a voxel.
+    There are gaps where neighbouring pixels are further apart than a voxel.
 
     Parameters
     ----------
     depth : (H, W) metres
-        Along the camera's z axis; NaN, infinity and what is not above 0 are left out.
+        Along the z axis of the camera; NaN, infinity and values up to 0 are left out.
     intrinsics : (4,)
-        fx, fy, cx, cy in pixels, the centre of the first pixel at (0, 0).
+        fx, fy, cx, cy in pixels; the centre of the first pixel is (0, 0).
     pose : (4, 4)
-        Of the camera's optical frame (x right, y down, z ahead) in the map's.
+        Of the optical frame (x right, y down, z ahead) in the frame of the map.
     mask : (H, W) bool, optional
-        The pixels that are meant; all if not given.
+        The pixels to use; all if not given.
     farthest : float
         Metres of depth beyond which pixels are left out.
     """
@@ -258,7 +270,7 @@ class DepthImage:
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse what is no image of a camera."""
+        """Check the arguments, and make the native shape."""
         depth = np.ascontiguousarray(self.depth, dtype=np.float32)
         if depth.ndim != 2:
             raise ValueError(f"DepthImage.depth has shape {depth.shape}: give an (H, W) array")
@@ -276,139 +288,42 @@ class DepthImage:
                 "fx and fy above 0"
             )
         fx, fy, cx, cy = camera.tolist()
-        pose = _rigid(self.pose, "DepthImage.pose")
+        pose = as_rigid_rows(self.pose, "DepthImage.pose")
         _set(self, Shape.depth_image(depth, mask, (fx, fy, cx, cy), pose, float(self.farthest)))
 
 
-Region = Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage | NDArray[Any]
+Region = Box | Sphere | Cone | Cylinder | Hull | Solid | SurfaceRegion | DepthImage | NDArray[Any]
 """A region, or the points (N, 3) in metres of one."""
 
 
 def shape_of(region: Region) -> Shape:
-    """A region as the native code takes it, which is told the limits of `semmap.limits`."""
+    """Return the native shape of a region, and apply the limits of `semmap.limits` to it."""
     limit_regions(
         min(int(REGION_VOXELS.value), MOST_VOXELS), min(int(REGION_BLOCKS.value), MOST_BLOCKS)
     )
-    if isinstance(region, Box | Sphere | Cone | Cylinder | Hull | Solid | Surface | DepthImage):
+    if isinstance(
+        region, Box | Sphere | Cone | Cylinder | Hull | Solid | SurfaceRegion | DepthImage
+    ):
         return region.shape
-    return Shape.points(_points(region, "a region of points"))
+    return Shape.points(as_points(region, "a region of points"))
 
 
 def voxels_of(region: Region, voxel_size: float) -> NDArray[np.int32]:
-    """The voxels of a region.
+    """Return the voxels of a region.
+
+    Parameters
+    ----------
+    region : Region
+    voxel_size : float
+        Metres.
 
     Returns
     -------
     (N, 3) int32
         Indices, each once, block by block of 8 x 8 x 8.
     """
-    return shape_of(region).voxels(_above_0(voxel_size, "voxel_size"))
+    return shape_of(region).voxels(positive(voxel_size, "voxel_size"))
 
 
 def _set(region: object, shape: Shape) -> None:
     object.__setattr__(region, "shape", shape)
-
-
-def _above_0(value: float, name: str) -> float:
-    number = float(value)
-    if not (math.isfinite(number) and number > 0):
-        raise ValueError(f"{name} is {value!r}: give metres above 0")
-    return number
-
-
-def _vector(value: ArrayLike, name: str) -> Vector:
-    array = np.asarray(value, dtype=float)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ValueError(f"{name} is {value!r}: give three finite numbers")
-    return float(array[0]), float(array[1]), float(array[2])
-
-
-def _direction(value: ArrayLike, name: str) -> Vector:
-    x, y, z = _vector(value, name)
-    length = math.hypot(x, y, z)
-    if not 0 < length < math.inf:
-        raise ValueError(f"{name} is {value!r}: a direction has a length above 0")
-    return x / length, y / length, z / length
-
-
-def _rotation(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    """Columns: the axes."""
-    q = np.asarray(value, dtype=float)
-    if q.shape != (4,) or not abs(float(np.linalg.norm(q)) - 1) < 1e-6:
-        raise ValueError(f"{name} is {value!r}: give a unit quaternion (x, y, z, w)")
-    x, y, z, w = (q / np.linalg.norm(q)).tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _rigid(value: ArrayLike, name: str) -> list[list[float]]:
-    """The upper three rows."""
-    m = np.asarray(value, dtype=float)
-    if m.shape != (4, 4) or not np.isfinite(m).all():
-        raise ValueError(f"{name}: give a (4, 4) rigid transform of finite numbers")
-    turn = m[:3, :3]
-    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or not np.allclose(m[3], (0, 0, 0, 1)):
-        raise ValueError(f"{name}: give a (4, 4) rigid transform: a rotation, no scale, no shear")
-    rows: list[list[float]] = m[:3].tolist()
-    return rows
-
-
-def _points(value: ArrayLike, name: str) -> NDArray[np.float64]:
-    points = np.ascontiguousarray(value, dtype=np.float64)
-    if points.shape == (0,):
-        points = points.reshape(0, 3)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"{name} has shape {points.shape}: give an (N, 3) array")
-    if not np.isfinite(points).all():
-        raise ValueError(f"{name} holds NaN or infinity: leave those points out")
-    return points
-
-
-def _faces(value: ArrayLike, vertices: int, name: str) -> NDArray[np.int32]:
-    faces = np.asarray(value)
-    if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
-        raise ValueError(f"{name}: give an (M, 3) array of integers")
-    if faces.size and (faces.min() < 0 or faces.max() >= vertices):
-        raise ValueError(f"{name}: there are vertices 0 to {vertices - 1}, name no others")
-    return np.ascontiguousarray(faces, dtype=np.int32)
-
-
-_Polytope = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-
-
-def _hull(points: NDArray[np.float64]) -> _Polytope:
-    """Corners, normals of facets and directions of edges; a flat hull has two normals or none."""
-    from scipy.spatial import ConvexHull
-
-    middle = points.mean(axis=0)
-    spread = np.linalg.svd(points - middle, full_matrices=True)
-    lengths = np.zeros(3)
-    lengths[: len(spread.S)] = spread.S
-    none = np.zeros((0, 3))
-    far = max(float(np.abs(points).max()), 1e-300)
-    dimension = int((lengths > 1e-12 * far * math.sqrt(len(points))).sum())
-    axes = spread.Vh
-    if dimension == 0:
-        return points[:1].copy(), none, none
-    if dimension == 1:
-        at = (points - middle) @ axes[0]
-        ends = points[[int(at.argmin()), int(at.argmax())]]
-        return ends, none, axes[:1].copy()
-    if dimension == 2:
-        ring = points[ConvexHull((points - middle) @ axes[:2].T).vertices]
-        normal = np.cross(axes[0], axes[1])
-        return ring, np.stack([normal, -normal]), np.roll(ring, -1, axis=0) - ring
-    hull = ConvexHull(points - middle)
-    normals = np.unique(np.round(hull.equations[:, :3], 12), axis=0)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    corners = points[hull.simplices]
-    edges = (corners - np.roll(corners, 1, axis=1)).reshape(-1, 3)
-    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    edges[edges[:, 0] < 0] *= -1
-    edges = np.unique(np.round(edges, 12), axis=0)
-    return points[hull.vertices], np.ascontiguousarray(normals), edges

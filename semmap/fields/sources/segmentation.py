@@ -1,4 +1,4 @@
-"""People and objects: masks in a depth image (reMap, sections 5.2.1 and 5.2.3)."""
+"""People and objects from labelled depth images (reMap, sections 5.2.1 and 5.2.3)."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.regions.shapes import _above_0, _rigid
+from semmap.fields.checks import as_rigid_rows, positive
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.sources.percepts import Segmentation
 from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.sources.percepts import Segmentation
 from semmap.ingest.tbox import snake_case
 from semmap_vdb import Int32Grid
 
 __all__ = ["ObjectSource", "PeopleSource"]
 
 
-class _Seen:
-    """Voxels in which pixels lie, each with the number of what they show."""
+class _LabelSource:
+    """Makes an int32 map of the voxels in which the points of pixels lie, with their labels."""
 
     property_name: str
 
@@ -26,8 +26,8 @@ class _Seen:
         self, vocabulary: Vocabulary, *, voxel_size: float = 0.05, farthest: float = 10.0
     ) -> None:
         self._property = vocabulary[self.property_name]
-        self._voxel_size = _above_0(voxel_size, "voxel_size")
-        self._farthest = _above_0(farthest, "farthest")
+        self._voxel_size = positive(voxel_size, "voxel_size")
+        self._farthest = positive(farthest, "farthest")
 
     def _map(self, percept: Segmentation, names: dict[int, str]) -> RepresentationMap:
         depth = np.ascontiguousarray(percept.depth, np.float32)
@@ -39,25 +39,30 @@ class _Seen:
         labels = _chosen(labels, percept.names, names)
         fx, fy, cx, cy = np.asarray(percept.intrinsics, float).tolist()
         if not (fx > 0 and fy > 0):
-            raise ValueError("intrinsics are fx, fy, cx, cy in pixels, fx and fy above 0")
+            raise ValueError("intrinsics: give fx, fy, cx, cy in pixels, fx and fy above 0")
         grid = Int32Grid.of_labels(
-            depth, labels, (fx, fy, cx, cy), _rigid(percept.pose, "pose"), self._farthest,
+            depth,
+            labels,
+            (fx, fy, cx, cy),
+            as_rigid_rows(percept.pose, "pose"),
+            self._farthest,
             self._voxel_size,
-        )  # fmt: skip
+        )
         legend = names or {0: "nothing"}
         return RepresentationMap(self._property, grid, legend=legend, time=percept.time)
 
 
-class ObjectSource(_Seen):
-    """Things seen, by their type: an int32 map of `containsObject`.
+class ObjectSource(_LabelSource):
+    """Makes an int32 map of `containsObject` from labels that are classes of objects.
 
-    Names of classes are those of the detector: the 80 of COCO, or any. `Wine Glass`, `wine glass`
-    and `WineGlass` are the type `wine_glass`. A person is no object.
+    The names of classes are those of the detector, such as the 80 of COCO. `Wine Glass`,
+    `wine glass` and `WineGlass` are the type `wine_glass`.
 
     Parameters
     ----------
+    vocabulary : has the property
     voxel_size : metres
-    farthest : metres of depth beyond which pixels are left out
+    farthest : depth in metres beyond which pixels are left out
     ignored : types that are left out
     """
 
@@ -75,31 +80,40 @@ class ObjectSource(_Seen):
         self._ignored = frozenset(ignored)
 
     def __call__(self, percept: Segmentation) -> list[RepresentationMap]:
+        """Return the map of an image."""
         names = {number: snake_case(name) for number, name in percept.names.items()}
         kept = {number: name for number, name in names.items() if name not in self._ignored}
         return [self._map(percept, kept)]
 
 
-class PeopleSource(_Seen):
-    """The space that people fill: an int32 map of `containsPerson`, by name."""
+class PeopleSource(_LabelSource):
+    """Makes an int32 map of `containsPerson` from labels that are names of people.
+
+    Parameters
+    ----------
+    vocabulary : has the property
+    voxel_size : metres
+    farthest : depth in metres beyond which pixels are left out
+    """
 
     property_name = "containsPerson"
 
     def __call__(self, percept: Segmentation) -> list[RepresentationMap]:
+        """Return the map of an image."""
         return [self._map(percept, dict(percept.names))]
 
 
 def _chosen(
     labels: NDArray[np.int32], known: Collection[int], wanted: Collection[int]
 ) -> NDArray[np.int32]:
-    """The labels that are wanted, 0 for the others, all of which must be known."""
+    """Return the labels with 0 in place of those that are not wanted; all must be known."""
     top = int(labels.max(initial=0))
     if labels.min(initial=0) < 0 or top > 1 << 20:
-        raise ValueError("labels are numbers from 0, nothing, to about a million")
+        raise ValueError("labels: give integers from 0, for no label, to about a million")
     there = np.bincount(labels.ravel(), minlength=1) > 0
     unknown = set(np.flatnonzero(there).tolist()) - {0, *known}
     if unknown:
-        raise ValueError(f"labels hold {sorted(unknown)}, which have no name: name all")
+        raise ValueError(f"labels {sorted(unknown)} have no name: give a name for each label")
     table = np.zeros(top + 1, np.int32)
     for label in wanted:
         if label <= top:

@@ -1,8 +1,8 @@
-"""Events on the database's channel `semmap_events`: who announces them, and who listens.
+"""Events of relations on the channel `semmap_events` of the database.
 
 A message is JSON: `{"number": 7, "event": "begin", "relation": "sees", "subject": "human1",
-"object": "book_326", "time": "2026-01-01T12:00:00+00:00"}`; `event` is `begin` or `end`, `number`
-counts what one announcer sent.
+"object": "book_326", "time": "2026-01-01T12:00:00+00:00"}`. `event` is `begin` or `end`; `number`
+counts the messages of one publisher.
 """
 
 from __future__ import annotations
@@ -16,34 +16,40 @@ from types import TracebackType
 import psycopg
 from sqlalchemy import Engine, text
 
-from semmap.fields.relations.relations import Event
+from semmap.fields.relations.facts import RelationEvent
 
-__all__ = ["CHANNEL", "Announcer", "Listener", "as_json"]
+__all__ = ["CHANNEL", "EventListener", "EventPublisher", "as_json"]
 
 CHANNEL = "semmap_events"
 
-_LONGEST = 7999  # bytes that NOTIFY takes
+LONGEST = 7999
+"""The most bytes of a message of NOTIFY."""
 
 
-class Announcer:
-    """Sends events to all that listen on the database's channel; for one thread."""
+class EventPublisher:
+    """Sends events to all listeners on the channel of a database; for one thread.
+
+    Parameters
+    ----------
+    engine : of the database
+    """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._number = 0
         self._waiting: deque[str] = deque()
 
-    def announce(self, events: Iterable[Event]) -> None:
+    def publish(self, events: Iterable[RelationEvent]) -> None:
         """Send events, in one transaction.
 
-        Where the database is away, they wait, and are sent before those of the next call; none is
-        left out.
+        While the database cannot be reached, events wait, and the next call sends them first; none
+        is lost.
 
         Raises
         ------
         TypeError, ValueError
-            A subject or object that is neither text nor a whole number, or too long to send;
-            nothing is sent then. Give `Relations` the names that entities have.
+            A subject or object is neither a text nor an integer, or is too long to send; no event
+            is sent. Give the tracker names of entities.
         """
         messages = []
         for number, event in enumerate(events, self._number + 1):
@@ -52,7 +58,7 @@ class Announcer:
         self._waiting += messages
         if not self._waiting:
             return
-        # A transaction sends what is equal once; numbers make all differ.
+        # A transaction sends equal messages only once; the numbers make all messages different.
         with self._engine.begin() as connection:
             connection.execute(
                 text(
@@ -63,17 +69,21 @@ class Announcer:
             )
         self._waiting.clear()
 
-    def __call__(self, event: Event) -> None:
-        """Send one, so that an announcer can be a subscriber itself."""
-        self.announce([event])
+    def __call__(self, event: RelationEvent) -> None:
+        """Send one event, so that a publisher can be a callback of an `EventBus`."""
+        self.publish([event])
 
 
-class Listener:
-    """Hears what is announced from now on.
+class EventListener:
+    """Receives the events that are published from now on.
+
+    Parameters
+    ----------
+    engine : of the database; the listener uses one connection until it is closed
 
     Examples
     --------
-    >>> with Listener(engine) as listener:  # doctest: +SKIP
+    >>> with EventListener(engine) as listener:  # doctest: +SKIP
     ...     for event in listener.events():
     ...         print(event)
     """
@@ -86,13 +96,15 @@ class Listener:
         self._driver.autocommit = True
         self._driver.execute(f"LISTEN {CHANNEL}")
 
-    def events(self, timeout: float | None = None, count: int | None = None) -> Iterator[Event]:
-        """Events as they come; what is no event of this kind is passed over.
+    def events(
+        self, timeout: float | None = None, count: int | None = None
+    ) -> Iterator[RelationEvent]:
+        """Yield events as they arrive; other messages on the channel are ignored.
 
         Parameters
         ----------
-        timeout : seconds after which it ends if nothing comes; never if not given
-        count : after how many messages it ends, or a few more
+        timeout : seconds without a message after which it ends; never if not given
+        count : number of messages after which it ends; a few more may be yielded
         """
         for notice in self._driver.notifies(timeout=timeout, stop_after=count):
             event = _event(notice.payload)
@@ -100,13 +112,14 @@ class Listener:
                 yield event
 
     def close(self) -> None:
-        """Hear no more."""
+        """Stop listening."""
         if not self._driver.closed:
             self._driver.execute(f"UNLISTEN {CHANNEL}")
             self._driver.autocommit = False
         self._connection.close()
 
-    def __enter__(self) -> Listener:
+    def __enter__(self) -> EventListener:
+        """Return the listener; the end of the `with` block closes it."""
         return self
 
     def __exit__(
@@ -115,11 +128,18 @@ class Listener:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        """Stop listening."""
         self.close()
 
 
-def as_json(event: Event) -> dict[str, str | int]:
-    """An event as it is written in JSON."""
+def as_json(event: RelationEvent) -> dict[str, str | int]:
+    """Return an event as a dict for `json.dumps`.
+
+    Raises
+    ------
+    TypeError
+        A subject or object is neither a text nor an integer.
+    """
     return {
         "event": "begin" if event.began else "end",
         "relation": event.relation,
@@ -129,31 +149,35 @@ def as_json(event: Event) -> dict[str, str | int]:
     }
 
 
-def _message(number: int, event: Event) -> str:
+def _message(number: int, event: RelationEvent) -> str:
     message = json.dumps({"number": number, **as_json(event)}, ensure_ascii=False)
-    if len(message.encode()) > _LONGEST:
+    if len(message.encode()) > LONGEST:
         raise ValueError(
-            f"the event is longer than {_LONGEST} bytes: give its subject and object shorter names"
+            f"the event is longer than {LONGEST} bytes: give its subject and object shorter names"
         )
     if "\\u0000" in message:
-        raise ValueError("a name has a NUL in it, which no message can: give another name")
+        raise ValueError("a name contains NUL, which messages cannot contain: give another name")
     return message
 
 
-def _plain(thing: Hashable) -> str | int:
-    if isinstance(thing, str) or (isinstance(thing, int) and not isinstance(thing, bool)):
-        return thing
-    raise TypeError(f"{thing!r} is neither text nor a whole number: give Relations names of things")
+def _plain(entity: Hashable) -> str | int:
+    if isinstance(entity, str) or (isinstance(entity, int) and not isinstance(entity, bool)):
+        return entity
+    raise TypeError(
+        f"{entity!r} is neither a text nor an integer: give the tracker names of entities"
+    )
 
 
-def _event(payload: str) -> Event | None:
-    """What a message says; None if it is another's."""
+def _event(payload: str) -> RelationEvent | None:
+    """Return the event of a message; None for other messages."""
     try:
-        said = json.loads(payload)
-        began = {"begin": True, "end": False}[said["event"]]
-        return Event(
-            str(said["relation"]), _plain(said["subject"]), _plain(said["object"]), began,
-            datetime.fromisoformat(said["time"]),
-        )  # fmt: skip
+        message = json.loads(payload)
+        return RelationEvent(
+            str(message["relation"]),
+            _plain(message["subject"]),
+            _plain(message["object"]),
+            began={"begin": True, "end": False}[message["event"]],
+            time=datetime.fromisoformat(message["time"]),
+        )
     except (ValueError, KeyError, TypeError):
         return None

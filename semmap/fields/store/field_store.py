@@ -1,7 +1,6 @@
-"""Fields kept in the database, version by version: only cubes of voxels that changed are written.
+"""Fields in the database with all their versions; only cubes of voxels that changed are written.
 
-With `source` and `mirror` the only modules of the fields that know it. A field is of the current
-map; all that a call does is part of the caller's transaction.
+A field belongs to the current map. All changes of a call are part of the transaction of the caller.
 """
 
 from __future__ import annotations
@@ -15,32 +14,32 @@ from typing import Any
 
 from sqlalchemy import Connection, Row, text
 
-from semmap.fields.maps.representation_map import GRIDS, Grid, ValueType, value_type_of
+from semmap.fields.maps.grids import GRIDS, Grid, ValueType, value_type_of
 
-__all__ = ["Kept", "Version", "forget", "load", "names", "prune", "save", "versions"]
+__all__ = ["FieldVersion", "StoredField", "forget", "load", "names", "prune", "save", "versions"]
 
 EDGE = 32
-"""Voxels; that of cubes of fields that are new.
+"""Edge of the cubes of new fields, in voxels.
 
-Measured in small_house on voxels of 5 cm: a piece of furniture that moves changes 2.9 cubes of 32
-(1.1 kB compressed), 1.5 of 64 (3.0 kB) or 5.5 of 16 (0.5 kB); all of the house is 237, 48 or 1105.
+Measured in small_house with voxels of 5 cm: moving a piece of furniture changes 2.9 cubes of 32
+(1.1 kB compressed), 1.5 of 64 (3.0 kB) or 5.5 of 16 (0.5 kB); the whole house has 237, 48 or 1105.
 """
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
-    """A version of a field, and what is known of it.
+class StoredField:
+    """A version of a field.
 
     Attributes
     ----------
-    property : str
-        The IRI of what its values say.
-    about : str or None
-        Whom or what it is said of.
-    legend : dict or None
-        What each value of an int32 field stands for.
-    state : dict or None
-        What its writer left for itself.
+    name : of the field
+    version : counted from 1
+    at : when it was stored, aware
+    property : IRI of the property
+    about : the entity that the field is about, if any
+    legend : the entities of the values of an int32 field, if any
+    state : data of the writer, if any
+    grid : the voxels
     """
 
     name: str
@@ -54,8 +53,16 @@ class Kept:
 
 
 @dataclass(frozen=True)
-class Version:
-    """A version of a field, when it was saved, and how many cubes and bytes were written."""
+class FieldVersion:
+    """The size of a version of a field.
+
+    Attributes
+    ----------
+    version : counted from 1
+    at : when it was stored, aware
+    blocks : number of cubes that were written
+    bytes : bytes that were written
+    """
 
     version: int
     at: datetime
@@ -73,31 +80,40 @@ def save(
     legend: Mapping[int, Any] | None = None,
     state: Mapping[str, Any] | None = None,
 ) -> int:
-    """Keep a grid as the newest version of a field; the number of that version, from 1.
+    """Store a grid as the newest version of a field.
 
-    Values, active states, background and placement come back bit for bit, an active voxel of
-    background among them. A save of the same field by another process waits for this transaction.
+    `load` returns values, active states, background and placement bit by bit, including active
+    voxels with the background value. If another process stores the same field, it waits for this
+    transaction.
 
     Parameters
     ----------
-    name : unique in the map
-    property : IRI of what the values say
-    about : whom or what they are said of
-    legend : what values of an int32 grid stand for, as JSON can hold it
-    state : what the writer needs to go on from here, as JSON can hold it
+    connection : sees the map; the caller commits
+    name : of the field, unique in the map
+    grid : the voxels
+    property : IRI of the property
+    about : the entity that the field is about
+    legend : the entities of the values of an int32 grid, as JSON allows
+    state : data of the writer, as JSON allows
+
+    Returns
+    -------
+    int
+        The number of the version, from 1.
 
     Raises
     ------
     LookupError
         There is no map.
     ValueError
-        The field has another property, subject, type or voxel size, or what is given is no field.
+        The field is stored with another property, entity, type or voxel size, or an argument is
+        wrong.
     """
     value_type = value_type_of(grid)
     if not name or not property:
-        raise ValueError("a field that is kept has a name and a property: give both")
+        raise ValueError("a field needs a name and a property: give both")
     if legend is not None and value_type != "int32":
-        raise ValueError(f"values of a {value_type} field stand for themselves: give no legend")
+        raise ValueError(f"a {value_type} field cannot have a legend: leave it out")
     given = (property, about, value_type, grid.voxel_size)
     field = _field_to_change(connection, name, given)
     version: int = field.version + 1
@@ -132,13 +148,12 @@ def save(
                 "VALUES (:field, :x, :y, :z, :version, :digest, :bytes)"
             ),
             [
-                {
-                    "field": field.id, "x": at[0], "y": at[1], "z": at[2], "version": version,
-                    "digest": digests[at], "bytes": blocks[at],
-                }
+                {"field": field.id, "version": version}
+                | dict(zip("xyz", at, strict=True))
+                | {"digest": digests[at], "bytes": blocks[at]}
                 for at in fresh
             ],
-        )  # fmt: skip
+        )
     connection.execute(
         text(
             "INSERT INTO field_version (field_id, version, background, placement, legend, state) "
@@ -161,13 +176,19 @@ def save(
     return version
 
 
-def load(connection: Connection, name: str, version: int | None = None) -> Kept:
-    """A version of a field, the newest if none is named.
+def load(connection: Connection, name: str, version: int | None = None) -> StoredField:
+    """Return a version of a field.
+
+    Parameters
+    ----------
+    connection : sees the map
+    name : of the field
+    version : the newest if not given
 
     Raises
     ------
     LookupError
-        There is no such field, or the version is not kept.
+        There is no such field or version.
     """
     while True:
         field = _field(connection, name)
@@ -179,7 +200,7 @@ def load(connection: Connection, name: str, version: int | None = None) -> Kept:
             ),
             {"field": field.id, "version": number},
         ).all()
-        # Asked last: while a version is there, so are all its cubes.
+        # Read last: while a version exists, all its cubes exist.
         row = connection.execute(
             text("SELECT * FROM field_version WHERE field_id = :field AND version = :version"),
             {"field": field.id, "version": number},
@@ -189,7 +210,7 @@ def load(connection: Connection, name: str, version: int | None = None) -> Kept:
         if version is not None:
             there = [str(each.version) for each in versions(connection, name)]
             raise LookupError(
-                f"version {version} of the field {name} is not kept: there are {', '.join(there)}"
+                f"there is no version {version} of the field {name}; versions: {', '.join(there)}"
             )
     kind = GRIDS[_value_type(field.value_type)]
     plain = {"bool": bool, "int32": int, "float32": float}[field.value_type]
@@ -197,11 +218,17 @@ def load(connection: Connection, name: str, version: int | None = None) -> Kept:
     grid.place([row.placement[i : i + 4] for i in (0, 4, 8)])
     grid.put_blocks({(c.x, c.y, c.z): c.bytes for c in cubes}, field.edge)
     legend = None if row.legend is None else {int(k): v for k, v in row.legend.items()}
-    return Kept(name, number, row.at, field.property, field.about, legend, row.state, grid)
+    return StoredField(name, number, row.at, field.property, field.about, legend, row.state, grid)
 
 
 def names(connection: Connection, *, stateless: bool = False) -> list[str]:
-    """The fields of the current map that are kept; or those alone whose writer left no state."""
+    """Return the names of the fields of the current map.
+
+    Parameters
+    ----------
+    connection : sees the map
+    stateless : only the fields without data of their writer
+    """
     return list(
         connection.execute(
             text(
@@ -215,8 +242,8 @@ def names(connection: Connection, *, stateless: bool = False) -> list[str]:
     )
 
 
-def versions(connection: Connection, name: str) -> list[Version]:
-    """The versions of a field that are kept, the oldest first.
+def versions(connection: Connection, name: str) -> list[FieldVersion]:
+    """Return the versions of a field, the oldest first.
 
     Raises
     ------
@@ -232,25 +259,32 @@ def versions(connection: Connection, name: str) -> list[Version]:
         ),
         {"field": _field(connection, name).id},
     )
-    return [Version(row.version, row.at, int(row.blocks), int(row.bytes)) for row in rows]
+    return [FieldVersion(row.version, row.at, int(row.blocks), int(row.bytes)) for row in rows]
 
 
 def prune(connection: Connection, name: str, keep: int) -> int:
-    """Delete all but the newest versions of a field; how many were deleted.
+    """Delete all but the newest versions of a field.
 
     Parameters
     ----------
-    keep : how many stay, at least 1
+    connection : sees the map; the caller commits
+    name : of the field
+    keep : number of versions that stay, at least 1
+
+    Returns
+    -------
+    int
+        Number of versions that were deleted.
 
     Raises
     ------
     LookupError
         There is no such field.
     ValueError
-        None would stay.
+        `keep` is below 1.
     """
     if keep < 1:
-        raise ValueError(f"keep is {keep}: at least 1 version stays; forget deletes the field")
+        raise ValueError(f"keep is {keep}: give at least 1; forget deletes the whole field")
     field = _field(connection, name, locked=True)
     oldest = field.version - keep + 1
     gone = connection.execute(
@@ -265,7 +299,7 @@ def prune(connection: Connection, name: str, keep: int) -> int:
 
 
 def forget(connection: Connection, name: str) -> None:
-    """Delete a field with all its versions; one that is not kept is not there to delete."""
+    """Delete a field with all its versions. Does nothing if the field is unknown."""
     connection.execute(
         text("DELETE FROM field WHERE map_id = current_map() AND name = :name"), {"name": name}
     )
@@ -274,9 +308,9 @@ def forget(connection: Connection, name: str) -> None:
 def _field_to_change(
     connection: Connection, name: str, given: tuple[str, str | None, str, float]
 ) -> Row[Any]:
-    """The field, made if it is not there, and locked until the transaction ends."""
+    """Return the row of a field, new or not, locked until the end of the transaction."""
     if connection.execute(text("SELECT current_map()")).scalar() is None:
-        raise LookupError("there is no map to keep a field of: semmap import FILE makes one")
+        raise LookupError("there is no map to store a field for: semmap import FILE makes one")
     connection.execute(
         text(
             "INSERT INTO field (map_id, name, property, about, value_type, voxel_size, edge) "
@@ -290,8 +324,8 @@ def _field_to_change(
     there = (field.property, field.about, field.value_type, field.voxel_size)
     if there != given:
         raise ValueError(
-            f"the field {name} is kept as {_said(there)}, this one is {_said(given)}: give it "
-            "another name, or forget the kept one"
+            f"the field {name} is stored as {_described(there)}, but this one is "
+            f"{_described(given)}: give it another name, or forget the stored field"
         )
     return field
 
@@ -306,13 +340,14 @@ def _field(connection: Connection, name: str, *, locked: bool = False) -> Row[An
     ).one_or_none()
     if field is None:
         known = ", ".join(names(connection)) or "none"
-        raise LookupError(f"no field {name} is kept of this map; there are: {known}")
+        raise LookupError(f"there is no field {name} in this map; fields: {known}")
     return field
 
 
-def _said(what: tuple[str, str | None, str, float]) -> str:
-    property, about, value_type, voxel_size = what
-    return f"{value_type} of {property} about {about or 'nobody'} on voxels of {voxel_size} m"
+def _described(field: tuple[str, str | None, str, float]) -> str:
+    property, about, value_type, voxel_size = field
+    entity = f" about {about}" if about else ""
+    return f"{value_type} values of {property}{entity}, voxels of {voxel_size} m"
 
 
 def _value_type(value: str) -> ValueType:

@@ -1,18 +1,29 @@
-"""Representation maps kept in the database, and back."""
+"""Representation maps in the database."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from semmap.fields.store import field_store
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.store import field_store
+from semmap.fields.store.field_store import StoredField
 
-__all__ = ["keep_map", "kept_map", "kept_maps"]
+__all__ = ["load_map", "load_maps", "save_map"]
 
 
-def keep_map(connection: Any, name: str, map: RepresentationMap) -> int:
-    """Keep a map under a name; the number of its version. Raises what `field_store.save` does."""
+def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
+    """Store a map as the newest version of a field.
+
+    Returns
+    -------
+    int
+        The number of the version.
+
+    See Also
+    --------
+    field_store.save : raises the same errors
+    """
     return field_store.save(
         connection,
         name,
@@ -23,37 +34,50 @@ def keep_map(connection: Any, name: str, map: RepresentationMap) -> int:
     )
 
 
-def kept_map(
+def load_map(
     connection: Any, vocabulary: Vocabulary, name: str, version: int | None = None
 ) -> RepresentationMap:
-    """A map that was kept, the newest version if none is named.
+    """Return a stored map.
+
+    Parameters
+    ----------
+    connection : sees the map of the database
+    vocabulary : the properties
+    name : of the field
+    version : the newest if not given
 
     Raises
     ------
     LookupError
-        There is no such map or version, or the vocabulary has not its property.
+        There is no such field or version, or the vocabulary does not have its property.
     """
-    kept = field_store.load(connection, name, version)
-    if kept.property not in vocabulary:
+    stored = field_store.load(connection, name, version)
+    if stored.property not in vocabulary:
         raise LookupError(
-            f"the field {name} is of {kept.property}, which the vocabulary lacks: declare it"
+            f"the field {name} has the property {stored.property}, which the vocabulary does not "
+            "have: declare it"
         )
-    return RepresentationMap(
-        vocabulary[kept.property], kept.grid, about=kept.about, legend=kept.legend, time=kept.at
-    )
+    return _map(stored, vocabulary)
 
 
-def kept_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, RepresentationMap]:
-    """All maps that are kept of properties that the vocabulary has, by name.
+def load_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, RepresentationMap]:
+    """Return by name the newest versions of all stored maps with a property of the vocabulary.
 
-    What a mirror keeps of itself is no map.
+    The state of a mirror is not a map.
     """
     found = {}
     for name in field_store.names(connection, stateless=True):
-        kept = field_store.load(connection, name)
-        if kept.property in vocabulary:
-            found[name] = RepresentationMap(
-                vocabulary[kept.property], kept.grid, about=kept.about, legend=kept.legend,
-                time=kept.at,
-            )  # fmt: skip
+        stored = field_store.load(connection, name)
+        if stored.property in vocabulary:
+            found[name] = _map(stored, vocabulary)
     return found
+
+
+def _map(stored: StoredField, vocabulary: Vocabulary) -> RepresentationMap:
+    return RepresentationMap(
+        vocabulary[stored.property],
+        stored.grid,
+        about=stored.about,
+        legend=stored.legend,
+        time=stored.at,
+    )

@@ -1,4 +1,4 @@
-"""What occupies space, read from the database."""
+"""Reads what fields are made of from the database: meshes, names, rooms and regions."""
 
 from __future__ import annotations
 
@@ -11,46 +11,53 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
 from semmap.database.files import schema_folder
-from semmap.fields.regions.mesh_regions import parts_of
-from semmap.language.names import Names
+from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
+from semmap.fields.regions.mesh_regions import mesh_parts
 from semmap.fields.regions.shapes import Region
 from semmap.fields.sources.percepts import Zone
-from semmap.fields.sources.synthetic_scene import Prop
-from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
+from semmap.fields.sources.synthetic_scene import VisibleObject
 from semmap.geometry.tin import to_mesh
 from semmap.ingest.tbox import snake_case
+from semmap.language.names import NameIndex
 from semmap.query.meshes import world_triangles
 
 __all__ = [
     "Occupant",
+    "read_map_vocabulary",
     "read_names",
     "read_occupants",
-    "read_props",
-    "read_vocabulary_of_map",
+    "read_server_id",
+    "read_visible_objects",
     "read_zones",
-    "server",
 ]
 
 
 HEIGHT = 2.5
-"""Metres above the floor of a zone of which no height is known."""
+"""Height in metres of a zone without one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Occupant:
-    """A thing of the map: its id, its name, and the triangles (F, 3, 3) it has in the world."""
+    """An object with a mesh.
+
+    Attributes
+    ----------
+    id : of the entity
+    name : of the entity
+    triangles : (F, 3, 3) metres, in the frame of the map
+    """
 
     id: int
     name: str
     triangles: NDArray[np.float64]
 
     def regions(self, voxel_size: float) -> list[Region]:
-        """The solids that its closed parts enclose, and the surfaces of the open ones."""
-        return parts_of(to_mesh(self.triangles)).regions(voxel_size)
+        """Return the inside of its closed parts, and the surfaces of its open parts."""
+        return mesh_parts(to_mesh(self.triangles)).regions(voxel_size)
 
 
 def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> list[Occupant]:
-    """The objects of the current map that have a mesh, or those of them with these ids."""
+    """Return the objects of the current map that have a mesh; only those of `ids` if given."""
     rows = connection.execute(
         text(
             "SELECT e.id, e.name FROM entity e JOIN world w ON w.entity_id = e.id "
@@ -67,24 +74,24 @@ def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> 
     ]
 
 
-def read_names(connection: Connection) -> Names:
-    """The entities of the current map with their types, and the T-Box."""
+def read_names(connection: Connection) -> NameIndex:
+    """Return the entities of the current map with their types, and the types of the T-Box."""
     entities = connection.execute(
         text("SELECT name, coalesce(type, kind) AS type FROM entity WHERE map_id = current_map()")
     )
-    supers: dict[str, set[str]] = {}
+    supertypes: dict[str, set[str]] = {}
     for sub, super_ in connection.execute(text("SELECT sub, super FROM type_closure")):
-        supers.setdefault(sub, set()).add(super_)
+        supertypes.setdefault(sub, set()).add(super_)
     labels = connection.execute(text("SELECT name, label FROM semantic_type WHERE label <> name"))
-    return Names(
+    return NameIndex(
         {row.name: row.type for row in entities},
-        {sub: frozenset(each) for sub, each in supers.items()},
+        {sub: frozenset(each) for sub, each in supertypes.items()},
         {snake_case(row.label): row.name for row in labels},
     )
 
 
-def read_props(connection: Connection) -> list[Prop]:
-    """The objects and rooms of the current map that have a mesh, as a camera sees them."""
+def read_visible_objects(connection: Connection) -> list[VisibleObject]:
+    """Return the objects and rooms of the current map that have a mesh, for a synthetic camera."""
     rows = connection.execute(
         text(
             "SELECT id, name, coalesce(type, kind) AS type FROM entity "
@@ -93,20 +100,21 @@ def read_props(connection: Connection) -> list[Prop]:
     ).all()
     triangles = world_triangles(connection, [row.id for row in rows])
     return [
-        Prop(row.name, row.type, triangles[row.id])
+        VisibleObject(row.name, row.type, triangles[row.id])
         for row in rows
         if len(triangles.get(row.id, ()))
     ]
 
 
 def read_zones(connection: Connection, ids: Iterable[int] | None = None) -> list[Zone]:
-    """The rooms and regions of the current map that hold now, from their floor to their height.
+    """Return the rooms and regions of the current map that are valid now.
 
-    A room reaches from its floor to the top of its box; one without a height `HEIGHT` up.
+    A room extends from its floor to the top of its box; a zone without a height is `HEIGHT` high.
 
     Parameters
     ----------
-    ids : only those of these entities
+    connection : sees the map
+    ids : only the zones of these entities; all if not given
     """
     rows = connection.execute(
         text(
@@ -131,13 +139,13 @@ def read_zones(connection: Connection, ids: Iterable[int] | None = None) -> list
     return zones
 
 
-def read_vocabulary_of_map() -> Vocabulary:
-    """The properties that semmap's own ontology declares."""
+def read_map_vocabulary() -> Vocabulary:
+    """Return the properties that the ontology of semmap declares."""
     return read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
 
 
-def server(connection: Connection) -> str:
-    """Which cluster this is: cursors of one mean nothing to another."""
+def read_server_id(connection: Connection) -> str:
+    """Return the identifier of the database cluster, in which alone its cursors are valid."""
     return str(
         connection.execute(text("SELECT system_identifier FROM pg_control_system()")).scalar_one()
     )

@@ -1,8 +1,8 @@
 """A region map that follows the map in the database, through restarts of either.
 
-Entities that were imported, moved or deleted are voxelised anew, and only they. A NOTIFY wakes the
-mirror; what changed it reads from the history by a cursor, so that a message missed is not lost.
-Its state can be kept in the database with that cursor, for another process to go on from there.
+Only entities that were imported, moved or deleted are voxelised again. A notification wakes the
+mirror; it reads the changes from the history by a cursor, so that a lost notification does no harm.
+The state can be stored in the database with that cursor, for another process to continue.
 """
 
 from __future__ import annotations
@@ -17,45 +17,47 @@ from importlib.metadata import version
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
-from semmap.fields.store import field_store
-from semmap.fields.maps.map_buffer import Maps
+from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.regions.region_map import RegionMap
-from semmap.fields.store.reader import (
-    read_occupants,
-    read_vocabulary_of_map,
-    read_zones,
-    server,
-)
 from semmap.fields.sources import Zones, ZoneSource
+from semmap.fields.store import field_store
+from semmap.fields.store.reader import (
+    read_map_vocabulary,
+    read_occupants,
+    read_server_id,
+    read_zones,
+)
 from semmap.query.change_feed import ChangeFeed, reaches_back
 from semmap.query.maps import see_map
 from semmap_vdb import Int32Grid
 
-__all__ = ["Mirror"]
+__all__ = ["VoxelMirror"]
 
 PROPERTY = "urn:semmap:ontology#occupiedBy"
 
-Heard = Callable[[set[int]], None]
+OnChange = Callable[[set[int]], None]
 
 
-class Mirror:
-    """Which entities of a map are where, as voxels; entities are told by their ids.
+class VoxelMirror:
+    """The voxels of the entities of a map; the entities are ids.
 
     Parameters
     ----------
+    engine : Engine
+        Of the database.
     map_name : str, optional
-        The newest map if not given, at the first look.
+        The newest map if not given, when changes are read first.
     voxel_size : float
         Metres.
 
     Attributes
     ----------
     regions : RegionMap
-        Readers may ask it at any time. A thing that moves is not there for a moment, never half.
+        May be read at any time. An entity that moves is absent for a moment, and never incomplete.
     names : dict
         The name of each id.
-    maps : Maps
-        The zones: a map of each room and region that holds.
+    maps : MapBuffer
+        The zones: a map for each room and region that is valid.
     """
 
     def __init__(
@@ -64,8 +66,8 @@ class Mirror:
         self.regions = RegionMap(voxel_size)
         self.names: dict[int, str] = {}
         self._left_out: dict[int, tuple[str, str]] = {}  # name and reason by id
-        self.maps = Maps()
-        self._zones = ZoneSource(read_vocabulary_of_map(), voxel_size=voxel_size)
+        self.maps = MapBuffer()
+        self._zones = ZoneSource(read_map_vocabulary(), voxel_size=voxel_size)
         self._engine = engine
         self._feed = ChangeFeed(engine, map_name)
         self._has_zones = False
@@ -75,24 +77,24 @@ class Mirror:
     @classmethod
     def resume(
         cls, engine: Engine, map_name: str | None = None, voxel_size: float = 0.05
-    ) -> Mirror:
-        """A mirror that goes on from the state last saved, and catches up what changed since.
+    ) -> VoxelMirror:
+        """Return a mirror that continues from the state that was saved last.
 
-        Where there is none that it can go on from, it begins anew at its first look: none of this
-        voxel size, one by another release of semmap, on another server, or from before the history
-        begins.
+        `catch_up` reads what changed since. It reads the whole map if the state cannot be used:
+        there is none of this voxel size, it is from another release of semmap or from another
+        server, or the history since then was deleted.
         """
         mirror = cls(engine, map_name, voxel_size)
         with mirror._feed.snapshot() as connection:
             try:
-                kept = field_store.load(connection, mirror._field)
-                state = kept.state or {}
-                if state.get("by") != _by(connection):
+                stored = field_store.load(connection, mirror._field)
+                state = stored.state or {}
+                if state.get("by") != _origin(connection):
                     return mirror
                 if not reaches_back(connection, state["cursor"]):
                     return mirror
-                assert isinstance(kept.grid, Int32Grid)
-                mirror.regions = RegionMap.from_state(kept.grid, kept.legend or {})
+                assert isinstance(stored.grid, Int32Grid)
+                mirror.regions = RegionMap.from_state(stored.grid, stored.legend or {})
             except (LookupError, ValueError):
                 return mirror
         mirror.names = {int(number): name for number, name in state["names"].items()}
@@ -104,16 +106,21 @@ class Mirror:
         return mirror
 
     def save(self) -> int:
-        """Keep the state in place of the one before; the number of its version.
+        """Store the state in the database, in place of the former one.
+
+        Returns
+        -------
+        int
+            The number of its version.
 
         Raises
         ------
         LookupError
-            It has not looked yet, or its map is gone.
+            `catch_up` was not called yet, or the map was deleted.
         """
         with self._lock:
             if self._feed.cursor is None:
-                raise LookupError("a mirror that has not looked has no state: catch_up first")
+                raise LookupError("the mirror has not read its map yet: call catch_up first")
             grid, sets = self.regions.state()
             names, since = dict(self.names), self._feed.cursor
             left_out = dict(self._left_out)
@@ -122,7 +129,7 @@ class Mirror:
             with self._engine.begin() as connection:
                 self._feed.map_name = see_map(connection, self._feed.map_name)
                 state = {
-                    "by": _by(connection),
+                    "by": _origin(connection),
                     "cursor": since,
                     "names": names,
                     "left_out": left_out,
@@ -138,21 +145,27 @@ class Mirror:
 
     @property
     def left_out(self) -> dict[str, str]:
-        """By name, why an entity has no voxels: it would have more than limits allow."""
+        """For each entity without voxels the reason: it would have more than limits allow."""
         return dict(self._left_out.values()) | self._zones.left_out
 
     def catch_up(self) -> set[int]:
-        """Take in what changed since the last time, all the first time; the ids that did.
+        """Read what changed since the last call; at the first call, the whole map.
 
-        A look that fails changes nothing: the next one sees the same changes again.
+        A call that fails changes nothing: the next one reads the same changes again.
+
+        Returns
+        -------
+        set of int
+            The ids of the entities that changed.
         """
         with self._lock:
             with self._feed.look() as look:
                 changed = None if look.changed is None else set(look.changed)
                 nothing = changed is not None and not changed
-                things = [] if nothing else read_occupants(look.connection, changed)
+                occupants = [] if nothing else read_occupants(look.connection, changed)
                 zones = None if nothing and self._has_zones else tuple(read_zones(look.connection))
-            regions = {thing.id: thing.regions(self.regions.voxel_size) for thing in things}
+            size = self.regions.voxel_size
+            regions = {each.id: each.regions(size) for each in occupants}
             gone = set(self.names) - set(regions) if changed is None else changed - set(regions)
             for number in gone | set(regions):
                 self.regions.remove(number)
@@ -161,13 +174,13 @@ class Mirror:
             reasons = self.regions.insert_possible(
                 [(number, region) for number, each in regions.items() for region in each]
             )
-            for thing in things:
-                if thing.id in reasons:
-                    self._left_out[thing.id] = (thing.name, reasons[thing.id])
+            for each in occupants:
+                if each.id in reasons:
+                    self._left_out[each.id] = (each.name, reasons[each.id])
                 else:
-                    self.names[thing.id] = thing.name
+                    self.names[each.id] = each.name
             if zones is not None:
-                drawn = self._zones(Zones(zones, datetime.now(UTC)))  # anew, what is not as it was
+                drawn = self._zones(Zones(zones, datetime.now(UTC)))  # unchanged zones are reused
                 if drawn != list(self.maps.now()):
                     self.maps.put("zones", drawn)
                 self._has_zones = True
@@ -178,18 +191,19 @@ class Mirror:
     def follow(
         self,
         stop: threading.Event,
-        heard: Heard | None = None,
+        on_change: OnChange | None = None,
         *,
         patience: float = 0.2,
         save_every: float | None = None,
     ) -> None:
-        """Follow the database until told to stop, through its restarts, too.
+        """Follow the database until `stop` is set, through its restarts.
 
         Parameters
         ----------
-        heard : called with the ids that changed, after they are taken in
-        patience : seconds between looks whether to stop, and before another try to connect
-        save_every : seconds between saves at least, where something changed; never if not given
+        stop : ends the call
+        on_change : called with the ids that changed, after the mirror has read them
+        patience : seconds between checks of `stop`, and before another attempt to connect
+        save_every : the least seconds between saves of a changed state; never if not given
         """
         saved = -float("inf")
 
@@ -197,15 +211,15 @@ class Mirror:
             nonlocal saved
             if payloads is None or payloads:
                 changed = self.catch_up()
-                if changed and heard is not None:
-                    heard(changed)
+                if changed and on_change is not None:
+                    on_change(changed)
             if save_every is not None and self._unsaved and time.monotonic() >= saved + save_every:
                 self._save_if_there_is_a_map()
                 saved = time.monotonic()
 
         self._feed.follow(stop, wake, patience=patience)
         if save_every is not None and self._unsaved:
-            with suppress(DBAPIError):  # the server is away; the next process begins anew
+            with suppress(DBAPIError):  # without a server, the next process reads the whole map
                 self._save_if_there_is_a_map()
 
     def _save_if_there_is_a_map(self) -> None:
@@ -217,6 +231,6 @@ class Mirror:
         return f"occupied {self.regions.voxel_size} m"
 
 
-def _by(connection: Connection) -> list[str]:
-    """Whose states one can go on from: another release may make other voxels of the same mesh."""
-    return [version("semmap"), server(connection)]
+def _origin(connection: Connection) -> list[str]:
+    """Return release and server: the state of another release may have other voxels of a mesh."""
+    return [version("semmap"), read_server_id(connection)]

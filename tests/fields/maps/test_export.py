@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from semmap.fields import Sphere
 from semmap.fields.maps.export import write_grid, write_points
-from semmap.fields.maps.representation_map import Grid
+from semmap.fields.maps.grids import Grid
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
 
 GRIDS = ((BoolGrid, True, "u1"), (Int32Grid, -7, "<i4"), (FloatGrid, 2.5, "<f4"))
@@ -49,8 +49,12 @@ def test_numbers_have_a_ramp(tmp_path: Path) -> None:
     assert b"property float cost\n" in (tmp_path / "ramp.ply").read_bytes()
     cloud: Any = trimesh.load(tmp_path / "ramp.ply")
     assert np.asarray(cloud.colors)[:, :3].tolist() == [
-        [68, 1, 84], [33, 145, 140], [253, 231, 37], [150, 150, 150], [150, 150, 150],
-    ]  # fmt: skip
+        [68, 1, 84],
+        [33, 145, 140],
+        [253, 231, 37],
+        [150, 150, 150],
+        [150, 150, 150],
+    ]
 
 
 def test_nothing_is_a_file_without_points(tmp_path: Path) -> None:
@@ -66,6 +70,6 @@ def test_vdb(tmp_path: Path) -> None:
 
 
 def test_another_format(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"cloud.xyz names no format: .* \.vdb or \.ply"):
+    with pytest.raises(ValueError, match=r"cloud.xyz has an unknown ending: .* \.vdb or \.ply"):
         write_grid(tmp_path / "cloud.xyz", BoolGrid(0.1, False), "x")
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Operators against arrays, whole and within a box; what does not combine says why."""
+"""Operators compared with arrays, everywhere and within a box; wrong combinations are refused."""
 
 from __future__ import annotations
 
@@ -16,19 +16,14 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
 from semmap.fields.maps import operators as op
-from semmap.language.property import Property
+from semmap.fields.maps.grids import DTYPES, ValueType, empty_grid
+from semmap.fields.maps.lattice import Lattice, VoxelBox
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.regions.shapes import Box, Sphere, voxels_of
-from semmap.fields.maps.representation_map import (
-    DTYPES,
-    Lattice,
-    RepresentationMap,
-    ValueType,
-    VoxelBox,
-    empty,
-)
+from semmap.language.schema import Property
 
-SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "thing", measure="attention")
-HOLDS = Property("urn:t#holds", "holds", "Object", "Object", "voxel", "thing")
+SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "entity", measure="attention")
+HOLDS = Property("urn:t#holds", "holds", "Object", "Object", "voxel", "entity")
 COST = Property("urn:t#cost", "cost", "Region", None, "voxel", "number")
 LOW, SIDE = -14, 28
 SIZE = 0.05
@@ -45,7 +40,7 @@ def dense_of(grid: Any) -> Dense:
 def map_of(
     dense: Dense, value_type: ValueType, property: Property = COST, **more: Any
 ) -> RepresentationMap:
-    grid: Any = empty(value_type, Lattice(SIZE))
+    grid: Any = empty_grid(value_type, Lattice(SIZE))
     active, values = dense
     voxels = (np.argwhere(active) + LOW).astype(np.int32)
     grid.set(voxels, values[active].astype(DTYPES[value_type]))
@@ -72,7 +67,7 @@ def denses(draw: st.DrawFn, value_type: ValueType = "float32") -> Dense:
 
 
 def agree(made: RepresentationMap, want: Dense) -> None:
-    """The whole, what is asked for first, and a box of it."""
+    """Compare a box of the map, computed first, and then the whole map."""
     inside = np.zeros((SIDE,) * 3, np.bool_)
     low, high = np.subtract(BOX.low, LOW), np.subtract(BOX.high, LOW)
     inside[tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))] = True
@@ -107,17 +102,16 @@ def test_combine(how: op.How, value_type: ValueType, data: st.DataObject) -> Non
 @settings(max_examples=20)
 @given(denses("int32"), denses("bool"), denses("bool"))
 def test_masks(a: Dense, b: Dense, c: Dense) -> None:
-    things = map_of(a, "int32", HOLDS, legend={1: "Mug", 2: "Table", 3: "Door"})
+    objects = map_of(a, "int32", HOLDS, legend={1: "Mug", 2: "Table", 3: "Door"})
     seen, also = (map_of(each, "bool", SEES, about="human1") for each in (b, c))
-    agree(op.mask(things, seen), (a[0] & b[0], a[1]))
-    agree(op.difference(things, seen), (a[0] & ~b[0], a[1]))
+    agree(op.mask(objects, seen), (a[0] & b[0], a[1]))
+    agree(op.difference(objects, seen), (a[0] & ~b[0], a[1]))
     agree(op.intersection(seen, also), (b[0] & c[0], b[1]))
     agree(op.union(seen, also), (b[0] | c[0], b[1] | c[1]))
-    agree(op.difference(op.mask(things, seen), also), (a[0] & b[0] & ~c[0], a[1]))
-    masked = op.mask(things, seen)
-    assert (masked.rdf_class, masked.property, dict(masked.legend)) == (
-        "Object", HOLDS, dict(things.legend),
-    )  # fmt: skip
+    agree(op.difference(op.mask(objects, seen), also), (a[0] & b[0] & ~c[0], a[1]))
+    masked = op.mask(objects, seen)
+    assert (masked.rdf_class, masked.property) == ("Object", HOLDS)
+    assert masked.legend == objects.legend
 
 
 @pytest.mark.parametrize("value_type", ["float32", "int32", "bool"])
@@ -190,9 +184,11 @@ def pose(seed: int) -> NDArray[np.float64]:
 def test_frames(seed: int, size: float) -> None:
     """A turned map, in another lattice, has at each centre what it has there."""
     made = RepresentationMap.of_regions(
-        COST, [(Box((0.1, -0.2, 0.3), (0.4, 0.9, 0.3)), 1.0), (Sphere((0, 0, 0), 0.2), 2.0)],
-        SIZE, value_type="float32",
-    ).placed(pose(seed))  # fmt: skip
+        COST,
+        [(Box((0.1, -0.2, 0.3), (0.4, 0.9, 0.3)), 1.0), (Sphere((0, 0, 0), 0.2), 2.0)],
+        SIZE,
+        value_type="float32",
+    ).placed(pose(seed))
     here = made.resampled(Lattice(size))
     assert len(here) > 0
     points = here.points()
@@ -247,14 +243,14 @@ def test_only_the_box_is_worked_out() -> None:
     assert 0 < len(near) <= 6**3
 
 
-def test_legends_are_brought_together() -> None:
+def test_legends_are_merged() -> None:
     a = RepresentationMap.of_regions(
         HOLDS, [(Sphere((0, 0, 0), 0.2), 1)], SIZE, value_type="int32", legend={1: "Mug"}
     )
+    regions = [(Sphere((1, 0, 0), 0.2), 1), (Sphere((2, 0, 0), 0.2), 2)]
     b = RepresentationMap.of_regions(
-        HOLDS, [(Sphere((1, 0, 0), 0.2), 1), (Sphere((2, 0, 0), 0.2), 2)], SIZE,
-        value_type="int32", legend={1: "Table", 2: "Mug"},
-    )  # fmt: skip
+        HOLDS, regions, SIZE, value_type="int32", legend={1: "Table", 2: "Mug"}
+    )
     both = op.union(a, b)
     named = [both.legend[int(v)] for v in both.at([(0, 0, 0), (1, 0, 0), (2, 0, 0)])]
     assert named == ["Mug", "Table", "Mug"]
@@ -263,16 +259,16 @@ def test_legends_are_brought_together() -> None:
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda a, b, c: op.union(a, c), "say different things"),
+        (lambda a, b, c: op.union(a, c), "have different properties"),
         (lambda a, b, c: op.combine(a, b, as_=SEES), "bring them to one type"),
-        (lambda a, b, c: op.combine(c, c, how="max"), "means nothing"),
-        (lambda a, b, c: op.threshold(c, 1), "has things for values"),
+        (lambda a, b, c: op.combine(c, c, how="max"), "entities have no max"),
+        (lambda a, b, c: op.threshold(c, 1), "has entities for values"),
         (lambda a, b, c: op.threshold(b, 1), "its objects are numbers"),
         (lambda a, b, c: op.map_values(a, lambda v: v * 2, value_type="int32"), "legend"),
         (lambda a, b, c: op.union(), "at least one map"),
     ],
 )
-def test_what_does_not_combine(make: Callable[..., Any], says: str) -> None:
+def test_wrong_combinations_are_refused(make: Callable[..., Any], says: str) -> None:
     sphere = Sphere((0, 0, 0), 0.2)
     a = RepresentationMap.of_regions(SEES, [(sphere, True)], SIZE, about="human1")
     b = RepresentationMap.of_regions(COST, [(sphere, 2.0)], SIZE, value_type="float32")
@@ -290,25 +286,28 @@ def test_what_does_not_combine(make: Callable[..., Any], says: str) -> None:
         (HOLDS, "float32", {"about": "x"}, "no measure"),
         (HOLDS, "int32", {}, "name them in the legend"),
         (HOLDS, "bool", {"legend": {1: "Mug"}}, "only int32"),
-        (HOLDS, "int32", {"legend": {1: "Mug"}, "about": "x"}, "about none"),
+        (HOLDS, "int32", {"legend": {1: "Mug"}, "about": "x"}, "leave out the entity"),
         (COST, "int32", {"legend": {1: "Mug"}}, "leave out the legend"),
-        (replace(COST, subject="thing"), "float32", {}, "not voxels"),
+        (replace(COST, subject="entity"), "float32", {}, "not voxels"),
     ],
 )
-def test_values_that_a_property_cannot_have(
+def test_values_that_a_property_cannot_have_are_refused(
     property: Property, value_type: ValueType, more: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(TypeError, match=says):
-        RepresentationMap(property, empty(value_type, Lattice(SIZE)), **more)
+        RepresentationMap(property, empty_grid(value_type, Lattice(SIZE)), **more)
 
 
-def test_what_a_map_tells() -> None:
+def test_the_attributes_of_a_map() -> None:
     now = datetime(2026, 11, 21, tzinfo=UTC)
     region = Box((0.5, 0, 0), (0.3, 0.4, 0.2))
     made = RepresentationMap.of_regions(SEES, [(region, True)], SIZE, about="human1", time=now)
     assert (made.rdf_class, made.about, made.time, len(made)) == (
-        "Region", "human1", now, len(voxels_of(region, SIZE)),
-    )  # fmt: skip
+        "Region",
+        "human1",
+        now,
+        len(voxels_of(region, SIZE)),
+    )
     np.testing.assert_allclose(made.points(), (made.voxels() + 0.5) * SIZE)
     assert made.values().all()
 

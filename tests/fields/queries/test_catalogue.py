@@ -1,4 +1,4 @@
-"""What maps state: as rows, by time, by name; and what a query stores of it."""
+"""The statements of maps, now and in the past; the maps that STORE makes."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 
 from semmap.database.files import schema_folder
-from semmap.fields.queries.catalogue import TYPE, FieldCatalogue, Occupancy
-from semmap.fields.queries import Stored, query
-from semmap.fields.maps.map_buffer import Maps
-from semmap.language.names import Names
-from semmap.fields.regions.region_map import RegionMap
-from semmap.fields.regions.shapes import Box, Sphere, voxels_of
-from semmap.fields.maps.representation_map import RepresentationMap, ValueType
-from semmap.fields.queries.statements import Numbers, Statements, Things, Voxels, keys_of, voxels_of_keys
-from semmap.fields.queries.query_result import stored_map
+from semmap.fields.maps.grids import ValueType
+from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
+from semmap.fields.queries import StoreResult, query
+from semmap.fields.queries.catalogue import RDF_TYPE, FieldCatalogue
+from semmap.fields.queries.statements import Entities, Numbers, Statements, Voxels
+from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
+from semmap.fields.regions.shapes import Box, Sphere, voxels_of
+from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
 from semmap.ingest.tbox import read_tbox
+from semmap.language.names import NameIndex
 
 ONTOLOGY = schema_folder() / "ontology"
 VOCABULARY = read_vocabulary([ONTOLOGY / "fields.ttl"])
-NAMES = Names.of_tbox(
+NAMES = NameIndex.from_tbox(
     read_tbox(sorted(ONTOLOGY.glob("*.ttl"))), {"mug1": "mug", "desk1": "desk", "anna": "person"}
 )
 NOW = datetime(2026, 11, 21, 12, tzinfo=UTC)
@@ -38,17 +39,17 @@ def made(name: str, *regions: Any, kind: ValueType = "bool", **more: Any) -> Rep
 
 
 def rows(stated: Statements) -> set[tuple[Any, ...]]:
-    """Voxels as triples, things by name."""
+    """Return voxels as triples of integers, and entities by name."""
 
     def plain(column: Any) -> list[Any]:
         if isinstance(column, Voxels):
             return [tuple(v) for v in voxels_of_keys(column.keys).tolist()]
-        if isinstance(column, Things):
+        if isinstance(column, Entities):
             return [column.names[code] for code in column.codes]
         return [round(v, 5) for v in column.values.tolist()]
 
     found = list(zip(plain(stated.subject), plain(stated.object), strict=True))
-    assert len(found) == len(set(found)), "none twice"
+    assert len(found) == len(set(found)), "each row once"
     return set(found)
 
 
@@ -57,8 +58,8 @@ def cells(region: Any) -> set[tuple[int, ...]]:
 
 
 @pytest.fixture
-def maps() -> Maps:
-    kept = Maps(timedelta(minutes=5))
+def maps() -> MapBuffer:
+    kept = MapBuffer(timedelta(minutes=5))
     graded = made("inFieldOfView", (OTHER, 0.25), kind="float32", about="anna")
     kept.put("gaze", [made("inFieldOfView", BALL, about="human1"), graded], NOW)
     legend = {1: "mug", 2: "teddy", 3: "teacup"}
@@ -72,20 +73,20 @@ def maps() -> Maps:
 
 
 @pytest.fixture
-def catalogue(maps: Maps) -> FieldCatalogue:
+def catalogue(maps: MapBuffer) -> FieldCatalogue:
     regions = RegionMap(SIZE)
     regions.insert(7, OTHER)
-    occupancy = Occupancy(regions, {7: "mug1"})
+    occupancy = NamedRegionMap(regions, {7: "mug1"})
     return FieldCatalogue(
         VOCABULARY, maps, NAMES, occupancy=occupancy, voxel_size=SIZE, farthest=0.4
     )
 
 
 def stated(catalogue: FieldCatalogue, name: str, **limits: Any) -> set[tuple[Any, ...]]:
-    return rows(catalogue.relation(VOCABULARY[name].iri).statements(**limits))
+    return rows(catalogue.relation(VOCABULARY[name]).statements(**limits))
 
 
-def test_keys() -> None:
+def test_keys_of_voxels_keep_their_order() -> None:
     voxels = np.random.default_rng(1).integers(-(2**20), 2**20, (1000, 3)).astype(np.int32)
     np.testing.assert_array_equal(voxels_of_keys(keys_of(voxels)), voxels)
     order = np.lexsort(voxels.T[::-1])
@@ -94,15 +95,15 @@ def test_keys() -> None:
         keys_of(np.array([[2**20, 0, 0]], np.int32))
 
 
-def test_what_maps_state(catalogue: FieldCatalogue) -> None:
+def test_the_statements_of_maps(catalogue: FieldCatalogue) -> None:
     ball, other = cells(BALL), cells(OTHER)
     human, anna = {(v, "human1") for v in ball}, {(v, "anna") for v in other}
     assert stated(catalogue, "inFieldOfView") == human | anna
     assert stated(catalogue, "inFieldOfView", objects={"anna"}) == anna
-    things = {(v, "mug") for v in ball - other} | {(v, "teddy") for v in other}
-    assert stated(catalogue, "containsObject") == things
+    seen = {(v, "mug") for v in ball - other} | {(v, "teddy") for v in other}
+    assert stated(catalogue, "containsObject") == seen
     assert stated(catalogue, "containsObject", objects={"teddy"}) == {
-        row for row in things if row[1] == "teddy"
+        row for row in seen if row[1] == "teddy"
     }
     assert stated(catalogue, "attention") == {(v, 0.25) for v in other}
     assert stated(catalogue, "occupiedBy") == {(v, "mug1") for v in other}
@@ -110,8 +111,8 @@ def test_what_maps_state(catalogue: FieldCatalogue) -> None:
     assert stated(catalogue, "freeIn") == {(v, "hall") for v in room - other}
 
 
-def test_within(catalogue: FieldCatalogue) -> None:
-    """What lies in the box of what is asked for is all there, what lies far away is not."""
+def test_within_limits_the_statements_to_a_box(catalogue: FieldCatalogue) -> None:
+    """All statements in the box are returned, and none far away."""
     wanted = np.sort(keys_of(voxels_of(Sphere((0.1, 0, 1.1), 0.1), SIZE)))
     for name in ("inFieldOfView", "containsObject", "inRoom", "freeIn", "distanceToPerson"):
         whole, part = stated(catalogue, name), stated(catalogue, name, within=wanted)
@@ -121,7 +122,7 @@ def test_within(catalogue: FieldCatalogue) -> None:
     assert stated(catalogue, "inRoom", within=np.zeros(0, np.int64)) == set()
 
 
-def test_distances(catalogue: FieldCatalogue) -> None:
+def test_distances_to_people(catalogue: FieldCatalogue) -> None:
     ball = np.array(sorted(cells(BALL)))
     for voxel, far in list(stated(catalogue, "distanceToPerson"))[::97]:
         nearest = np.linalg.norm((ball - voxel) * SIZE, axis=1).min()
@@ -129,8 +130,8 @@ def test_distances(catalogue: FieldCatalogue) -> None:
         assert far <= 0.4 + 1e-9
 
 
-def test_types(catalogue: FieldCatalogue) -> None:
-    relation = catalogue.relation(TYPE)
+def test_types_include_supertypes(catalogue: FieldCatalogue) -> None:
+    relation = catalogue.relation(RDF_TYPE)
     found = rows(relation.statements())
     assert {("mug1", "mug"), ("mug1", "drinkware"), ("mug1", "object"), ("anna", "agent")} <= found
     drinkware = {("mug1", "drinkware"), ("teacup", "drinkware")}
@@ -150,36 +151,38 @@ def test_types(catalogue: FieldCatalogue) -> None:
         ("kitchenware", "object", {"mug", "mug1", "teacup"}),
     ],
 )
-def test_constants(
+def test_constants_stand_for_entities_and_types(
     catalogue: FieldCatalogue, name: str, range_: str | None, found: set[str]
 ) -> None:
-    assert catalogue.things(name, range_) >= found
+    assert catalogue.find_entities(name, range_) >= found
 
 
 @pytest.mark.parametrize(
     ("name", "range_", "error", "says"),
     [
-        ("mug", "agent", TypeError, "mug is no agent"),
-        ("mug1", "agent", TypeError, "mug1 is no agent"),
-        ("human", "agent", LookupError, "near it: human1"),
+        ("mug", "agent", TypeError, "mug is not of the type agent"),
+        ("mug1", "agent", TypeError, "mug1 is not of the type agent"),
+        ("human", "agent", LookupError, "similar names: human1"),
     ],
 )
-def test_constants_that_are_none(
+def test_wrong_constants_are_refused(
     catalogue: FieldCatalogue, name: str, range_: str, error: type[Exception], says: str
 ) -> None:
     with pytest.raises(error, match=says):
-        catalogue.things(name, range_)
+        catalogue.find_entities(name, range_)
 
 
-def test_properties_that_are_none(catalogue: FieldCatalogue) -> None:
-    with pytest.raises(LookupError, match="no property inFieldOfVeiw; near it: inFieldOfView"):
-        catalogue.relation("http://kb.openrobots.org/inFieldOfVeiw")
-    with pytest.raises(LookupError, match="known of now only"):
-        catalogue.at(NOW).relation(VOCABULARY["occupiedBy"].iri)
-    assert len(list(catalogue.relations())) == len(VOCABULARY.properties) + 1
+def test_wrong_properties_are_refused(catalogue: FieldCatalogue) -> None:
+    with pytest.raises(
+        LookupError, match="no property inFieldOfVeiw; similar names: inFieldOfView"
+    ):
+        catalogue.find_property("http://kb.openrobots.org/inFieldOfVeiw")
+    with pytest.raises(LookupError, match="only the present of occupiedBy is known"):
+        catalogue.at(NOW).find_property(VOCABULARY["occupiedBy"].iri)
+    assert len(list(catalogue.properties())) == len(VOCABULARY.properties) + 1
 
 
-def test_times(catalogue: FieldCatalogue, maps: Maps) -> None:
+def test_the_past_of_a_catalogue(catalogue: FieldCatalogue, maps: MapBuffer) -> None:
     maps.put("gaze", [], NOW + timedelta(seconds=10))
     assert stated(catalogue, "inFieldOfView") == set()
     then = catalogue.at(NOW + timedelta(seconds=5))
@@ -192,12 +195,12 @@ def test_times(catalogue: FieldCatalogue, maps: Maps) -> None:
 
 def store(catalogue: FieldCatalogue, text: str) -> RepresentationMap:
     answer = query(catalogue, PREFIX + text)
-    assert isinstance(answer, Stored)
-    return stored_map(answer, NOW)
+    assert isinstance(answer, StoreResult)
+    return answer.to_map(NOW)
 
 
-def test_what_a_query_stores(catalogue: FieldCatalogue, maps: Maps) -> None:
-    """Things by a legend, one thing, numbers; the map is asked again as any other."""
+def test_store_makes_a_map(catalogue: FieldCatalogue, maps: MapBuffer) -> None:
+    """A map with a legend, a map about an entity, and a map of numbers."""
     ball, other = cells(BALL), cells(OTHER)
     text = "SELECT ?v WHERE { ?v :inFieldOfView :human1 . ?v :containsObject ?o } STORE "
     both = store(catalogue, text + ":containsObject")
@@ -218,18 +221,20 @@ def test_what_a_query_stores(catalogue: FieldCatalogue, maps: Maps) -> None:
     maps.put("asked", [one], NOW)
     again = stated(catalogue, "containsObject", objects={"mug"})
     assert {row[0] for row in again} == ball - other
-    nothing = store(
+    empty = store(
         catalogue,
         "SELECT ?v WHERE { ?v :containsObject ?o FILTER(:z(?v) > 50) } STORE :containsObject",
     )
-    assert len(nothing) == 0
+    assert len(empty) == 0
 
 
-def test_numbers_are_the_largest(catalogue: FieldCatalogue, maps: Maps) -> None:
+def test_the_largest_number_of_several_maps_counts(
+    catalogue: FieldCatalogue, maps: MapBuffer
+) -> None:
     graded = made("inFieldOfView", (BALL, 0.75), kind="float32", about="bea")
     maps.put("more", [graded], NOW)
     ball, other = cells(BALL), cells(OTHER)
     assert stated(catalogue, "attention") == {
         (v, 0.75 if v in ball else 0.25) for v in ball | other
     }
-    assert isinstance(catalogue.relation(VOCABULARY["attention"].iri).statements().object, Numbers)
+    assert isinstance(catalogue.relation(VOCABULARY["attention"]).statements().object, Numbers)

@@ -1,4 +1,4 @@
-"""Queries that would take minutes or gigabytes are refused, and say which limit they exceed."""
+"""Queries that would take minutes or gigabytes are refused with the limit that they exceed."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import time
 import pytest
 
 from semmap.fields import RegionMap
-from semmap.fields.queries import QueryError, Rows, query, update
+from semmap.fields.queries import QueryError, SelectResult, query, update
 from tests.fields.queries.arrays import PREFIX, kitchen
 
 
 def matching(pattern: str, flags: str = "") -> list[str]:
-    """The things whose names a regular expression is found in."""
+    """Return the entities whose names a regular expression matches."""
     condition = f"REGEX(STR(?o), '{pattern}', '{flags}')"
     text = f"SELECT DISTINCT ?o {{ ?v :occupiedBy ?o FILTER({condition}) }} ORDER BY ?o"
     answer = query(kitchen(), PREFIX + text)
-    assert isinstance(answer, Rows)
+    assert isinstance(answer, SelectResult)
     return [row[0] for row in answer]
 
 
@@ -34,7 +34,7 @@ def matching(pattern: str, flags: str = "") -> list[str]:
         (r"^\\w+\\d$", "", ["cup1", "mug1", "table1"]),
     ],
 )
-def test_flags_and_patterns(pattern: str, flags: str, names: list[str]) -> None:
+def test_regular_expressions_with_flags(pattern: str, flags: str, names: list[str]) -> None:
     assert matching(pattern, flags) == names
 
 
@@ -43,7 +43,7 @@ QUICK = ["^(a+)+$", "(?:a?){60}a{60}c", "^(.*a){60}x"]
 
 
 @pytest.mark.parametrize("pattern", ATTACKS)
-def test_a_pattern_that_backtracks_without_end_is_stopped(pattern: str) -> None:
+def test_a_regular_expression_that_takes_too_long_is_refused(pattern: str) -> None:
     text = f"SELECT ?x {{ ?x :on ?y FILTER(REGEX('{'a' * 60}b', '{pattern}')) }}"
     start = time.perf_counter()
     with pytest.raises(QueryError, match=r"longer than 1 s for one name.*SEMMAP_MAX_REGEX_SECONDS"):
@@ -52,23 +52,23 @@ def test_a_pattern_that_backtracks_without_end_is_stopped(pattern: str) -> None:
 
 
 @pytest.mark.parametrize("pattern", QUICK)
-def test_a_pattern_with_nested_repetitions_may_be_quick(pattern: str) -> None:
+def test_nested_repetitions_are_allowed_where_they_are_quick(pattern: str) -> None:
     text = f"SELECT ?x {{ ?x :on ?y FILTER(REGEX('{'a' * 60}b', '{pattern}')) }}"
     answer = query(kitchen(), PREFIX + text)
-    assert isinstance(answer, Rows)
+    assert isinstance(answer, SelectResult)
     assert len(answer) == 0
 
 
 @pytest.mark.parametrize("pattern", ["(" * 5000 + "a" + ")" * 5000, "(?V1)a", "a{3,2}", "["])
-def test_a_pattern_that_is_none(pattern: str) -> None:
-    with pytest.raises(QueryError, match="no regular expression"):
+def test_a_wrong_regular_expression_is_refused(pattern: str) -> None:
+    with pytest.raises(QueryError, match="not a regular expression"):
         matching(pattern)
 
 
-def test_time_and_rows_of_a_query(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_and_rows_of_a_query_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     text = PREFIX + "SELECT ?v ?w { ?v :occupiedBy ?a . ?w :occupiedBy ?b }"
     answer = query(kitchen(), text)
-    assert isinstance(answer, Rows)
+    assert isinstance(answer, SelectResult)
     monkeypatch.setenv("SEMMAP_MAX_QUERY_ROWS", str(len(answer) - 1))
     with pytest.raises(QueryError, match="SEMMAP_MAX_QUERY_ROWS raises the limit"):
         query(kitchen(), text)
@@ -79,7 +79,7 @@ def test_time_and_rows_of_a_query(monkeypatch: pytest.MonkeyPatch) -> None:
         query(kitchen(), text)
 
 
-def test_the_text_of_a_query_has_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_length_of_a_query_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     start = time.perf_counter()
     prefixes = "".join(f"PREFIX p{i}: <urn:{i}>\n" for i in range(12_500))
     with pytest.raises(QueryError, match=r"2,501 words, the limit is 2,500 words.*MAX_QUERY_WORDS"):
@@ -90,7 +90,7 @@ def test_the_text_of_a_query_has_a_limit(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.parametrize("text", ['"""a' + '\\"' * 50_000, '"\\' * 50_000, "'''" + '"' * 99_999])
-def test_quotation_marks_that_nothing_closes_are_found_at_once(text: str) -> None:
+def test_open_quotation_marks_are_found_quickly(text: str) -> None:
     start = time.perf_counter()
     with pytest.raises(QueryError) as error:
         query(kitchen(), PREFIX + "SELECT ?v { ?v :occupiedBy " + text)
@@ -107,19 +107,19 @@ NESTED = {
 
 
 @pytest.mark.parametrize("name", NESTED)
-def test_what_is_nested_too_deeply_is_refused(name: str) -> None:
+def test_deep_nesting_is_refused(name: str) -> None:
     with pytest.raises(QueryError, match="nested too deeply"):
         query(kitchen(), PREFIX + NESTED[name])
 
 
-def test_types_in_values_do_not_multiply_without_end() -> None:
+def test_the_rows_of_types_in_values_are_limited() -> None:
     names = [f"?v{i}" for i in range(9)]
-    text = f"SELECT * {{ VALUES ({' '.join(names)}) {{ ({' '.join([':thing'] * 9)}) }} }}"
+    text = f"SELECT * {{ VALUES ({' '.join(names)}) {{ ({' '.join([':entity'] * 9)}) }} }}"
     with pytest.raises(QueryError, match=r"VALUES has 134,217,728 rows.*SEMMAP_MAX_QUERY_ROWS"):
         query(kitchen(), PREFIX + text)
 
 
-def test_a_region_that_is_too_large_is_named_with_its_place() -> None:
+def test_a_region_that_is_too_large_is_refused_with_its_place() -> None:
     regions = RegionMap(0.1)
     small = 'INSERT DATA { :a :occupies "BOX(0 0 0 1 1 1)"^^:region }'
     for verb in ("INSERT", "DELETE"):

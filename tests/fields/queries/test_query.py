@@ -1,4 +1,4 @@
-"""Queries and answers on a scene that one can count by hand."""
+"""Queries on a scene whose results are counted by hand."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from semmap.fields.queries import Rows, Stored, query
-from semmap.fields.queries.statements import Numbers, Things
+from semmap.fields.queries import SelectResult, StoreResult, query
+from semmap.fields.queries.statements import Entities, Numbers
 from tests.fields.queries.arrays import PREFIX, Arrays, Listed, kitchen, prop
 
 PAPER = """PREFIX : http://kb.openrobots.org/
@@ -23,15 +23,15 @@ STORE
 """
 
 
-def rows(text: str, catalogue: Arrays | None = None) -> Rows:
+def rows(text: str, catalogue: Arrays | None = None) -> SelectResult:
     answer = query(catalogue or kitchen(), PREFIX + text)
-    assert isinstance(answer, Rows)
+    assert isinstance(answer, SelectResult)
     return answer
 
 
 def test_the_query_of_the_paper_runs_word_for_word() -> None:
     answer = query(kitchen(), PAPER)
-    assert isinstance(answer, Stored)
+    assert isinstance(answer, StoreResult)
     assert answer.property.name == "containsObject"
     assert answer.voxels.tolist() == [[4, 4, 2], [4, 4, 3]]
     assert answer.statements.object.names == ("coffee_mug",)  # type: ignore[union-attr]
@@ -41,10 +41,12 @@ def test_the_query_of_the_paper_runs_word_for_word() -> None:
 HUMAN1 = "(:x(?v) AS ?x) (:z(?v) AS ?z)"
 ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
     "all objects on top of the table": (
-        "SELECT ?object { ?object :on :table1 }", [("mug1",), ("cup1",)],
+        "SELECT ?object { ?object :on :table1 }",
+        [("mug1",), ("cup1",)],
     ),
     "objects in this person's field of view": (
-        "SELECT DISTINCT ?o { ?v :inFieldOfView :human2 ; :occupiedBy ?o }", [("mug1",), ("cup1",)],
+        "SELECT DISTINCT ?o { ?v :inFieldOfView :human2 ; :occupiedBy ?o }",
+        [("mug1",), ("cup1",)],
     ),
     "free space within 1.2 m of nobody": (
         "SELECT ?v { ?v :free ?by . ?v :distanceToPerson ?d FILTER(?d > 1.2) }",
@@ -64,17 +66,21 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
     ),
     "sums over nothing": (
         "SELECT (COUNT(*) AS ?n) (SUM(?d) AS ?s) (MIN(?d) AS ?m) "
-        "{ ?v :distanceToPerson ?d FILTER(?d > 9) }", [(0, 0.0, None)],
+        "{ ?v :distanceToPerson ?d FILTER(?d > 9) }",
+        [(0, 0.0, None)],
     ),
     "groups of nothing": (
-        "SELECT ?d (COUNT(*) AS ?n) { ?v :distanceToPerson ?d FILTER(?d > 9) } GROUP BY ?d", [],
+        "SELECT ?d (COUNT(*) AS ?n) { ?v :distanceToPerson ?d FILTER(?d > 9) } GROUP BY ?d",
+        [],
     ),
     "numbers": (
         "SELECT (SUM(?d) AS ?s) (AVG(?d) AS ?a) (MIN(?d) AS ?l) (MAX(?d) AS ?h) "
-        "{ ?v :distanceToPerson ?d }", [(7.0, 0.875, 0.0, 1.75)],
+        "{ ?v :distanceToPerson ?d }",
+        [(7.0, 0.875, 0.0, 1.75)],
     ),
     "a type finds its subtypes": (
-        "SELECT (COUNT(*) AS ?n) { ?v :containsObject :artifact }", [(42,)],
+        "SELECT (COUNT(*) AS ?n) { ?v :containsObject :artifact }",
+        [(42,)],
     ),
     "values stand for their subtypes": (
         "SELECT DISTINCT ?o { VALUES ?o { 'mug' :cup } ?v :containsObject ?o } ORDER BY ?o",
@@ -87,22 +93,27 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
     ),
     "several levels": (
         "SELECT ?n { { SELECT ?o (COUNT(?v) AS ?n) { ?v :occupiedBy ?o } GROUP BY ?o } "
-        "?o :on ?t . FILTER(?n > 3) }", [(4,)],
+        "?o :on ?t . FILTER(?n > 3) }",
+        [(4,)],
     ),
     "in, not in": (
-        "SELECT DISTINCT ?o { ?v :occupiedBy ?o FILTER(?o NOT IN (:cup1, 'table1')) }", [("mug1",)],
+        "SELECT DISTINCT ?o { ?v :occupiedBy ?o FILTER(?o NOT IN (:cup1, 'table1')) }",
+        [("mug1",)],
     ),
     "parts of names": (
         "SELECT DISTINCT ?o { ?v :occupiedBy ?o FILTER(STRSTARTS(STR(?o), 'ta') || "
-        "REGEX(STR(?o), '^CUP', 'i')) } ORDER BY ?o", [("cup1",), ("table1",)],
+        "REGEX(STR(?o), '^CUP', 'i')) } ORDER BY ?o",
+        [("cup1",), ("table1",)],
     ),
     "distances": (
         "SELECT ?d { ?v :distanceToPerson 0.5 . ?w :distanceToPerson 1.75 "
-        "BIND(:distance(?v, ?w) AS ?d) }", [(2.5,)],
+        "BIND(:distance(?v, ?w) AS ?d) }",
+        [(2.5,)],
     ),
     "either or": (
         "SELECT ?how (COUNT(*) AS ?n) { ?v :distanceToPerson ?d } "
-        "GROUP BY (IF(?d > 1, 'far', 'near') AS ?how) ORDER BY ?how", [("far", 3), ("near", 5)],
+        "GROUP BY (IF(?d > 1, 'far', 'near') AS ?how) ORDER BY ?how",
+        [("far", 3), ("near", 5)],
     ),
     "one of some numbers": (
         "SELECT ?d { ?v :distanceToPerson ?d FILTER(?d IN (0.5, 1, 9)) } ORDER BY ?d",
@@ -110,7 +121,8 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
     ),
     "a join keeps what is there twice": (
         "SELECT ?o { { { ?o :on :table1 } UNION { ?o :on ?t } } "
-        "{ { ?o :on :table1 } UNION { ?o :on :table1 } } }", [("mug1",)] * 4 + [("cup1",)] * 4,
+        "{ { ?o :on :table1 } UNION { ?o :on :table1 } } }",
+        [("mug1",)] * 4 + [("cup1",)] * 4,
     ),
     "a condition of OPTIONAL sees both sides": (
         "SELECT ?d ?e { ?v :distanceToPerson ?d FILTER(?d < 0.5) "
@@ -119,7 +131,8 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
     ),
     "EXISTS sees what stands outside": (
         "SELECT ?d { ?v :distanceToPerson ?d "
-        "FILTER NOT EXISTS { ?w :distanceToPerson ?e FILTER(?e > ?d) } }", [(1.75,)],
+        "FILTER NOT EXISTS { ?w :distanceToPerson ?e FILTER(?e > ?d) } }",
+        [(1.75,)],
     ),
     "nothing near": (
         "SELECT ?d { ?v :distanceToPerson ?d FILTER NOT EXISTS { ?w :containsObject ?o "
@@ -127,10 +140,12 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         [(0.0,)],
     ),
     "a division by 0 binds nothing": (
-        "SELECT (COUNT(?q) AS ?n) { ?v :distanceToPerson ?d BIND(1 / ?d AS ?q) }", [(7,)],
+        "SELECT (COUNT(?q) AS ?n) { ?v :distanceToPerson ?d BIND(1 / ?d AS ?q) }",
+        [(7,)],
     ),
     "an error or true": (
-        "SELECT (COUNT(*) AS ?n) { ?v :distanceToPerson ?d FILTER(1 / ?d > 1 || ?d = 0) }", [(4,)],
+        "SELECT (COUNT(*) AS ?n) { ?v :distanceToPerson ?d FILTER(1 / ?d > 1 || ?d = 0) }",
+        [(4,)],
     ),
     "coalesce": (
         "SELECT (COALESCE(1 / ?d, -1) AS ?q) { ?v :distanceToPerson ?d } ORDER BY ?q LIMIT 1",
@@ -144,7 +159,8 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
     # What is found so far limits what is read next; here it must not.
     "a group's OPTIONAL is worked out before it is joined": (
         "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
-        "{ ?w :distanceToPerson 0.5 OPTIONAL { ?v :distanceToPerson 0.75 } } }", [(0,)],
+        "{ ?w :distanceToPerson 0.5 OPTIONAL { ?v :distanceToPerson 0.75 } } }",
+        [(0,)],
     ),
     "what is not bound is compatible with all": (
         "SELECT ?d { ?x :distanceToPerson ?d FILTER(?d < 0.5) "
@@ -153,18 +169,20 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
     ),
     "a subquery's own variables are its own": (
         "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
-        "{ ?v :inFieldOfView ?w { SELECT ?o { ?v :occupiedBy ?o . ?o :on ?t } } } }", [(35,)],
+        "{ ?v :inFieldOfView ?w { SELECT ?o { ?v :occupiedBy ?o . ?o :on ?t } } } }",
+        [(35,)],
     ),
     "a subquery's LIMIT is of its own solutions": (
         "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
-        "{ SELECT ?v { ?v :occupiedBy :mug1 } ORDER BY :z(?v) LIMIT 1 } }", [(0,)],
+        "{ SELECT ?v { ?v :occupiedBy :mug1 } ORDER BY :z(?v) LIMIT 1 } }",
+        [(0,)],
     ),
     "a semicolon more": (
         "SELECT ?o { ?o :on :table1 ; . ?v :occupiedBy ?o ;; :inFieldOfView :human2 ; }",
         [("mug1",), ("cup1",)],
     ),
     "nothing asked": ("SELECT (1 + 1 AS ?two) {}", [(2.0,)]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", ANSWERS)
@@ -175,7 +193,7 @@ def test_a_query_has_its_answer(name: str) -> None:
     assert Counter(found) == Counter(expected)
     if "ORDER BY" in text:
         assert found == expected
-    assert json.loads(json.dumps(answer.json()))["variables"] == list(answer.names)
+    assert json.loads(json.dumps(answer.as_json()))["variables"] == list(answer.names)
 
 
 def test_ask() -> None:
@@ -188,10 +206,10 @@ def test_rows_tell_their_voxels() -> None:
     answer = rows("SELECT ?v ?o { ?v :inFieldOfView :human2 OPTIONAL { ?v :occupiedBy ?o } }")
     assert answer.voxels("v").dtype == np.int32
     assert {tuple(v) for v in answer.voxels("v").tolist()} == {(6, 4, 2), (7, 4, 2), (4, 4, 3)}
-    assert answer.json()["rows"][0][0] == tuple((0.5 * (answer.voxels("v")[0] + 0.5)).tolist())
+    assert answer.as_json()["rows"][0][0] == tuple((0.5 * (answer.voxels("v")[0] + 0.5)).tolist())
     with pytest.raises(KeyError, match=r"\?w is not one of \?v, \?o"):
         answer.voxels("w")
-    with pytest.raises(TypeError, match=r"\?o is a thing"):
+    with pytest.raises(TypeError, match=r"\?o is an entity"):
         answer.voxels("o")
 
 
@@ -205,37 +223,42 @@ STORES = {
     "projected": ("SELECT ?v ?o { ?v :containsObject ?o } STORE :containsObject", 42),
     "either side": (
         "SELECT ?v { { ?v :containsObject :mug } UNION { ?v :containsObject ?c . "
-        "?v :inFieldOfView :human2 } } STORE :containsObject", 5,
+        "?v :inFieldOfView :human2 } } STORE :containsObject",
+        5,
     ),
     "numbers": ("SELECT ?v { ?v :distanceToPerson ?d } STORE :distanceToPerson", 8),
     "worked out": (
-        "SELECT ?v (2 * ?d AS ?e) { ?v :distanceToPerson ?d } STORE :distanceToPerson", 8,
+        "SELECT ?v (2 * ?d AS ?e) { ?v :distanceToPerson ?d } STORE :distanceToPerson",
+        8,
     ),
     "each once": (
-        "SELECT ?v { ?v :containsObject :mug . ?w :containsObject :cup } STORE :containsObject", 4,
+        "SELECT ?v { ?v :containsObject :mug . ?w :containsObject :cup } STORE :containsObject",
+        4,
     ),
     "before the others": (
-        "SELECT ?v { ?v :distanceToPerson ?d } STORE :distanceToPerson ORDER BY ?d LIMIT 3", 3,
+        "SELECT ?v { ?v :distanceToPerson ?d } STORE :distanceToPerson ORDER BY ?d LIMIT 3",
+        3,
     ),
     "after the others": (
-        "SELECT ?v { ?v :distanceToPerson ?d } ORDER BY ?d LIMIT 3 STORE :distanceToPerson", 3,
+        "SELECT ?v { ?v :distanceToPerson ?d } ORDER BY ?d LIMIT 3 STORE :distanceToPerson",
+        3,
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", STORES)
 def test_store_states_a_map(name: str) -> None:
     text, count = STORES[name]
     answer = query(kitchen(), PREFIX + text)
-    assert isinstance(answer, Stored)
+    assert isinstance(answer, StoreResult)
     assert len(answer) == len(answer.voxels) == count
-    assert isinstance(answer.statements.object, Numbers if "distance" in text else Things)
+    assert isinstance(answer.statements.object, Numbers if "distance" in text else Entities)
 
 
 def test_store_leaves_out_what_has_no_object() -> None:
     text = "SELECT ?v ?o { ?v :inFieldOfView :human2 OPTIONAL { ?v :occupiedBy ?o } } STORE "
     answer = query(kitchen(), PREFIX + text + ":occupiedBy")
-    assert isinstance(answer, Stored)
+    assert isinstance(answer, StoreResult)
     assert answer.voxels.tolist() == [[4, 4, 3], [6, 4, 2]]
 
 
@@ -264,7 +287,7 @@ def test_a_query_may_ask_for_another_time(clause: str) -> None:
     catalogue = then()
     text = PREFIX + "SELECT ?v { ?v :free :robot } " + clause
     answer = query(catalogue, text, now=NOON + timedelta(seconds=5))
-    assert isinstance(answer, Rows)
+    assert isinstance(answer, SelectResult)
     assert len(answer) == TIMES[clause]
 
 
@@ -290,9 +313,9 @@ def test_only_what_is_left_is_read_of_the_next_field() -> None:
         PREFIX + "SELECT ?o { ?v :containsObject ?o . ?v :inFieldOfView :human2 . "
         "FILTER(:x(?v) > 3 && :x(?v) < 4) }",
     )
-    assert sees.asked == [None]
+    assert sees.withins == [None]
     assert sees.limited == [(None, ["human2"])]
-    (within,) = contains.asked
+    (within,) = contains.withins
     assert within is not None
     assert len(within) == 2
 
@@ -308,6 +331,6 @@ def test_only_what_is_left_is_read_of_what_is_optional(text: str) -> None:
     occupied = catalogue.given[2]
     assert isinstance(occupied, Listed)
     query(catalogue, PREFIX + text)
-    (within,) = occupied.asked
+    (within,) = occupied.withins
     assert within is not None
     assert len(within) == 3

@@ -10,25 +10,25 @@ import rdflib
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from semmap.fields.queries import Rows, query
-from semmap.language.property import Kind
+from semmap.fields.queries import SelectResult, query
+from semmap.language.schema import SideKind
 from tests.fields.queries.arrays import KB, PREFIX, Arrays, Listed, prop, voxel_iri
 
 SIZE = 0.5
 VOXELS = [(x, y, z) for x in (-1, 0, 1) for y in (0, 1) for z in (0, 1)]
-THINGS = ["mug", "cup", "table", "human1", "human2"]
+ENTITIES = ["mug", "cup", "table", "human1", "human2"]
 NUMBERS = [-1.0, 0.0, 0.5, 1.0, 1.5]
-DOMAINS: dict[Kind, list[Any]] = {"voxel": VOXELS, "thing": THINGS, "number": NUMBERS}
+DOMAINS: dict[SideKind, list[Any]] = {"voxel": VOXELS, "entity": ENTITIES, "number": NUMBERS}
 
 PROPERTIES = (
     prop("contains"),
     prop("seenBy"),
     prop("cost", object="number"),
     prop("far", object="number"),
-    prop("on", subject="thing"),
-    prop("near", subject="thing"),
-    prop("weight", subject="thing", object="number"),
-    prop("fills", subject="thing", object="voxel"),
+    prop("on", subject="entity"),
+    prop("near", subject="entity"),
+    prop("weight", subject="entity", object="number"),
+    prop("fills", subject="entity", object="voxel"),
 )
 
 
@@ -42,34 +42,72 @@ def catalogues(draw: st.DrawFn) -> Arrays:
         )
         stated = draw(st.lists(pairs, max_size=10, unique=True))
         relations.append(Listed(each, [s for s, _ in stated], [o for _, o in stated]))
-    return Arrays(relations, dict.fromkeys(THINGS, "thing"), {}, SIZE)
+    return Arrays(relations, dict.fromkeys(ENTITIES, "entity"), {}, SIZE)
 
 
-# Templates: ?v ?w are voxels, ?a ?b things, ?c ?d numbers; %t and %n stand for constants.
+# Templates: ?v ?w are voxels, ?a ?b entities, ?c ?d numbers; %t and %n stand for constants.
 
 PATTERNS = [
-    "?v :contains ?a", "?v :contains %t", "?v :seenBy ?b", "?v :seenBy %t", "?v :cost ?c",
-    "?v :far ?d", "?w :contains ?a", "?w :seenBy %t", "?w :far ?c", "?a :on ?b", "?a :on %t",
-    "%t :on ?b", "?b :near ?a", "?a :weight ?d", "?a :fills ?v", "%t :fills ?w", "?v :far ?c",
-    "?v :contains ?b ; :cost ?d", "?a :near ?a", "?v :seenBy [ :on ?b ]", "%t :on %t",
-]  # fmt: skip
+    "?v :contains ?a",
+    "?v :contains %t",
+    "?v :seenBy ?b",
+    "?v :seenBy %t",
+    "?v :cost ?c",
+    "?v :far ?d",
+    "?w :contains ?a",
+    "?w :seenBy %t",
+    "?w :far ?c",
+    "?a :on ?b",
+    "?a :on %t",
+    "%t :on ?b",
+    "?b :near ?a",
+    "?a :weight ?d",
+    "?a :fills ?v",
+    "%t :fills ?w",
+    "?v :far ?c",
+    "?v :contains ?b ; :cost ?d",
+    "?a :near ?a",
+    "?v :seenBy [ :on ?b ]",
+    "%t :on %t",
+]
 CONDITIONS = [
-    "?c > %n", "?c <= ?d", "?a = ?b", "?a != %t", "?v = ?w", "?c * 2 - %n >= ?d", "BOUND(?c)",
-    "!BOUND(?b)", "?c / ?d < %n", "?c > %n || ?a = %t", "?c < %n && ?d > %n", "?a IN (%t, %t)",
-    "?b NOT IN (%t)", "COALESCE(?c, ?d, %n) > %n", "IF(?c > %n, ?d, %n) < %n", "-?c > %n", "?c",
-    "EXISTS { ?v :seenBy ?a }", "NOT EXISTS { ?a :on ?b }", "sameTerm(?a, %t)", "ABS(?c) = %n",
-    "NOT EXISTS { ?v :contains ?a . ?a :weight ?d }", "!(?c > %n)", "?c != ?d || BOUND(?a)",
-    "EXISTS { ?w :cost ?c FILTER(?d < ?c) }", "EXISTS { ?b :on %t }", "FLOOR(?c) = CEIL(?d)",
-]  # fmt: skip
-THING = st.sampled_from(THINGS).map(":{}".format)
+    "?c > %n",
+    "?c <= ?d",
+    "?a = ?b",
+    "?a != %t",
+    "?v = ?w",
+    "?c * 2 - %n >= ?d",
+    "BOUND(?c)",
+    "!BOUND(?b)",
+    "?c / ?d < %n",
+    "?c > %n || ?a = %t",
+    "?c < %n && ?d > %n",
+    "?a IN (%t, %t)",
+    "?b NOT IN (%t)",
+    "COALESCE(?c, ?d, %n) > %n",
+    "IF(?c > %n, ?d, %n) < %n",
+    "-?c > %n",
+    "?c",
+    "EXISTS { ?v :seenBy ?a }",
+    "NOT EXISTS { ?a :on ?b }",
+    "sameTerm(?a, %t)",
+    "ABS(?c) = %n",
+    "NOT EXISTS { ?v :contains ?a . ?a :weight ?d }",
+    "!(?c > %n)",
+    "?c != ?d || BOUND(?a)",
+    "EXISTS { ?w :cost ?c FILTER(?d < ?c) }",
+    "EXISTS { ?b :on %t }",
+    "FLOOR(?c) = CEIL(?d)",
+]
+ENTITY = st.sampled_from(ENTITIES).map(":{}".format)
 NUMBER = st.sampled_from(NUMBERS).map(str)
 
 
 def filled(templates: list[str]) -> st.SearchStrategy[str]:
     """A template with constants in its gaps."""
 
-    def fill(template: str, things: list[str], numbers: list[str]) -> str:
-        for gap, values in (("%t", things), ("%n", numbers)):
+    def fill(template: str, entities: list[str], numbers: list[str]) -> str:
+        for gap, values in (("%t", entities), ("%n", numbers)):
             for value in values:
                 template = template.replace(gap, value, 1)
         return template
@@ -77,7 +115,7 @@ def filled(templates: list[str]) -> st.SearchStrategy[str]:
     return st.builds(
         fill,
         st.sampled_from(templates),
-        st.lists(THING, min_size=2, max_size=2),
+        st.lists(ENTITY, min_size=2, max_size=2),
         st.lists(NUMBER, min_size=3, max_size=3),
     )
 
@@ -104,7 +142,7 @@ def groups(draw: st.DrawFn, deep: bool = True) -> tuple[str, set[str]]:
                 text = f"{{ {text} }} UNION {{ {inner} }}"
                 bound |= new
             case "values":
-                each = st.one_of(THING, st.just("UNDEF"))
+                each = st.one_of(ENTITY, st.just("UNDEF"))
                 rows = draw(st.lists(each, min_size=1, max_size=3, unique=True))
                 text += f" VALUES ?a {{ {' '.join(rows)} }}"
                 bound |= {"a"} if set(rows) != {"UNDEF"} else set()
@@ -138,7 +176,7 @@ def plain(value: Any) -> Any:
 def answers(catalogue: Arrays, text: str) -> tuple[Counter[Any], Counter[Any]]:
     """Ours and rdflib's, as multisets."""
     ours = query(catalogue, PREFIX + text)
-    assert isinstance(ours, Rows)
+    assert isinstance(ours, SelectResult)
     # rdflib takes * for the variables of MINUS and EXISTS, too
     everything = " ".join(f"?{name}" for name in ours.names)
     head, brace, rest = text.partition("{")
@@ -176,10 +214,18 @@ def test_patterns(catalogue: Arrays, group: tuple[str, set[str]], form: str, cou
 
 
 AGGREGATES = [
-    "(COUNT(*) AS ?n)", "(COUNT(?c) AS ?n)", "(COUNT(DISTINCT ?a) AS ?n)", "(SUM(?c) AS ?n)",
-    "(AVG(?c) AS ?n)", "(MIN(?c) AS ?n)", "(MAX(?c) AS ?n)", "(SUM(DISTINCT ?c) AS ?n)",
-    "(MIN(?c) + MAX(?c) AS ?n)", "(MAX(?c * 2) AS ?n)", "(COUNT(DISTINCT ?v) AS ?n)",
-]  # fmt: skip
+    "(COUNT(*) AS ?n)",
+    "(COUNT(?c) AS ?n)",
+    "(COUNT(DISTINCT ?a) AS ?n)",
+    "(SUM(?c) AS ?n)",
+    "(AVG(?c) AS ?n)",
+    "(MIN(?c) AS ?n)",
+    "(MAX(?c) AS ?n)",
+    "(SUM(DISTINCT ?c) AS ?n)",
+    "(MIN(?c) + MAX(?c) AS ?n)",
+    "(MAX(?c * 2) AS ?n)",
+    "(COUNT(DISTINCT ?v) AS ?n)",
+]
 TAILS = ["", "", "HAVING (COUNT(*) > 1)", "HAVING (COUNT(?c) < 3)", "ORDER BY ?n"]
 
 

@@ -45,7 +45,7 @@ def literal(text: str) -> str:
 
 
 @pytest.mark.parametrize("text", REGIONS)
-def test_a_region_as_text_is_that_region(text: str) -> None:
+def test_a_text_is_read_as_its_region(text: str) -> None:
     assert voxels(read_region(text)) == voxels(REGIONS[text])
     regions = RegionMap(SIZE)
     update(regions, f"{PREFIX} INSERT DATA {{ :a :occupies {literal(text)} }}")
@@ -72,7 +72,10 @@ S = literal("SPHERE(0 0 0 1)")
 CHANGES: dict[str, dict[Any, set[tuple[int, ...]]]] = {
     f"INSERT DATA {{ :c :occupies {S} }}": {"a": A, "b": B, 7: SEVEN, "c": BALL},
     f"INSERT DATA {{ c :occupies {S} . :b :occupies {S} }}": {
-        "a": A, "b": B | BALL, 7: SEVEN, "c": BALL,
+        "a": A,
+        "b": B | BALL,
+        7: SEVEN,
+        "c": BALL,
     },
     f"DELETE DATA {{ :a :occupies {S} }}": {"a": A - BALL, "b": B, 7: SEVEN},
     f"DELETE DATA {{ :nobody :occupies {S} }}": {"a": A, "b": B, 7: SEVEN},
@@ -80,29 +83,40 @@ CHANGES: dict[str, dict[Any, set[tuple[int, ...]]]] = {
     "DELETE WHERE { '7' :occupies ?v }": {"a": A, "b": B},
     "DELETE WHERE { ?x :occupies ?v }": {},
     "DELETE { :a :occupies ?v } WHERE { :a :occupies ?v . :b :occupies ?v }": {
-        "a": A - B, "b": B, 7: SEVEN,
+        "a": A - B,
+        "b": B,
+        7: SEVEN,
     },
     "DELETE { ?x :occupies ?v } WHERE { ?x :occupies ?v FILTER(:x(?v) < 0) }": {
-        "a": {v for v in A if v[0] >= 0}, "b": {v for v in B if v[0] >= 0}, 7: SEVEN,
+        "a": {v for v in A if v[0] >= 0},
+        "b": {v for v in B if v[0] >= 0},
+        7: SEVEN,
     },
     "DELETE { :a :occupies ?v } INSERT { :b :occupies ?v } WHERE { :a :occupies ?v }": {
-        "b": A | B, 7: SEVEN,
+        "b": A | B,
+        7: SEVEN,
     },
     f"INSERT {{ ?x :occupies {S} }} WHERE {{ ?x :occupies ?v FILTER(:z(?v) > 5) }}": {
-        "a": A, "b": B, 7: SEVEN | BALL,
+        "a": A,
+        "b": B,
+        7: SEVEN | BALL,
     },
     f"INSERT DATA {{ :c :occupies {S} }} ; DELETE WHERE {{ :c :occupies ?v }}": {
-        "a": A, "b": B, 7: SEVEN,
+        "a": A,
+        "b": B,
+        7: SEVEN,
     },
     "INSERT { :c :occupies ?v } WHERE { :a :occupies ?v FILTER(:x(?v) > 90) }": {
-        "a": A, "b": B, 7: SEVEN,
+        "a": A,
+        "b": B,
+        7: SEVEN,
     },
     "": {"a": A, "b": B, 7: SEVEN},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("text", CHANGES)
-def test_an_update_changes_what_it_says(text: str) -> None:
+def test_an_update_changes_the_voxels_of_its_entities(text: str) -> None:
     regions = filled()
     before = state(regions)
     done = update(regions, PREFIX + text)
@@ -113,7 +127,7 @@ def test_an_update_changes_what_it_says(text: str) -> None:
     assert not done.new
 
 
-def test_blank_nodes_get_names_that_nobody_has() -> None:
+def test_blank_nodes_get_unused_names() -> None:
     regions = RegionMap(SIZE)
     regions.insert("region2", Sphere((9, 9, 9), 1))
     text = f"INSERT DATA {{ _:new :occupies {S} . _:old :occupies {S} . [] :occupies {S} }}"
@@ -123,7 +137,7 @@ def test_blank_nodes_get_names_that_nobody_has() -> None:
     assert update(regions, PREFIX + text).new["new"] == "region5"
 
 
-def test_a_zone_is_what_a_query_binds() -> None:
+def test_a_zone_is_made_of_the_voxels_that_a_query_binds() -> None:
     catalogue, regions = kitchen(), RegionMap(SIZE)
     done = update(
         regions,
@@ -144,26 +158,26 @@ def test_a_zone_is_what_a_query_binds() -> None:
 
 WRONG = {
     "INSERT DATA { :a »:fills 'x' }": "only :occupies can be inserted and deleted",
-    "INSERT DATA { :a :occupies »'SPHERE(0 0 0 1)' }": "no region: write",
-    'INSERT DATA { :a :occupies »"BALL(0 0 0 1)"^^:region }': "no region: write SPHERE, BOX",
+    "INSERT DATA { :a :occupies »'SPHERE(0 0 0 1)' }": "this is not a region: write",
+    'INSERT DATA { :a :occupies »"BALL(0 0 0 1)"^^:region }': "not a region: write SPHERE, BOX",
     'INSERT DATA { :a :occupies »"SPHERE(0 0 1)"^^:region }': "SPHERE has 3 numbers: write SPHERE(",
     'INSERT DATA { :a :occupies »"SPHERE(0 0 0 -1)"^^:region }': "give metres above 0",
     'INSERT DATA { :a :occupies »"SPHERE(0 0 0 one)"^^:region }': "could not convert string to flo",
     'INSERT DATA { :a :occupies »"HULL(0 0 0, 1 1)"^^:region }': "HULL takes points of three numbe",
     'INSERT DATA { :a :occupies »"POINTS(0 0 nan)"^^:region }': "holds NaN or infinity",
-    f"DELETE DATA {{ »_:a :occupies {S} }}": "a blank node stands in INSERT only",
-    "DELETE WHERE { »:nobody :occupies ?v }": "nothing in the region map is called nobody",
+    f"DELETE DATA {{ »_:a :occupies {S} }}": "a blank node is allowed in INSERT only",
+    "DELETE WHERE { »:nobody :occupies ?v }": "the region map has no entity nobody",
     f"DELETE WHERE {{ :a :occupies »{S} }}": "is a voxel, which has no name",
     "INSERT { :c :occupies »?w } WHERE { :a :occupies ?v }": "?w is not bound by any pattern",
-    "INSERT { »?v :occupies ?v } WHERE { :a :occupies ?v }": "this has to be a thing, and ?v is a",
+    "INSERT { »?v :occupies ?v } WHERE { :a :occupies ?v }": "this has to be an entity, and ?v is",
     "INSERT { :c :occupies »?x } WHERE { ?x :occupies ?v }": "this has to be a voxel, and ?x is a",
     "INSERT { :c :occupies ?v } WHERE { ?v »:free ?b }": "there is no property",
-    "»CLEAR ALL": "CLEAR is not supported: INSERT and DELETE are",
+    "»CLEAR ALL": "CLEAR is not supported: use INSERT and DELETE",
     "»WITH :g DELETE { :a :occupies ?v } WHERE { :a :occupies ?v }": "WITH is not supported",
     "INSERT DATA { »GRAPH :g { :a :occupies 'x' } }": "GRAPH is not supported",
     "INSERT DATA { :a »}": "not SPARQL",
 }
-"""With a » before what is wrong."""
+"""Texts with » before the wrong part, and part of the reason."""
 
 
 @pytest.mark.parametrize("text", WRONG)
@@ -202,13 +216,13 @@ boxes = st.tuples(places, st.integers(1, 4)).map(
     ),
     st.booleans(),
 )
-def test_any_updates(changes: list[tuple[str, str, Any]], fail: bool) -> None:
-    """As a dictionary of sets would have it; with an error at the end, as before."""
+def test_updates_equal_operations_on_sets(changes: list[tuple[str, str, Any]], fail: bool) -> None:
+    """An error at the end undoes all requests."""
     regions = RegionMap(SIZE)
     every = literal("SPHERE(0 0 0 1)")
     model = {name: set(BALL) for name in "abc"}
-    update(regions, PREFIX + f"INSERT DATA {{ :a :occupies {every} . :b :occupies {every} . :c "
-           f":occupies {every} }}")  # fmt: skip
+    triples = " . ".join(f":{name} :occupies {every}" for name in "abc")
+    update(regions, f"{PREFIX} INSERT DATA {{ {triples} }}")
     requests = []
     for kind, name, of in changes:
         if kind == "INSERT":

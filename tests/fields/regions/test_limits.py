@@ -12,11 +12,11 @@ from sqlalchemy import Engine
 
 from semmap.database.files import schema_folder
 from semmap.fields import Box, RegionMap, Sphere
-from semmap.fields.regions.region_text import read_region
-from semmap.fields.store.voxel_mirror import Mirror
-from semmap.fields.regions.shapes import Region, Solid, Surface
-from semmap.fields.sources import Zone, Zones, ZoneSource
 from semmap.fields.maps.vocabulary import read_vocabulary
+from semmap.fields.regions.region_text import read_region
+from semmap.fields.regions.shapes import Region, Solid, SurfaceRegion
+from semmap.fields.sources import Zone, Zones, ZoneSource
+from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.mesh import Mesh, box_mesh
 from semmap.ingest.importer import import_file
 from tests.command_line import semmap
@@ -33,7 +33,7 @@ def solid(mesh: Mesh) -> Solid:
 
 TOO_LARGE: dict[str, Region] = {
     "a solid of 9,999 m": solid(GIANT),
-    "its surface": Surface(GIANT.vertices, GIANT.faces),
+    "its surface": SurfaceRegion(GIANT.vertices, GIANT.faces),
     "a box of 9,999 m": Box((0, 0, 0), (9999, 9999, 9999)),
     "a hall of 200 x 200 x 6 m": Box((0, 0, 0), (200, 200, 6)),
     "the same as a solid": solid(box_mesh((0, 0, 0), (200, 200, 6))),
@@ -120,12 +120,12 @@ def world(path: Path, size: float) -> Path:
 def test_the_mirror_leaves_it_out_and_names_it(engine: Engine, tmp_path: Path) -> None:
     path = world(tmp_path / "w.sdf", 9999)
     import_file(engine, path)
-    mirror = Mirror(engine, voxel_size=SIZE)
+    mirror = VoxelMirror(engine, voxel_size=SIZE)
     mirror.catch_up()
     assert [*mirror.names.values()] == ["mug"]
     assert "take larger voxels" in mirror.left_out["giant"]
     mirror.save()
-    again = Mirror.resume(engine, voxel_size=SIZE)
+    again = VoxelMirror.resume(engine, voxel_size=SIZE)
     again.catch_up()
     assert again.left_out == mirror.left_out
     import_file(engine, world(path, 1))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from semmap.fields.regions.mesh_regions import parts_of
-from semmap.fields.regions.shapes import Solid, Surface, voxels_of
+from semmap.fields.regions.mesh_regions import mesh_parts
+from semmap.fields.regions.shapes import Solid, SurfaceRegion, voxels_of
 from semmap.geometry.mesh import Mesh
 
 
@@ -24,8 +24,8 @@ def crate(wall: float) -> Mesh:
 @pytest.mark.parametrize("wall", [0.004, 0.02])
 def test_thin_walls_have_no_holes(wall: float) -> None:
     mesh = crate(wall)
-    regions = parts_of(mesh).regions(0.05)
-    assert [type(r) for r in regions] == [Solid, Surface]
+    regions = mesh_parts(mesh).regions(0.05)
+    assert [type(r) for r in regions] == [Solid, SurfaceRegion]
     filled = {tuple(v) for r in regions for v in voxels_of(r, 0.05)}
     points = trimesh.Trimesh(mesh.vertices, mesh.faces).sample(20_000, seed=1)
     assert {tuple(v) for v in np.floor(points / 0.05).astype(int)} <= filled
@@ -33,16 +33,16 @@ def test_thin_walls_have_no_holes(wall: float) -> None:
 
 
 def test_thick_walls_and_solids_are_by_their_centres() -> None:
-    assert [type(r) for r in parts_of(crate(0.1)).regions(0.05)] == [Solid]
+    assert [type(r) for r in mesh_parts(crate(0.1)).regions(0.05)] == [Solid]
     ball = trimesh.creation.icosphere(radius=0.06)
-    made = parts_of(Mesh(np.asarray(ball.vertices), np.asarray(ball.faces))).regions(0.05)
+    made = mesh_parts(Mesh(np.asarray(ball.vertices), np.asarray(ball.faces))).regions(0.05)
     assert [type(r) for r in made] == [Solid]
 
 
 def test_a_pose() -> None:
     pose = np.eye(4)
     pose[:3, 3] = (1, 2, 3)
-    parts = parts_of(crate(0.1))
+    parts = mesh_parts(crate(0.1))
     (moved,) = parts.regions(0.05, pose)
     (still,) = parts.regions(0.05)
     shifted = np.add(voxels_of(still, 0.05), (20, 40, 60))

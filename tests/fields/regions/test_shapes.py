@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from semmap.fields import Box, Cone, Cylinder, DepthImage, Hull, Solid, Sphere, Surface, voxels_of
+from semmap.fields import (
+    Box,
+    Cone,
+    Cylinder,
+    DepthImage,
+    Hull,
+    Solid,
+    Sphere,
+    SurfaceRegion,
+    voxels_of,
+)
 
 Floats = NDArray[np.float64]
 
@@ -264,7 +274,7 @@ def test_surface_is_without_holes() -> None:
     mesh = torus()
     points = trimesh.sample.sample_surface(mesh, 20_000, seed=1)[0]
     touched = set(map(tuple, np.floor(points / 0.1).astype(int).tolist()))
-    found = voxels_of(Surface(mesh.vertices, mesh.faces), 0.1)
+    found = voxels_of(SurfaceRegion(mesh.vertices, mesh.faces), 0.1)
     assert touched <= set(map(tuple, found.tolist()))
     depth = trimesh.proximity.closest_point(mesh, (found + 0.5) * 0.1)[1]
     assert depth.max() <= 0.1 * math.sqrt(3) / 2 + 1e-9

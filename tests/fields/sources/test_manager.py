@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from semmap.fields.maps.map_buffer import Maps
-from semmap.language.property import Property
-from semmap.fields.regions.shapes import Box, Sphere
+from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.sources import Manager
+from semmap.fields.regions.shapes import Box, Sphere
+from semmap.fields.sources import SourceManager
+from semmap.language.schema import Property
 
-SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "thing", measure="attention")
+SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "entity", measure="attention")
 COUNT = Property("urn:t#count", "count", "Region", None, "voxel", "number")
 SECONDS = float(os.environ.get("SEMMAP_SOAK", "10"))
 
@@ -49,10 +49,10 @@ def wait_for(holds: Callable[[], bool]) -> None:
 
 
 def test_on_and_off_at_run_time() -> None:
-    with Manager(Maps()) as manager:
+    with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", spheres, counter(), rate=100)
         manager.activate("more", spheres, counter(), rate=1)
-        with pytest.raises(ValueError, match="is active"):
+        with pytest.raises(ValueError, match="is running"):
             manager.activate("gaze", spheres, counter())
         wait_for(lambda: manager.status()["gaze"].updates > 5)
         assert manager.maps.sources() == ["gaze", "more"]
@@ -63,7 +63,7 @@ def test_on_and_off_at_run_time() -> None:
         manager.deactivate("gaze")
         assert manager.maps.sources() == ["more"]
         assert set(manager.status()) == {"more"}
-        with pytest.raises(LookupError, match="active: more"):
+        with pytest.raises(LookupError, match="running: more"):
             manager.deactivate("gaze")
     assert manager.maps.sources() == []
     assert manager.maps.now() == ()
@@ -75,7 +75,7 @@ def test_a_source_that_fails_goes_on(caplog: pytest.LogCaptureFixture) -> None:
             raise RuntimeError("no light")
         return spheres(percept)
 
-    with Manager(Maps()) as manager:
+    with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", source, counter(), rate=200)
         wait_for(lambda: manager.status()["gaze"].updates > 3)
         wait_for(lambda: manager.status()["gaze"].error == "RuntimeError: no light")
@@ -85,7 +85,7 @@ def test_a_source_that_fails_goes_on(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_the_same_percept_makes_no_new_maps() -> None:
     one = Percept(0)
-    with Manager(Maps()) as manager:
+    with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", spheres, lambda: one, rate=500)
         manager.activate("none", spheres, lambda: None, rate=500)
         wait_for(lambda: manager.status()["gaze"].updates == 1)
@@ -96,7 +96,7 @@ def test_the_same_percept_makes_no_new_maps() -> None:
 
 def test_rates_that_are_none() -> None:
     with pytest.raises(ValueError, match="above 0"):
-        Manager(Maps()).activate("gaze", spheres, counter(), rate=0)
+        SourceManager(MapBuffer()).activate("gaze", spheres, counter(), rate=0)
 
 
 def test_moments_and_intervals() -> None:
@@ -106,7 +106,7 @@ def test_moments_and_intervals() -> None:
         return start + timedelta(seconds=seconds)
 
     made = [spheres(Percept(0)) for _ in range(6)]
-    maps = Maps(timedelta(seconds=10))
+    maps = MapBuffer(timedelta(seconds=10))
     for i, each in enumerate(made[:4]):
         maps.put("gaze", each, after(5 * i))
     maps.put("other", made[4], after(7))
@@ -125,7 +125,7 @@ def test_moments_and_intervals() -> None:
     assert told(maps.at(after(19))) == [3, 4]
     maps.put("gaze", made[5], after(40))
     assert told(maps.at(after(31))) == [4]
-    with pytest.raises(ValueError, match="before those"):
+    with pytest.raises(ValueError, match="older than those"):
         maps.put("gaze", made[5], after(39))
     with pytest.raises(ValueError, match="time zone"):
         maps.at(datetime(2026, 1, 1))
@@ -139,17 +139,19 @@ def test_nothing_is_torn() -> None:
     def source(percept: Percept) -> list[RepresentationMap]:
         return [
             RepresentationMap.of_regions(
-                COUNT, [(Box((0, y, 0), (2, 2, 1)), float(percept.number))], 0.05,
+                COUNT,
+                [(Box((0, y, 0), (2, 2, 1)), float(percept.number))],
+                0.05,
                 value_type="float32",
             )
             for y in (0.0, 3.0)
-        ]  # fmt: skip
+        ]
 
     torn: list[Any] = []
     reads = [0] * 4
     stop = threading.Event()
 
-    def read(reader: int, maps: Maps) -> None:
+    def read(reader: int, maps: MapBuffer) -> None:
         last: dict[int, float] = {}
         while not stop.is_set():
             now = maps.now()
@@ -163,7 +165,7 @@ def test_nothing_is_torn() -> None:
                 last[i] = a
             reads[reader] += 1
 
-    with Manager(Maps(timedelta(seconds=1))) as manager:
+    with SourceManager(MapBuffer(timedelta(seconds=1))) as manager:
         for k in range(4):
             manager.activate(f"source{k}", source, counter(), rate=30)
         wait_for(lambda: len(manager.maps.now()) == 8)

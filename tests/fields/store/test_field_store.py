@@ -1,4 +1,4 @@
-"""Fields that were kept come back bit for bit: each version, after any history, after restarts."""
+"""Stored fields are loaded bit by bit: each version, after any history and after restarts."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.database import Cluster, connect
 from semmap.fields import Box, Sphere
+from semmap.fields.maps.grids import GRIDS, Grid, ValueType
 from semmap.fields.store import field_store
-from semmap.fields.maps.representation_map import GRIDS, Grid, ValueType
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
 from tests.database.test_crash import kill_server
 
@@ -210,9 +210,13 @@ def test_what_is_known_of_a_field(kept: Engine) -> None:
     grid.fill(Sphere((0, 0, 1), 0.3).shape, 41)
     with kept.begin() as connection:
         field_store.save(
-            connection, "seen by gerda", grid,
-            property="urn:semmap:ontology#containsObject", about="gerda", legend={41: "mug"},
-        )  # fmt: skip
+            connection,
+            "seen by gerda",
+            grid,
+            property="urn:semmap:ontology#containsObject",
+            about="gerda",
+            legend={41: "mug"},
+        )
     with kept.begin() as connection:
         assert field_store.names(connection) == ["seen by gerda"]
         found = field_store.load(connection, "seen by gerda")
@@ -247,7 +251,7 @@ def refused(kept: Engine, says: str, act: Any, error: type[Exception] = ValueErr
         assert field_store.names(connection) == ["space"]
 
 
-def test_what_is_refused(kept: Engine) -> None:
+def test_wrong_fields_are_refused(kept: Engine) -> None:
     grid, bools = FloatGrid(0.1, 0.0), BoolGrid(0.1, False)
     with kept.begin() as connection:
         field_store.save(connection, "space", grid, property=IRI)
@@ -256,25 +260,32 @@ def test_what_is_refused(kept: Engine) -> None:
     def saved(grid: Grid, name: str = "space", **what: Any) -> Any:
         return lambda c: field_store.save(c, name, grid, **{"property": IRI, **what})
 
-    refused(kept, "on voxels of 0.1 m, this one is .* 0.2 m", saved(other))
-    refused(kept, "is kept as float32 of .*, this one is bool", saved(bools))
-    refused(kept, "about nobody .* about gerda", saved(grid, about="gerda"))
-    refused(kept, "this one is float32 of urn:x", saved(grid, property="urn:x"))
-    refused(kept, "has a name and a property", saved(grid, property=""))
-    refused(kept, "has a name and a property", saved(grid, name=""))
-    refused(kept, "give no legend", saved(grid, legend={1: "mug"}))
-    refused(kept, "at least 1 version stays", lambda c: field_store.prune(c, "space", 0))
-    unknown = r"no field spice is kept of this map; there are: space"
+    refused(kept, "voxels of 0.1 m, but this one is .* 0.2 m", saved(other))
+    refused(kept, "is stored as float32 values of .*, but this one is bool", saved(bools))
+    refused(kept, "but this one is .* about gerda", saved(grid, about="gerda"))
+    refused(kept, "this one is float32 values of urn:x", saved(grid, property="urn:x"))
+    refused(kept, "needs a name and a property", saved(grid, property=""))
+    refused(kept, "needs a name and a property", saved(grid, name=""))
+    refused(kept, "cannot have a legend", saved(grid, legend={1: "mug"}))
+    refused(kept, "keep is 0: give at least 1", lambda c: field_store.prune(c, "space", 0))
+    unknown = "there is no field spice in this map; fields: space"
     refused(kept, unknown, lambda c: field_store.load(c, "spice"), LookupError)
     refused(kept, unknown, lambda c: field_store.versions(c, "spice"), LookupError)
-    refused(kept, "version 7 .* is not kept: there are 1", lambda c: field_store.load(c, "space", 7),
-            LookupError)  # fmt: skip
+    refused(
+        kept,
+        "there is no version 7 of the field space; versions: 1",
+        lambda c: field_store.load(c, "space", 7),
+        LookupError,
+    )
     with kept.begin() as connection:
         field_store.forget(connection, "space")
 
 
 def test_no_map(engine: Engine) -> None:
-    with engine.begin() as connection, pytest.raises(LookupError, match="there is no map to keep"):
+    with (
+        engine.begin() as connection,
+        pytest.raises(LookupError, match="there is no map to store a field"),
+    ):
         field_store.save(connection, "space", FloatGrid(0.1, 0.0), property=IRI)
 
 
@@ -317,7 +328,9 @@ def test_savers_take_turns(kept: Engine) -> None:
         thread.join()
     with kept.begin() as connection:
         assert [v.version for v in field_store.versions(connection, "space")] == [1, 2, 3, 4, 5, 6]
-        seen = {float(field_store.load(connection, "space", n).grid.read()[1][0]) for n in range(1, 7)}
+        seen = {
+            float(field_store.load(connection, "space", n).grid.read()[1][0]) for n in range(1, 7)
+        }
         assert seen == {1.0, 2.0, 3.0, 4.0, 5.0, 6.0}
         field_store.forget(connection, "space")
 

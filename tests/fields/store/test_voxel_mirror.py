@@ -12,8 +12,8 @@ import pytest
 import shapely
 from sqlalchemy import Engine, text
 
-from semmap.fields.store.voxel_mirror import Mirror
 from semmap.fields.store.reader import read_zones
+from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 
 SIZE = 0.1
@@ -49,9 +49,9 @@ def change(engine: Engine, statement: str) -> None:
         connection.execute(text(statement))
 
 
-def same(mirror: Mirror, engine: Engine) -> bool:
+def same(mirror: VoxelMirror, engine: Engine) -> bool:
     """Whether a mirror has what a fresh one has, voxel by voxel."""
-    fresh = Mirror(engine, "scene", SIZE)
+    fresh = VoxelMirror(engine, "scene", SIZE)
     fresh.catch_up()
     mirror.regions.check()
     return mirror.names == fresh.names and all(
@@ -70,7 +70,7 @@ def until(condition: Callable[[], bool], seconds: float = 10) -> None:
 
 
 def test_what_is_where(scene: Engine) -> None:
-    mirror = Mirror(scene, voxel_size=SIZE)
+    mirror = VoxelMirror(scene, voxel_size=SIZE)
     assert mirror.catch_up() == set(mirror.names)
     a = number(scene, "a")
     assert mirror.regions.entities_at([(0.05, 0.05, 0.15), (1.0, 0.0, 0.0)]) == [{a}, set()]
@@ -80,7 +80,7 @@ def test_what_is_where(scene: Engine) -> None:
 
 
 def test_only_what_changed_is_voxelised_anew(scene: Engine) -> None:
-    mirror = Mirror(scene, "scene", SIZE)
+    mirror = VoxelMirror(scene, "scene", SIZE)
     mirror.catch_up()
     change(scene, "SELECT move_to(entity_id('b'), 3.0, 1.0, 0.2, 0.3)")
     assert mirror.catch_up() == {number(scene, "b"), number(scene, "c")}, "with what stands on it"
@@ -93,7 +93,7 @@ def test_only_what_changed_is_voxelised_anew(scene: Engine) -> None:
 
 
 def test_an_import_is_followed(scene: Engine, tmp_path: Path) -> None:
-    mirror = Mirror(scene, "scene", SIZE)
+    mirror = VoxelMirror(scene, "scene", SIZE)
     mirror.catch_up()
     more = tmp_path / "more"
     more.mkdir()
@@ -103,7 +103,7 @@ def test_an_import_is_followed(scene: Engine, tmp_path: Path) -> None:
 
 
 def test_other_maps_are_not_its_own(scene: Engine, tmp_path: Path) -> None:
-    mirror = Mirror(scene, "scene", SIZE)
+    mirror = VoxelMirror(scene, "scene", SIZE)
     mirror.catch_up()
     other = tmp_path / "other"
     other.mkdir()
@@ -113,7 +113,7 @@ def test_other_maps_are_not_its_own(scene: Engine, tmp_path: Path) -> None:
 
 
 def test_any_interleaving_of_moves_and_looks(scene: Engine) -> None:
-    mirror = Mirror(scene, "scene", SIZE)
+    mirror = VoxelMirror(scene, "scene", SIZE)
     random = np.random.default_rng(4)
     for _ in range(25):
         name = random.choice(["a", "b", "c", "d"])
@@ -126,7 +126,7 @@ def test_any_interleaving_of_moves_and_looks(scene: Engine) -> None:
 
 
 def test_one_that_commits_late_is_not_missed(scene: Engine) -> None:
-    mirror = Mirror(scene, "scene", SIZE)
+    mirror = VoxelMirror(scene, "scene", SIZE)
     mirror.catch_up()
     with scene.connect() as late:
         late.execute(text("SELECT move_to(entity_id('a'), 1.0, 1.0, 0.2, 0.0)"))
@@ -138,7 +138,7 @@ def test_one_that_commits_late_is_not_missed(scene: Engine) -> None:
 
 
 def test_it_follows_and_survives_broken_connections(scene: Engine) -> None:
-    mirror = Mirror(scene, "scene", SIZE)
+    mirror = VoxelMirror(scene, "scene", SIZE)
     stop, heard = threading.Event(), list[set[int]]()
     thread = threading.Thread(target=mirror.follow, args=(stop, heard.append), daemon=True)
     thread.start()
@@ -165,14 +165,14 @@ def test_it_follows_and_survives_broken_connections(scene: Engine) -> None:
 
 def test_no_map(engine: Engine) -> None:
     with pytest.raises(LookupError, match="there is no map"):
-        Mirror(engine).catch_up()
+        VoxelMirror(engine).catch_up()
 
 
 def test_zones_are_followed(engine: Engine) -> None:
     """A room of the office and a region that is drawn, moved and taken away."""
     office = Path(__file__).parents[3] / "examples" / "office" / "office_rooms.geojson"
     import_file(engine, office, map_name="scene")
-    mirror = Mirror(engine, "scene", SIZE)
+    mirror = VoxelMirror(engine, "scene", SIZE)
     mirror.catch_up()
     before = {m.about: m for m in mirror.maps.now()}
     with engine.connect() as connection:
@@ -195,8 +195,9 @@ def test_zones_are_followed(engine: Engine) -> None:
     assert [name for name in now if now[name] is not before[name]] == ["home"]
     np.testing.assert_allclose(
         now["home"].points().mean(axis=0) - before["home"].points().mean(axis=0),
-        (0.5, 0, 0), atol=1e-9,
-    )  # fmt: skip
+        (0.5, 0, 0),
+        atol=1e-9,
+    )
     change(engine, f"DELETE FROM entity WHERE id = {home}")
     mirror.catch_up()
     assert "home" not in {m.about for m in mirror.maps.now()}

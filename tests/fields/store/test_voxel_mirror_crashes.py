@@ -16,7 +16,7 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.database import Cluster, connect
 from semmap.fields.store import field_store
-from semmap.fields.store.voxel_mirror import Mirror
+from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.database.conftest import python
 from tests.database.test_crash import kill_server
@@ -44,8 +44,8 @@ mirror.follow(threading.Event(), save_every=0.0)
 """
 
 
-def resumed(engine: Engine) -> Mirror:
-    return Mirror.resume(engine, "scene", SIZE)
+def resumed(engine: Engine) -> VoxelMirror:
+    return VoxelMirror.resume(engine, "scene", SIZE)
 
 
 def test_it_goes_on_where_it_was(scene: Engine) -> None:
@@ -95,7 +95,7 @@ def test_what_it_cannot_go_on_from(scene: Engine, tmp_path: Path) -> None:
     mirror.catch_up()
     mirror.save()
     everything = set(mirror.names)
-    assert Mirror.resume(scene, "scene", SIZE / 2).catch_up() == everything, "of other voxels"
+    assert VoxelMirror.resume(scene, "scene", SIZE / 2).catch_up() == everything, "of other voxels"
     assert resumed(scene).catch_up() == set()
 
     def spoilt(statement: str) -> bool:
@@ -135,7 +135,7 @@ def test_numbers_that_a_crash_gave_again(own: Cluster, tmp_path: Path) -> None:
     engine = connect(own.ensure())
     try:
         import_file(engine, boxes(tmp_path, a=(0, 0, 0.2)), map_name="scene")
-        mirror = Mirror(engine, "scene", SIZE)
+        mirror = VoxelMirror(engine, "scene", SIZE)
         mirror.catch_up()
         undone = []
         for _ in range(3):
@@ -191,7 +191,7 @@ def test_killed_at_random_moments(own: Cluster, tmp_path: Path) -> None:
     engine = connect(url)
     at = {"a": (0, 0, 0.2), "b": (2, 0, 0.2), "c": (2, 0, 0.6), "d": (5, 5, 0.2)}
     import_file(engine, boxes(tmp_path, **at), map_name="scene")
-    here, stop, writer = Mirror(engine, "scene", SIZE), threading.Event(), Writer(engine)
+    here, stop, writer = VoxelMirror(engine, "scene", SIZE), threading.Event(), Writer(engine)
     follower = threading.Thread(target=here.follow, args=(stop,), kwargs={"patience": 0.05})
     mirrors = [python(FOLLOW, name, SIZE)]
     kills = ["mirror"] * 5 + ["connections"] * 7 + ["server"] * 4

@@ -1,4 +1,4 @@
-"""What holds between moving things, against dictionaries of voxels looked at pair by pair."""
+"""Relations of moving entities, compared with sets of voxels, pair by pair."""
 
 from __future__ import annotations
 
@@ -18,13 +18,15 @@ from scipy.spatial import cKDTree
 
 from semmap.database.files import schema_folder
 from semmap.fields import Box, Cone, RegionMap, Sphere, voxels_of
-from semmap.fields.queries.catalogue import FieldCatalogue
-from semmap.fields.maps.map_buffer import Maps
-from semmap.language.property import Property
-from semmap.fields.regions.shapes import Region
-from semmap.fields.relations.relations import RULES, Event, Fact, Relations, Rule, near_within
-from semmap.fields.queries.entity_relation import ThingRelation
+from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.vocabulary import read_vocabulary
+from semmap.fields.queries.catalogue import FieldCatalogue
+from semmap.fields.queries.entity_relation import EntityRelation
+from semmap.fields.regions.shapes import Region
+from semmap.fields.relations.facts import Fact, RelationEvent
+from semmap.fields.relations.rules import RULES, RelationRule, near_rule
+from semmap.fields.relations.tracker import RelationTracker
+from semmap.language.schema import Property
 
 SIZE = 0.5
 NEAR = 1.0
@@ -45,7 +47,7 @@ regions = st.one_of(
 
 
 class Model:
-    """All pairs, at each step anew."""
+    """All pairs, computed again at each step."""
 
     def __init__(self) -> None:
         self.voxels: dict[Hashable, set[Voxel]] = {}
@@ -108,7 +110,7 @@ def rests(a: set[Voxel], b: set[Voxel], standing: bool) -> bool:
     layer = [(x, y) for x, y, z in a if z == bottom]
 
     def rests_at(x: int, y: int, z: int) -> bool:
-        """For a thing whose lowest voxel is at z."""
+        """Return whether a voxel rests on b where the lowest layer is at z."""
         return ((x, y, z - 1) in b or (x, y, z) in b) and (x, y, z + 1) not in b
 
     def loosely(x: int, y: int) -> bool:
@@ -126,10 +128,12 @@ class Moving(RuleBasedStateMachine):
         super().__init__()
         self.model = Model()
         self.map = RegionMap(SIZE)
-        rules = [near_within(NEAR) if each.name == "near" else each for each in RULES]
-        self.relations = Relations(self.map, views=VIEWS, spaces=SPACES, names=NAMES, rules=rules)
+        rules = [near_rule(NEAR) if each.name == "near" else each for each in RULES]
+        self.tracker = RelationTracker(
+            self.map, views=VIEWS, spaces=SPACES, names=NAMES, rules=rules
+        )
         self.time = START
-        self.heard: list[Event] = []
+        self.heard: list[RelationEvent] = []
         self.waiting: set[Hashable] = set()
 
     @rule(entity=st.sampled_from([*BODIES, *SPACES, *VIEWS]), region=regions)
@@ -147,7 +151,7 @@ class Moving(RuleBasedStateMachine):
     def put_about_on(
         self, entity: Hashable, below: Hashable, side: float, by: tuple[float, ...]
     ) -> None:
-        """Where relations tremble."""
+        """Regions at thresholds."""
         voxels = self.model.voxels.get(below)
         if voxels and entity != below:
             top = np.array(max(voxels, key=lambda voxel: voxel[2])) + np.array((0.5, 0.5, 1.0))
@@ -169,14 +173,14 @@ class Moving(RuleBasedStateMachine):
 
     def update(self, entity: Hashable) -> None:
         self.time += timedelta(seconds=1)
-        events = self.relations.update([*self.waiting, entity], self.time)
+        events = self.tracker.update([*self.waiting, entity], self.time)
         self.waiting.clear()
         facts = [event.fact for event in events]
         assert len(set(facts)) == len(facts), "a fact has one event an update"
         assert [e.began for e in events] == sorted(e.began for e in events), "ends come first"
         assert {event.time for event in events} <= {self.time}
         self.heard += events
-        assert set(self.relations.holding()) == self.model.update()
+        assert set(self.tracker.holding()) == self.model.update()
 
     @invariant()
     def events_tell_all(self) -> None:
@@ -188,7 +192,7 @@ class Moving(RuleBasedStateMachine):
                 replayed[event.fact] = event.time
             else:
                 del replayed[event.fact]
-        assert replayed == self.relations.holding()
+        assert replayed == self.tracker.holding()
 
 
 Moving.TestCase.settings = settings(
@@ -201,7 +205,7 @@ test_moving = Moving.TestCase
 
 
 def test_neighbours_of_many_blocks() -> None:
-    """Gaps against a k-d tree of each thing's voxels and those around them."""
+    """Gaps against a k-d tree of the voxels of each entity."""
     random = np.random.default_rng(4)
     here = RegionMap(0.1)
     for i in range(30):
@@ -236,7 +240,7 @@ def test_neighbours_of_many_blocks() -> None:
 
 
 def test_neighbours_through_tiles() -> None:
-    """Blocks that one thing fills, and one far away at the other end of the grid."""
+    """Blocks that one entity fills, and one far away at the other end of the grid."""
     here = RegionMap(1.0)
     here.insert("room", Box((40, 40, 40), (80, 80, 80)))
     here.insert("ball", Sphere((100.5, 40.5, 40.5), 10.2))
@@ -250,129 +254,145 @@ def test_neighbours_through_tiles() -> None:
         here.neighbours("ball", 1001)
 
 
-def scene() -> tuple[RegionMap, Relations]:
+def scene() -> tuple[RegionMap, RelationTracker]:
     here = RegionMap(0.05)
     here.insert("table", Box((0, 0, 0.375), (1.2, 0.8, 0.75)))
     here.insert("eyes", Cone((-2, 0, 1.6), (1, 0, -0.4), 0.9, 3.0))
-    return here, Relations(here, views={"eyes": "human1"}, spaces={"kitchen"})
+    return here, RelationTracker(here, views={"eyes": "human1"}, spaces={"kitchen"})
 
 
-def told(events: list[Event]) -> set[str]:
+def told(events: list[RelationEvent]) -> set[str]:
     return {str(event) for event in events}
 
 
 def test_a_mug_is_carried() -> None:
     """Onto the table, about on it, off it; each is told once."""
-    here, relations = scene()
+    here, tracker = scene()
     here.insert("mug", Box((3, 0, 0.80), (0.1, 0.1, 0.1)))
-    assert told(relations.update(["mug", "table", "eyes"])) == {"human1 sees table begins"}
+    assert told(tracker.update(["mug", "table", "eyes"])) == {"human1 sees table begins"}
     here.move("mug", Box((0, 0, 0.80), (0.1, 0.1, 0.1)))
-    assert told(relations.update(["mug"])) == {
-        "mug on table begins", "mug touching table begins", "table touching mug begins",
-        "mug near table begins", "table near mug begins", "human1 sees mug begins",
-    }  # fmt: skip
+    assert told(tracker.update(["mug"])) == {
+        "mug on table begins",
+        "mug touching table begins",
+        "table touching mug begins",
+        "mug near table begins",
+        "table near mug begins",
+        "human1 sees mug begins",
+    }
     for x in np.linspace(0, 0.5, 11):
         here.move("mug", Box((x, 0, 0.80), (0.1, 0.1, 0.1)))
-        assert told(relations.update(["mug"])) == set()
-    since = relations.holding("on")[Fact("on", "mug", "table")]
+        assert told(tracker.update(["mug"])) == set()
+    since = tracker.holding("on")[Fact("on", "mug", "table")]
     here.remove("mug")
-    events = relations.update(["mug"])
+    events = tracker.update(["mug"])
     assert told(events) == {
-        "mug on table ends", "mug touching table ends", "table touching mug ends",
-        "mug near table ends", "table near mug ends", "human1 sees mug ends",
-    }  # fmt: skip
+        "mug on table ends",
+        "mug touching table ends",
+        "table touching mug ends",
+        "mug near table ends",
+        "table near mug ends",
+        "human1 sees mug ends",
+    }
     assert all(event.time >= since for event in events)
-    assert set(relations.holding()) == {Fact("sees", "human1", "table")}
-    assert relations.update(["mug", "nobody"]) == []
+    assert set(tracker.holding()) == {Fact("sees", "human1", "table")}
+    assert tracker.update(["mug", "nobody"]) == []
 
 
 def test_what_trembles_is_no_flood() -> None:
     """A millimetre to and fro across each threshold, 200 times: at most one event a fact."""
-    here, relations = scene()
-    relations.update(["table", "eyes"])
+    here, tracker = scene()
+    tracker.update(["table", "eyes"])
     here.insert("kitchen", Box((2, 0, 1), (2, 2, 2)))
-    relations.update(["kitchen"])
+    tracker.update(["kitchen"])
     random = np.random.default_rng(1)
     for still in [
-        (0.0, 0.0, 0.825), (0.0, 0.0, 0.80), (0.675, 0.0, 0.80), (1.125, 0.0, 0.5),
-        (1.0, 0.0, 0.5), (-1.3, 0.25, 1.3),
-    ]:  # fmt: skip
-        events: list[Event] = []
+        (0.0, 0.0, 0.825),
+        (0.0, 0.0, 0.80),
+        (0.675, 0.0, 0.80),
+        (1.125, 0.0, 0.5),
+        (1.0, 0.0, 0.5),
+        (-1.3, 0.25, 1.3),
+    ]:
+        events: list[RelationEvent] = []
         for _ in range(200):
             trembling = np.array(still) + random.uniform(-0.004, 0.004, 3)
             here.move("mug", Box(trembling, (0.1, 0.1, 0.1)))
-            events += relations.update(["mug"])
+            events += tracker.update(["mug"])
         facts = [event.fact for event in events if event.began]
         ended = [event.fact for event in events if not event.began]
         assert len(facts) == len(set(facts))
         assert len(ended) == len(set(ended))
         here.remove("mug")
-        relations.update(["mug"])
+        tracker.update(["mug"])
 
 
 def test_without_hysteresis_it_would_be_one() -> None:
     """The same trembling floods where a relation ends a hair from where it begins."""
     here, _ = scene()
     rules = [replace(r, end=1e-6) if r.name == "touching" else r for r in RULES]
-    relations = Relations(here, rules=rules)
+    tracker = RelationTracker(here, rules=rules)
     random = np.random.default_rng(1)
-    events: list[Event] = []
+    events: list[RelationEvent] = []
     for _ in range(200):
         here.move("mug", Box((0, 0, 0.825 + random.uniform(-0.004, 0.004)), (0.1, 0.1, 0.1)))
-        events += relations.update(["mug"])
+        events += tracker.update(["mug"])
     assert sum(event.relation == "touching" for event in events) > 50
 
 
 def test_spaces_and_views_are_no_bodies() -> None:
-    here, relations = scene()
+    here, tracker = scene()
     here.insert("kitchen", Box((0, 0, 1), (3, 3, 2)))
     here.insert("human1", Box((-2, 0, 0.85), (0.4, 0.4, 1.7)))
-    events = relations.update(["table", "eyes", "kitchen", "human1"])
+    events = tracker.update(["table", "eyes", "kitchen", "human1"])
     assert told(events) == {
-        "table in kitchen begins", "table near kitchen begins", "kitchen near table begins",
-        "human1 sees table begins", "human1 near kitchen begins", "kitchen near human1 begins",
-    }  # fmt: skip
+        "table in kitchen begins",
+        "table near kitchen begins",
+        "kitchen near table begins",
+        "human1 sees table begins",
+        "human1 near kitchen begins",
+        "kitchen near human1 begins",
+    }
 
 
-def test_two_eyes_see_one_thing_once() -> None:
+def test_two_eyes_see_one_entity_once() -> None:
     here = RegionMap(0.1)
     views = {"left": "human1", "right": "human1"}
-    relations = Relations(here, views=views)
+    tracker = RelationTracker(here, views=views)
     here.insert("mug", Sphere((2, 0, 0), 0.3))
     here.insert("left", Cone((0, 0.1, 0), (1, 0, 0), 0.6, 5.0))
     here.insert("right", Cone((0, -0.1, 0), (1, 0, 0), 0.6, 5.0))
-    assert told(relations.update(["mug", "left", "right"])) == {"human1 sees mug begins"}
+    assert told(tracker.update(["mug", "left", "right"])) == {"human1 sees mug begins"}
     here.move("left", Cone((0, 0.1, 0), (-1, 0, 0), 0.6, 5.0))
-    assert relations.update(["left"]) == []
+    assert tracker.update(["left"]) == []
     here.remove("right")
     here.move("left", Cone((0, 0.1, 0), (1, 0, 0), 0.6, 5.0))
-    assert relations.update(["left", "right"]) == []
+    assert tracker.update(["left", "right"]) == []
     here.remove("left")
-    assert told(relations.update(["left"])) == {"human1 sees mug ends"}
+    assert told(tracker.update(["left"])) == {"human1 sees mug ends"}
 
 
-def test_names_are_those_of_the_beginning() -> None:
-    """What vanished has lost its name; what is named anew ends and begins."""
+def test_a_fact_ends_with_the_name_that_it_began_with() -> None:
+    """A removed entity has lost its name; a renamed one ends and begins a fact."""
     here = RegionMap(0.1)
     names: dict[Hashable, Hashable] = {1: "mug", 2: "table"}
-    relations = Relations(here, names=names, rules=[r for r in RULES if r.name == "on"])
+    tracker = RelationTracker(here, names=names, rules=[r for r in RULES if r.name == "on"])
     here.insert(1, Box((0, 0, 0.85), (0.1, 0.1, 0.1)))
     here.insert(2, Box((0, 0, 0.4), (1, 1, 0.8)))
-    assert told(relations.update([1, 2])) == {"mug on table begins"}
+    assert told(tracker.update([1, 2])) == {"mug on table begins"}
     names[1] = "cup"
-    assert [str(e) for e in relations.update([1])] == ["mug on table ends", "cup on table begins"]
+    assert [str(e) for e in tracker.update([1])] == ["mug on table ends", "cup on table begins"]
     here.remove(1)
     del names[1]
-    assert told(relations.update([1])) == {"cup on table ends"}
+    assert told(tracker.update([1])) == {"cup on table ends"}
 
 
-def test_what_is_asked() -> None:
-    """By a query: the pairs that hold, limited on either side."""
-    here, relations = scene()
+def test_the_statements_of_a_relation() -> None:
+    """The pairs that are true, limited on either side."""
+    here, tracker = scene()
     for i in range(3):
         here.insert(f"mug{i}", Box((0.2 * i, 0, 0.80), (0.1, 0.1, 0.1)))
-    relations.update(here.entities())
-    on = ThingRelation(Property("urn:x#on", "on", None, None, "thing", "thing"), relations)
+    tracker.update(here.entities())
+    on = EntityRelation(Property("urn:x#on", "on", None, None, "entity", "entity"), lambda: tracker)
 
     def rows(**limits: list[str]) -> list[tuple[str, str]]:
         subject, object = on.statements(**limits)  # type: ignore[arg-type]
@@ -384,46 +404,48 @@ def test_what_is_asked() -> None:
     assert rows() == [(f"mug{i}", "table") for i in range(3)]
     assert rows(subjects=["mug1", "nobody"]) == [("mug1", "table")]
     assert rows(objects=["mug1"]) == []
+    under = Property("urn:x#under", "under", None, None, "entity", "entity")
     with pytest.raises(LookupError, match="in, on, touching, near, sees"):
-        ThingRelation(Property("urn:x#under", "under", None, None, "thing", "thing"), relations)
+        EntityRelation(under, lambda: tracker).statements()
 
 
-def test_bad_rules_and_times() -> None:
-    here, relations = scene()
-    with pytest.raises(ValueError, match="differ"):
+def test_wrong_rules_and_times_are_refused() -> None:
+    here, tracker = scene()
+    with pytest.raises(ValueError, match="different"):
         replace(RULES[0], end=0.9)
     with pytest.raises(ValueError, match="above 0"):
-        near_within(0)
+        near_rule(0)
     with pytest.raises(ValueError, match="one rule"):
-        Relations(here, rules=[*RULES, near_within(2)])
+        RelationTracker(here, rules=[*RULES, near_rule(2)])
     with pytest.raises(ValueError, match="time zone"):
-        relations.update([], datetime(2026, 1, 1))
-    relations.update([], START + timedelta(hours=1))
+        tracker.update([], datetime(2026, 1, 1))
+    tracker.update([], START + timedelta(hours=1))
     with pytest.raises(ValueError, match="before"):
-        relations.update(["table"], START)
-    assert relations.holding() == {}
+        tracker.update(["table"], START)
+    assert tracker.holding() == {}
 
 
 def test_rules_are_data() -> None:
-    """A relation of one's own joins by a line."""
+    """A custom relation is one more rule."""
     here, _ = scene()
-    beside = Rule("beside", "metres apart", 0.2, 0.3, frozenset({("body", "body")}))
-    relations = Relations(here, views={"eyes": "human1"}, rules=[beside])
+    beside = RelationRule("beside", "metres apart", 0.2, 0.3, frozenset({("body", "body")}))
+    tracker = RelationTracker(here, views={"eyes": "human1"}, rules=[beside])
     here.insert("chair", Box((0, 0.7, 0.25), (0.4, 0.4, 0.5)))
-    assert told(relations.update(["chair"])) == {
-        "chair beside table begins", "table beside chair begins"
-    }  # fmt: skip
+    assert told(tracker.update(["chair"])) == {
+        "chair beside table begins",
+        "table beside chair begins",
+    }
 
 
-def test_a_catalogue_states_them() -> None:
-    """Relations join what queries may ask, under the properties of the ontology."""
-    here, relations = scene()
+def test_queries_read_relations() -> None:
+    """Queries read relations by the properties of the ontology."""
+    here, tracker = scene()
     here.insert("mug", Box((0, 0, 0.80), (0.1, 0.1, 0.1)))
-    relations.update(here.entities())
+    tracker.update(here.entities())
     vocabulary = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
-    stated = [ThingRelation(vocabulary[each.name], relations) for each in RULES]
-    catalogue = FieldCatalogue(vocabulary, Maps(), relations=stated)
+    stated = [EntityRelation(vocabulary[each.name], lambda: tracker) for each in RULES]
+    catalogue = FieldCatalogue(vocabulary, MapBuffer(), relations=stated)
     for name, subject, object in (("on", "mug", "table"), ("sees", "human1", "mug")):
-        found = catalogue.relation(vocabulary[name].iri).statements(subjects=[subject])
+        found = catalogue.relation(vocabulary[name]).statements(subjects=[subject])
         assert object in found.object.names  # type: ignore[union-attr]
         assert set(found.subject.names) == {subject}  # type: ignore[union-attr]
