@@ -179,5 +179,5 @@ def _event(payload: str) -> RelationEvent | None:
             began={"begin": True, "end": False}[message["event"]],
             time=datetime.fromisoformat(message["time"]),
         )
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return None

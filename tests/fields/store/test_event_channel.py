@@ -44,7 +44,7 @@ def test_events_arrive_once_and_in_order(engine: Engine) -> None:
 
 
 def test_messages_are_json_and_others_are_ignored(engine: Engine) -> None:
-    """Other programs may send anything on the channel."""
+    """Other programs may send anything on the channel, JSON of 7,999 brackets included."""
     with EventListener(engine) as ours, engine.connect() as connection:
         driver = connection.connection.driver_connection
         assert isinstance(driver, psycopg.Connection)
@@ -60,7 +60,7 @@ def test_messages_are_json_and_others_are_ignored(engine: Engine) -> None:
             "object": "book_0",
             "time": "2026-01-01T12:00:00+00:00",
         }
-        others = ("", "[]", "3", '{"event": "x"}', '{"event": ["begin"]}', "{")
+        others = ("", "[]", "3", '{"event": "x"}', '{"event": ["begin"]}', "{", "[" * 7999)
         for other in others:
             driver.execute("SELECT pg_notify(%s, %s)", (CHANNEL, other))
         assert list(ours.events(timeout=0.2)) == numbered(1)
