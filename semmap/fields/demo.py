@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
+from shapely import Point
 
 from semmap.draw.fields import FieldView, fields_picture
 from semmap.draw.palette import object_colour
@@ -190,9 +191,7 @@ def _floor(
     return max(floors) if floors else min(float(o.triangles[:, :, 2].min()) for o in objects)
 
 
-def _flat(point: NDArray[np.float64]) -> Any:
-    from shapely import Point
-
+def _flat(point: NDArray[np.float64]) -> Point:
     return Point(point[0], point[1])
 
 

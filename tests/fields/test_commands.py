@@ -34,12 +34,12 @@ def run(office: str, *words: object) -> Any:
     return json.loads(done.stdout)
 
 
-def test_what_is_at_a_point(office: str) -> None:
+def test_at_lists_the_entities_of_a_voxel(office: str) -> None:
     assert {r["name"] for r in run(office, "at", "9.2,0.45,7.73")} == {"desk4"}
     assert run(office, "at", "9.2,2.5,8.5") == []
 
 
-def test_the_desk_has_its_volume(office: str) -> None:
+def test_ls_lists_volumes(office: str) -> None:
     rows = {r["name"]: r for r in run(office, "ls", "--voxel-size", "0.02")}
     assert {"desk4", "muffin1", "walls-3rd"} <= set(rows)
     desk = 0.8 * 1.6 * 0.03 + 4 * 0.05**2 * 0.71 + 0.02 * 1.4 * 0.3
@@ -48,11 +48,11 @@ def test_the_desk_has_its_volume(office: str) -> None:
 
 
 def test_export(office: str, tmp_path: Path) -> None:
-    said = run(office, "export", "-o", tmp_path, "--voxel-size", "0.1")
+    result = run(office, "export", "-o", tmp_path, "--voxel-size", "0.1")
     cloud = trimesh.load(tmp_path / "points.ply")
-    assert len(cloud.vertices) == said["voxels"]
+    assert len(cloud.vertices) == result["voxels"]
     sets = json.loads((tmp_path / "sets.json").read_text())
-    assert len(sets) == said["sets"]
+    assert len(sets) == result["sets"]
     assert ["desk4"] in sets.values()
     assert (tmp_path / "sets.vdb").stat().st_size > 1000
     low, high = np.asarray(cloud.bounds)
@@ -67,15 +67,15 @@ def test_query(office: str, tmp_path: Path) -> None:
     counted = (
         "SELECT ?entity (COUNT(?v) AS ?n) WHERE { ?v :inRoom :office4 . ?v :occupiedBy ?entity }"
     )
-    said = run(
+    result = run(
         office,
         "query",
         "--voxel-size",
         "0.1",
         f"{PREFIX}{counted} GROUP BY ?entity ORDER BY DESC(?n)",
     )
-    rows = dict(said["rows"])
-    assert said["variables"] == ["entity", "n"]
+    rows = dict(result["rows"])
+    assert result["variables"] == ["entity", "n"]
     assert next(iter(rows)) == "sofa3"
     assert rows["desk4"] > 50
     # What is free and what is occupied make the room.
@@ -109,8 +109,8 @@ def test_query(office: str, tmp_path: Path) -> None:
     assert (tmp_path / "muffin.vdb").stat().st_size > 100
 
 
-def test_maps_that_are_kept(office: str) -> None:
-    """A map that a query stored is asked again, and as often as it changes it has a version."""
+def test_stored_maps(office: str) -> None:
+    """A stored map can be queried, and each change makes a version."""
     size = ("--voxel-size", "0.1")
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
     first = run(office, "query", text, *size, "--keep", "sweet")
@@ -132,11 +132,11 @@ def test_maps_that_are_kept(office: str) -> None:
         semmap(office, "fields", "forget", "low")
 
 
-def test_a_kept_map_is_exported(office: str, tmp_path: Path) -> None:
+def test_export_of_a_stored_map(office: str, tmp_path: Path) -> None:
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
     stored = run(office, "query", text, "--voxel-size", "0.1", "--keep", "baked")
-    said = run(office, "export", "-o", tmp_path, "--kept", "baked")
-    assert (said["version"], said["voxels"]) == (1, stored["voxels"])
+    result = run(office, "export", "-o", tmp_path, "--kept", "baked")
+    assert (result["version"], result["voxels"]) == (1, stored["voxels"])
     assert len(trimesh.load(tmp_path / "points.ply").vertices) == stored["voxels"]
     assert (tmp_path / "field.vdb").read_bytes()[:4] == b" BDV"
     for words, says in (
@@ -150,7 +150,7 @@ def test_a_kept_map_is_exported(office: str, tmp_path: Path) -> None:
     semmap(office, "fields", "forget", "baked")
 
 
-def test_readable_rows(office: str) -> None:
+def test_tables_are_limited(office: str) -> None:
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy :muffin1 } ORDER BY :z(?v)"
     done = semmap(office, "fields", "query", text, "--limit", 3, "--voxel-size", 0.03)
     assert done.exit_code == 0
@@ -158,21 +158,21 @@ def test_readable_rows(office: str) -> None:
 
 
 def test_watch(office: str, module_engine: Engine) -> None:
-    """The muffin is lifted and set down on the floor: said here, and on the channel."""
-    told: list[Any] = []
+    """The muffin is lifted: the command and the channel report it."""
+    printed: list[Any] = []
 
     def watch() -> None:
         words = ["fields", "watch", "--seconds", "12", "--voxel-size", "0.05", "--json"]
         done = semmap(office, *words)
-        told.extend(json.loads(line) for line in done.stdout.splitlines())
+        printed.extend(json.loads(line) for line in done.stdout.splitlines())
 
     with EventListener(module_engine) as listener:
         watching = threading.Thread(target=watch)
         watching.start()
-        heard: list[Any] = []
+        received: list[Any] = []
         end = time.monotonic() + 11
         moved = False
-        while time.monotonic() < end and not heard:
+        while time.monotonic() < end and not received:
             if not moved and time.monotonic() > end - 5:
                 moved = True
                 with module_engine.begin() as connection:
@@ -182,21 +182,21 @@ def test_watch(office: str, module_engine: Engine) -> None:
                             "WHERE entity_id = entity_id('muffin1')"
                         )
                     )
-            heard = list(listener.events(timeout=0.5))
+            received = list(listener.events(timeout=0.5))
         watching.join()
-    ended = {(e["subject"], e["relation"], e["object"]) for e in told if e["event"] == "end"}
+    ended = {(e["subject"], e["relation"], e["object"]) for e in printed if e["event"] == "end"}
     assert ("muffin1", "on", "desk4") in ended
-    assert ("on", "muffin1", "desk4") in {(e.relation, e.subject, e.object) for e in heard}
+    assert ("on", "muffin1", "desk4") in {(e.relation, e.subject, e.object) for e in received}
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (("at", "1,2"), "give X,Y,Z"),
         (("at", "a,b,c"), "give X,Y,Z"),
         (("ls", "--voxel-size", "0"), "give metres above 0"),
     ],
 )
-def test_what_cannot_be_done(office: str, words: tuple[str, ...], says: str) -> None:
-    with pytest.raises((ValueError, LookupError), match=says):
+def test_wrong_arguments_are_refused(office: str, words: tuple[str, ...], message: str) -> None:
+    with pytest.raises((ValueError, LookupError), match=message):
         run(office, *words)

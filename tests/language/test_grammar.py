@@ -1,4 +1,4 @@
-"""The grammar is rdflib's and more; rdflib's own stays what it was."""
+"""The grammar extends that of rdflib, and does not change it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_the_grammar_of_rdflib_is_not_changed() -> None:
     assert position_of(tree[1].where) is None
 
 
-def test_terms_tell_their_places() -> None:
+def test_terms_know_their_positions() -> None:
     text = "PREFIX : <http://a/> # b\nSELECT ?v { ?v :p 'x' FILTER(?v != -1.5) } STORE  :q"
     parsed = parse_query(text)
     assert position_of(parsed.store) == text.index(":q")
@@ -43,7 +43,7 @@ def test_terms_tell_their_places() -> None:
     assert position_of(condition.expr.other) == text.index("-1.5")
 
 
-def test_clauses_stand_before_and_after_the_other_modifiers() -> None:
+def test_clauses_are_allowed_before_and_after_other_modifiers() -> None:
     clauses = ('AT "2026-01-31T12:00:00Z"^^xsd:dateTime', "STORE :free")
     for text in (
         "{ ?v :free ?b } %s %s ORDER BY ?v LIMIT 3",
@@ -57,7 +57,7 @@ def test_clauses_stand_before_and_after_the_other_modifiers() -> None:
             assert parsed.moment is not None
 
 
-def test_several_threads_may_ask_at_once() -> None:
+def test_several_threads_parse_at_once() -> None:
     texts = [text for text, _ in ANSWERS.values()] * 3
     expected = [sorted(map(str, rows(text))) for text in texts]
     parse_query.cache_clear()

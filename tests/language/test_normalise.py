@@ -1,4 +1,4 @@
-"""The paper's text becomes SPARQL; SPARQL stays as it is; places are kept."""
+"""The notation of the paper becomes SPARQL; SPARQL is not changed; positions are kept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from semmap.language.normalise import normalise
 from tests.fields.queries.test_query import ANSWERS, PAPER, STORES, TIMES
 
-MENDED = {
+NORMALISED = {
     PAPER: """PREFIX : <http://kb.openrobots.org/>
 SELECT ?voxels
 WHERE {
@@ -35,16 +35,16 @@ STORE
 }
 
 
-@pytest.mark.parametrize("text", MENDED)
-def test_what_the_paper_leaves_out_is_put_in(text: str) -> None:
-    assert normalise(text).sparql == MENDED[text]
+@pytest.mark.parametrize("text", NORMALISED)
+def test_missing_brackets_and_colons_are_inserted(text: str) -> None:
+    assert normalise(text).sparql == NORMALISED[text]
 
 
 SAME = [
     *(text for text, _ in ANSWERS.values()),
     *(text for text, _ in STORES.values()),
     *(f"SELECT ?v WHERE {{ ?v :free ?b }} {clause}" for clause in TIMES),
-    *(text for text in MENDED.values()),
+    *(text for text in NORMALISED.values()),
     "PREFIX foaf: <http://a/b#c> SELECT ?v FROM NAMED <x> WHERE { ?v foaf:p 'it''s' } # human1",
     "SELECT ?v WHERE#\n{ ?v :p \"\"\"a 'b' \"c\" human1\"\"\" . ?v :q '''x'y''' . ?v :p 'a\\'b' }",
     "SELECT ?v { ?v :p true, false, 1.5e3, -2, .5 ; a :b . FILTER(?a<?b && STR(?c) != 'x'@en-GB) }",
@@ -54,12 +54,12 @@ SAME = [
 
 
 @pytest.mark.parametrize("text", SAME)
-def test_sparql_stays_as_it_is(text: str) -> None:
+def test_sparql_is_not_changed(text: str) -> None:
     assert normalise(text).sparql == text
 
 
 @given(st.text(alphabet="PREFIX WHERE{}()<>?v:a'\"#\\u0041\n STORE.human1", max_size=60))
-def test_any_text_keeps_its_places(text: str) -> None:
+def test_positions_map_to_the_original_text(text: str) -> None:
     done = normalise(text)
     places = [done.offset(i) for i in range(len(done.sparql) + 1)]
     assert places == sorted(places)
@@ -73,6 +73,6 @@ def test_any_text_keeps_its_places(text: str) -> None:
 
 
 def _first(places: list[int], length: int) -> list[int]:
-    """The last place in the new text that goes back to each place in the old one."""
+    """Return for each place in the old text the last place in the new text that maps to it."""
     last = {place: i for i, place in enumerate(places[:-1])}
     return [last[place] for place in range(length)]

@@ -114,7 +114,7 @@ def as_set(voxels: NDArray[np.int_]) -> set[tuple[int, ...]]:
     return {tuple(v) for v in voxels.tolist()}
 
 
-def test_what_the_nurse_looks_at(scene: HouseScene) -> None:
+def test_the_query_of_figure_5_right(scene: HouseScene) -> None:
     """The query of Figure 5, right: visible voxels of the mug in the field of view."""
     answer = query(scene.catalogue, PAPERS_QUERY.format(type="mug"))
     assert isinstance(answer, StoreResult)
@@ -133,7 +133,7 @@ def test_what_the_nurse_looks_at(scene: HouseScene) -> None:
     assert len(nothing.voxels) == 0
 
 
-def test_all_objects_that_are_seen(scene: HouseScene) -> None:
+def test_the_query_of_figure_5_left(scene: HouseScene) -> None:
     """Figure 5, left."""
     answer = query(
         scene.catalogue,

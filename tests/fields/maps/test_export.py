@@ -57,7 +57,7 @@ def test_numbers_have_a_ramp(tmp_path: Path) -> None:
     ]
 
 
-def test_nothing_is_a_file_without_points(tmp_path: Path) -> None:
+def test_an_empty_grid_is_a_file_without_points(tmp_path: Path) -> None:
     write_grid(tmp_path / "none.ply", FloatGrid(0.1, 0.0), "none")
     assert b"element vertex 0\n" in (tmp_path / "none.ply").read_bytes()
 
@@ -69,7 +69,7 @@ def test_vdb(tmp_path: Path) -> None:
     assert b"cost" in data
 
 
-def test_another_format(tmp_path: Path) -> None:
+def test_an_unknown_ending_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"cloud.xyz has an unknown ending: .* \.vdb or \.ply"):
         write_grid(tmp_path / "cloud.xyz", BoolGrid(0.1, False), "x")
     assert not list(tmp_path.iterdir())

@@ -37,7 +37,7 @@ LOW, SIDE = (-20, -20, -20), 40
 def test_regions_in_and_out(
     kind: type, background: object, one: object, other: object, dtype: type, changes: list
 ) -> None:
-    """Regions filled and cleared leave what they leave in an array."""
+    """Filling and clearing regions has the same result as in an array."""
     grid = kind(0.5, background)
     dense = np.full((SIDE,) * 3, background, dtype)
     active = np.zeros((SIDE,) * 3, np.bool_)

@@ -156,7 +156,7 @@ def test_nearness(metres: float, data: st.DataObject) -> None:
     ).all()
 
 
-def test_more_than_one_box() -> None:
+def test_distances_across_tiles() -> None:
     """Distances over an extent of several dense boxes."""
     regions = [Sphere((0, 0, 0), 0.3), Sphere((9, 0.1, 0), 0.2), Box((4, 3, 0), (0.1, 0.1, 3))]
     made = RepresentationMap.of_regions(SEES, [(r, True) for r in regions], SIZE)
@@ -182,7 +182,7 @@ def pose(seed: int) -> NDArray[np.float64]:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("size", [0.05, 0.08, 0.02])
 def test_frames(seed: int, size: float) -> None:
-    """A turned map, in another lattice, has at each centre what it has there."""
+    """A turned map in another lattice has at each centre the value of that point."""
     made = RepresentationMap.of_regions(
         COST,
         [(Box((0.1, -0.2, 0.3), (0.4, 0.9, 0.3)), 1.0), (Sphere((0, 0, 0), 0.2), 2.0)],
@@ -220,22 +220,22 @@ def test_frames(seed: int, size: float) -> None:
     }
 
 
-def test_only_the_box_is_worked_out() -> None:
-    """A chain asked for a box asks its sources for no more than the box and what is in reach."""
-    asked: list[VoxelBox | None] = []
+def test_only_the_box_is_computed() -> None:
+    """A chain that is read in a box reads its sources in that box and within reach of it only."""
+    boxes: list[VoxelBox | None] = []
     whole = RepresentationMap.of_regions(SEES, [(Box((0, 0, 0), (50, 50, 1)), True)], SIZE)
 
     def evaluate(box: VoxelBox | None) -> Any:
-        asked.append(box)
+        boxes.append(box)
         return whole.within(box) if box is not None else whole.grid
 
     lazy = whole.like(evaluate)
     chain = op.difference(op.erode(op.dilate(lazy, 0.1), 0.2), lazy)
-    assert asked == []
+    assert boxes == []
     chain.within(VoxelBox((0, 0, 0), (7, 7, 7)))
     grown = VoxelBox((0, 0, 0), (7, 7, 7)).grown(6)
-    assert asked
-    for box in asked:
+    assert boxes
+    for box in boxes:
         assert box is not None
         assert np.all(np.array(box.low) >= grown.low)
         assert np.all(np.array(box.high) <= grown.high)

@@ -29,7 +29,7 @@ def rows(text: str, catalogue: Arrays | None = None) -> SelectResult:
     return answer
 
 
-def test_the_query_of_the_paper_runs_word_for_word() -> None:
+def test_the_query_of_the_paper() -> None:
     answer = query(kitchen(), PAPER)
     assert isinstance(answer, StoreResult)
     assert answer.property.name == "containsObject"
@@ -48,11 +48,11 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         "SELECT DISTINCT ?o { ?v :inFieldOfView :human2 ; :occupiedBy ?o }",
         [("mug1",), ("cup1",)],
     ),
-    "free space within 1.2 m of nobody": (
+    "free space more than 1.2 m from everybody": (
         "SELECT ?v { ?v :free ?by . ?v :distanceToPerson ?d FILTER(?d > 1.2) }",
         [((x + 0.25, 0.25, 0.25),) for x in (2.5, 3.0, 3.5)],
     ),
-    "the same where distances are told up to some metres only": (
+    "the same where distances are limited": (
         "SELECT ?v { ?v :free ?r FILTER NOT EXISTS { ?v :distanceToPerson ?d FILTER(?d <= 1.2) } }",
         [((x + 0.25, 0.25, 0.25),) for x in (2.5, 3.0, 3.5)],
     ),
@@ -64,12 +64,12 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         "SELECT ?o { ?v :occupiedBy ?o } GROUP BY ?o HAVING (COUNT(?v) < 5) ORDER BY DESC(?o)",
         [("mug1",), ("cup1",)],
     ),
-    "sums over nothing": (
+    "sums of no rows": (
         "SELECT (COUNT(*) AS ?n) (SUM(?d) AS ?s) (MIN(?d) AS ?m) "
         "{ ?v :distanceToPerson ?d FILTER(?d > 9) }",
         [(0, 0.0, None)],
     ),
-    "groups of nothing": (
+    "groups of no rows": (
         "SELECT ?d (COUNT(*) AS ?n) { ?v :distanceToPerson ?d FILTER(?d > 9) } GROUP BY ?d",
         [],
     ),
@@ -86,7 +86,7 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         "SELECT DISTINCT ?o { VALUES ?o { 'mug' :cup } ?v :containsObject ?o } ORDER BY ?o",
         [("coffee_mug",), ("cup",)],
     ),
-    "a variable that nothing binds": (
+    "a variable that is not bound": (
         "SELECT ?o ?t { VALUES (?o ?t) { ('cup1' UNDEF) ('mug1' 'table1') ('robot' UNDEF) } "
         "OPTIONAL { ?o :on ?t } } ORDER BY ?o",
         [("cup1", "table1"), ("mug1", "table1"), ("robot", None)],
@@ -129,17 +129,17 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         "OPTIONAL { ?w :distanceToPerson ?e FILTER(?e - ?d = 1.75) } } ORDER BY ?d",
         [(0.0, 1.75), (0.25, None)],
     ),
-    "EXISTS sees what stands outside": (
+    "EXISTS reads variables from outside": (
         "SELECT ?d { ?v :distanceToPerson ?d "
         "FILTER NOT EXISTS { ?w :distanceToPerson ?e FILTER(?e > ?d) } }",
         [(1.75,)],
     ),
-    "nothing near": (
+    "not near any object": (
         "SELECT ?d { ?v :distanceToPerson ?d FILTER NOT EXISTS { ?w :containsObject ?o "
         "FILTER(:distance(?v, ?w) < 1.5) } } ORDER BY ?d",
         [(0.0,)],
     ),
-    "a division by 0 binds nothing": (
+    "a division by 0 is not bound": (
         "SELECT (COUNT(?q) AS ?n) { ?v :distanceToPerson ?d BIND(1 / ?d AS ?q) }",
         [(7,)],
     ),
@@ -157,7 +157,7 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
     ),
     "comments": ("# all\nSELECT ?o { ?o :on :table1 . # 'x' }\n }", [("mug1",), ("cup1",)]),
     # What is found so far limits what is read next; here it must not.
-    "a group's OPTIONAL is worked out before it is joined": (
+    "OPTIONAL in a group is evaluated before the join": (
         "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
         "{ ?w :distanceToPerson 0.5 OPTIONAL { ?v :distanceToPerson 0.75 } } }",
         [(0,)],
@@ -167,12 +167,12 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         "OPTIONAL { ?v :distanceToPerson ?d FILTER(?d = 0) } { ?v :distanceToPerson 0.5 } }",
         [(0.25,)],
     ),
-    "a subquery's own variables are its own": (
+    "variables of a subquery are separate": (
         "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
         "{ ?v :inFieldOfView ?w { SELECT ?o { ?v :occupiedBy ?o . ?o :on ?t } } } }",
         [(35,)],
     ),
-    "a subquery's LIMIT is of its own solutions": (
+    "LIMIT in a subquery": (
         "SELECT (COUNT(*) AS ?n) { ?v :inFieldOfView :human2 "
         "{ SELECT ?v { ?v :occupiedBy :mug1 } ORDER BY :z(?v) LIMIT 1 } }",
         [(0,)],
@@ -181,12 +181,12 @@ ANSWERS: dict[str, tuple[str, list[tuple[object, ...]]]] = {
         "SELECT ?o { ?o :on :table1 ; . ?v :occupiedBy ?o ;; :inFieldOfView :human2 ; }",
         [("mug1",), ("cup1",)],
     ),
-    "nothing asked": ("SELECT (1 + 1 AS ?two) {}", [(2.0,)]),
+    "an empty group": ("SELECT (1 + 1 AS ?two) {}", [(2.0,)]),
 }
 
 
 @pytest.mark.parametrize("name", ANSWERS)
-def test_a_query_has_its_answer(name: str) -> None:
+def test_a_query_has_its_solutions(name: str) -> None:
     text, expected = ANSWERS[name]
     answer = rows(text)
     found = list(answer)
@@ -202,7 +202,7 @@ def test_ask() -> None:
     assert query(kitchen(), PREFIX + "ASK { :mug1 :on :table1 }") is True
 
 
-def test_rows_tell_their_voxels() -> None:
+def test_the_voxels_of_a_column() -> None:
     answer = rows("SELECT ?v ?o { ?v :inFieldOfView :human2 OPTIONAL { ?v :occupiedBy ?o } }")
     assert answer.voxels("v").dtype == np.int32
     assert {tuple(v) for v in answer.voxels("v").tolist()} == {(6, 4, 2), (7, 4, 2), (4, 4, 3)}
@@ -213,7 +213,7 @@ def test_rows_tell_their_voxels() -> None:
         answer.voxels("o")
 
 
-def test_names_come_in_the_order_of_the_text() -> None:
+def test_variables_are_in_the_order_of_the_text() -> None:
     assert rows("SELECT * { ?v :occupiedBy ?o . ?o :on ?t }").names == ("v", "o", "t")
 
 
@@ -227,7 +227,7 @@ STORES = {
         5,
     ),
     "numbers": ("SELECT ?v { ?v :distanceToPerson ?d } STORE :distanceToPerson", 8),
-    "worked out": (
+    "computed": (
         "SELECT ?v (2 * ?d AS ?e) { ?v :distanceToPerson ?d } STORE :distanceToPerson",
         8,
     ),
@@ -247,7 +247,7 @@ STORES = {
 
 
 @pytest.mark.parametrize("name", STORES)
-def test_store_states_a_map(name: str) -> None:
+def test_store_makes_a_map_of_its_property(name: str) -> None:
     text, count = STORES[name]
     answer = query(kitchen(), PREFIX + text)
     assert isinstance(answer, StoreResult)
@@ -255,7 +255,7 @@ def test_store_states_a_map(name: str) -> None:
     assert isinstance(answer.statements.object, Numbers if "distance" in text else Entities)
 
 
-def test_store_leaves_out_what_has_no_object() -> None:
+def test_store_leaves_out_rows_without_object() -> None:
     text = "SELECT ?v ?o { ?v :inFieldOfView :human2 OPTIONAL { ?v :occupiedBy ?o } } STORE "
     answer = query(kitchen(), PREFIX + text + ":occupiedBy")
     assert isinstance(answer, StoreResult)
@@ -283,7 +283,7 @@ TIMES = {
 
 
 @pytest.mark.parametrize("clause", TIMES)
-def test_a_query_may_ask_for_another_time(clause: str) -> None:
+def test_queries_of_the_past(clause: str) -> None:
     catalogue = then()
     text = PREFIX + "SELECT ?v { ?v :free :robot } " + clause
     answer = query(catalogue, text, now=NOON + timedelta(seconds=5))
@@ -302,7 +302,7 @@ def test_during_counts_back_from_now() -> None:
     assert abs(end - datetime.now(UTC)) < timedelta(minutes=1)
 
 
-def test_only_what_is_left_is_read_of_the_next_field() -> None:
+def test_bound_voxels_limit_the_next_field() -> None:
     """Constants go first, and the voxels found so far go down as `within`."""
     catalogue = kitchen()
     contains, sees, *_ = catalogue.given
@@ -326,7 +326,7 @@ EXISTS = "SELECT * { ?v :inFieldOfView :human2 FILTER NOT EXISTS { ?v :occupiedB
 
 
 @pytest.mark.parametrize("text", [OPTIONAL, MINUS, EXISTS])
-def test_only_what_is_left_is_read_of_what_is_optional(text: str) -> None:
+def test_bound_voxels_limit_optional_patterns(text: str) -> None:
     catalogue = kitchen()
     occupied = catalogue.given[2]
     assert isinstance(occupied, Listed)

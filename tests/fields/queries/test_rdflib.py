@@ -127,7 +127,7 @@ def named(text: str) -> set[str]:
 
 @st.composite
 def groups(draw: st.DrawFn, deep: bool = True) -> tuple[str, set[str]]:
-    """What stands between braces, and what it may bind; filters are only of that."""
+    """Return the text of a group, and the variables that it may bind; filters read only these."""
     text = " . ".join(draw(st.lists(filled(PATTERNS), min_size=1, max_size=3))) + " ."
     bound = named(text)
     for i in range(draw(st.integers(0, 2)) if deep else 0):

@@ -144,7 +144,7 @@ TOKENS = st.sampled_from(sorted({token for text in TEXTS for token in text}))
 
 @settings(max_examples=100)
 @given(st.sampled_from(TEXTS), st.integers(0, 99), st.lists(TOKENS, max_size=2))
-def test_any_text_is_answered_or_refused(text: list[str], at: int, new: list[str]) -> None:
+def test_any_text_has_a_result_or_an_error(text: list[str], at: int, new: list[str]) -> None:
     at %= len(text)
     try:
         answer = query(kitchen(), "".join([PREFIX, *text[:at], *new, *text[at + 1 :]]))

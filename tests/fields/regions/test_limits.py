@@ -77,7 +77,7 @@ def test_a_variable_raises_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     regions.insert("other", Sphere((0, 0, 0), 3))
 
 
-def test_of_many_either_all_or_all_but_the_too_large() -> None:
+def test_many_regions_are_inserted_all_or_without_those_too_large() -> None:
     pairs: list[tuple[str, Region]] = [
         ("mug", Box((0, 0, 0), (0.1, 0.1, 0.1))),
         ("giant", Box((1, 0, 0), (0.1, 0.1, 0.1))),
@@ -117,7 +117,7 @@ def world(path: Path, size: float) -> Path:
     return path
 
 
-def test_the_mirror_leaves_it_out_and_names_it(engine: Engine, tmp_path: Path) -> None:
+def test_the_mirror_names_an_entity_that_is_too_large(engine: Engine, tmp_path: Path) -> None:
     path = world(tmp_path / "w.sdf", 9999)
     import_file(engine, path)
     mirror = VoxelMirror(engine, voxel_size=SIZE)
@@ -134,7 +134,9 @@ def test_the_mirror_leaves_it_out_and_names_it(engine: Engine, tmp_path: Path) -
     assert again.left_out == {}
 
 
-def test_the_command_names_it(database: str, engine: Engine, tmp_path: Path) -> None:
+def test_the_command_names_an_entity_that_is_too_large(
+    database: str, engine: Engine, tmp_path: Path
+) -> None:
     import_file(engine, world(tmp_path / "w.sdf", 9999))
     done = semmap(database, "fields", "ls", "--json")
     assert done.exit_code == 0

@@ -32,7 +32,7 @@ def test_thin_walls_have_no_holes(wall: float) -> None:
     assert (0, 0, 0) not in filled
 
 
-def test_thick_walls_and_solids_are_by_their_centres() -> None:
+def test_thick_walls_and_solids_have_the_voxels_of_their_centres() -> None:
     assert [type(r) for r in mesh_parts(crate(0.1)).regions(0.05)] == [Solid]
     ball = trimesh.creation.icosphere(radius=0.06)
     made = mesh_parts(Mesh(np.asarray(ball.vertices), np.asarray(ball.faces))).regions(0.05)

@@ -138,7 +138,7 @@ def random_spheres(count: int) -> list[tuple[Hashable, Sphere]]:
     return [(i, Sphere(random.uniform(-25, 25, 3), random.uniform(8, 16))) for i in range(count)]
 
 
-def test_many_at_once_are_as_one_by_one() -> None:
+def test_insert_many_equals_single_insertions() -> None:
     """One pass on one, two or four threads; also into a map that has some and into itself."""
     spheres = random_spheres(24)
     alone = RegionMap(1.0)
@@ -157,8 +157,8 @@ def test_many_at_once_are_as_one_by_one() -> None:
     assert (numbers[0] == numbers[2]).all()
 
 
-def test_nothing_is_left() -> None:
-    """After all is removed the map is as small as a new one, and its set numbers are given anew."""
+def test_removing_all_entities_frees_the_memory() -> None:
+    """After all entities are removed, the map is as small as a new one; numbers are reused."""
     whole = RegionMap(1.0)
     for _ in range(3):
         whole.insert_many(random_spheres(20))
@@ -197,7 +197,7 @@ def test_sets_have_no_order() -> None:
 
 
 def test_whole_blocks_are_tiles() -> None:
-    """A room of whole blocks holds no leaves; what moves in it splits and mends them."""
+    """A room of whole blocks has no leaves; entities that move in it split and restore blocks."""
     here = RegionMap(1.0)
     here.insert("room", Box((40, 40, 40), (80, 80, 80)))
     assert (here.memory().leaves, here.memory().tiles) == (0, 1000)
@@ -209,7 +209,7 @@ def test_whole_blocks_are_tiles() -> None:
 
 
 def test_far_apart() -> None:
-    """Entities at both ends of what a grid can hold; points beyond are refused."""
+    """Entities at both ends of a grid; points beyond are refused."""
     here = RegionMap(0.1)
     for x in (-1e8, 1e8):
         here.insert("A", np.array([(x, -x, x)]))
@@ -221,7 +221,7 @@ def test_far_apart() -> None:
         here.entities_at([(1e9, 0, 0)])
 
 
-def test_what_is_refused_changes_nothing() -> None:
+def test_a_refused_region_changes_nothing() -> None:
     """A region that cannot be rasterised leaves no entity behind."""
     here = RegionMap(0.1)
     here.insert("A", Sphere((0, 0, 0), 1))
@@ -253,7 +253,7 @@ def test_unknown_entities() -> None:
     assert "nobody" not in here
 
 
-def test_states_that_are_none() -> None:
+def test_wrong_states_are_refused() -> None:
     """Grid and sets that do not belong together are refused."""
     regions = RegionMap(SIZE)
     regions.insert("a", Sphere((0, 0, 0), 3))
@@ -275,5 +275,5 @@ def test_states_that_are_none() -> None:
         (unlike, {1: ["a"]}),
         (Int32Grid(SIZE, 0), sets),
     ):
-        with pytest.raises(ValueError, match="no state of a region map"):
+        with pytest.raises(ValueError, match="not the state of a region map"):
             RegionMap.from_state(bad_grid, bad_sets)

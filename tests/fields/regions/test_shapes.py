@@ -28,7 +28,7 @@ from semmap.fields import (
 Floats = NDArray[np.float64]
 
 CLOSE = 1e-7
-"""Voxels: what lies this near to a surface may be in or out."""
+"""Voxels this near to a surface may be in or out."""
 
 numbers = st.floats(-3, 3, width=32)
 places = st.tuples(numbers, numbers, numbers)
@@ -308,8 +308,8 @@ def test_points() -> None:
         (lambda: voxels_of(Box((0, 0, 0), (1e5, 1e5, 1e5)), 0.1), "larger voxels"),
     ],
 )
-def test_refused(make: object, text: str) -> None:
-    """What is no region is refused with the mend."""
+def test_wrong_regions_are_refused(make: object, text: str) -> None:
+    """A wrong region is refused with its fix."""
     with pytest.raises(ValueError, match=text):
         make()  # type: ignore[operator]
 

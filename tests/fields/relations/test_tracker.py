@@ -122,7 +122,7 @@ def rests(a: set[Voxel], b: set[Voxel], standing: bool) -> bool:
 
 
 class Moving(RuleBasedStateMachine):
-    """Things come, move and vanish, one or several at once."""
+    """Entities are inserted, moved and removed, one or several at once."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -160,7 +160,7 @@ class Moving(RuleBasedStateMachine):
 
     @rule(entity=st.sampled_from(BODIES[:2]), region=regions)
     def move_unseen(self, entity: Hashable, region: Region) -> None:
-        """Told together with what changes next."""
+        """Pass an entity to the next update."""
         self.model.move(entity, region)
         self.map.move(entity, region)
         self.waiting.add(entity)
@@ -184,7 +184,7 @@ class Moving(RuleBasedStateMachine):
 
     @invariant()
     def events_tell_all(self) -> None:
-        """Replayed from nothing they give what holds; each fact begins and ends in turn."""
+        """The events, replayed, give the facts that are true; each fact begins and ends in turn."""
         replayed: dict[Fact, datetime] = {}
         for event in self.heard:
             assert event.began == (event.fact not in replayed)
@@ -261,17 +261,17 @@ def scene() -> tuple[RegionMap, RelationTracker]:
     return here, RelationTracker(here, views={"eyes": "human1"}, spaces={"kitchen"})
 
 
-def told(events: list[RelationEvent]) -> set[str]:
+def sentences(events: list[RelationEvent]) -> set[str]:
     return {str(event) for event in events}
 
 
 def test_a_mug_is_carried() -> None:
-    """Onto the table, about on it, off it; each is told once."""
+    """The mug is put onto the table, shifted and taken off; each event occurs once."""
     here, tracker = scene()
     here.insert("mug", Box((3, 0, 0.80), (0.1, 0.1, 0.1)))
-    assert told(tracker.update(["mug", "table", "eyes"])) == {"human1 sees table begins"}
+    assert sentences(tracker.update(["mug", "table", "eyes"])) == {"human1 sees table begins"}
     here.move("mug", Box((0, 0, 0.80), (0.1, 0.1, 0.1)))
-    assert told(tracker.update(["mug"])) == {
+    assert sentences(tracker.update(["mug"])) == {
         "mug on table begins",
         "mug touching table begins",
         "table touching mug begins",
@@ -281,11 +281,11 @@ def test_a_mug_is_carried() -> None:
     }
     for x in np.linspace(0, 0.5, 11):
         here.move("mug", Box((x, 0, 0.80), (0.1, 0.1, 0.1)))
-        assert told(tracker.update(["mug"])) == set()
+        assert sentences(tracker.update(["mug"])) == set()
     since = tracker.holding("on")[Fact("on", "mug", "table")]
     here.remove("mug")
     events = tracker.update(["mug"])
-    assert told(events) == {
+    assert sentences(events) == {
         "mug on table ends",
         "mug touching table ends",
         "table touching mug ends",
@@ -298,7 +298,7 @@ def test_a_mug_is_carried() -> None:
     assert tracker.update(["mug", "nobody"]) == []
 
 
-def test_what_trembles_is_no_flood() -> None:
+def test_small_movements_cause_no_events() -> None:
     """A millimetre to and fro across each threshold, 200 times: at most one event a fact."""
     here, tracker = scene()
     tracker.update(["table", "eyes"])
@@ -326,7 +326,7 @@ def test_what_trembles_is_no_flood() -> None:
         tracker.update(["mug"])
 
 
-def test_without_hysteresis_it_would_be_one() -> None:
+def test_without_hysteresis_small_movements_cause_events() -> None:
     """The same trembling floods where a relation ends a hair from where it begins."""
     here, _ = scene()
     rules = [replace(r, end=1e-6) if r.name == "touching" else r for r in RULES]
@@ -339,12 +339,12 @@ def test_without_hysteresis_it_would_be_one() -> None:
     assert sum(event.relation == "touching" for event in events) > 50
 
 
-def test_spaces_and_views_are_no_bodies() -> None:
+def test_spaces_and_views_have_their_own_relations() -> None:
     here, tracker = scene()
     here.insert("kitchen", Box((0, 0, 1), (3, 3, 2)))
     here.insert("human1", Box((-2, 0, 0.85), (0.4, 0.4, 1.7)))
     events = tracker.update(["table", "eyes", "kitchen", "human1"])
-    assert told(events) == {
+    assert sentences(events) == {
         "table in kitchen begins",
         "table near kitchen begins",
         "kitchen near table begins",
@@ -361,14 +361,14 @@ def test_two_eyes_see_one_entity_once() -> None:
     here.insert("mug", Sphere((2, 0, 0), 0.3))
     here.insert("left", Cone((0, 0.1, 0), (1, 0, 0), 0.6, 5.0))
     here.insert("right", Cone((0, -0.1, 0), (1, 0, 0), 0.6, 5.0))
-    assert told(tracker.update(["mug", "left", "right"])) == {"human1 sees mug begins"}
+    assert sentences(tracker.update(["mug", "left", "right"])) == {"human1 sees mug begins"}
     here.move("left", Cone((0, 0.1, 0), (-1, 0, 0), 0.6, 5.0))
     assert tracker.update(["left"]) == []
     here.remove("right")
     here.move("left", Cone((0, 0.1, 0), (1, 0, 0), 0.6, 5.0))
     assert tracker.update(["left", "right"]) == []
     here.remove("left")
-    assert told(tracker.update(["left"])) == {"human1 sees mug ends"}
+    assert sentences(tracker.update(["left"])) == {"human1 sees mug ends"}
 
 
 def test_a_fact_ends_with_the_name_that_it_began_with() -> None:
@@ -378,12 +378,12 @@ def test_a_fact_ends_with_the_name_that_it_began_with() -> None:
     tracker = RelationTracker(here, names=names, rules=[r for r in RULES if r.name == "on"])
     here.insert(1, Box((0, 0, 0.85), (0.1, 0.1, 0.1)))
     here.insert(2, Box((0, 0, 0.4), (1, 1, 0.8)))
-    assert told(tracker.update([1, 2])) == {"mug on table begins"}
+    assert sentences(tracker.update([1, 2])) == {"mug on table begins"}
     names[1] = "cup"
     assert [str(e) for e in tracker.update([1])] == ["mug on table ends", "cup on table begins"]
     here.remove(1)
     del names[1]
-    assert told(tracker.update([1])) == {"cup on table ends"}
+    assert sentences(tracker.update([1])) == {"cup on table ends"}
 
 
 def test_the_statements_of_a_relation() -> None:
@@ -431,7 +431,7 @@ def test_rules_are_data() -> None:
     beside = RelationRule("beside", "metres apart", 0.2, 0.3, frozenset({("body", "body")}))
     tracker = RelationTracker(here, views={"eyes": "human1"}, rules=[beside])
     here.insert("chair", Box((0, 0.7, 0.25), (0.4, 0.4, 0.5)))
-    assert told(tracker.update(["chair"])) == {
+    assert sentences(tracker.update(["chair"])) == {
         "chair beside table begins",
         "table beside chair begins",
     }

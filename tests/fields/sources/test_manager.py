@@ -1,4 +1,4 @@
-"""Sources at work: rates, failures, what they leave; readers and writers at once."""
+"""Running sources: rates, failures, and their maps; readers and writers at the same time."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def wait_for(holds: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-def test_on_and_off_at_run_time() -> None:
+def test_sources_start_and_stop_at_run_time() -> None:
     with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", spheres, counter(), rate=100)
         manager.activate("more", spheres, counter(), rate=1)
@@ -69,7 +69,7 @@ def test_on_and_off_at_run_time() -> None:
     assert manager.maps.now() == ()
 
 
-def test_a_source_that_fails_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_source_continues_after_an_error(caplog: pytest.LogCaptureFixture) -> None:
     def source(percept: Percept) -> list[RepresentationMap]:
         if percept.number % 2:
             raise RuntimeError("no light")
@@ -94,7 +94,7 @@ def test_the_same_percept_makes_no_new_maps() -> None:
         assert manager.maps.sources() == ["gaze"]
 
 
-def test_rates_that_are_none() -> None:
+def test_wrong_rates_are_refused() -> None:
     with pytest.raises(ValueError, match="above 0"):
         SourceManager(MapBuffer()).activate("gaze", spheres, counter(), rate=0)
 
@@ -111,20 +111,20 @@ def test_moments_and_intervals() -> None:
         maps.put("gaze", each, after(5 * i))
     maps.put("other", made[4], after(7))
 
-    def told(found: tuple[RepresentationMap, ...]) -> list[int]:
+    def numbers(found: tuple[RepresentationMap, ...]) -> list[int]:
         return sorted(i for i, each in enumerate(made) if each[0] in found)
 
-    assert told(maps.now()) == [3, 4]
-    assert told(maps.at(after(6))) == [1]
-    assert told(maps.at(after(10))) == [2, 4]
-    assert told(maps.during(after(6), after(11))) == [1, 2, 4]
-    assert told(maps.at(after(4.9))) == []  # older than its span
+    assert numbers(maps.now()) == [3, 4]
+    assert numbers(maps.at(after(6))) == [1]
+    assert numbers(maps.at(after(10))) == [2, 4]
+    assert numbers(maps.during(after(6), after(11))) == [1, 2, 4]
+    assert numbers(maps.at(after(4.9))) == []  # older than its span
     assert maps.since() == after(5)
     maps.withdraw("gaze", after(20))
-    assert told(maps.now()) == [4]
-    assert told(maps.at(after(19))) == [3, 4]
+    assert numbers(maps.now()) == [4]
+    assert numbers(maps.at(after(19))) == [3, 4]
     maps.put("gaze", made[5], after(40))
-    assert told(maps.at(after(31))) == [4]
+    assert numbers(maps.at(after(31))) == [4]
     with pytest.raises(ValueError, match="older than those"):
         maps.put("gaze", made[5], after(39))
     with pytest.raises(ValueError, match="time zone"):
@@ -133,7 +133,7 @@ def test_moments_and_intervals() -> None:
         maps.during(after(2), after(1))
 
 
-def test_nothing_is_torn() -> None:
+def test_readers_never_see_half_of_an_update() -> None:
     """4 sources at 30 Hz, each of two maps that say the same number everywhere, and 4 readers."""
 
     def source(percept: Percept) -> list[RepresentationMap]:

@@ -1,4 +1,4 @@
-"""What sources make of percepts, against geometry worked out point by point."""
+"""The maps of sources, compared with geometry computed point by point."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_objects_by_type() -> None:
         ({"pose": np.zeros((4, 4))}, "rigid transform"),
     ],
 )
-def test_images_that_are_none(changes: dict[str, Any], says: str) -> None:
+def test_wrong_images_are_refused(changes: dict[str, Any], says: str) -> None:
     given = {"labels": np.full((60, 80), 2), "names": {2: "cup"}, **changes}
     labels, names = given.pop("labels"), given.pop("names")
     percept = image(labels, names, **given)
@@ -196,7 +196,7 @@ def test_zones() -> None:
     assert moved is not region
 
 
-def test_packages_offer_sources() -> None:
+def test_installed_sources() -> None:
     assert set(installed_sources()) >= {
         "gaze",
         "objects",

@@ -96,7 +96,7 @@ def again(grid: Grid, edge: int) -> Grid:
 @given(steps=changes, which=st.integers(0, 6), edge=st.sampled_from(EDGES))
 @example(steps=[("fill", (-40, 0, 0), 1, 40)], which=1, edge=8)
 def test_cubes_are_the_grid(kind: ValueType, steps: list[Any], which: int, edge: int) -> None:
-    """A grid is what its cubes hold, and equal fields have equal cubes, whatever their history."""
+    """Cubes restore a grid, and equal fields have equal cubes, whatever their history."""
     grid = GRIDS[kind](1.0, VALUES[kind][which % len(VALUES[kind])])
     for step in steps:
         apply(grid, step)
@@ -138,14 +138,14 @@ def test_large_tiles_cost_little() -> None:
         lambda b: b + b[1:],
     ],
 )
-def test_bytes_that_are_no_cube(spoil: Any) -> None:
+def test_wrong_bytes_are_refused(spoil: Any) -> None:
     grid = Int32Grid(1.0, 0)
     grid.set(np.array([[1, 2, 3]], np.int32), np.array([5], np.int32))
     ((at, data),) = grid.blocks(32).items()
     fresh = Int32Grid(1.0, 0)
-    with pytest.raises(ValueError, match="no cube of a grid"):
+    with pytest.raises(ValueError, match="not a cube of a grid"):
         fresh.put_blocks({at: spoil(data)}, 32)
-    with pytest.raises(ValueError, match="no cube of a grid"):
+    with pytest.raises(ValueError, match="not a cube of a grid"):
         Int32Grid(1.0, 0).put_blocks({(8, 0, 0): data}, 32)
     with pytest.raises(ValueError, match="an edge of 8, 16, 32, 64 or 128"):
         grid.blocks(24)
@@ -162,7 +162,7 @@ def kept(module_engine: Engine) -> Engine:
 @pytest.mark.parametrize("kind", GRIDS)
 @settings(max_examples=12)
 @given(saves=st.lists(changes, min_size=1, max_size=4), which=st.integers(0, 6))
-def test_each_version_comes_back(
+def test_each_version_is_loaded_unchanged(
     kept: Engine, kind: ValueType, saves: list[Any], which: int
 ) -> None:
     grid = GRIDS[kind](1.0, VALUES[kind][which % len(VALUES[kind])])
@@ -205,7 +205,7 @@ def test_each_version_comes_back(
         assert connection.execute(text("SELECT count(*) FROM field_block")).scalar_one() == 0
 
 
-def test_what_is_known_of_a_field(kept: Engine) -> None:
+def test_the_attributes_of_a_field(kept: Engine) -> None:
     grid = Int32Grid(0.05, -1)
     grid.fill(Sphere((0, 0, 1), 0.3).shape, 41)
     with kept.begin() as connection:
@@ -230,7 +230,7 @@ def test_what_is_known_of_a_field(kept: Engine) -> None:
         field_store.forget(connection, "seen by gerda")
 
 
-def test_fields_are_of_their_map(engine: Engine) -> None:
+def test_fields_belong_to_their_map(engine: Engine) -> None:
     with engine.begin() as connection:
         for name in ("a", "b"):
             connection.execute(text("INSERT INTO map (name) VALUES (:name)"), {"name": name})
@@ -289,14 +289,14 @@ def test_no_map(engine: Engine) -> None:
         field_store.save(connection, "space", FloatGrid(0.1, 0.0), property=IRI)
 
 
-def test_what_is_not_committed_is_not_kept(kept: Engine) -> None:
+def test_an_uncommitted_field_is_not_stored(kept: Engine) -> None:
     with kept.connect() as connection:
         field_store.save(connection, "space", FloatGrid(0.1, 0.0), property=IRI)
         connection.rollback()
         assert field_store.names(connection) == []
 
 
-def test_a_robot_keeps_fields_and_a_reader_reads_them(kept: Engine) -> None:
+def test_a_robot_may_store_fields_and_a_reader_may_load_them(kept: Engine) -> None:
     grid = FloatGrid(0.1, 0.0)
     grid.fill(Sphere((0, 0, 0), 1).shape, 0.5)
     with kept.begin() as connection:
@@ -312,7 +312,7 @@ def test_a_robot_keeps_fields_and_a_reader_reads_them(kept: Engine) -> None:
         field_store.forget(connection, "space")
 
 
-def test_savers_take_turns(kept: Engine) -> None:
+def test_concurrent_saves_wait_for_each_other(kept: Engine) -> None:
     """Two processes that save one field give two versions."""
 
     def put(value: float) -> None:
@@ -335,7 +335,7 @@ def test_savers_take_turns(kept: Engine) -> None:
         field_store.forget(connection, "space")
 
 
-def test_fields_outlive_the_server(own: Cluster) -> None:
+def test_fields_survive_a_crash_of_the_server(own: Cluster) -> None:
     grids: list[Grid] = []
     for kind, each in GRIDS.items():
         grid = each(1.0, VALUES[kind][0])

@@ -1,4 +1,4 @@
-"""The mirror against a fresh one: as things move, as messages are missed, as connections break."""
+"""The mirror compared with a new one: entities move, messages are lost, connections break."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def change(engine: Engine, statement: str) -> None:
 
 
 def same(mirror: VoxelMirror, engine: Engine) -> bool:
-    """Whether a mirror has what a fresh one has, voxel by voxel."""
+    """Return whether a mirror equals a new one, voxel by voxel."""
     fresh = VoxelMirror(engine, "scene", SIZE)
     fresh.catch_up()
     mirror.regions.check()
@@ -69,7 +69,7 @@ def until(condition: Callable[[], bool], seconds: float = 10) -> None:
         time.sleep(0.02)
 
 
-def test_what_is_where(scene: Engine) -> None:
+def test_entities_at_points(scene: Engine) -> None:
     mirror = VoxelMirror(scene, voxel_size=SIZE)
     assert mirror.catch_up() == set(mirror.names)
     a = number(scene, "a")
@@ -79,11 +79,11 @@ def test_what_is_where(scene: Engine) -> None:
     assert mirror.catch_up() == set(), "nothing changed"
 
 
-def test_only_what_changed_is_voxelised_anew(scene: Engine) -> None:
+def test_only_changed_entities_are_voxelised_again(scene: Engine) -> None:
     mirror = VoxelMirror(scene, "scene", SIZE)
     mirror.catch_up()
     change(scene, "SELECT move_to(entity_id('b'), 3.0, 1.0, 0.2, 0.3)")
-    assert mirror.catch_up() == {number(scene, "b"), number(scene, "c")}, "with what stands on it"
+    assert mirror.catch_up() == {number(scene, "b"), number(scene, "c")}, "with the entity on it"
     assert same(mirror, scene)
     gone = number(scene, "d")
     change(scene, "DELETE FROM entity WHERE name = 'd'")
@@ -102,7 +102,7 @@ def test_an_import_is_followed(scene: Engine, tmp_path: Path) -> None:
     assert same(mirror, scene)
 
 
-def test_other_maps_are_not_its_own(scene: Engine, tmp_path: Path) -> None:
+def test_other_maps_are_ignored(scene: Engine, tmp_path: Path) -> None:
     mirror = VoxelMirror(scene, "scene", SIZE)
     mirror.catch_up()
     other = tmp_path / "other"
@@ -112,7 +112,7 @@ def test_other_maps_are_not_its_own(scene: Engine, tmp_path: Path) -> None:
     assert "z" not in mirror.names.values()
 
 
-def test_any_interleaving_of_moves_and_looks(scene: Engine) -> None:
+def test_any_order_of_moves_and_reads(scene: Engine) -> None:
     mirror = VoxelMirror(scene, "scene", SIZE)
     random = np.random.default_rng(4)
     for _ in range(25):
@@ -125,7 +125,7 @@ def test_any_interleaving_of_moves_and_looks(scene: Engine) -> None:
     assert same(mirror, scene)
 
 
-def test_one_that_commits_late_is_not_missed(scene: Engine) -> None:
+def test_a_late_commit_is_not_missed(scene: Engine) -> None:
     mirror = VoxelMirror(scene, "scene", SIZE)
     mirror.catch_up()
     with scene.connect() as late:
@@ -137,7 +137,7 @@ def test_one_that_commits_late_is_not_missed(scene: Engine) -> None:
     assert same(mirror, scene)
 
 
-def test_it_follows_and_survives_broken_connections(scene: Engine) -> None:
+def test_the_mirror_survives_broken_connections(scene: Engine) -> None:
     mirror = VoxelMirror(scene, "scene", SIZE)
     stop, heard = threading.Event(), list[set[int]]()
     thread = threading.Thread(target=mirror.follow, args=(stop, heard.append), daemon=True)
@@ -188,7 +188,7 @@ def test_zones_are_followed(engine: Engine) -> None:
     home = number(engine, "home")
     change(engine, f"UPDATE placement SET pose = pose WHERE entity_id = {home}")
     assert mirror.catch_up() <= {home}
-    assert {m.about: m for m in mirror.maps.now()} == before, "nothing is made anew"
+    assert {m.about: m for m in mirror.maps.now()} == before, "all maps are reused"
     change(engine, f"UPDATE placement SET pose[1] = pose[1] + 0.5 WHERE entity_id = {home}")
     mirror.catch_up()
     now = {m.about: m for m in mirror.maps.now()}

@@ -32,11 +32,11 @@ FOLLOW = """
 import sys, threading, time
 from sqlalchemy.exc import DBAPIError
 from semmap.database import DatabaseError, connect
-from semmap.fields.store.voxel_mirror import Mirror
+from semmap.fields.store.voxel_mirror import VoxelMirror
 
 while True:
     try:
-        mirror = Mirror.resume(connect(sys.argv[1]), "scene", float(sys.argv[2]))
+        mirror = VoxelMirror.resume(connect(sys.argv[1]), "scene", float(sys.argv[2]))
         break
     except (DatabaseError, DBAPIError):  # the server is away
         time.sleep(0.05)
@@ -48,9 +48,9 @@ def resumed(engine: Engine) -> VoxelMirror:
     return VoxelMirror.resume(engine, "scene", SIZE)
 
 
-def test_it_goes_on_where_it_was(scene: Engine) -> None:
+def test_a_mirror_continues_from_its_state(scene: Engine) -> None:
     mirror = resumed(scene)
-    assert mirror.catch_up() == set(mirror.names), "nothing was saved: it begins anew"
+    assert mirror.catch_up() == set(mirror.names), "without a saved state, it reads the whole map"
     assert mirror.save() == 1
     again = resumed(scene)
     assert again.names == mirror.names
@@ -88,7 +88,7 @@ def test_a_save_writes_what_changed(scene: Engine) -> None:
     assert 1 <= version.blocks < cubes, "former versions made way"
 
 
-def test_what_it_cannot_go_on_from(scene: Engine, tmp_path: Path) -> None:
+def test_states_that_cannot_be_continued(scene: Engine, tmp_path: Path) -> None:
     with pytest.raises(LookupError, match="catch_up first"):
         resumed(scene).save()
     mirror = resumed(scene)
@@ -99,7 +99,7 @@ def test_what_it_cannot_go_on_from(scene: Engine, tmp_path: Path) -> None:
     assert resumed(scene).catch_up() == set()
 
     def spoilt(statement: str) -> bool:
-        """Whether one begins anew after a statement; then the state is saved again."""
+        """Return whether a mirror reads the whole map after a statement; save the state again."""
         change(scene, statement)
         anew = resumed(scene)
         begun = anew.catch_up() == everything and same(anew, scene)
@@ -128,8 +128,8 @@ def test_what_it_cannot_go_on_from(scene: Engine, tmp_path: Path) -> None:
     assert same(anew, scene)
 
 
-def test_numbers_that_a_crash_gave_again(own: Cluster, tmp_path: Path) -> None:
-    """What was undone just before a crash leaves its number to the next; a mirror hears of both."""
+def test_transaction_numbers_that_a_crash_repeats(own: Cluster, tmp_path: Path) -> None:
+    """The number of a transaction undone before a crash is used again; a mirror reads both."""
     with (own.home / "local.conf").open("a") as file:
         file.write("wal_writer_delay = 10s\nautovacuum = off\nbgwriter_delay = 10s\n")
     engine = connect(own.ensure())
@@ -157,7 +157,7 @@ def test_numbers_that_a_crash_gave_again(own: Cluster, tmp_path: Path) -> None:
 
 
 class Writer(threading.Thread):
-    """Moves things, undoes some moves, and goes on when its connection breaks."""
+    """Move entities, undo some moves, and continue when the connection breaks."""
 
     def __init__(self, engine: Engine) -> None:
         super().__init__()
@@ -183,8 +183,8 @@ class Writer(threading.Thread):
     "ignore:Exception ignored in. <function BaseConnection.__del__"
     ":pytest.PytestUnraisableExceptionWarning"
 )
-def test_killed_at_random_moments(own: Cluster, tmp_path: Path) -> None:
-    """A mirror that saves in a process of its own, one that does not, and what kills them."""
+def test_crashes_at_random_moments(own: Cluster, tmp_path: Path) -> None:
+    """A mirror in another process that saves, one that does not, and crashes of both."""
     dice = random.Random(7)
     url = own.ensure()
     name = url.render_as_string(hide_password=False)
@@ -225,7 +225,7 @@ def test_killed_at_random_moments(own: Cluster, tmp_path: Path) -> None:
     here.catch_up()
     assert same(here, engine)
     last = resumed(engine)
-    assert last.names, "it goes on from what was saved"
+    assert last.names, "it continues from the saved state"
     last.catch_up()
     assert same(last, engine)
     change(engine, "SELECT drop_map('scene')")
