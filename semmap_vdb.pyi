@@ -10,11 +10,11 @@ _Number = TypeVar("_Number", np.bool_, np.int32, np.float32)
 _Plain = TypeVar("_Plain", bool, int, float)
 
 def variants() -> list[str]:
-    """The kinds of instructions that this processor has, the slowest first; the last is used."""
+    """Return the kinds of instructions of this processor, the slowest first; the last is used."""
 
 def choose_variant(name: str) -> None: ...
 def limit_regions(voxels: int, blocks: int) -> None:
-    """The most voxels of a region, and blocks of 8 x 8 x 8 that are partly its own."""
+    """Set the most voxels of a region, and the most blocks of 8 x 8 x 8 that it fills in part."""
 
 class Shape:
     @staticmethod
@@ -67,7 +67,7 @@ class RegionMap:
     def insert_many(
         self, entities: list[int], shapes: list[Shape], threads: int, others: bool = False
     ) -> list[str]:
-        """Why each could not be inserted, or ""; the others are, if that is said."""
+        """Return for each why it cannot be inserted, or ""; the others are inserted if `others`."""
     def set_numbers_at(self, points: NDArray[np.float64]) -> NDArray[np.int32]: ...
     def members(self, numbers: list[int]) -> list[list[int]]: ...
     def voxels(self, entity: int) -> NDArray[np.int32]: ...
@@ -84,7 +84,7 @@ class RegionMap:
     def restore(self, grid: Int32Grid, sets: list[tuple[int, list[int]]]) -> None: ...
 
 class _Grid(Generic[_Plain, _Number]):
-    """Not for writers and readers at once."""
+    """Not safe for a writer and other threads at the same time."""
 
     def __init__(self, voxel_size: float, background: _Plain) -> None: ...
     @property

@@ -17,10 +17,10 @@ from benchmarks.spheres import centers
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.database.files import schema_folder
 from semmap.fields import Box, RegionMap, Sphere, voxels_of
-from semmap.fields.operators import mask
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.maps.operators import mask
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
 from semmap.fields.sources import Gaze, GazeSource, ObjectSource, Segmentation
-from semmap.fields.vocabulary import Vocabulary, read_vocabulary
 
 __all__ = ["main"]
 
@@ -73,10 +73,10 @@ def seconds_a_voxel_in_a_dictionary(span: int) -> float:
     regions = [list(map(tuple, voxels_of(ball, 1.0).tolist())) for ball in balls(span)[:3]]
     start = time.perf_counter()
     at: dict[tuple[int, ...], frozenset[Hashable]] = {}
-    nothing: frozenset[Hashable] = frozenset()
+    empty: frozenset[Hashable] = frozenset()
     for entity, voxels in enumerate(regions):
         for voxel in voxels:
-            at[voxel] = at.get(voxel, nothing) | {entity}
+            at[voxel] = at.get(voxel, empty) | {entity}
     return (time.perf_counter() - start) / sum(map(len, regions))
 
 
@@ -96,7 +96,7 @@ def crates() -> RepresentationMap:
 
 
 def looking_about(people: int) -> Gaze:
-    """People at eye height among the crates, who look in all directions."""
+    """Return people at eye height among the crates; they look in all directions."""
     rng = np.random.default_rng(0)
     poses = {}
     for person in range(people):
@@ -114,7 +114,7 @@ def image() -> Segmentation:
     y, x = np.mgrid[:480, :640]
     depth = (2 + 0.5 * np.sin(x / 80) + 0.3 * np.cos(y / 60)).astype(np.float32)
     labels = ((x // 80 + y // 80) % 9).astype(np.int32)
-    names = {label: f"thing{label}" for label in range(1, 9)}
+    names = {label: f"object{label}" for label in range(1, 9)}
     intrinsics = (525, 525, 319.5, 239.5)
     return Segmentation(depth, labels, names, intrinsics, np.eye(4), datetime.now(UTC))
 
@@ -122,10 +122,10 @@ def image() -> Segmentation:
 def sensing() -> list[Row]:
     """Maps at the rate of sensors."""
     objects, percept = crates(), looking_about(10)
-    gaze, things = GazeSource(vocabulary()), ObjectSource(vocabulary())
+    gaze, objects = GazeSource(vocabulary()), ObjectSource(vocabulary())
     rate = 1 / median_seconds(lambda: [len(mask(objects, seen)) for seen in gaze(percept)])
     shown = image()
-    depth = 1e3 * median_seconds(lambda: things(shown))
+    depth = 1e3 * median_seconds(lambda: objects(shown))
     return [
         Row(f"10 gaze cones of 5 m, each a mask of {len(objects):,} voxels", f"{rate:.0f} Hz", "",
             f"at least {GAZE_HZ} Hz", rate >= GAZE_HZ),

@@ -1,4 +1,4 @@
-"""What an update of relations costs where one of 1,000 things moves; one thread."""
+"""The time of an update of relations after one of 1,000 entities moved; one thread."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.fields import Box, Cone, RegionMap, Sphere
-from semmap.fields.relations import Relations
+from semmap.fields.relations.tracker import RelationTracker
 
 __all__ = ["main"]
 
-THINGS = 1000
+ENTITIES = 1000
 SIZE = 0.05
 PLAN = np.array((40.0, 25.0))
 UPDATE_MS = 2.0
 
 
 def furnished() -> tuple[RegionMap, list[NDArray[np.float64]]]:
-    """A floor of 40 x 25 m with 500 tables of 1.2 x 0.8 m, and on each a ball; five people look."""
+    """Return a floor of 40 x 25 m with 500 tables of 1.2 x 0.8 m, a ball on each; five views."""
     random = np.random.default_rng(7)
     here = RegionMap(SIZE, threads=1)
-    cells = random.permutation(28 * 18)[: THINGS // 2]
+    cells = random.permutation(28 * 18)[: ENTITIES // 2]
     places = [np.array((1 + 1.4 * (c % 28), 1 + 1.35 * (c // 28), 0.0)) for c in cells]
     regions: list[tuple[object, Box | Sphere | Cone]] = [
         ("floor", Box((*PLAN / 2, -0.1), (*PLAN, 0.2)))
@@ -42,15 +42,20 @@ def main() -> None:
     """Print the table."""
     here, places = furnished()
     views = {f"view{i}": f"human{i}" for i in range(5)}
-    relations = Relations(here, views=views)  # near is within 0.5 m
+    tracker = RelationTracker(here, views=views)  # near is within 0.5 m
     start = time.perf_counter()
-    relations.update(here.entities())
+    tracker.update(here.entities())
     first = time.perf_counter() - start
-    facts = len(relations.holding())
+    facts = len(tracker.holding())
     rows = [
-        Row(f"all of {len(here):,} things for the first time", f"{1e3 * first:.0f} ms",
-            f"{facts:,} facts", "reported", True)
-    ]  # fmt: skip
+        Row(
+            f"all of {len(here):,} entities at first",
+            f"{1e3 * first:.0f} ms",
+            f"{facts:,} facts",
+            "reported",
+            True,
+        )
+    ]
 
     up = np.array((0, 0, 0.95))
     for name, steps in (
@@ -68,17 +73,20 @@ def main() -> None:
         def follow(name: str = name, steps: list[object] = steps) -> None:  # type: ignore[assignment]
             for region in steps:
                 here.move(name, region)  # type: ignore[arg-type]
-                relations.update([name])
+                tracker.update([name])
 
         moved = median_seconds(move, 21)
         update = 1e3 * (median_seconds(follow, 21) - moved) / len(steps)
         small = name != "floor"
         rows.append(
-            Row(f"{name} ({size:,} voxels) moves by 5 cm", f"{update:.2f} ms",
-                f"all things anew: {1e3 * first / update:,.0f}x",
+            Row(
+                f"{name} ({size:,} voxels) moves by 5 cm",
+                f"{update:.2f} ms",
+                f"all entities again: {1e3 * first / update:,.0f}x",
                 f"at most {UPDATE_MS:g} ms" if small else "reported",
-                not small or update <= UPDATE_MS)
-        )  # fmt: skip
+                not small or update <= UPDATE_MS,
+            )
+        )
     print_rows("Relations", rows)
 
 

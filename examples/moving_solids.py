@@ -21,10 +21,11 @@ from matplotlib.figure import Figure
 
 from semmap.draw.voxel_slices import VoxelSet, VoxelSlice, draw_slices, slices_picture
 from semmap.fields import Box, Cone, Cylinder, Hull, RegionMap, Solid, Sphere
-from semmap.fields.events import Events
-from semmap.fields.regions import Region
-from semmap.fields.relations import Event, Relations
-from semmap.fields.statements import keys_of, voxels_of_keys
+from semmap.fields.regions.shapes import Region
+from semmap.fields.relations.event_bus import EventBus
+from semmap.fields.relations.facts import RelationEvent
+from semmap.fields.relations.tracker import RelationTracker
+from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
 
 VOXEL = 0.025
 LOW, HIGH = np.array((-1.6, -1.1, 0.0)), np.array((2.4, 1.1, 1.9))
@@ -102,21 +103,23 @@ class Scene:
 
     def __init__(self) -> None:
         self.regions = RegionMap(VOXEL)
-        self.relations = Relations(self.regions, views=VIEWS, spaces=SPACES)
-        self.events = Events()
+        self.relations = RelationTracker(self.regions, views=VIEWS, spaces=SPACES)
+        self.events = EventBus()
         self.at = {name: (np.array(place), turn) for name, (_, place, turn) in SOLIDS.items()}
         for name in SOLIDS:
             self._put(name)
         self.begun = self.tell(SOLIDS)
 
-    def move(self, name: str, by: Iterable[float] = (0, 0, 0), turn: float = 0.0) -> list[Event]:
-        """Move a solid by metres, turn it by radians; what begins and ends."""
+    def move(
+        self, name: str, by: Iterable[float] = (0, 0, 0), turn: float = 0.0
+    ) -> list[RelationEvent]:
+        """Move a solid by metres and turn it by radians; return what begins and ends."""
         place, turned = self.at[name]
         self.at[name] = place + np.array([*by]), turned + turn
         self._put(name)
         return self.tell([name])
 
-    def toggle(self, name: str) -> list[Event]:
+    def toggle(self, name: str) -> list[RelationEvent]:
         """Take a solid away, or bring it back."""
         if name in self.regions:
             self.regions.remove(name)
@@ -124,7 +127,7 @@ class Scene:
             self._put(name)
         return self.tell([name])
 
-    def tell(self, changed: Iterable[str]) -> list[Event]:
+    def tell(self, changed: Iterable[str]) -> list[RelationEvent]:
         """What begins and ends, told to all that listen."""
         events = self.relations.update(changed)
         self.events.publish(events)
@@ -170,7 +173,7 @@ class Scene:
             found.append(VoxelSlice(numbers, extent, title, ("x", what), ("h", cut)))
         return found
 
-    def picture(self, through: Place, title: str, events: list[Event]) -> dict[str, Any]:
+    def picture(self, through: Place, title: str, events: list[RelationEvent]) -> dict[str, Any]:
         """What `draw_slices` takes."""
         sets = self.sets()
         whole = sum(each.voxels for each in sets.values())
@@ -219,7 +222,7 @@ def tell_story(folder: Path, steps: int = len(STORY)) -> None:
     path = slices_picture(folder / "00.png", **scene.picture(watched, "at first", scene.begun))
     print(f"{path}: at first", *map(str, scene.begun), sep="\n    ")
     for i, (title, moves) in enumerate(STORY[:steps], 1):
-        events: list[Event] = []
+        events: list[RelationEvent] = []
         for name, by, turn in moves:
             events += scene.move(name, by, turn)
         path = slices_picture(folder / f"{i:02}.png", **scene.picture(watched, title, events))
@@ -250,7 +253,7 @@ class Live:
         elif key == "backspace":
             self.show(self.scene.toggle(name))
 
-    def show(self, events: list[Event]) -> None:
+    def show(self, events: list[RelationEvent]) -> None:
         """Draw the slices through the chosen solid."""
         name = self.names[0]
         x, y, z = self.scene.at[name][0].tolist()

@@ -28,7 +28,7 @@ from semmap.query.storey_scene import SceneEntity, StoreyScene
 from semmap.robot import Part
 
 if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
-    from semmap.fields.representation_map import RepresentationMap
+    from semmap.fields.maps.representation_map import RepresentationMap
 
 __all__ = ["CostSource", "Costmap", "Inflation"]
 

@@ -13,7 +13,7 @@ from navgrid.inflation import INSCRIBED
 from navgrid.terrain import FloorLevel
 
 if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
-    from semmap.fields.representation_map import RepresentationMap
+    from semmap.fields.maps.representation_map import RepresentationMap
 
 __all__ = ["field_cells", "social_costs"]
 
@@ -38,7 +38,7 @@ def field_cells(
     -------
     (len(intervals), rows, columns) float32
     """
-    from semmap.fields.layer import layer_cells
+    from semmap.fields.maps.costmap_layer import layer_cells
 
     found = np.zeros((len(intervals), *grid.shape), np.float32)
     for level in levels:

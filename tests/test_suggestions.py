@@ -1,4 +1,4 @@
-"""Similar names are suggested, the most similar first, and none where none is similar."""
+"""Suggestions of similar names, the most similar first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KNOWN = ["kitchen", "kitchen2", "bedroom", "bathroom"]
     ("name", "names"),
     [
         ("kichen", ["kitchen", "kitchen2"]),
-        ("bedrom", ["bedroom", "bathroom"]),
+        ("bedrom", ["bedroom"]),
         ("garage", []),
     ],
 )

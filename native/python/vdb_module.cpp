@@ -1,5 +1,5 @@
-// The Python face of semmap_vdb. Arguments are checked here, so that no call can crash;
-// semmap.fields checks them first, in the words of its callers.
+// The Python module semmap_vdb. Arguments are checked here, so that no call can crash;
+// semmap.fields checks them before, with errors that name its own parameters.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -46,7 +46,7 @@ fields::Vector direction(const fields::Vector& v, const char* name) {
     return v;
 }
 
-// Below it indices of voxels are beyond their range within metres.
+// With smaller voxels, indices would exceed their range within metres.
 double voxel(double size) { return positive(size, "voxel_size", 1e-9, 1e9); }
 
 std::vector<fields::Vector> vectors(const Array<double>& rows, const char* name) {
@@ -69,7 +69,7 @@ void expect_listed(std::int64_t voxels) {
                                               ", which can be listed: take larger voxels");
 }
 
-// Released last, so that the interpreter is held again where NumPy makes the array.
+// Needs the lock of the interpreter: NumPy makes the array.
 Array<std::int32_t> rows_of(const fields::Voxels& voxels) {
     expect_listed(voxels.size());
     Array<std::int32_t> rows({static_cast<py::ssize_t>(voxels.size()), py::ssize_t{3}});
@@ -156,7 +156,7 @@ Array<std::int32_t> voxels_in(const fields::RegionMap& map, std::int32_t entity)
     return rows_of(map.voxels(entity));
 }
 
-// std::variant would be taken apart by pybind11; a shape stays one object.
+// pybind11 would convert a std::variant; a shape stays one object.
 struct ShapeHolder {
     fields::Shape shape;
 };
@@ -199,7 +199,7 @@ fields::Placement rigid(const fields::Placement& placement) {
             double product = 0;
             for (std::size_t k = 0; k < 3; ++k) product += placement[i][k] * placement[j][k];
             expect(std::abs(product - (i == j ? 1 : 0)) < 1e-6,
-                   "placement: its first three columns are no rotation");
+                   "placement: its first three columns are not a rotation");
         }
     }
     return placement;
@@ -312,7 +312,7 @@ fields::Grid<std::int32_t> labelled(const Array<float>& depth, const Array<std::
     return fields::labelled(data, of_pixels, rows, columns, camera, farthest, voxel_size);
 }
 
-// What makes grids of grids.
+// Operators.
 template <typename Value>
 void define_operators(py::class_<fields::Grid<Value>>& grid) {
     using py::arg;

@@ -1,4 +1,4 @@
-"""What fields add to the demo: people look about in the map, and the paper's query is asked."""
+"""The part of the demo about fields: two people in the map, and the query of reMap."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
+from shapely import Point
 
 from semmap.draw.fields import FieldView, fields_picture
 from semmap.draw.palette import object_colour
-from semmap.fields.catalogue import FieldCatalogue
-from semmap.fields.language import Stored, query
-from semmap.fields.maps import Maps
-from semmap.fields.names import Names
-from semmap.fields.source import read_names, read_props, read_vocabulary_of_map, read_zones
+from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.queries import StoreResult, query
+from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.sources import (
     GazeSource,
     ObjectSource,
@@ -27,9 +26,21 @@ from semmap.fields.sources import (
     ZoneSource,
 )
 from semmap.fields.sources.percepts import Zone
-from semmap.fields.stage import Actor, Prop, Stage, standpoints
+from semmap.fields.sources.synthetic_scene import (
+    ScenePerson,
+    SyntheticScene,
+    VisibleObject,
+    standpoints,
+)
+from semmap.fields.store.reader import (
+    read_map_vocabulary,
+    read_names,
+    read_visible_objects,
+    read_zones,
+)
+from semmap.language.names import NameIndex
 
-__all__ = ["field_demo", "perceived", "staged"]
+__all__ = ["PAPERS_QUERY", "arrange_scene", "field_demo", "perceived_maps"]
 
 PAPERS_QUERY = """PREFIX : http://kb.openrobots.org/
 SELECT ?voxels
@@ -38,180 +49,207 @@ WHERE
 ?voxels :containsObject '{type}'
 STORE
 :containsObject"""
-"""As reMap, section 4, prints it."""
+"""The query of reMap, section 4."""
 
 WANTED = ("mug", "muffin", "cup", "food", "kitchenware", "personal_thing", "object")
-"""What the people look at: the first type of which there is something to see."""
+"""The types of objects that the people look at, the preferred ones first."""
 
 AROUND = 3.3
-"""Metres around it that are drawn."""
+"""Metres around the object that are drawn."""
 
 
 def field_demo(
     connection: Any, folder: Path, say: Callable[..., Any], *, voxel_size: float = 0.02
 ) -> list[Path]:
-    """Two people, one of whom looks at a small thing; ask what is seen, and draw it."""
+    """Put two people into the map, query what one of them sees, and draw it.
+
+    Parameters
+    ----------
+    connection : sees the map
+    folder : for the picture
+    say : prints a line
+    voxel_size : metres
+
+    Returns
+    -------
+    list of Path
+        The picture; none if there is no small object with a free place beside it.
+    """
     names = read_names(connection)
     zones = read_zones(connection)
-    props = read_props(connection)
-    found = staged(props, names, zones)
+    objects = read_visible_objects(connection)
+    found = arrange_scene(objects, names, zones)
     if found is None:
-        say("   nobody finds a place to stand from which something small is seen")
+        say("   there is no free place from which a small object is visible")
         return []
-    stage, target, eye = found
-    maps = perceived(stage, eye, target, zones, voxel_size)
+    scene, target, eye = found
+    maps = perceived_maps(scene, eye, target, zones, voxel_size)
     text = PAPERS_QUERY.format(type=target.type)
     for line in text.splitlines():
         say(f"   {line}")
-    catalogue = FieldCatalogue(read_vocabulary_of_map(), maps, names, voxel_size=voxel_size)
-    answer = query(catalogue, text)
-    assert isinstance(answer, Stored)
-    count = len(answer.voxels)
+    catalogue = FieldCatalogue(read_map_vocabulary(), maps, names, voxel_size=voxel_size)
+    result = query(catalogue, text)
+    assert isinstance(result, StoreResult)
+    count = len(result)
     say(f"   {count} voxels of {voxel_size:g} m, {count * voxel_size**3 * 1e6:.0f} cm³")
-    picture = _picture(stage, target, eye, maps, answer, names, folder / "fields.png")
+    picture = _picture(scene, target, eye, maps, result, names, folder / "fields.png")
     say(f"   {picture}")
     return [picture]
 
 
-def staged(
-    props: Sequence[Prop], names: Names, zones: Sequence[Zone]
-) -> tuple[Stage, Prop, tuple[float, float, float]] | None:
-    """Two people near something small, and where a camera sees it from; None if nobody can stand.
+def arrange_scene(
+    objects: Sequence[VisibleObject], names: NameIndex, zones: Sequence[Zone]
+) -> tuple[SyntheticScene, VisibleObject, tuple[float, float, float]] | None:
+    """Return a scene of two people near a small object, the object, and the place of a camera.
 
-    human1 looks at it, human2 away from it.
+    human1 looks at the object, human2 away from it. None if there is no object with free places
+    around it.
     """
     now = datetime.now(UTC)
-    for target in _wanted(props, names):
+    for target in _small_objects(objects, names):
         points = target.triangles.reshape(-1, 3)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        ground = _ground(middle, props, zones)
-        if not 0.3 < middle[2] - ground < 1.5:
+        floor = _floor(middle, objects, zones)
+        if not 0.3 < middle[2] - floor < 1.5:
             continue
-        near = [p for p in props if _distance(p, middle) < AROUND + 2]
-        places = standpoints(Stage(near, [], now), target.name, ground)
+        near = [each for each in objects if _distance(each, middle) < AROUND + 2]
+        places = standpoints(SyntheticScene(near, [], now), target.name, floor)
         if len(places) < 3:
             continue
         (x, y), one, other = places[:3]
-        away = (*(2 * np.array(other) - middle[:2]), ground + 1.3)
+        away = (*(2 * np.array(other) - middle[:2]), floor + 1.3)
         people = [
-            Actor("human1", *one, ground, (middle[0], middle[1], middle[2])),
-            Actor("human2", *other, ground, (float(away[0]), float(away[1]), float(away[2]))),
+            ScenePerson("human1", *one, floor, (middle[0], middle[1], middle[2])),
+            ScenePerson("human2", *other, floor, (float(away[0]), float(away[1]), float(away[2]))),
         ]
-        return Stage(near, people, now), target, (x, y, ground + 1.5)
+        return SyntheticScene(near, people, now), target, (x, y, floor + 1.5)
     return None
 
 
-def perceived(
-    stage: Stage,
+def perceived_maps(
+    scene: SyntheticScene,
     eye: tuple[float, float, float],
-    target: Prop,
+    target: VisibleObject,
     zones: Sequence[Zone],
     voxel_size: float,
-) -> Maps:
-    """The maps of all sources: what a camera at `eye` sees, where people look, their spaces."""
-    vocabulary = read_vocabulary_of_map()
+) -> MapBuffer:
+    """Return the maps of all sources.
+
+    Parameters
+    ----------
+    scene : objects and people
+    eye : (3,) position of the camera, metres
+    target : the object on its axis
+    zones : rooms and regions
+    voxel_size : metres
+    """
+    vocabulary = read_map_vocabulary()
     looks_at = target.triangles.reshape(-1, 3).mean(axis=0)
-    seen = stage.seen(eye, looks_at)
-    persons = stage.people(stage.seen(eye, looks_at, of=lambda prop: prop.name))
-    maps, size = Maps(), voxel_size
+    seen = scene.image(eye, looks_at)
+    by_name = scene.image(eye, looks_at, label=lambda each: each.name)
+    persons = scene.image_of_people(by_name)
+    maps, size = MapBuffer(), voxel_size
     objects = ObjectSource(vocabulary, voxel_size=size)
     gaze = GazeSource(vocabulary, voxel_size=size, reach=3.0)
     space = PersonalSpaceSource(vocabulary, voxel_size=size)
     rooms = ZoneSource(vocabulary, voxel_size=0.05)
-    maps.put("objects", objects(seen), stage.time)
-    maps.put("people", PeopleSource(vocabulary, voxel_size=size)(persons), stage.time)
-    maps.put("gaze", gaze(stage.gazes()), stage.time)
-    maps.put("personal space", space(stage.motions()), stage.time)
-    maps.put("zones", rooms(Zones(tuple(zones), stage.time)), stage.time)
+    maps.put("objects", objects(seen), scene.time)
+    maps.put("people", PeopleSource(vocabulary, voxel_size=size)(persons), scene.time)
+    maps.put("gaze", gaze(scene.gazes()), scene.time)
+    maps.put("personal space", space(scene.motions()), scene.time)
+    maps.put("zones", rooms(Zones(tuple(zones), scene.time)), scene.time)
     return maps
 
 
-def _wanted(props: Sequence[Prop], names: Names) -> list[Prop]:
-    """Small things, those of the types that are wanted first."""
+def _small_objects(objects: Sequence[VisibleObject], names: NameIndex) -> list[VisibleObject]:
+    """Return small objects, those of the preferred types first."""
 
-    def rank(prop: Prop) -> tuple[int, float]:
-        fits = [i for i, type_ in enumerate(WANTED) if names.is_a(prop.type, type_)]
-        return fits[0], float(np.prod(np.ptp(prop.triangles.reshape(-1, 3), axis=0)))
+    def rank(each: VisibleObject) -> tuple[int, float]:
+        fits = [i for i, type_ in enumerate(WANTED) if names.is_a(each.type, type_)]
+        return fits[0], float(np.prod(_extent(each)))
 
     small = [
-        p
-        for p in props
-        if names.is_a(p.type, "object") and np.ptp(p.triangles.reshape(-1, 3), axis=0).max() < 0.4
+        each for each in objects if names.is_a(each.type, "object") and _extent(each).max() < 0.4
     ]
     return sorted(small, key=rank)
 
 
-def _ground(point: NDArray[np.float64], props: Sequence[Prop], zones: Sequence[Zone]) -> float:
-    """The floor of the room that a point is in, or the lowest of all things if it is in none."""
+def _extent(object: VisibleObject) -> NDArray[np.float64]:
+    extent: NDArray[np.float64] = np.ptp(object.triangles.reshape(-1, 3), axis=0)
+    return extent
+
+
+def _floor(
+    point: NDArray[np.float64], objects: Sequence[VisibleObject], zones: Sequence[Zone]
+) -> float:
+    """Return the floor of the room around a point, or the lowest point of all objects."""
     floors = [
         z.low
         for z in zones
         if z.kind == "room" and z.low <= point[2] <= z.high and z.outline.covers(_flat(point))
     ]
-    return max(floors) if floors else min(float(p.triangles[:, :, 2].min()) for p in props)
+    return max(floors) if floors else min(float(o.triangles[:, :, 2].min()) for o in objects)
 
 
-def _flat(point: NDArray[np.float64]) -> Any:
-    from shapely import Point
-
+def _flat(point: NDArray[np.float64]) -> Point:
     return Point(point[0], point[1])
 
 
-def _distance(prop: Prop, point: NDArray[np.float64]) -> float:
-    """Metres from a point to the box of a prop."""
-    points = prop.triangles.reshape(-1, 3)
+def _distance(object: VisibleObject, point: NDArray[np.float64]) -> float:
+    """Return the distance in metres from a point to the box of an object."""
+    points = object.triangles.reshape(-1, 3)
     off = np.maximum(np.maximum(points.min(axis=0) - point, point - points.max(axis=0)), 0)
     return float(np.linalg.norm(off))
 
 
 def _picture(
-    stage: Stage,
-    target: Prop,
+    scene: SyntheticScene,
+    target: VisibleObject,
     eye: tuple[float, float, float],
-    maps: Maps,
-    answer: Stored,
-    names: Names,
+    maps: MapBuffer,
+    result: StoreResult,
+    names: NameIndex,
     path: Path,
 ) -> Path:
     middle = target.triangles.reshape(-1, 3).mean(axis=0)
-    ground = eye[2] - 1.5
-    triangles, colours = [_disc(middle, ground)], [np.tile(to_rgb("#efece4"), (72, 1))]
-    for prop in stage.props:
-        points = prop.triangles.reshape(-1, 3)
+    floor = eye[2] - 1.5
+    triangles, colours = [_disc(middle, floor)], [np.tile(to_rgb("#efece4"), (72, 1))]
+    for each in scene.objects:
+        points = each.triangles.reshape(-1, 3)
         centre = (points.min(axis=0) + points.max(axis=0)) / 2
-        indoors = names.is_a(prop.type, "object") or prop.type == "person"
-        structure = names.is_a(prop.type, "building_element") or names.is_a(prop.type, "room")
+        indoors = names.is_a(each.type, "object") or each.type == "person"
+        structure = names.is_a(each.type, "building_element") or names.is_a(each.type, "room")
         if not indoors or structure or np.linalg.norm(centre[:2] - middle[:2]) > AROUND:
             continue
-        if not ground - 0.2 < centre[2] < ground + 2:
+        if not floor - 0.2 < centre[2] < floor + 2:
             continue
-        supers = names.supers.get(prop.type, frozenset({prop.type}))
-        colour = "#5b6b86" if prop.type == "person" else object_colour(supers)
+        supertypes = names.supertypes.get(each.type, frozenset({each.type}))
+        colour = "#5b6b86" if each.type == "person" else object_colour(supertypes)
         pale = 0.5 * np.array(to_rgb(colour)) + 0.5
-        triangles.append(prop.triangles)
-        colours.append(np.tile(pale, (len(prop.triangles), 1)))
+        triangles.append(each.triangles)
+        colours.append(np.tile(pale, (len(each.triangles), 1)))
 
     now = maps.now()
     seen = next(m for m in now if m.property.name == "containsObject")
     gaze = next(m for m in now if m.property.name == "inFieldOfView" and m.about == "human1")
-    size = answer.voxel_size
+    size = result.voxel_size
 
     def near(voxels: NDArray[np.int32]) -> NDArray[np.int32]:
         off = (voxels[:, :2] + 0.5) * size - middle[:2]
         kept: NDArray[np.int32] = voxels[np.linalg.norm(off, axis=1) < AROUND]
         return kept
 
-    chosen = {tuple(v) for v in answer.voxels.tolist()}
+    chosen = {tuple(v) for v in result.voxels.tolist()}
     voxels = seen.voxels()
     others = voxels[[tuple(v) not in chosen for v in voxels.tolist()]]
     fields = [
         FieldView(near(others), size, "#9fb8d0", "objects that the robot sees"),
         FieldView(
-            answer.voxels, size, "#d6336c", f"{target.type} in human1's field of view: the answer"
+            result.voxels, size, "#d6336c", f"{target.type} in human1's field of view: the result"
         ),
         FieldView(near(gaze.voxels()), size, "#e8a200", "field of view of human1", 0.22),
     ]
-    # From the camera's side, that what it sees is seen here, and a little off, that depth shows.
+    # Draw from the side of the camera, turned by 20 degrees so that depth is visible.
     robot = np.degrees(np.arctan2(eye[1] - middle[1], eye[0] - middle[0]))
     return fields_picture(
         np.concatenate(triangles),
@@ -225,9 +263,9 @@ def _picture(
     )
 
 
-def _disc(middle: NDArray[np.float64], ground: float) -> NDArray[np.float64]:
+def _disc(middle: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
     angle = np.linspace(0, 2 * np.pi, 73)
     ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(73)]) * AROUND
-    ring += (middle[0], middle[1], ground)
-    hub = np.tile((middle[0], middle[1], ground), (72, 1))
+    ring += (middle[0], middle[1], floor)
+    hub = np.tile((middle[0], middle[1], floor), (72, 1))
     return np.stack([hub, ring[:-1], ring[1:]], axis=1)

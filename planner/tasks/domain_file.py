@@ -40,6 +40,9 @@ _MOST = 2000
 _MOST_STEPS = 10_000
 """Ways to bring about a fact that are looked at, one action after another."""
 
+_MOST_STEPS = 10_000
+"""Ways to bring about a fact that are looked at, one action after another."""
+
 _LITERAL = re.compile(r"\s*(not\s+)?([A-Za-z_][\w-]*)\s*\(([^()]*)\)\s*$")
 
 

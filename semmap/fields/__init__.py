@@ -1,12 +1,15 @@
-"""Fields of meaning over space: maps, their sources and operators, and a language to ask them.
+"""Fields: what space contains and means, in sparse grids of voxels (OpenVDB).
 
-Needs OpenVDB. The working modules know no database; `source`, `mirror` and `announce` do.
+Maps that sources make, operators on maps, regions of entities, relations between entities, and
+queries. Only the modules in `store` read and write the database.
 """
 
-from semmap.fields.maps import Maps
-from semmap.fields.property import Property
-from semmap.fields.region_map import Memory, Overlap, RegionMap
-from semmap.fields.regions import (
+from semmap.fields.maps.lattice import Lattice
+from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.regions.measures import Memory, Overlap
+from semmap.fields.regions.region_map import RegionMap
+from semmap.fields.regions.shapes import (
     Box,
     Cone,
     Cylinder,
@@ -15,10 +18,10 @@ from semmap.fields.regions import (
     Region,
     Solid,
     Sphere,
-    Surface,
+    SurfaceRegion,
     voxels_of,
 )
-from semmap.fields.representation_map import Lattice, RepresentationMap
+from semmap.language.schema import Property
 
 __all__ = [
     "Box",
@@ -27,7 +30,7 @@ __all__ = [
     "DepthImage",
     "Hull",
     "Lattice",
-    "Maps",
+    "MapBuffer",
     "Memory",
     "Overlap",
     "Property",
@@ -36,6 +39,6 @@ __all__ = [
     "RepresentationMap",
     "Solid",
     "Sphere",
-    "Surface",
+    "SurfaceRegion",
     "voxels_of",
 ]

@@ -1,51 +1,37 @@
-"""What fields add to the command line: `semmap fields` asks, watches, keeps and exports."""
+"""The commands `semmap fields`: query, watch, store and export what space contains."""
 
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Mapping
-from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from semmap import cli
-from semmap.fields import keep
-from semmap.fields.announce import Announcer, as_json
-from semmap.fields.export import write_grid, write_points
-from semmap.fields.kept_maps import keep_map, kept_maps
-from semmap.fields.language import Rows, query
-from semmap.fields.mirror import Mirror
-from semmap.fields.mirrored import catalogue_of
-from semmap.fields.relations import Relations
-from semmap.fields.source import read_names, read_vocabulary_of_map
-from semmap.fields.stored import stored_map
+
+if TYPE_CHECKING:
+    from semmap.fields.queries import SelectResult, StoreResult
+    from semmap.fields.store.voxel_mirror import VoxelMirror
 
 __all__ = ["fields"]
 
-fields = typer.Typer(no_args_is_help=True, help="What fills space, voxel by voxel.")
+fields = typer.Typer(no_args_is_help=True, help="What space contains, voxel by voxel.")
 
-VoxelSize = Annotated[float, typer.Option(help="Metres.")]
+VoxelSize = Annotated[float, typer.Option(help="Edge of a voxel in metres.")]
 
 
 @fields.command()
 def at(
-    point: Annotated[str, typer.Argument(help="X,Y,Z in the map's frame, metres.")],
+    point: Annotated[str, typer.Argument(help="X,Y,Z in the frame of the map, metres.")],
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Tell which things fill the voxel at a point."""
-    try:
-        place = [float(v) for v in point.split(",")]
-    except ValueError:
-        place = []
-    if len(place) != 3 or not np.isfinite(place).all():
-        raise ValueError(f"at takes X,Y,Z, three numbers with commas between, not {point}")
-    mirror = mirrored(map_name, voxel_size)
+    """Show which entities have the voxel at a point."""
+    place = _point(point)
+    mirror = _current_mirror(map_name, voxel_size)
     (found,) = mirror.regions.entities_at([place])
     rows = [(mirror.names[n],) for n in sorted(int(str(n)) for n in found)]
     cli.show_rows(["name"], rows, json_)
@@ -53,8 +39,8 @@ def at(
 
 @fields.command()
 def ls(voxel_size: VoxelSize = 0.05, map_name: cli.MapName = None, json_: cli.Json = False) -> None:
-    """List the things that fill space, with their voxels and cubic metres."""
-    mirror = mirrored(map_name, voxel_size)
+    """List the entities that have voxels, with their number and volume in cubic metres."""
+    mirror = _current_mirror(map_name, voxel_size)
     rows: list[tuple[Any, ...]] = []
     for number, name in sorted(mirror.names.items(), key=lambda item: item[1]):
         count = mirror.regions.size(number)
@@ -67,128 +53,112 @@ def query_command(
     text: Annotated[str | None, typer.Argument(help="SPARQL; see docs/fields_language.md.")] = None,
     file: Annotated[Path | None, typer.Option("--file", "-f", help="Read it from a file.")] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Where STORE writes its map (.vdb).")
+        Path | None, typer.Option("--output", "-o", help="File for the map of STORE (.vdb).")
     ] = None,
     keep_as: Annotated[
-        str | None, typer.Option("--keep", help="Name under which the database keeps STORE's map.")
+        str | None, typer.Option("--keep", help="Store the map of STORE under this name.")
     ] = None,
-    limit: Annotated[int, typer.Option(help="Rows shown; all in JSON.")] = 50,
+    limit: Annotated[int, typer.Option(help="The most rows in a table; JSON has all.")] = 50,
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Ask the fields of the map: what fills space, rooms, regions, what is free, what is kept."""
+    """Query the fields of the map: occupied and free space, rooms, regions, stored fields."""
     if (text is None) == (file is None):
-        raise ValueError("query takes its text, or --file with a file that holds it")
-    asked = text if file is None else file.read_text(encoding="utf-8")
-    vocabulary = read_vocabulary_of_map()
-    mirror = mirrored(map_name, voxel_size)
+        raise ValueError("give the query as an argument, or a file with it by --file")
+    from semmap.fields.queries import SelectResult, query
+    from semmap.fields.queries.mirror_catalogue import mirror_catalogue
+    from semmap.fields.store.map_store import load_maps
+    from semmap.fields.store.reader import read_map_vocabulary, read_names
+
+    sparql = text if file is None else file.read_text(encoding="utf-8")
+    vocabulary = read_map_vocabulary()
+    mirror = _current_mirror(map_name, voxel_size)
     with cli.open_map(map_name) as connection:
         names = read_names(connection)
-        mirror.maps.put("kept", kept_maps(connection, vocabulary).values())
-    answer = query(catalogue_of(mirror, names, vocabulary), str(asked))
-    if isinstance(answer, bool):
-        print(json.dumps(answer) if json_ else ("yes" if answer else "no"))
-    elif isinstance(answer, Rows):
-        show_answer(answer, limit, json_)
+        mirror.maps.put("kept", load_maps(connection, vocabulary).values())
+    result = query(mirror_catalogue(mirror, names, vocabulary), str(sparql))
+    if isinstance(result, bool):
+        print(json.dumps(result) if json_ else ("yes" if result else "no"))
+    elif isinstance(result, SelectResult):
+        _show_rows(result, limit, json_)
     else:
-        said: dict[str, Any] = {
-            "property": answer.property.name,
-            "voxels": len(answer.voxels),
-        }
-        if output is not None:
-            stored_map(answer).write(output)
-            said["file"] = str(output)
-        if keep_as is not None:
-            with cli.open_map(map_name) as connection:
-                said["kept"] = keep_as
-                said["version"] = keep_map(connection, keep_as, stored_map(answer))
-                connection.commit()
-        if json_:
-            print(json.dumps(said))
-        else:
-            where = "" if output is None else f", written to {output}"
-            where += "" if keep_as is None else f", kept as {keep_as}, version {said['version']}"
-            cli.out.print(f"{said['property']}: {said['voxels']} voxels{where}")
+        _store_result(result, output, keep_as, map_name, json_)
 
 
 @fields.command()
 def kept(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
-    """List the maps that the database keeps, with their versions."""
+    """List the stored fields with their versions."""
+    from semmap.fields.store import field_store
+    from semmap.fields.store.map_store import load_maps
+    from semmap.fields.store.reader import read_map_vocabulary
+
     with cli.open_map(map_name) as connection:
         rows = [
-            (name, m.property.name, m.about, len(m), len(keep.versions(connection, name)))
-            for name, m in kept_maps(connection, read_vocabulary_of_map()).items()
+            (name, m.property.name, m.about, len(m), len(field_store.versions(connection, name)))
+            for name, m in load_maps(connection, read_map_vocabulary()).items()
         ]
     cli.show_rows(["name", "property", "about", "voxels", "versions"], rows, json_)
 
 
 @fields.command()
 def forget(name: str, map_name: cli.MapName = None) -> None:
-    """Delete a map that the database keeps, with all its versions."""
+    """Delete a stored field with all its versions."""
+    from semmap.fields.store import field_store
+
     with cli.open_map(map_name) as connection:
-        if name not in keep.names(connection):
-            known = ", ".join(keep.names(connection)) or "none"
-            raise LookupError(f"no field {name} is kept of this map; there are: {known}")
-        keep.forget(connection, name)
+        known = field_store.names(connection)
+        if name not in known:
+            raise LookupError(
+                f"there is no field {name} in this map; fields: {', '.join(known) or 'none'}"
+            )
+        field_store.forget(connection, name)
         connection.commit()
-
-
-def show_answer(answer: Rows, limit: int, json_: bool) -> None:
-    """Rows as a table, no more than `limit`; all of them as JSON."""
-    if json_:
-        print(json.dumps(answer.json()))
-        return
-    rows = [tuple(_readable(value) for value in row) for row in islice(answer, limit)]
-    cli.show_rows(list(answer.names), rows, json_)
-    if len(answer) > limit:
-        cli.out.print(f"{len(answer) - limit} rows more: --limit shows them, --json gives all")
-
-
-def _readable(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return " ".join(f"{v:.3f}" for v in value)
-    return round(value, 6) if isinstance(value, float) else value
 
 
 @fields.command()
 def watch(
     voxel_size: VoxelSize = 0.05,
     seconds: Annotated[
-        float | None, typer.Option(help="Stop after that time; by default never.")
+        float | None, typer.Option(help="Stop after this time; by default never.")
     ] = None,
     save_every: Annotated[
         float | None,
-        typer.Option(help="Seconds; keep what fills space, for later commands to go on from."),
+        typer.Option(help="Seconds between saves of the voxels, from which later commands start."),
     ] = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Follow the map; tell which relations of things begin and end, and announce them.
+    """Follow the map; show and publish the relations between entities that begin and end.
 
-    Others hear of it on the database's channel `semmap_events`.
+    Other programs receive them on the channel `semmap_events` of the database.
     """
+    import threading
+
+    from semmap.fields.relations.tracker import RelationTracker
+    from semmap.fields.store.event_channel import EventPublisher, as_json
+
     stop = threading.Event()
     engine = cli.engine()
-    mirror = _mirror(engine, map_name, voxel_size)
+    mirror = _resumed_mirror(engine, map_name, voxel_size)
     names: Mapping[Any, Any] = mirror.names
-    relations = Relations(mirror.regions, names=names)
-    relations.update(mirror.regions.entities())
-    announcer = Announcer(engine)
+    tracker = RelationTracker(mirror.regions, names=names)
+    tracker.update(mirror.regions.entities())
+    publisher = EventPublisher(engine)
 
-    def heard(changed: set[int]) -> None:
-        events = relations.update(changed)
-        announcer.announce(events)
+    def on_change(changed: set[int]) -> None:
+        events = tracker.update(changed)
+        publisher.publish(events)
         for event in events:
             print(json.dumps(as_json(event)) if json_ else str(event), flush=True)
 
     if not json_:
-        cli.out.print(f"{len(relations.holding())} relations hold; Ctrl-C ends")
+        cli.out.print(f"{len(tracker.holding())} relations are true; Ctrl-C stops")
     timer = threading.Timer(seconds or 0, stop.set)
     if seconds is not None:
         timer.start()
     try:
-        mirror.follow(stop, heard, save_every=save_every)
+        mirror.follow(stop, on_change, save_every=save_every)
     except KeyboardInterrupt:
         stop.set()
     finally:
@@ -200,26 +170,87 @@ def watch(
 def export(
     folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files.")],
     kept_name: Annotated[
-        str | None, typer.Option("--kept", help="A map that the database keeps, instead.")
+        str | None, typer.Option("--kept", help="Export this stored field instead.")
     ] = None,
     version: Annotated[
-        int | None, typer.Option(help="Of the map that is kept; the newest by default.")
+        int | None, typer.Option(help="Version of the stored field; by default the newest.")
     ] = None,
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Write the set numbers as OpenVDB, the register of sets, and the voxels as points."""
+    """Write the voxels of all entities: OpenVDB, the sets of entities, and points."""
     if kept_name is not None:
-        export_kept(folder, kept_name, version, map_name, json_)
+        _export_stored(folder, kept_name, version, map_name, json_)
         return
     if version is not None:
-        raise ValueError("--version is that of a map that is kept: name it, --kept NAME")
-    mirror = mirrored(map_name, voxel_size)
+        raise ValueError("--version is a version of a stored field: name the field by --kept NAME")
+    _export_mirror(folder, _current_mirror(map_name, voxel_size), json_)
+
+
+def _point(text: str) -> list[float]:
+    import math
+
+    try:
+        place = [float(v) for v in text.split(",")]
+    except ValueError:
+        place = []
+    if len(place) != 3 or not all(map(math.isfinite, place)):
+        raise ValueError(f"{text} is not a point: give X,Y,Z, three numbers with commas between")
+    return place
+
+
+def _show_rows(result: SelectResult, limit: int, json_: bool) -> None:
+    """Show at most `limit` rows as a table, or all rows as JSON."""
+    from itertools import islice
+
+    if json_:
+        print(json.dumps(result.as_json()))
+        return
+    rows = [tuple(_readable(value) for value in row) for row in islice(result, limit)]
+    cli.show_rows(list(result.names), rows, json_)
+    if len(result) > limit:
+        cli.out.print(f"{len(result) - limit} more rows: use --limit or --json")
+
+
+def _readable(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return " ".join(f"{v:.3f}" for v in value)
+    return round(value, 6) if isinstance(value, float) else value
+
+
+def _store_result(
+    result: StoreResult, output: Path | None, name: str | None, map_name: str | None, json_: bool
+) -> None:
+    from semmap.fields.store.map_store import save_map
+
+    summary: dict[str, Any] = {"property": result.property.name, "voxels": len(result)}
+    where = ""
+    if output is not None:
+        result.to_map().write(output)
+        summary["file"] = str(output)
+        where += f", written to {output}"
+    if name is not None:
+        with cli.open_map(map_name) as connection:
+            summary["kept"] = name
+            summary["version"] = save_map(connection, name, result.to_map())
+            connection.commit()
+        where += f", stored as {name}, version {summary['version']}"
+    if json_:
+        print(json.dumps(summary))
+    else:
+        cli.out.print(f"{summary['property']}: {summary['voxels']} voxels{where}")
+
+
+def _export_mirror(folder: Path, mirror: VoxelMirror, json_: bool) -> None:
+    import numpy as np
+
+    from semmap.fields.maps.export import write_points
+
     regions = mirror.regions
     parts = [np.zeros((0, 3), np.int32), *(regions.voxels(n) for n in sorted(mirror.names))]
     voxels = np.unique(np.concatenate(parts), axis=0)
-    centres = (voxels + 0.5) * voxel_size
+    centres = (voxels + 0.5) * regions.voxel_size
     numbers = regions.set_numbers_at(centres)
     sets = {
         number: sorted(mirror.names[int(str(n))] for n in members)
@@ -229,36 +260,39 @@ def export(
     regions.write(folder / "sets.vdb")
     (folder / "sets.json").write_text(json.dumps(sets, indent=1) + "\n")
     write_points(folder / "points.ply", centres, numbers, name="set")
-    memory = regions.memory()
-    said = {
+    summary = {
         "folder": str(folder),
-        "voxel_size": voxel_size,
+        "voxel_size": regions.voxel_size,
         "voxels": len(voxels),
         "entities": len(mirror.names),
         "sets": len(sets),
-        "bytes_per_voxel": round(memory.bytes_per_voxel, 2),
+        "bytes_per_voxel": round(regions.memory().bytes_per_voxel, 2),
     }
     if json_:
-        print(json.dumps(said))
+        print(json.dumps(summary))
     else:
         cli.out.print(
-            f"{folder}: {said['voxels']} voxels of {voxel_size:g} m, {said['entities']} entities "
-            f"in {said['sets']} sets, {said['bytes_per_voxel']} bytes a voxel"
+            f"{folder}: {summary['voxels']} voxels of {regions.voxel_size:g} m, "
+            f"{summary['entities']} entities in {summary['sets']} sets, "
+            f"{summary['bytes_per_voxel']} bytes per voxel"
         )
 
 
-def export_kept(
+def _export_stored(
     folder: Path, name: str, version: int | None, map_name: str | None, json_: bool
 ) -> None:
-    """Write a map that is kept as OpenVDB, its legend, and its voxels as points."""
+    """Write a stored field as OpenVDB, its legend, and its voxels as points."""
+    from semmap.fields.maps.export import write_grid
+    from semmap.fields.store import field_store
+
     with cli.open_map(map_name) as connection:
-        field = keep.load(connection, name, version)
+        field = field_store.load(connection, name, version)
     folder.mkdir(parents=True, exist_ok=True)
     write_grid(folder / "field.vdb", field.grid, name)
     write_grid(folder / "points.ply", field.grid, name)
     if field.legend is not None:
         (folder / "legend.json").write_text(json.dumps(field.legend, indent=1) + "\n")
-    said = {
+    summary = {
         "folder": str(folder),
         "name": name,
         "version": field.version,
@@ -266,24 +300,26 @@ def export_kept(
         "voxels": len(field.grid),
     }
     if json_:
-        print(json.dumps(said))
+        print(json.dumps(summary))
     else:
         cli.out.print(
-            f"{folder}: {said['voxels']} voxels of {field.grid.voxel_size:g} m, "
+            f"{folder}: {summary['voxels']} voxels of {field.grid.voxel_size:g} m, "
             f"{name} version {field.version}"
         )
 
 
-def mirrored(map_name: str | None, voxel_size: float) -> Mirror:
-    """A mirror of a map, as it is now."""
+def _current_mirror(map_name: str | None, voxel_size: float) -> VoxelMirror:
+    """Return a mirror of the present state of a map."""
     with cli.database() as engine:
-        return _mirror(engine, map_name, voxel_size)
+        return _resumed_mirror(engine, map_name, voxel_size)
 
 
-def _mirror(engine: Any, map_name: str | None, voxel_size: float) -> Mirror:
+def _resumed_mirror(engine: Any, map_name: str | None, voxel_size: float) -> VoxelMirror:
+    from semmap.fields.store.voxel_mirror import VoxelMirror
+
     with engine.connect() as connection:
-        cli.choose_map(connection, map_name)  # an error names the maps that there are
-    mirror = Mirror.resume(engine, map_name, voxel_size)
+        cli.choose_map(connection, map_name)  # an unknown map is an error that lists all maps
+    mirror = VoxelMirror.resume(engine, map_name, voxel_size)
     mirror.catch_up()
     for name, reason in mirror.left_out.items():
         cli.err.print(f"left out: {name}: {reason}", style="yellow")

@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from semmap.fields.relations import Event, Fact
+from semmap.fields.relations.facts import Fact, RelationEvent
 
 SCRIPT = Path(__file__).parents[2] / "examples/moving_solids.py"
 
@@ -35,7 +35,7 @@ def example() -> ModuleType:
 def test_the_story(example: ModuleType) -> None:
     """What it is about begins and ends, once each."""
     scene = example.Scene()
-    heard: list[Event] = [*scene.begun]
+    heard: list[RelationEvent] = [*scene.begun]
     scene.events.subscribe(heard.append)
     for _, moves in example.STORY:
         for name, by, turn in moves:

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from sqlalchemy import Engine, text
 
-from semmap.fields.announce import Listener
+from semmap.fields.store.event_channel import EventListener
 from semmap.ingest.importer import import_file
 from tests.command_line import semmap
 
@@ -34,12 +34,12 @@ def run(office: str, *words: object) -> Any:
     return json.loads(done.stdout)
 
 
-def test_what_is_at_a_point(office: str) -> None:
+def test_at_lists_the_entities_of_a_voxel(office: str) -> None:
     assert {r["name"] for r in run(office, "at", "9.2,0.45,7.73")} == {"desk4"}
     assert run(office, "at", "9.2,2.5,8.5") == []
 
 
-def test_the_desk_has_its_volume(office: str) -> None:
+def test_ls_lists_volumes(office: str) -> None:
     rows = {r["name"]: r for r in run(office, "ls", "--voxel-size", "0.02")}
     assert {"desk4", "muffin1", "walls-3rd"} <= set(rows)
     desk = 0.8 * 1.6 * 0.03 + 4 * 0.05**2 * 0.71 + 0.02 * 1.4 * 0.3
@@ -48,11 +48,11 @@ def test_the_desk_has_its_volume(office: str) -> None:
 
 
 def test_export(office: str, tmp_path: Path) -> None:
-    said = run(office, "export", "-o", tmp_path, "--voxel-size", "0.1")
+    result = run(office, "export", "-o", tmp_path, "--voxel-size", "0.1")
     cloud = trimesh.load(tmp_path / "points.ply")
-    assert len(cloud.vertices) == said["voxels"]
+    assert len(cloud.vertices) == result["voxels"]
     sets = json.loads((tmp_path / "sets.json").read_text())
-    assert len(sets) == said["sets"]
+    assert len(sets) == result["sets"]
     assert ["desk4"] in sets.values()
     assert (tmp_path / "sets.vdb").stat().st_size > 1000
     low, high = np.asarray(cloud.bounds)
@@ -64,12 +64,18 @@ PREFIX = "PREFIX : <urn:semmap:ontology#> "
 
 
 def test_query(office: str, tmp_path: Path) -> None:
-    asked = "SELECT ?thing (COUNT(?v) AS ?n) WHERE { ?v :inRoom :office4 . ?v :occupiedBy ?thing }"
-    said = run(
-        office, "query", "--voxel-size", "0.1", f"{PREFIX}{asked} GROUP BY ?thing ORDER BY DESC(?n)"
+    counted = (
+        "SELECT ?entity (COUNT(?v) AS ?n) WHERE { ?v :inRoom :office4 . ?v :occupiedBy ?entity }"
     )
-    rows = dict(said["rows"])
-    assert said["variables"] == ["thing", "n"]
+    result = run(
+        office,
+        "query",
+        "--voxel-size",
+        "0.1",
+        f"{PREFIX}{counted} GROUP BY ?entity ORDER BY DESC(?n)",
+    )
+    rows = dict(result["rows"])
+    assert result["variables"] == ["entity", "n"]
     assert next(iter(rows)) == "sofa3"
     assert rows["desk4"] > 50
     # What is free and what is occupied make the room.
@@ -82,7 +88,7 @@ def test_query(office: str, tmp_path: Path) -> None:
         office, "query", "--voxel-size", "0.1", f"{PREFIX}{count} . ?v :occupiedBy ?t }}"
     )["rows"]
     assert free + full == whole
-    on = "SELECT ?thing WHERE { ?thing :on :desk4 } ORDER BY ?thing"
+    on = "SELECT ?entity WHERE { ?entity :on :desk4 } ORDER BY ?entity"
     found = [row for [row] in run(office, "query", f"{PREFIX}{on}")["rows"]]
     assert {"muffin1", "monitor5"} <= set(found)
     assert not {"desk4", "sofa3", "office_chair5"} & set(found)
@@ -90,23 +96,27 @@ def test_query(office: str, tmp_path: Path) -> None:
     file.write_text(PREFIX + "ASK { ?v :occupiedBy 'muffin' }")
     assert run(office, "query", "--voxel-size", "0.1", "-f", file) is True
     stored = run(
-        office, "query", "--voxel-size", "0.1",
+        office,
+        "query",
+        "--voxel-size",
+        "0.1",
         PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy",
-        "-o", tmp_path / "muffin.vdb",
-    )  # fmt: skip
+        "-o",
+        tmp_path / "muffin.vdb",
+    )
     assert stored["property"] == "occupiedBy"
     assert stored["voxels"] > 0
     assert (tmp_path / "muffin.vdb").stat().st_size > 100
 
 
-def test_maps_that_are_kept(office: str) -> None:
-    """A map that a query stored is asked again, and as often as it changes it has a version."""
+def test_stored_maps(office: str) -> None:
+    """A stored map can be queried, and each change makes a version."""
     size = ("--voxel-size", "0.1")
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
     first = run(office, "query", text, *size, "--keep", "sweet")
     assert (first["kept"], first["version"]) == ("sweet", 1)
     text = PREFIX + "SELECT ?v ?o WHERE { ?v :inRoom ?o FILTER(:z(?v) < 0.1) } STORE :inZone"
-    with pytest.raises(ValueError, match="no region"):
+    with pytest.raises(ValueError, match="not of the type region"):
         run(office, "query", text, *size, "--keep", "low")
     text = PREFIX + "SELECT ?v WHERE { ?v :inZone :home FILTER(:z(?v) < 0.2) } STORE :inZone"
     low = run(office, "query", text, *size, "--keep", "low")
@@ -118,20 +128,20 @@ def test_maps_that_are_kept(office: str) -> None:
     forgot = semmap(office, "fields", "forget", "low")
     assert forgot.exit_code == 0
     assert [row["name"] for row in run(office, "kept")] == ["sweet"]
-    with pytest.raises(LookupError, match="there are: sweet"):
+    with pytest.raises(LookupError, match="fields: sweet"):
         semmap(office, "fields", "forget", "low")
 
 
-def test_a_kept_map_is_exported(office: str, tmp_path: Path) -> None:
+def test_export_of_a_stored_map(office: str, tmp_path: Path) -> None:
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy 'muffin' } STORE :occupiedBy"
     stored = run(office, "query", text, "--voxel-size", "0.1", "--keep", "baked")
-    said = run(office, "export", "-o", tmp_path, "--kept", "baked")
-    assert (said["version"], said["voxels"]) == (1, stored["voxels"])
+    result = run(office, "export", "-o", tmp_path, "--kept", "baked")
+    assert (result["version"], result["voxels"]) == (1, stored["voxels"])
     assert len(trimesh.load(tmp_path / "points.ply").vertices) == stored["voxels"]
     assert (tmp_path / "field.vdb").read_bytes()[:4] == b" BDV"
     for words, says in (
-        (("--kept", "bread"), "no field bread is kept"),
-        (("--kept", "baked", "--version", "2"), "version 2 of the field baked is not kept"),
+        (("--kept", "bread"), "there is no field bread"),
+        (("--kept", "baked", "--version", "2"), "no version 2 of the field baked"),
         (("--version", "2"), "--kept NAME"),
     ):
         with pytest.raises((ValueError, LookupError), match=says):
@@ -140,29 +150,29 @@ def test_a_kept_map_is_exported(office: str, tmp_path: Path) -> None:
     semmap(office, "fields", "forget", "baked")
 
 
-def test_readable_rows(office: str) -> None:
+def test_tables_are_limited(office: str) -> None:
     text = PREFIX + "SELECT ?v WHERE { ?v :occupiedBy :muffin1 } ORDER BY :z(?v)"
     done = semmap(office, "fields", "query", text, "--limit", 3, "--voxel-size", 0.03)
     assert done.exit_code == 0
-    assert "rows more" in done.stdout
+    assert "more rows" in done.stdout
 
 
 def test_watch(office: str, module_engine: Engine) -> None:
-    """The muffin is lifted and set down on the floor: said here, and on the channel."""
-    told: list[Any] = []
+    """The muffin is lifted: the command and the channel report it."""
+    printed: list[Any] = []
 
     def watch() -> None:
         words = ["fields", "watch", "--seconds", "12", "--voxel-size", "0.05", "--json"]
         done = semmap(office, *words)
-        told.extend(json.loads(line) for line in done.stdout.splitlines())
+        printed.extend(json.loads(line) for line in done.stdout.splitlines())
 
-    with Listener(module_engine) as listener:
+    with EventListener(module_engine) as listener:
         watching = threading.Thread(target=watch)
         watching.start()
-        heard: list[Any] = []
+        received: list[Any] = []
         end = time.monotonic() + 11
         moved = False
-        while time.monotonic() < end and not heard:
+        while time.monotonic() < end and not received:
             if not moved and time.monotonic() > end - 5:
                 moved = True
                 with module_engine.begin() as connection:
@@ -172,21 +182,21 @@ def test_watch(office: str, module_engine: Engine) -> None:
                             "WHERE entity_id = entity_id('muffin1')"
                         )
                     )
-            heard = list(listener.events(timeout=0.5))
+            received = list(listener.events(timeout=0.5))
         watching.join()
-    ended = {(e["subject"], e["relation"], e["object"]) for e in told if e["event"] == "end"}
+    ended = {(e["subject"], e["relation"], e["object"]) for e in printed if e["event"] == "end"}
     assert ("muffin1", "on", "desk4") in ended
-    assert ("on", "muffin1", "desk4") in {(e.relation, e.subject, e.object) for e in heard}
+    assert ("on", "muffin1", "desk4") in {(e.relation, e.subject, e.object) for e in received}
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
-        (("at", "1,2"), "at takes X,Y,Z"),
-        (("at", "a,b,c"), "at takes X,Y,Z"),
+        (("at", "1,2"), "give X,Y,Z"),
+        (("at", "a,b,c"), "give X,Y,Z"),
         (("ls", "--voxel-size", "0"), "give metres above 0"),
     ],
 )
-def test_what_cannot_be_done(office: str, words: tuple[str, ...], says: str) -> None:
-    with pytest.raises((ValueError, LookupError), match=says):
+def test_wrong_arguments_are_refused(office: str, words: tuple[str, ...], message: str) -> None:
+    with pytest.raises((ValueError, LookupError), match=message):
         run(office, *words)

@@ -18,7 +18,7 @@ def _restored() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_restored")
-def test_variants_agree() -> None:
+def test_all_variants_have_equal_results() -> None:
     """Rasterised, put in, moved, taken out and looked up."""
     random = np.random.default_rng(6)
     spheres = [Sphere(random.uniform(-20, 20, 3), random.uniform(1, 14)) for _ in range(20)]
@@ -42,7 +42,7 @@ def test_variants_agree() -> None:
     assert len(np.unique(answers[0][0])) > 20
 
 
-def test_unknown_variant() -> None:
+def test_an_unknown_variant_is_refused() -> None:
     """One that this processor lacks is refused."""
     with pytest.raises(ValueError, match="has no variant"):
         choose_variant("abacus")

@@ -577,7 +577,7 @@ def grid_calls(kind: Any, background: Any, dtype: Any) -> Iterator[tuple[str, Ca
     )
     placements = [
         ("NaN", [[NAN] * 4] * 3),
-        ("no rotation", [[2.0, 0, 0, 0], *UNMOVED[1:]]),
+        ("not a rotation", [[2.0, 0, 0, 0], *UNMOVED[1:]]),
         ("singular", [[0.0] * 4] * 3),
         ("infinite shift", [[1.0, 0, 0, INF], *UNMOVED[1:]]),
         ("of two rows", UNMOVED[:2]),

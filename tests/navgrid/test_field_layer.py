@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from navgrid.costmap import Costmap, Inflation
 from navgrid.grid import Grid
 from semmap.database.files import schema_folder
-from semmap.fields.layer import layer_cells
-from semmap.fields.regions import Box, Sphere
-from semmap.fields.representation_map import RepresentationMap
-from semmap.fields.sources import Moving, People, PersonalSpaceSource
-from semmap.fields.vocabulary import read_vocabulary
+from semmap.fields.maps.costmap_layer import layer_cells
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import read_vocabulary
+from semmap.fields.regions.shapes import Box, Sphere
+from semmap.fields.sources import Motion, People, PersonalSpaceSource
 from tests.navgrid.scenes import ARM, BASE, room, scene, solid
 
 VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
@@ -72,7 +72,7 @@ def person(x: float, y: float, low: float, high: float) -> RepresentationMap:
 
 
 def space(x: float, y: float, vx: float) -> RepresentationMap:
-    (made,) = PersonalSpaceSource(VOCABULARY)(People({"human1": Moving(x, y, 0.0, vx, 0.0)}, NOW))
+    (made,) = PersonalSpaceSource(VOCABULARY)(People({"human1": Motion(x, y, 0.0, vx, 0.0)}, NOW))
     return made
 
 

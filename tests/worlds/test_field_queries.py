@@ -13,78 +13,78 @@ import trimesh
 from numpy.typing import NDArray
 from sqlalchemy import Engine
 
-from planner.demo.fields import PAPERS_QUERY, perceived, staged
-from semmap.fields.catalogue import FieldCatalogue, Occupancy
-from semmap.fields.language import Rows, Stored, query
-from semmap.fields.maps import Maps
-from semmap.fields.names import Names
-from semmap.fields.region_map import RegionMap
-from semmap.fields.regions import Cylinder, Surface
-from semmap.fields.source import read_names, read_props, read_vocabulary_of_map
+from planner.demo.fields import PAPERS_QUERY, arrange_scene, perceived_maps
+from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.queries import SelectResult, StoreResult, query
+from semmap.fields.queries.catalogue import FieldCatalogue
+from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
+from semmap.fields.regions.shapes import Cylinder, SurfaceRegion
 from semmap.fields.sources import Segmentation
-from semmap.fields.stage import Prop, Stage
+from semmap.fields.sources.synthetic_scene import SyntheticScene, VisibleObject
+from semmap.fields.store.reader import read_map_vocabulary, read_names, read_visible_objects
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
 from semmap.ingest.importer import import_file
+from semmap.language.names import NameIndex
 
 SIZE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    stage: Stage
-    maps: Maps
-    names: Names
+class HouseScene:
+    synthetic: SyntheticScene
+    maps: MapBuffer
+    names: NameIndex
     catalogue: FieldCatalogue
     seen: Segmentation
-    table: Prop
-    mug: Prop
+    table: VisibleObject
+    mug: VisibleObject
 
 
 @pytest.fixture(scope="module")
-def scene(module_engine: Engine, worlds: Path) -> Scene:
-    """What sources make of the house, seen from where the mug is seen."""
+def scene(module_engine: Engine, worlds: Path) -> HouseScene:
+    """The maps of sources in the house, from a place where the mug is visible."""
     world = worlds / "small_house" / "worlds" / "small_house.world"
     import_file(module_engine, world, map_name="house")
     with module_engine.connect() as connection:
-        names, props = read_names(connection), read_props(connection)
-    table, top = table_of(props)
+        names, objects = read_names(connection), read_visible_objects(connection)
+    table, top = table_of(objects)
     cup = trimesh.creation.cylinder(radius=0.04, height=0.1, sections=24)
     cup.apply_translation((*top[:2], top[2] + 0.05))
-    mug = Prop("mug1", "mug", np.asarray(cup.triangles, np.float64))
+    mug = VisibleObject("mug1", "mug", np.asarray(cup.triangles, np.float64))
     names = replace(names, entities={**names.entities, "mug1": "mug"})
-    found = staged([*props, mug], names, [])
+    found = arrange_scene([*objects, mug], names, [])
     assert found is not None
-    stage, target, eye = found
-    assert target is mug, "the mug is what is wanted most"
-    maps = perceived(stage, eye, mug, [], SIZE)
+    synthetic, target, eye = found
+    assert target is mug, "mugs are the preferred type"
+    maps = perceived_maps(synthetic, eye, mug, [], SIZE)
     regions = RegionMap(SIZE)
     regions.insert("mug1", Cylinder((*top[:2], top[2] + 0.05), 0.04, 0.1))
     mesh: Mesh = to_mesh(table.triangles)
-    regions.insert(table.name, Surface(mesh.vertices, mesh.faces))
+    regions.insert(table.name, SurfaceRegion(mesh.vertices, mesh.faces))
     catalogue = FieldCatalogue(
-        read_vocabulary_of_map(), maps, names, occupancy=Occupancy(regions), voxel_size=SIZE
+        read_map_vocabulary(), maps, names, occupancy=NamedRegionMap(regions), voxel_size=SIZE
     )
-    seen = stage.seen(eye, mug.triangles.reshape(-1, 3).mean(axis=0))
-    return Scene(stage, maps, names, catalogue, seen, table, mug)
+    seen = synthetic.image(eye, mug.triangles.reshape(-1, 3).mean(axis=0))
+    return HouseScene(synthetic, maps, names, catalogue, seen, table, mug)
 
 
-def table_of(props: list[Prop]) -> tuple[Prop, NDArray[np.float64]]:
+def table_of(objects: list[VisibleObject]) -> tuple[VisibleObject, NDArray[np.float64]]:
     """The table with the largest top between 0.4 and 1.1 m, and the middle of that."""
     best = None
-    for prop in props:
-        if "table" not in prop.type:
+    for each in objects:
+        if "table" not in each.type:
             continue
-        for surface in support_surfaces(to_mesh(prop.triangles)):
+        for surface in support_surfaces(to_mesh(each.triangles)):
             if 0.4 < surface.height < 1.1 and (best is None or surface.area > best[2].area):
-                best = (prop, surface.outline.representative_point(), surface)
+                best = (each, surface.outline.representative_point(), surface)
     assert best is not None
     return best[0], np.array([best[1].x, best[1].y, best[2].height])
 
 
-def seen_voxels(scene: Scene) -> dict[tuple[int, ...], Counter[str]]:
-    """By voxel, how many pixels show what: worked out pixel by pixel."""
+def seen_voxels(scene: HouseScene) -> dict[tuple[int, ...], Counter[str]]:
+    """Count for each voxel the labels of its pixels, pixel by pixel."""
     seen = scene.seen
     depth, labels = np.asarray(seen.depth, float), np.asarray(seen.labels)
     fx, fy, cx, cy = np.asarray(seen.intrinsics, float)
@@ -100,9 +100,9 @@ def seen_voxels(scene: Scene) -> dict[tuple[int, ...], Counter[str]]:
     return votes
 
 
-def looked_at(scene: Scene, name: str, voxels: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Which voxels' centres are in somebody's field of view."""
-    pose = np.asarray(scene.stage.gazes().poses[name], float)
+def looked_at(scene: HouseScene, name: str, voxels: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Return which centres of voxels are in the field of view of a person."""
+    pose = np.asarray(scene.synthetic.gazes().poses[name], float)
     off = (voxels + 0.5) * SIZE - pose[:3, 3]
     along = off @ pose[:3, 2]
     angle = np.arccos(np.clip(along / np.linalg.norm(off, axis=1), -1, 1))
@@ -114,10 +114,10 @@ def as_set(voxels: NDArray[np.int_]) -> set[tuple[int, ...]]:
     return {tuple(v) for v in voxels.tolist()}
 
 
-def test_what_the_nurse_looks_at(scene: Scene) -> None:
-    """Figure 5, right, word for word: the mug's seen voxels in the field of view, no others."""
+def test_the_query_of_figure_5_right(scene: HouseScene) -> None:
+    """The query of Figure 5, right: visible voxels of the mug in the field of view."""
     answer = query(scene.catalogue, PAPERS_QUERY.format(type="mug"))
-    assert isinstance(answer, Stored)
+    assert isinstance(answer, StoreResult)
     votes = seen_voxels(scene)
     most = {v for v, count in votes.items() if 2 * count["mug"] > count.total()}
     some = {v for v, count in votes.items() if count["mug"]}
@@ -129,29 +129,29 @@ def test_what_the_nurse_looks_at(scene: Scene) -> None:
     assert answer.property.name == "containsObject"
     # human2 looks away.
     nothing = query(scene.catalogue, PAPERS_QUERY.format(type="mug").replace("human1", "human2"))
-    assert isinstance(nothing, Stored)
+    assert isinstance(nothing, StoreResult)
     assert len(nothing.voxels) == 0
 
 
-def test_all_objects_that_are_seen(scene: Scene) -> None:
+def test_the_query_of_figure_5_left(scene: HouseScene) -> None:
     """Figure 5, left."""
     answer = query(
         scene.catalogue,
         "PREFIX : <http://kb.openrobots.org/>\n"
         "SELECT ?voxels WHERE { ?voxels :containsObject ?object } STORE :containsObject",
     )
-    assert isinstance(answer, Stored)
+    assert isinstance(answer, StoreResult)
     assert as_set(answer.voxels) == set(seen_voxels(scene))
 
 
-def test_objects_in_a_field_of_view(scene: Scene) -> None:
+def test_objects_in_a_field_of_view(scene: HouseScene) -> None:
     """'What objects are currently in the field of view of this human?' (paper 2, section IV)."""
     answer = query(
         scene.catalogue,
         "PREFIX : <http://kb.openrobots.org/>\n"
         "SELECT DISTINCT ?object WHERE { ?v :inFieldOfView :human1 . ?v :containsObject ?object }",
     )
-    assert isinstance(answer, Rows)
+    assert isinstance(answer, SelectResult)
     votes = seen_voxels(scene)
     voxels = np.array(list(votes))
     inside = [tuple(v) for v in voxels[looked_at(scene, "human1", voxels)].tolist()]
@@ -161,7 +161,7 @@ def test_objects_in_a_field_of_view(scene: Scene) -> None:
     assert sure <= got <= {name for v in inside for name in votes[v]}
 
 
-def test_things_above_others(scene: Scene) -> None:
+def test_things_above_others(scene: HouseScene) -> None:
     """'What are all the objects on top of the table' by the voxels that entities have."""
     answer = query(
         scene.catalogue,
@@ -170,11 +170,11 @@ def test_things_above_others(scene: Scene) -> None:
         f" ?a :occupiedBy :{scene.table.name} . ?b :occupiedBy ?thing . ?thing a :Drinkware ."
         " FILTER(:z(?b) > :z(?a) && :distance(?a, ?b) < 0.1) }",
     )
-    assert isinstance(answer, Rows)
+    assert isinstance(answer, SelectResult)
     assert list(answer) == [("mug1",)]
 
 
-def test_free_of_people(scene: Scene) -> None:
+def test_free_of_people(scene: HouseScene) -> None:
     """Voxels of the mug's surroundings further than 1.2 m from everybody that was seen."""
     answer = query(
         scene.catalogue,
@@ -182,7 +182,7 @@ def test_free_of_people(scene: Scene) -> None:
         "SELECT ?v WHERE { ?v :inFieldOfView :human1 ."
         " FILTER NOT EXISTS { ?v :distanceToPerson ?d FILTER(?d <= 1.2) } }",
     )
-    assert isinstance(answer, Rows)
+    assert isinstance(answer, SelectResult)
     people = next(m for m in scene.maps.now() if m.property.name == "containsPerson")
     gaze = next(m for m in scene.maps.now() if m.about == "human1")
     centres, bodies = gaze.points(), people.points()
@@ -195,13 +195,13 @@ def test_free_of_people(scene: Scene) -> None:
     assert as_set(answer.voxels("v")) == as_set(gaze.voxels()[far])
 
 
-def test_moments(scene: Scene) -> None:
+def test_moments(scene: HouseScene) -> None:
     """What is taken out is still known of the past."""
-    now = scene.stage.time
-    then = Maps(timedelta(minutes=1))
+    now = scene.synthetic.time
+    then = MapBuffer(timedelta(minutes=1))
     then.put("all", scene.maps.now(), now)
     then.withdraw("all", now + timedelta(seconds=5))
-    catalogue = FieldCatalogue(read_vocabulary_of_map(), then, scene.names, voxel_size=SIZE)
+    catalogue = FieldCatalogue(read_map_vocabulary(), then, scene.names, voxel_size=SIZE)
     text = PAPERS_QUERY.format(type="mug")
     later = now + timedelta(seconds=8)
     full = query(scene.catalogue, text)
@@ -210,6 +210,6 @@ def test_moments(scene: Scene) -> None:
             "STORE", f"{clause}^^<http://www.w3.org/2001/XMLSchema#duration>\nSTORE"
         )
         answer = query(catalogue, given, later)
-        assert isinstance(answer, Stored)
-        assert isinstance(full, Stored)
+        assert isinstance(answer, StoreResult)
+        assert isinstance(full, StoreResult)
         assert as_set(answer.voxels) == (as_set(full.voxels) if there else set())

@@ -10,8 +10,8 @@ import trimesh
 from numpy.typing import NDArray
 from sqlalchemy import Engine
 
-from semmap.fields.mirror import Mirror
-from semmap.fields.source import read_occupants
+from semmap.fields.store.reader import read_occupants
+from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.parts import closed_parts
 from semmap.geometry.tin import to_mesh
 from semmap.ingest.importer import import_file
@@ -28,7 +28,7 @@ def house(module_engine: Engine, worlds: Path) -> Engine:
 
 
 def test_every_thing_has_its_voxels(house: Engine) -> None:
-    mirror = Mirror(house, "house", SIZE)
+    mirror = VoxelMirror(house, "house", SIZE)
     assert len(mirror.catch_up()) == 87
     mirror.regions.check()
     with house.connect() as connection:
@@ -65,14 +65,16 @@ def turns(body: trimesh.Trimesh, point: NDArray[np.float64]) -> float:
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
     top = np.einsum("ij,ij->i", a, np.cross(b, c))
     below = (
-        la * lb * lc + np.einsum("ij,ij->i", a, b) * lc + np.einsum("ij,ij->i", b, c) * la
+        la * lb * lc
+        + np.einsum("ij,ij->i", a, b) * lc
+        + np.einsum("ij,ij->i", b, c) * la
         + np.einsum("ij,ij->i", c, a) * lb
-    )  # fmt: skip
+    )
     return float(np.arctan2(top, below).sum() / (2 * np.pi))
 
 
 def test_a_mirror_started_anew_is_the_same(house: Engine) -> None:
-    one, two = (Mirror(house, "house", SIZE) for _ in range(2))
+    one, two = (VoxelMirror(house, "house", SIZE) for _ in range(2))
     one.catch_up()
     two.catch_up()
     for number in one.names:

@@ -9,7 +9,7 @@ import numpy as np
 from sqlalchemy import Engine, text
 
 from semmap.database import Cluster, connect
-from semmap.fields.mirror import Mirror
+from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.database.conftest import made, own
 from tests.database.test_crash import kill_server
@@ -19,16 +19,16 @@ __all__ = ["made", "own"]
 SIZE = 0.05
 
 
-def equal(one: Mirror, other: Mirror) -> bool:
+def equal(one: VoxelMirror, other: VoxelMirror) -> bool:
     one.regions.check()
     return one.names == other.names and all(
         np.array_equal(one.regions.voxels(n), other.regions.voxels(n)) for n in other.names
     )
 
 
-def looked(engine: Engine) -> tuple[Mirror, float]:
+def looked(engine: Engine) -> tuple[VoxelMirror, float]:
     """A fresh mirror, and the seconds it took."""
-    mirror, begin = Mirror(engine, "house", SIZE), time.perf_counter()
+    mirror, begin = VoxelMirror(engine, "house", SIZE), time.perf_counter()
     mirror.catch_up()
     return mirror, time.perf_counter() - begin
 
@@ -50,7 +50,7 @@ def test_restarts_of_everything(own: Cluster, worlds: Path) -> None:
                 {"id": number},
             )
         begin = time.perf_counter()
-        mirror = Mirror.resume(engine, "house", SIZE)
+        mirror = VoxelMirror.resume(engine, "house", SIZE)
         assert mirror.catch_up() == {number}
         seconds = time.perf_counter() - begin
         fresh, anew = looked(engine)

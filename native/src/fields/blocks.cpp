@@ -41,7 +41,7 @@ void expect_edge(int edge) {
     throw std::invalid_argument("cubes have an edge of 8, 16, 32, 64 or 128 voxels");
 }
 
-// A block of 8 x 8 x 8, or a run of them that are alike.
+// A block of 8 x 8 x 8, or a run of equal ones.
 template <typename Value>
 struct Record {
     Origin cube;
@@ -159,7 +159,7 @@ class Writer {
     Record<Value> run_{};
 };
 
-// Takes bytes from the front; whoever asks for more than there are is told that they are no cube.
+// Reads bytes from the front; throws if there are too few.
 class Reader {
   public:
     explicit Reader(const std::string& bytes) : at_(bytes.data()), end_(at_ + bytes.size()) {}
@@ -174,7 +174,7 @@ class Reader {
         return what;
     }
     [[noreturn]] static void refuse() {
-        throw std::invalid_argument("these bytes are no cube of a grid of this type");
+        throw std::invalid_argument("these bytes are not a cube of a grid of this type");
     }
 
   private:

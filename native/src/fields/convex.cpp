@@ -73,7 +73,7 @@ Vector cross(const Vector& a, const Vector& b) {
     return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
 
-// The unit vector, unless there is none.
+// Returns the unit vector, if the length is not 0.
 std::optional<Vector> unit(const Vector& v) {
     const double length = std::sqrt(dot(v, v));
     if (!(length > 1e-12)) return std::nullopt;
@@ -388,7 +388,7 @@ void voxel_indices(const double* p, std::size_t count, double voxel_size, std::i
 
 bool is_thin(std::array<double, 3> w) {
     std::sort(w.begin(), w.end());
-    // To the tolerance: what is a voxel wide up to rounding is not thin.
+    // With a tolerance: a solid that is a voxel wide up to rounding is not thin.
     return w[0] < 1 - kTolerance || w[1] < std::sqrt(2.0) - kTolerance ||
            w[2] < std::sqrt(3.0) - kTolerance;
 }

@@ -1,4 +1,4 @@
-// Convex solids in voxel units: one interval of z a column.
+// Convex solids in voxel units: one interval of z per column.
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// Which of the processor's instructions are used.
+// Variants of functions for the instructions of processors.
 #pragma once
 
 #include <atomic>

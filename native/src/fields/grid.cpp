@@ -65,7 +65,7 @@ void Grid<Value>::fill(const Shape& shape, Value value) {
         const openvdb::Coord origin = coord(voxels.origins[i]);
         if (is_full(voxels.words[i])) {
             accessor.addTile(1, origin, value, true);
-            accessor.clear();  // it may still hold the leaf that is gone
+            accessor.clear();  // it may still point to the deleted leaf
             continue;
         }
         auto* leaf = accessor.touchLeaf(origin);

@@ -167,7 +167,7 @@ double work_of(const std::vector<Vector>& v, const Triangle& face) {
     return 21 * columns;
 }
 
-// How often the surface of a solid crosses columns of voxels, about.
+// Estimates how often the surface of a solid crosses columns of voxels.
 double crossings(const std::vector<Vector>& v, const std::vector<Triangle>& faces) {
     double total = 0;
     for (const Triangle& face : faces) {

@@ -1,7 +1,7 @@
-// Which entities are around one, how near, and what rests on what.
+// The entities around an entity, the gaps to them, and which one rests on which.
 //
-// The gap between two voxels is that between them as cubes, in voxels: along each axis one less
-// than their indices differ. It is compared squared, as a whole number.
+// The gap between two voxels is that between cubes, in voxels: along each axis the difference of
+// the indices minus 1. Gaps are compared squared, as integers.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -185,7 +185,7 @@ class Near {
             std::lower_bound(voxels_.origins.begin(), voxels_.origins.end(), there.x - reach_,
                              [](const Origin& origin, std::int32_t x) { return origin.x < x; });
         const auto begin = static_cast<std::size_t>(first - voxels_.origins.begin());
-        // The block that promises most goes first: after it few others can be nearer.
+        // The most promising block first: after it, few others can be nearer.
         std::size_t promising = voxels_.blocks();
         std::int64_t least = best;
         std::size_t end = begin;
@@ -276,8 +276,9 @@ std::vector<Neighbour> RegionMap::neighbours(std::int32_t entity, std::int64_t f
     return all;
 }
 
-// A voxel of the lowest layer rests on b where b has the one beneath it or itself, and goes no
-// higher. Of two that begin at one height, only what reaches higher can rest on the other.
+// A voxel of the lowest layer rests on b where b has the voxel below it or the same one, but not
+// the one above. Of two entities that begin at one height, only the higher one can rest on the
+// other.
 Support RegionMap::support(std::int32_t a, std::int32_t b) const {
     const std::shared_lock lock(mutex_);
     const Voxels& above = region(a);

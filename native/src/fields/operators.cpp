@@ -84,7 +84,7 @@ class Reader {
     openvdb::tree::ValueAccessor<const typename Grid<Value>::Tree> accessor_;
 };
 
-// Calls found(origin) for each block that has something active, larger tiles taken apart.
+// Calls found(origin) for each block with active voxels; larger tiles are split.
 template <typename Value, typename Found>
 void each_origin(const Grid<Value>& grid, Found&& found) {
     const auto tiles = [&grid] {
@@ -122,7 +122,7 @@ std::size_t nodes(const Grid<Value>& grid) {
            static_cast<std::size_t>(grid.tree().activeTileCount());
 }
 
-// Writes blocks; one that is full and of one value becomes a tile.
+// Writes blocks; a full block with one value becomes a tile.
 template <typename Value>
 class Writer {
   public:
@@ -283,7 +283,7 @@ Grid<Value> masked(const Grid<Value>& grid, const Grid<bool>& mask, bool inside)
         }
         out.write(origin, block);
     };
-    // The smaller of the two says where to look.
+    // Only the blocks of the smaller grid can be in the result.
     if (inside && nodes(mask) < nodes(grid)) {
         each_origin(mask, at);
     } else {

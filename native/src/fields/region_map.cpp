@@ -43,7 +43,7 @@ bool is_uniform(const std::int32_t* values) {
     return std::memcmp(values, values + 1, 511 * sizeof *values) == 0;
 }
 
-// One entity put in or taken out, numbers given at once.
+// One entity inserted or removed; numbers of sets are assigned at once.
 struct Direct {
     Register& sets;
     std::vector<std::int32_t>& known;
@@ -343,7 +343,7 @@ std::vector<std::string> RegionMap::insert_many(const std::vector<std::int32_t>&
 
 void RegionMap::make_tile(Accessor& accessor, const Origin& origin, std::int32_t value) {
     accessor.addTile(1, coord(origin), value, value != 0);
-    accessor.clear();  // it may still hold the leaf that is gone
+    accessor.clear();  // it may still point to the deleted leaf
     if (value != 0) return;
     const openvdb::Coord block = coord(origin) & ~std::int32_t{127};
     if (emptied_.empty() || emptied_.back() != block) emptied_.push_back(block);
@@ -656,7 +656,7 @@ std::pair<Grid<std::int32_t>, RegionMap::Sets> RegionMap::state() const {
 
 void RegionMap::restore(const Grid<std::int32_t>& grid, const Sets& sets) {
     const auto refuse = [] {
-        throw std::invalid_argument("this grid and these sets are no state of a region map");
+        throw std::invalid_argument("this grid and these sets are not the state of a region map");
     };
     const std::unique_lock lock(mutex_);
     if (!grid_->tree().empty() || sets_.size() > 0) {

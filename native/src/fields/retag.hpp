@@ -1,4 +1,4 @@
-// Set numbers of a block taken to others, by the widest instructions this processor has.
+// Replaces set numbers of a block, with the widest instructions of this processor.
 #pragma once
 
 #include <cstdint>

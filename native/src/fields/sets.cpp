@@ -88,7 +88,7 @@ void Register::free_if_unused(std::int32_t set) {
     const std::size_t most = slots_.size() - 1;
     std::size_t hole = freed.hash & most;
     while (slots_[hole] != set) hole = (hole + 1) & most;
-    // Those behind move up unless they would pass the place where their search begins.
+    // Later entries move up unless they would pass the place where their search begins.
     for (std::size_t i = (hole + 1) & most; slots_[i] != 0; i = (i + 1) & most) {
         const std::size_t home = sets_[static_cast<std::size_t>(slots_[i])].hash & most;
         if (((i - home) & most) >= ((i - hole) & most)) {

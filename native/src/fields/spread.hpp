@@ -1,4 +1,4 @@
-// How far apart the voxels of a tree lie: each cell of 4096^3 voxels takes memory of its own.
+// Limits how far apart the voxels of a tree are: each cell of 4096^3 voxels takes memory.
 #pragma once
 
 #include <openvdb/openvdb.h>
@@ -19,7 +19,7 @@ class Spread {
         for (auto cell = tree.root().cbeginValueOn(); cell; ++cell) add(cell.getCoord());
     }
 
-    // Throws BadRegion, and takes note of none, where there would be too many cells.
+    // Throws BadRegion, and changes nothing, if there would be too many cells.
     void add(const Voxels& voxels) {
         std::set<openvdb::Coord> fresh;
         openvdb::Coord last = openvdb::Coord::max();

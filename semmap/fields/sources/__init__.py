@@ -1,10 +1,10 @@
-"""Sources: what makes maps of percepts, and what keeps them at work."""
+"""Sources: they make maps from percepts, each at its own rate (reMap, sections 3.1.1 and 5.1)."""
 
 from semmap.fields.sources.gaze import GazeSource
-from semmap.fields.sources.manager import Manager, Status
+from semmap.fields.sources.manager import SourceManager, SourceStatus
 from semmap.fields.sources.percepts import (
     Gaze,
-    Moving,
+    Motion,
     People,
     RobotState,
     Segmentation,
@@ -13,15 +13,14 @@ from semmap.fields.sources.percepts import (
 )
 from semmap.fields.sources.personal_space import PersonalSpaceSource
 from semmap.fields.sources.robot_body import RobotBodySource
-from semmap.fields.sources.seen import ObjectSource, PeopleSource
-from semmap.fields.sources.source import Source, discovered, make_source
+from semmap.fields.sources.segmentation import ObjectSource, PeopleSource
+from semmap.fields.sources.source import Source, installed_sources, make_source
 from semmap.fields.sources.zones import ZoneSource
 
 __all__ = [
     "Gaze",
     "GazeSource",
-    "Manager",
-    "Moving",
+    "Motion",
     "ObjectSource",
     "People",
     "PeopleSource",
@@ -30,10 +29,11 @@ __all__ = [
     "RobotState",
     "Segmentation",
     "Source",
-    "Status",
+    "SourceManager",
+    "SourceStatus",
     "Zone",
     "ZoneSource",
     "Zones",
-    "discovered",
+    "installed_sources",
     "make_source",
 ]

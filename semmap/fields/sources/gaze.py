@@ -1,4 +1,4 @@
-"""Fields of view: a cone an agent (reMap, section 5.2.2)."""
+"""Fields of view: one cone for each agent (reMap, section 5.2.2)."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.regions import Cone, _above_0, _rigid, shape_of, voxels_of
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.checks import as_rigid_rows, positive
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.regions.shapes import Cone, shape_of, voxels_of
 from semmap.fields.sources.percepts import Gaze
-from semmap.fields.vocabulary import Vocabulary
 from semmap_vdb import BoolGrid, FloatGrid
 
 __all__ = ["GazeSource"]
 
 
 class GazeSource:
-    """One map of `inFieldOfView` for each agent that looks somewhere.
+    """Makes a map of `inFieldOfView` for each agent.
 
     Parameters
     ----------
+    vocabulary : has the property
     voxel_size : metres
-    angle : the full opening angle, radians
-    reach : metres along the gaze
-    graded : whether maps say how near the axis a voxel is (1 on it, 0 where the cone ends) instead
-        of being bool
+    angle : the full opening angle of the cone, radians
+    reach : length of the cone, metres
+    graded : make float32 maps, 1 on the axis of the cone and 0 at its rim, instead of bool maps
     """
 
     def __init__(
@@ -38,16 +39,17 @@ class GazeSource:
         graded: bool = False,
     ) -> None:
         self._property = vocabulary["inFieldOfView"]
-        self._voxel_size = _above_0(voxel_size, "voxel_size")
+        self._voxel_size = positive(voxel_size, "voxel_size")
         self._angle = angle
-        self._reach = _above_0(reach, "reach")
+        self._reach = positive(reach, "reach")
         self._graded = graded
 
     def __call__(self, percept: Gaze) -> list[RepresentationMap]:
+        """Return a map for each agent."""
         return [
             RepresentationMap(
                 self._property,
-                self._field(np.array(_rigid(pose, f"the gaze of {agent}"))),
+                self._field(np.array(as_rigid_rows(pose, f"the gaze of {agent}"))),
                 about=agent,
                 time=percept.time,
             )

@@ -1,6 +1,6 @@
-"""Sources at work: each in its own thread and at its own rate, switched on and off at run time.
+"""Runs sources: each in its own thread and at its own rate, started and stopped at run time.
 
-Source: reMap, section 5.1, whose manager activates plugins by the situation.
+Source: reMap, section 5.1; there, the manager activates plug-ins by the situation.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from datetime import timedelta
 from time import monotonic
 from typing import Any
 
-from semmap.fields.maps import Maps
+from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.sources.source import Source
 
-__all__ = ["Manager", "Status"]
+__all__ = ["SourceManager", "SourceStatus"]
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Status:
-    """How a source does.
+class SourceStatus:
+    """The state of a running source.
 
     Attributes
     ----------
-    rate : updates a second that were asked for
-    updates : how many it has made
-    seconds : how long the last one took
-    error : what went wrong in the last one, if something did
+    rate : required updates per second
+    updates : number of updates
+    seconds : duration of the last update
+    error : the error of the last update, if any
     """
 
     rate: float
@@ -39,14 +39,17 @@ class Status:
     error: str | None
 
 
-class Manager:
-    """Keeps `maps` filled by the active sources.
+class SourceManager:
+    """Runs sources, and writes their maps to a buffer.
 
-    Readers take `maps` at any time; what a source put in is taken out again when it stops. Leaving
-    ``with Manager(maps) as manager`` stops all.
+    The maps of a source are removed when it stops. The end of a `with` block stops all sources.
+
+    Parameters
+    ----------
+    maps : the buffer; it may be read at any time
     """
 
-    def __init__(self, maps: Maps) -> None:
+    def __init__(self, maps: MapBuffer) -> None:
         self.maps = maps
         self._workers: dict[str, _Worker] = {}
         self._lock = threading.Lock()
@@ -64,42 +67,44 @@ class Manager:
 
         Parameters
         ----------
-        percepts : gives the newest percept, with its `time`, or None if there is none; the same
-            one again makes no new maps
-        rate : looks a second
-        span : how long its maps are remembered
+        name : of the source
+        source : makes maps from a percept
+        percepts : returns the newest percept, with its `time`, or None; the same percept makes no
+            new maps
+        rate : calls of `percepts` per second
+        span : how long former maps are kept
 
         Raises
         ------
         ValueError
-            A source of that name is active, or the rate is not above 0.
+            A source of that name is running, or the rate is not above 0.
         """
         if not rate > 0:
-            raise ValueError(f"rate is {rate!r}: give looks a second above 0")
+            raise ValueError(f"rate is {rate!r}: give updates per second, above 0")
         with self._lock:
             if name in self._workers:
-                raise ValueError(f"a source {name} is active: deactivate it first")
+                raise ValueError(f"the source {name} is running: deactivate it first")
             worker = _Worker(name, source, percepts, self.maps, rate, span)
             self._workers[name] = worker
         worker.start()
 
     def deactivate(self, name: str) -> None:
-        """Stop a source, wait for its end, and take its maps out.
+        """Stop a source, wait for its thread, and remove its maps.
 
         Raises
         ------
         LookupError
-            No such source is active.
+            No source of that name is running.
         """
         with self._lock:
             worker = self._workers.pop(name, None)
             active = ", ".join(sorted(self._workers)) or "none"
         if worker is None:
-            raise LookupError(f"no source {name} is active; active: {active}")
+            raise LookupError(f"the source {name} is not running; running: {active}")
         worker.stop()
 
-    def status(self) -> dict[str, Status]:
-        """The active sources."""
+    def status(self) -> dict[str, SourceStatus]:
+        """Return the state of each running source."""
         with self._lock:
             return {name: worker.status for name, worker in self._workers.items()}
 
@@ -108,20 +113,24 @@ class Manager:
         for name in self.status():
             self.deactivate(name)
 
-    def __enter__(self) -> Manager:
+    def __enter__(self) -> SourceManager:
+        """Return the manager; the end of the `with` block stops all sources."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Stop all sources."""
         self.close()
 
 
 class _Worker:
+    """One source in its thread."""
+
     def __init__(
         self,
         name: str,
         source: Source,
         percepts: Callable[[], Any],
-        maps: Maps,
+        maps: MapBuffer,
         rate: float,
         span: timedelta | None,
     ) -> None:
@@ -133,7 +142,7 @@ class _Worker:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name=f"source {name}", daemon=True)
         self._last: Any = None
-        self.status = Status(rate, 0, 0.0, None)
+        self.status = SourceStatus(rate, 0, 0.0, None)
 
     def start(self) -> None:
         self._thread.start()
@@ -146,11 +155,11 @@ class _Worker:
     def _work(self) -> None:
         due = monotonic()
         while not self._stop.is_set():
-            self._look()
-            due = max(due + 1 / self.status.rate, monotonic())  # what was missed is not made up for
+            self._update()
+            due = max(due + 1 / self.status.rate, monotonic())  # skip the updates that were missed
             self._stop.wait(due - monotonic())
 
-    def _look(self) -> None:
+    def _update(self) -> None:
         begin = monotonic()
         count, error = self.status.updates, None
         try:
@@ -160,8 +169,8 @@ class _Worker:
             self._last = percept
             self._maps.put(self._name, self._source(percept), percept.time, span=self._span)
             count += 1
-        except Exception as caught:  # a source that fails must not end; its last maps stay
+        except Exception as caught:  # a source continues after an error; its last maps stay
             error = f"{type(caught).__name__}: {caught}"
             if error != self.status.error:
                 _log.exception("source %s failed", self._name)
-        self.status = Status(self.status.rate, count, monotonic() - begin, error)
+        self.status = SourceStatus(self.status.rate, count, monotonic() - begin, error)

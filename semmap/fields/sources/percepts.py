@@ -1,4 +1,4 @@
-"""What sources make maps of: plain records of what a robot perceived, in the shared frame."""
+"""Percepts: the input of sources, as plain records in the shared frame."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from typing import Literal
 from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon
 
-__all__ = ["Gaze", "Moving", "People", "RobotState", "Segmentation", "Zone", "Zones"]
+__all__ = ["Gaze", "Motion", "People", "RobotState", "Segmentation", "Zone", "Zones"]
 
 Pose = ArrayLike
-"""A (4, 4) rigid transform, of a frame in the shared one."""
+"""A (4, 4) rigid transform: a frame in the shared frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segmentation:
-    """A depth image with masks.
+    """A depth image in which each pixel has a label.
 
     Attributes
     ----------
-    depth : (H, W) metres along the camera's z axis; NaN, infinity and 0 are no measurement
-    labels : (H, W) integer, the number of what a pixel shows, 0 for nothing
-    names : what each number stands for: a class ("mug"), or somebody ("human1")
-    intrinsics : fx, fy, cx, cy in pixels, the centre of the first pixel at (0, 0)
-    pose : of the optical frame (x right, y down, z ahead) in the shared one
+    depth : (H, W) metres along the z axis of the camera; NaN, infinity and 0 where not measured
+    labels : (H, W) integers; 0 for no label
+    names : the name of each label: a class ("mug") or an entity ("human1")
+    intrinsics : fx, fy, cx, cy in pixels; the centre of the first pixel is (0, 0)
+    pose : of the optical frame (x right, y down, z ahead)
     time : aware
     """
 
@@ -40,11 +40,13 @@ class Segmentation:
 
 @dataclass(frozen=True, eq=False)
 class Gaze:
-    """Where agents look: the pose of a frame whose z axis is the gaze, as ROS4HRI has it.
+    """The directions in which agents look.
 
     Attributes
     ----------
-    poses : by the agent's name, or by that of a face that nobody has recognised yet
+    poses : by the name of the agent, or of a face that is not recognised yet; the z axis of the
+        pose is the direction, as in ROS4HRI
+    time : aware
     """
 
     poses: Mapping[str, Pose]
@@ -52,8 +54,8 @@ class Gaze:
 
 
 @dataclass(frozen=True)
-class Moving:
-    """Where somebody is on the ground and how fast: metres, radians, metres a second."""
+class Motion:
+    """Position, heading and velocity of a person: metres, radians, metres per second."""
 
     x: float
     y: float
@@ -65,15 +67,28 @@ class Moving:
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """Everybody who moves about, by name."""
+    """The motions of people.
 
-    people: Mapping[str, Moving]
+    Attributes
+    ----------
+    people : by name
+    time : aware
+    """
+
+    people: Mapping[str, Motion]
     time: datetime
 
 
 @dataclass(frozen=True, eq=False)
 class RobotState:
-    """Where a robot's base is, and its joints (radians, metres) as far as they are not 0."""
+    """The state of a robot.
+
+    Attributes
+    ----------
+    pose : of its base
+    time : aware
+    joints : positions by name, radians or metres; 0 where not given
+    """
 
     pose: Pose
     time: datetime
@@ -82,7 +97,15 @@ class RobotState:
 
 @dataclass(frozen=True)
 class Zone:
-    """A room or a region of the map: its outline on the ground, from `low` to `high` metres."""
+    """A room or a region of the map.
+
+    Attributes
+    ----------
+    name : of the entity
+    kind : room or region
+    outline : in the xy plane, metres
+    low, high : its bottom and top, metres
+    """
 
     name: str
     kind: Literal["room", "region"]
@@ -93,7 +116,13 @@ class Zone:
 
 @dataclass(frozen=True, eq=False)
 class Zones:
-    """All zones of a map."""
+    """All zones of a map.
+
+    Attributes
+    ----------
+    zones : rooms and regions
+    time : aware
+    """
 
     zones: tuple[Zone, ...]
     time: datetime

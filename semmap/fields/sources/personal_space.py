@@ -1,4 +1,4 @@
-"""Personal space: continuous, wider ahead of who walks.
+"""Personal space: a continuous field, wider in front of a person in motion.
 
 Source: Kirby, Social Robot Navigation (2010), section 3.4: an asymmetric Gaussian whose spread
 ahead grows with speed.
@@ -11,20 +11,30 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.regions import _above_0
-from semmap.fields.representation_map import RepresentationMap
-from semmap.fields.sources.percepts import Moving, People
-from semmap.fields.vocabulary import Vocabulary
+from semmap.fields.checks import positive
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.sources.percepts import Motion, People
 from semmap_vdb import FloatGrid
 
 __all__ = ["PersonalSpaceSource", "disturbance"]
 
 
-def disturbance(person: Moving, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) how much one disturbs a person at each of (N, 2) points: 1 at the person, falling off.
+def disturbance(person: Motion, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how much somebody at a point disturbs a person: 1 at the person, less further away.
 
-    The spread (standard deviation, metres) is max(2 v, 1/2) ahead, two thirds of it aside and half
-    of it behind; ahead is where the person walks, or looks when standing.
+    The standard deviation is max(2 v, 0.5) metres ahead at a speed of v m/s, two thirds of that to
+    the sides, and half of it behind. Ahead is the direction of motion, or the heading of a person
+    who stands.
+
+    Parameters
+    ----------
+    person : the motion of the person
+    points : (N, 2) metres
+
+    Returns
+    -------
+    (N,) from 0 to 1
     """
     speed = math.hypot(person.vx, person.vy)
     heading = math.atan2(person.vy, person.vx) if speed > 0.05 else person.yaw
@@ -37,13 +47,14 @@ def disturbance(person: Moving, points: NDArray[np.float64]) -> NDArray[np.float
 
 
 class PersonalSpaceSource:
-    """One float32 map of `inPersonalSpace` a person, from the ground to `height`.
+    """Makes a float32 map of `inPersonalSpace` for each person.
 
     Parameters
     ----------
+    vocabulary : has the property
     voxel_size : metres
-    height : metres above the ground where the person stands
-    least : how much a voxel must disturb to have a value
+    height : of the field above the floor, metres
+    least : the smallest value that a voxel gets
     """
 
     def __init__(
@@ -55,17 +66,18 @@ class PersonalSpaceSource:
         least: float = 0.05,
     ) -> None:
         self._property = vocabulary["inPersonalSpace"]
-        self._voxel_size = _above_0(voxel_size, "voxel_size")
-        self._height = _above_0(height, "height")
-        self._least = _above_0(least, "least")
+        self._voxel_size = positive(voxel_size, "voxel_size")
+        self._height = positive(height, "height")
+        self._least = positive(least, "least")
 
     def __call__(self, percept: People) -> list[RepresentationMap]:
+        """Return a map for each person."""
         return [
-            RepresentationMap(self._property, self._field(who), about=name, time=percept.time)
-            for name, who in percept.people.items()
+            RepresentationMap(self._property, self._field(motion), about=name, time=percept.time)
+            for name, motion in percept.people.items()
         ]
 
-    def _field(self, person: Moving) -> FloatGrid:
+    def _field(self, person: Motion) -> FloatGrid:
         size = self._voxel_size
         ahead = max(2 * math.hypot(person.vx, person.vy), 0.5)
         reach = ahead * math.sqrt(-2 * math.log(min(self._least, 1.0)))

@@ -1,4 +1,4 @@
-"""The robot's body: its links where the joints put them."""
+"""The body of a robot: its links at the poses that its joints give."""
 
 from __future__ import annotations
 
@@ -6,23 +6,25 @@ from pathlib import Path
 
 import numpy as np
 
-from semmap.fields.mesh_regions import parts_of
-from semmap.fields.regions import Region, _above_0, _rigid
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.checks import as_rigid_rows, positive
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.regions.mesh_regions import mesh_parts
+from semmap.fields.regions.shapes import Region
 from semmap.fields.sources.percepts import RobotState
-from semmap.fields.vocabulary import Vocabulary
 from semmap.robot.urdf import Robot, load_robot
 
 __all__ = ["RobotBodySource"]
 
 
 class RobotBodySource:
-    """One bool map of `containsRobot`.
+    """Makes a bool map of `containsRobot`.
 
     Parameters
     ----------
+    vocabulary : has the property
     robot : a robot, or the path of its URDF
-    name : what the robot is called; by default as in its URDF
+    name : of the robot; that in the URDF if not given
     voxel_size : metres
     """
 
@@ -37,11 +39,12 @@ class RobotBodySource:
         self._property = vocabulary["containsRobot"]
         self._robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self._name = name or self._robot.name
-        self._voxel_size = _above_0(voxel_size, "voxel_size")
-        self._links = {link: parts_of(mesh) for link, mesh in self._robot.meshes.items()}
+        self._voxel_size = positive(voxel_size, "voxel_size")
+        self._links = {link: mesh_parts(mesh) for link, mesh in self._robot.meshes.items()}
 
     def __call__(self, percept: RobotState) -> list[RepresentationMap]:
-        base = np.array([*_rigid(percept.pose, "the robot's pose"), [0, 0, 0, 1]])
+        """Return the map of the robot."""
+        base = np.array([*as_rigid_rows(percept.pose, "the robot's pose"), [0, 0, 0, 1]])
         body: list[tuple[Region, bool]] = []
         for link, pose in self._robot.link_poses(percept.joints).items():
             regions = self._links[link].regions(self._voxel_size, base @ pose)

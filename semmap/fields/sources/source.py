@@ -1,4 +1,4 @@
-"""What a source is (reMap, section 3.1.1): from a percept to any number of maps."""
+"""Sources: plug-ins that make any number of maps from a percept (reMap, section 3.1.1)."""
 
 from __future__ import annotations
 
@@ -6,39 +6,44 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import entry_points
 from typing import Any, Protocol
 
-from semmap.fields.representation_map import RepresentationMap
-from semmap.fields.vocabulary import Vocabulary
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import Vocabulary
 
-__all__ = ["GROUP", "Source", "discovered", "make_source"]
+__all__ = ["GROUP", "Source", "installed_sources", "make_source"]
 
 GROUP = "semmap.sources"
-"""The group of entry points under which packages offer sources: `name = "module:Class"`."""
+"""The group of entry points for sources in packages: `name = "module:Class"`."""
 
 
 class Source(Protocol):
-    """Makes maps of a percept: as many as it likes, other ones each time.
+    """Makes maps from a percept. Constructed by ``Class(vocabulary, **options)``."""
 
-    Made by ``Class(vocabulary, **options)``.
-    """
+    def __call__(self, percept: Any) -> Iterable[RepresentationMap]:
+        """Return the maps of a percept; their number may differ each time."""
+        ...
 
-    def __call__(self, percept: Any) -> Iterable[RepresentationMap]: ...
 
-
-def discovered() -> Mapping[str, str]:
-    """The sources that are installed: by name, where each comes from."""
+def installed_sources() -> Mapping[str, str]:
+    """Return the module and class of each installed source, by name."""
     return {point.name: point.value for point in entry_points(group=GROUP)}
 
 
 def make_source(name: str, vocabulary: Vocabulary, **options: Any) -> Source:
-    """A source by the name under which a package offers it.
+    """Return a new source of an installed package.
+
+    Parameters
+    ----------
+    name : of the entry point
+    vocabulary : passed to the source
+    options : passed to the source
 
     Raises
     ------
     LookupError
-        Nobody offers such a source.
+        No installed package has such a source.
     """
     for point in entry_points(group=GROUP, name=name):
         made: Source = point.load()(vocabulary, **options)
         return made
-    known = ", ".join(sorted(discovered())) or "none"
-    raise LookupError(f"there is no source {name}: {known} are installed")
+    known = ", ".join(sorted(installed_sources())) or "none"
+    raise LookupError(f"there is no source {name}; installed sources: {known}")

@@ -1,4 +1,4 @@
-"""Zones: the rooms and regions that people drew, with their floor and height."""
+"""Zones: rooms and regions as prisms from their bottom to their top."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import numpy as np
 from shapely import Polygon
 from trimesh.creation import extrude_polygon
 
-from semmap.fields.mesh_regions import parts_of
-from semmap.fields.regions import Region, _above_0
-from semmap.fields.representation_map import RepresentationMap
+from semmap.fields.checks import positive
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.regions.mesh_regions import mesh_parts
+from semmap.fields.regions.shapes import Region
 from semmap.fields.sources.percepts import Zone, Zones
-from semmap.fields.vocabulary import Vocabulary
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons
 
@@ -18,25 +19,27 @@ __all__ = ["ZoneSource"]
 
 
 class ZoneSource:
-    """One bool map a zone: of `inRoom` for rooms, of `inZone` for regions.
+    """Makes a bool map for each zone: of `inRoom` for rooms, of `inZone` for regions.
 
     Parameters
     ----------
+    vocabulary : has the properties
     voxel_size : metres
 
     Attributes
     ----------
     left_out : dict
-        By name, why a zone has no map: it would have more voxels than `semmap.limits` allow.
+        For each zone without a map the reason: it has more voxels than `semmap.limits` allow.
     """
 
     def __init__(self, vocabulary: Vocabulary, *, voxel_size: float = 0.05) -> None:
         self._property = {"room": vocabulary["inRoom"], "region": vocabulary["inZone"]}
-        self._voxel_size = _above_0(voxel_size, "voxel_size")
+        self._voxel_size = positive(voxel_size, "voxel_size")
         self.left_out: dict[str, str] = {}
         self._known: dict[str, tuple[Zone, RepresentationMap | None]] = {}
 
     def __call__(self, percept: Zones) -> list[RepresentationMap]:
+        """Return a map for each zone; maps of unchanged zones are reused."""
         known = {}
         left_out = {}
         for zone in percept.zones:
@@ -68,5 +71,5 @@ def _prism(zone: Zone, voxel_size: float) -> list[Region]:
     for polygon in polygons(zone.outline):
         made = extrude_polygon(Polygon(polygon), zone.high - zone.low)
         mesh = Mesh(np.add(made.vertices, (0, 0, zone.low)), made.faces)
-        regions += parts_of(mesh).regions(voxel_size)
+        regions += mesh_parts(mesh).regions(voxel_size)
     return regions

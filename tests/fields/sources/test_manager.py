@@ -1,4 +1,4 @@
-"""Sources at work: rates, failures, what they leave; readers and writers at once."""
+"""Running sources: rates, failures, and their maps; readers and writers at the same time."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from semmap.fields.maps import Maps
-from semmap.fields.property import Property
-from semmap.fields.regions import Box, Sphere
-from semmap.fields.representation_map import RepresentationMap
-from semmap.fields.sources import Manager
+from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.regions.shapes import Box, Sphere
+from semmap.fields.sources import SourceManager
+from semmap.language.schema import Property
 
-SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "thing", measure="attention")
+SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "entity", measure="attention")
 COUNT = Property("urn:t#count", "count", "Region", None, "voxel", "number")
 SECONDS = float(os.environ.get("SEMMAP_SOAK", "10"))
 
@@ -48,11 +48,11 @@ def wait_for(holds: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-def test_on_and_off_at_run_time() -> None:
-    with Manager(Maps()) as manager:
+def test_sources_start_and_stop_at_run_time() -> None:
+    with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", spheres, counter(), rate=100)
         manager.activate("more", spheres, counter(), rate=1)
-        with pytest.raises(ValueError, match="is active"):
+        with pytest.raises(ValueError, match="is running"):
             manager.activate("gaze", spheres, counter())
         wait_for(lambda: manager.status()["gaze"].updates > 5)
         assert manager.maps.sources() == ["gaze", "more"]
@@ -63,19 +63,19 @@ def test_on_and_off_at_run_time() -> None:
         manager.deactivate("gaze")
         assert manager.maps.sources() == ["more"]
         assert set(manager.status()) == {"more"}
-        with pytest.raises(LookupError, match="active: more"):
+        with pytest.raises(LookupError, match="running: more"):
             manager.deactivate("gaze")
     assert manager.maps.sources() == []
     assert manager.maps.now() == ()
 
 
-def test_a_source_that_fails_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_source_continues_after_an_error(caplog: pytest.LogCaptureFixture) -> None:
     def source(percept: Percept) -> list[RepresentationMap]:
         if percept.number % 2:
             raise RuntimeError("no light")
         return spheres(percept)
 
-    with Manager(Maps()) as manager:
+    with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", source, counter(), rate=200)
         wait_for(lambda: manager.status()["gaze"].updates > 3)
         wait_for(lambda: manager.status()["gaze"].error == "RuntimeError: no light")
@@ -85,7 +85,7 @@ def test_a_source_that_fails_goes_on(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_the_same_percept_makes_no_new_maps() -> None:
     one = Percept(0)
-    with Manager(Maps()) as manager:
+    with SourceManager(MapBuffer()) as manager:
         manager.activate("gaze", spheres, lambda: one, rate=500)
         manager.activate("none", spheres, lambda: None, rate=500)
         wait_for(lambda: manager.status()["gaze"].updates == 1)
@@ -94,9 +94,9 @@ def test_the_same_percept_makes_no_new_maps() -> None:
         assert manager.maps.sources() == ["gaze"]
 
 
-def test_rates_that_are_none() -> None:
+def test_wrong_rates_are_refused() -> None:
     with pytest.raises(ValueError, match="above 0"):
-        Manager(Maps()).activate("gaze", spheres, counter(), rate=0)
+        SourceManager(MapBuffer()).activate("gaze", spheres, counter(), rate=0)
 
 
 def test_moments_and_intervals() -> None:
@@ -106,26 +106,26 @@ def test_moments_and_intervals() -> None:
         return start + timedelta(seconds=seconds)
 
     made = [spheres(Percept(0)) for _ in range(6)]
-    maps = Maps(timedelta(seconds=10))
+    maps = MapBuffer(timedelta(seconds=10))
     for i, each in enumerate(made[:4]):
         maps.put("gaze", each, after(5 * i))
     maps.put("other", made[4], after(7))
 
-    def told(found: tuple[RepresentationMap, ...]) -> list[int]:
+    def numbers(found: tuple[RepresentationMap, ...]) -> list[int]:
         return sorted(i for i, each in enumerate(made) if each[0] in found)
 
-    assert told(maps.now()) == [3, 4]
-    assert told(maps.at(after(6))) == [1]
-    assert told(maps.at(after(10))) == [2, 4]
-    assert told(maps.during(after(6), after(11))) == [1, 2, 4]
-    assert told(maps.at(after(4.9))) == []  # older than its span
+    assert numbers(maps.now()) == [3, 4]
+    assert numbers(maps.at(after(6))) == [1]
+    assert numbers(maps.at(after(10))) == [2, 4]
+    assert numbers(maps.during(after(6), after(11))) == [1, 2, 4]
+    assert numbers(maps.at(after(4.9))) == []  # older than its span
     assert maps.since() == after(5)
     maps.withdraw("gaze", after(20))
-    assert told(maps.now()) == [4]
-    assert told(maps.at(after(19))) == [3, 4]
+    assert numbers(maps.now()) == [4]
+    assert numbers(maps.at(after(19))) == [3, 4]
     maps.put("gaze", made[5], after(40))
-    assert told(maps.at(after(31))) == [4]
-    with pytest.raises(ValueError, match="before those"):
+    assert numbers(maps.at(after(31))) == [4]
+    with pytest.raises(ValueError, match="older than those"):
         maps.put("gaze", made[5], after(39))
     with pytest.raises(ValueError, match="time zone"):
         maps.at(datetime(2026, 1, 1))
@@ -133,23 +133,25 @@ def test_moments_and_intervals() -> None:
         maps.during(after(2), after(1))
 
 
-def test_nothing_is_torn() -> None:
+def test_readers_never_see_half_of_an_update() -> None:
     """4 sources at 30 Hz, each of two maps that say the same number everywhere, and 4 readers."""
 
     def source(percept: Percept) -> list[RepresentationMap]:
         return [
             RepresentationMap.of_regions(
-                COUNT, [(Box((0, y, 0), (2, 2, 1)), float(percept.number))], 0.05,
+                COUNT,
+                [(Box((0, y, 0), (2, 2, 1)), float(percept.number))],
+                0.05,
                 value_type="float32",
             )
             for y in (0.0, 3.0)
-        ]  # fmt: skip
+        ]
 
     torn: list[Any] = []
     reads = [0] * 4
     stop = threading.Event()
 
-    def read(reader: int, maps: Maps) -> None:
+    def read(reader: int, maps: MapBuffer) -> None:
         last: dict[int, float] = {}
         while not stop.is_set():
             now = maps.now()
@@ -163,7 +165,7 @@ def test_nothing_is_torn() -> None:
                 last[i] = a
             reads[reader] += 1
 
-    with Manager(Maps(timedelta(seconds=1))) as manager:
+    with SourceManager(MapBuffer(timedelta(seconds=1))) as manager:
         for k in range(4):
             manager.activate(f"source{k}", source, counter(), rate=30)
         wait_for(lambda: len(manager.maps.now()) == 8)

@@ -1,4 +1,4 @@
-"""What sources make of percepts, against geometry worked out point by point."""
+"""The maps of sources, compared with geometry computed point by point."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from semmap.database.files import schema_folder
+from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.sources import (
     Gaze,
     GazeSource,
-    Moving,
+    Motion,
     ObjectSource,
     People,
     PeopleSource,
@@ -29,10 +30,9 @@ from semmap.fields.sources import (
     Zone,
     Zones,
     ZoneSource,
-    discovered,
+    installed_sources,
     make_source,
 )
-from semmap.fields.vocabulary import read_vocabulary
 from semmap.robot.urdf import load_robot
 from tests.robot.robots import real_robot
 
@@ -52,11 +52,10 @@ def pose(translation: tuple[float, float, float], seed: int | None = None) -> ND
 def test_the_vocabulary() -> None:
     seen = VOCABULARY["http://kb.openrobots.org/inFieldOfView"]
     assert seen is VOCABULARY["inFieldOfView"]
-    assert (seen.domain, seen.range, seen.subject, seen.object, seen.measure) == (
-        "field_of_view", "agent", "voxel", "thing", "attention",
-    )  # fmt: skip
+    assert (seen.domain, seen.range) == ("field_of_view", "agent")
+    assert (seen.subject, seen.object, seen.measure) == ("voxel", "entity", "attention")
     assert VOCABULARY["attention"].object == "number"
-    assert (VOCABULARY["on"].subject, VOCABULARY["on"].domain) == ("thing", None)
+    assert (VOCABULARY["on"].subject, VOCABULARY["on"].domain) == ("entity", None)
     assert all(p.measure is None or p.measure in VOCABULARY for p in VOCABULARY.properties)
 
 
@@ -110,13 +109,13 @@ def test_objects_by_type() -> None:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"names": {1: "cup"}}, r"labels hold \[2\], which have no name"),
+        ({"names": {1: "cup"}}, r"labels \[2\] have no name"),
         ({"labels": np.ones((3, 4), int)}, "two .H, W. arrays"),
         ({"intrinsics": (0, 100, 1, 1)}, "above 0"),
         ({"pose": np.zeros((4, 4))}, "rigid transform"),
     ],
 )
-def test_images_that_are_none(changes: dict[str, Any], says: str) -> None:
+def test_wrong_images_are_refused(changes: dict[str, Any], says: str) -> None:
     given = {"labels": np.full((60, 80), 2), "names": {2: "cup"}, **changes}
     labels, names = given.pop("labels"), given.pop("names")
     percept = image(labels, names, **given)
@@ -131,7 +130,7 @@ def test_images_that_are_none(changes: dict[str, Any], says: str) -> None:
 def test_personal_space() -> None:
     """1 at the person, further ahead than behind, wider the faster."""
     source = PersonalSpaceSource(VOCABULARY, voxel_size=SIZE)
-    people = {"standing": Moving(0, 0, math.pi / 2), "walking": Moving(5, 0, 0, 0, 1.0, z=0.1)}
+    people = {"standing": Motion(0, 0, math.pi / 2), "walking": Motion(5, 0, 0, 0, 1.0, z=0.1)}
     still, moving = source(People(people, NOW))
     assert (still.about, still.property.measure) == ("standing", "personalSpace")
     ahead, behind, aside = still.at([(0.0, 0.8, 1), (0, -0.8, 1), (0.7, 0, 1)])
@@ -197,8 +196,8 @@ def test_zones() -> None:
     assert moved is not region
 
 
-def test_packages_offer_sources() -> None:
-    assert set(discovered()) >= {
+def test_installed_sources() -> None:
+    assert set(installed_sources()) >= {
         "gaze",
         "objects",
         "people",
@@ -208,5 +207,5 @@ def test_packages_offer_sources() -> None:
     }
     source = make_source("gaze", VOCABULARY, reach=1.0)
     assert isinstance(source, GazeSource)
-    with pytest.raises(LookupError, match=r"there is no source smell: .*gaze"):
+    with pytest.raises(LookupError, match=r"there is no source smell; installed sources: .*gaze"):
         make_source("smell", VOCABULARY)

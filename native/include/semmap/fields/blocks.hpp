@@ -1,5 +1,5 @@
-// Grids as cubes of bytes, to be kept elsewhere: equal fields give equal bytes, whatever their
-// history, and the bytes give the field again, bit for bit.
+// Grids as cubes of bytes, for storage. Equal grids have equal bytes, whatever their history, and
+// the bytes restore the grid bit by bit.
 #pragma once
 
 #include <cstddef>
@@ -12,15 +12,15 @@
 
 namespace semmap::fields {
 
-// Bytes by the lowest voxel of each cube. A cube that is not there is inactive and background.
+// Bytes by the lowest voxel of each cube. A missing cube is inactive and has the background value.
 using Blocks = std::map<Origin, std::string>;
 
-// What lies in cubes of `edge` voxels, which is 8, 16, 32, 64 or 128.
+// Returns the cubes of `edge` voxels, which is 8, 16, 32, 64 or 128.
 template <typename Value>
 Blocks blocks_of(const Grid<Value>& grid, int edge);
 
-// Puts cubes of the same edge and background into a grid that has nothing there.
-// Throws std::invalid_argument for bytes that `blocks_of` does not write; the grid is then useless.
+// Inserts cubes of the same edge and background into a grid that is empty there.
+// Throws std::invalid_argument for bytes that `blocks_of` does not write; do not use the grid then.
 template <typename Value>
 void put_blocks(Grid<Value>& grid, const Blocks& blocks, int edge);
 

@@ -1,4 +1,4 @@
-// One value a voxel, sparse: bool, int32 or float32, placed in a shared frame.
+// Sparse grids with one value per voxel: bool, int32 or float32, placed in a shared frame.
 #pragma once
 
 #include <openvdb/openvdb.h>
@@ -19,7 +19,7 @@ using Placement = std::array<std::array<double, 4>, 3>;
 
 constexpr Placement kUnmoved{{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
 
-// Not for writers and readers at once.
+// Not safe for a writer and other threads at the same time.
 template <typename Value>
 class Grid {
   public:
@@ -32,21 +32,21 @@ class Grid {
     Value background() const { return grid_->background(); }
     const Placement& placement() const { return placement_; }
     void place(const Placement& placement);
-    // The same voxels elsewhere; they are shared, so that neither may be changed from then on.
+    // Returns the same voxels at another placement. They are shared: do not change either grid.
     Grid placed(const Placement& placement) const;
     const Tree& tree() const { return grid_->constTree(); }
     Tree& tree() { return grid_->tree(); }
 
-    // The region stands in the grid's own frame.
+    // The region is in the frame of the grid.
     void fill(const Shape& shape, Value value);
     void clear(const Shape& shape);
     void set(const std::int32_t* voxels, const Value* values, std::size_t count);
-    // At points of the shared frame; the background where nothing is.
+    // Returns the values at points of the shared frame; the background where there is no voxel.
     void look_up(const double* points, std::size_t count, Value* values) const;
     std::size_t size() const { return static_cast<std::size_t>(grid_->activeVoxelCount()); }
-    // Block by block; `voxels` has room for 3 * size() numbers, `values` for size().
+    // Writes the voxels block by block: 3 * size() numbers to `voxels`, size() to `values`.
     void read(std::int32_t* voxels, Value* values) const;
-    // The box of voxels from `low` on, x slowest.
+    // Reads the box of voxels that begins at `low`, x slowest.
     void read_box(const std::array<std::int32_t, 3>& low, const std::array<std::int32_t, 3>& shape,
                   Value* values) const;
     void prune();

@@ -1,5 +1,5 @@
-// Grids made of grids, block by block. Where two are taken together, they share lattice and
-// placement: `resampled` brings one to the other's.
+// New grids from grids, block by block. Two grids must have one lattice and placement: `resampled`
+// brings one to those of the other.
 #pragma once
 
 #include <array>
@@ -14,41 +14,41 @@ namespace semmap::fields {
 
 using Index = std::array<std::int32_t, 3>;
 
-// What holds where both grids have a value.
+// The value where both grids have one.
 enum class Join { first, last, max, min, sum };
 
-// What either has.
+// Returns the voxels of both grids.
 template <typename Value>
 Grid<Value> joined(const Grid<Value>& a, const Grid<Value>& b, Join how);
 
-// What of the grid lies where the mask is active, or where it is not.
+// Returns the voxels of the grid where the mask is active, or where it is inactive.
 template <typename Value>
 Grid<Value> masked(const Grid<Value>& grid, const Grid<bool>& mask, bool inside);
 
-// True where there is a value.
+// Returns true where there is a value.
 template <typename Value>
 Grid<bool> active(const Grid<Value>& grid);
 
-// True where the value is within [low, high].
+// Returns true where the value is within [low, high].
 template <typename Value>
 Grid<bool> between(const Grid<Value>& grid, Value low, Value high);
 
-// True where the value is one of these.
+// Returns true where the value is one of these.
 Grid<bool> among(const Grid<std::int32_t>& grid, const std::vector<std::int32_t>& values);
 
-// Each value replaced by the one that stands beside it in the pairs; others stay.
+// Replaces the first value of each pair by the second; keeps other values.
 Grid<std::int32_t> renumbered(const Grid<std::int32_t>& grid,
                               const std::vector<std::pair<std::int32_t, std::int32_t>>& pairs);
 
-// What lies within the box of voxels low..high, both included.
+// Returns the voxels in the box low..high, both included.
 template <typename Value>
 Grid<Value> cropped(const Grid<Value>& grid, const Index& low, const Index& high);
 
-// The lowest and the highest indices of active voxels.
+// Returns the lowest and the highest index of active voxels.
 template <typename Value>
 std::optional<std::pair<Index, Index>> bounds(const Grid<Value>& grid);
 
-// The same in another lattice: each voxel takes the value at its centre.
+// Returns the grid in another lattice: each voxel gets the value at its centre.
 template <typename Value>
 Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placement& placement);
 

@@ -1,5 +1,5 @@
-// One grid for all: which set of entities each voxel belongs to (VDB-based Spatially Grounded
-// Semantics for Interactive Robots, section III).
+// One grid that states for each voxel the set of entities that have it (VDB-based Spatially
+// Grounded Semantics for Interactive Robots, section III).
 #pragma once
 
 #include <openvdb/openvdb.h>
@@ -19,7 +19,7 @@
 
 namespace semmap::fields {
 
-// Voxels of one entity that all lack it, or all have it, and change that.
+// Voxels that are inserted for one entity, or removed from it: none of them has it, or all have it.
 struct Edit {
     std::int32_t entity;
     const Voxels* voxels;
@@ -35,25 +35,24 @@ struct Memory {
     std::int64_t set_count;
 };
 
-// How another entity lies to one: voxels of both, and the squared gap in voxels between the nearest
-// two as cubes, 0 where these meet, if only by a corner.
+// The placement of another entity: the number of shared voxels, and the squared gap in voxels
+// between the two nearest voxels as cubes; 0 where these touch, even if only at a corner.
 struct Neighbour {
     std::int32_t entity;
     std::int64_t shared;
     std::int64_t gap;
 };
 
-// How many voxels the lowest layer of one entity has, and how many of them rest on another: for
-// sure, and if either is taken for one voxel higher or lower than it is. All 0 where it begins too
-// low.
+// The number of voxels in the lowest layer of an entity, and how many of them rest on another one:
+// as it is, and if either is shifted up or down by a voxel. All are 0 where it begins too low.
 struct Support {
     std::int64_t layer;
     std::int64_t firm;
     std::int64_t loose;
 };
 
-// Entities are numbers from 0 to kMostEntities, best close together. Readers and writers may be of
-// any thread: many read at once, or one writes.
+// Entities are numbers from 0 to kMostEntities; use small ones. Safe for several threads: many read
+// at the same time, or one writes.
 class RegionMap {
   public:
     explicit RegionMap(double voxel_size);
@@ -63,36 +62,37 @@ class RegionMap {
     void insert(std::int32_t entity, const Shape& shape);
     void remove(std::int32_t entity);
     void move(std::int32_t entity, const Shape& shape);
-    // The same voxels as one by one, in one pass on several threads; the numbers do not depend on
-    // how many. Gives the reason why a region cannot be inserted, or "", for each; where one
-    // cannot, the others are inserted only if that is said.
+    // Inserts many regions in one pass on several threads; the numbers of sets do not depend on the
+    // number of threads. Returns for each region why it cannot be inserted, or "". If one cannot,
+    // the others are inserted only if `others` is true.
     std::vector<std::string> insert_many(const std::vector<std::int32_t>& entities,
                                          const std::vector<const Shape*>& shapes, int threads,
                                          bool others);
 
     void look_up(const double* points, std::size_t count, std::int32_t* numbers) const;
-    // The members of each of the given sets; empty for what is none.
+    // Returns the members of each set; none for a number without a set.
     std::vector<std::vector<std::int32_t>> members(const std::vector<std::int32_t>& numbers) const;
     Voxels voxels(std::int32_t entity) const;
     std::int64_t size(std::int32_t entity) const;
     bool has(std::int32_t entity) const;
-    // How many voxels of the shape each entity has, ascending by entity.
+    // Returns how many voxels of the shape each entity has, ascending by entity.
     std::vector<std::pair<std::int32_t, std::int64_t>> entities_in(const Shape& shape) const;
     std::int64_t overlap(std::int32_t a, std::int32_t b) const;
-    // The others no further than a squared gap, ascending; below 0: those that share a voxel. Looks
-    // at the blocks around the entity only.
+    // Returns the entities within a squared gap, ascending; below 0, those that share a voxel.
+    // Reads only the blocks around the entity.
     std::vector<Neighbour> neighbours(std::int32_t entity, std::int64_t farthest) const;
     Support support(std::int32_t a, std::int32_t b) const;
     Memory memory() const;
-    // Throws std::logic_error that says what is amiss: numbers, counts and index against the grid.
+    // Compares numbers, counts and index with the grid; throws std::logic_error with the
+    // difference.
     void check() const;
     void write(const std::string& path) const;
 
-    // The number of each voxel's set, and the members of each set.
+    // Returns the number of the set of each voxel, and the members of each set.
     using Sets = std::vector<std::pair<std::int32_t, std::vector<std::int32_t>>>;
     std::pair<Grid<std::int32_t>, Sets> state() const;
-    // Brings an empty map to such a state. Throws std::invalid_argument where grid and sets do not
-    // belong together; the map is then useless.
+    // Sets the state of an empty map. Throws std::invalid_argument if grid and sets are not of one
+    // map; do not use the map then.
     void restore(const Grid<std::int32_t>& grid, const Sets& sets);
 
   private:

@@ -1,4 +1,4 @@
-// A register of sets of entities, each with one number, whatever the order of its making.
+// A register of sets of entities; each set has one number, whatever the order of insertions.
 #pragma once
 
 #include <cstddef>
@@ -7,29 +7,29 @@
 
 namespace semmap::fields {
 
-// Sets are found by the xor of a key an entity (Zobrist), and compared before they are taken for
-// equal. Number 0 is the empty set. Numbers of freed sets are given again.
+// Sets are found by a hash, the xor of one key per entity (Zobrist), and then compared. Number 0 is
+// the empty set. Numbers of freed sets are used again.
 class Register {
   public:
     Register();
 
-    // The set with `entity` put in if it lacks it, or taken out if it holds it.
+    // Returns the set with `entity` inserted if it is not a member, else removed.
     std::int32_t toggled(std::int32_t set, std::int32_t entity);
-    // The set with the given members, ascending.
+    // Returns the set of the given members, ascending.
     std::int32_t number(const std::vector<std::int32_t>& members);
     const std::vector<std::int32_t>& members(std::int32_t set) const {
         return sets_[static_cast<std::size_t>(set)].members;
     }
-    // All numbers lie below.
+    // All numbers are below this.
     std::int32_t end() const { return static_cast<std::int32_t>(sets_.size()); }
-    // How many sets there are, the empty one left out.
+    // The number of sets, without the empty set.
     std::int64_t size() const { return static_cast<std::int64_t>(used_); }
-    // How many voxels a set has; kept by the caller.
+    // The number of voxels of a set; the caller updates it.
     std::int64_t& count(std::int32_t set) { return counts_[static_cast<std::size_t>(set)]; }
     std::int64_t count(std::int32_t set) const { return counts_[static_cast<std::size_t>(set)]; }
     void free_if_unused(std::int32_t set);
-    // Gives a set the number that it had. False, and nothing changed, where the set or the number
-    // is there already or can be none. `finish_restoring` ends the first use of it.
+    // Gives a set the number that it had. Returns false, and changes nothing, if the set or the
+    // number exists already or is invalid. Call `finish_restoring` after the last set.
     bool restore(std::int32_t set, const std::vector<std::int32_t>& members);
     void finish_restoring();
     std::size_t bytes() const;
@@ -52,7 +52,7 @@ class Register {
     std::vector<std::int32_t> scratch_;
 };
 
-// Puts `entity` into ascending members, or takes it out.
+// Inserts `entity` into ascending members, or removes it.
 void toggle(std::vector<std::int32_t>& members, std::int32_t entity);
 
 }  // namespace semmap::fields

@@ -1,9 +1,9 @@
 // Regions of space in metres, and the voxels that belong to them.
 //
-// A voxel is floor(p / size). It belongs to a solid if its centre lies in it, the surface included,
-// to 1e-9 of a voxel. Where a solid is so thin that it could lie between centres (narrower than a
-// voxel in one direction, than sqrt(2) voxels in two or than sqrt(3) in three), all the voxels that
-// it meets belong to it; so do they to a surface.
+// The voxel of a point p is floor(p / size). A voxel belongs to a solid if its centre lies in the
+// solid or on its surface, to 1e-9 of a voxel. All voxels that it meets belong to a surface, and to
+// a solid that could lie between centres: one that is narrower than a voxel in one direction, than
+// sqrt(2) voxels in two, or than sqrt(3) in three.
 #pragma once
 
 #include <array>
@@ -55,14 +55,14 @@ struct Points {
 
 using Triangle = std::array<std::int32_t, 3>;
 
-// Closed: each edge is walked as often one way as the other. Inside is what the winding number
-// says, whichever way its faces turn, so that parts may overlap, be hollow or be mirrored.
+// A closed mesh: each edge occurs as often in one direction as in the other. A point is inside
+// where the winding number is not 0, so that parts may overlap, be hollow or be mirrored.
 struct Solid {
     std::vector<Vector> vertices;
     std::vector<Triangle> faces;
 };
 
-// Triangles with no inside.
+// Triangles without an inside.
 struct Surface {
     std::vector<Vector> vertices;
     std::vector<Triangle> faces;
@@ -70,10 +70,11 @@ struct Surface {
 
 using Shape = std::variant<Ball, Cylinder, Cone, Polytope, Points, Solid, Surface>;
 
-// Throws BadRegion where it would have more than `region_limits` allow, before it has.
+// Throws BadRegion if it would have more voxels than `region_limits` allow, before they are
+// computed.
 Voxels rasterise(const Shape& shape, double voxel_size);
 
-// Vertices of the same place are one; how many of the edges are not closed.
+// Merges vertices at the same place; returns the number of edges that are not closed.
 std::size_t weld(std::vector<Vector>& vertices, std::vector<Triangle>& faces);
 
 // A pinhole camera; pixel (row, column) looks along ((column - cx) / fx, (row - cy) / fy, 1).
@@ -85,8 +86,8 @@ struct Camera {
     std::array<std::array<double, 4>, 3> pose;  // rows of its rotation and translation
 };
 
-// Where the masked pixels of a depth image lie; `mask` may be null. Left out: what is not above 0,
-// not finite or beyond `farthest`.
+// Returns the points of the masked pixels of a depth image; `mask` may be null. Depths that are not
+// above 0, not finite or beyond `farthest` are left out.
 Points points_of_depth(const float* depth, const std::uint8_t* mask, std::size_t rows,
                        std::size_t columns, const Camera& camera, double farthest);
 

@@ -1,4 +1,4 @@
-// Sets of voxels as blocks of 8 x 8 x 8 with one bit a voxel, in the order of OpenVDB's leaves.
+// Sets of voxels as blocks of 8 x 8 x 8 with one bit per voxel, in the order of OpenVDB's leaves.
 #pragma once
 
 #include <array>
@@ -27,7 +27,7 @@ struct Origin {
 
 inline std::int32_t block_floor(std::int32_t voxel) { return voxel & ~(kBlock - 1); }
 
-// A word a slice x, of which bit 8 y + z is voxel (x, y, z).
+// One word per slice x; bit 8 y + z is voxel (x, y, z).
 using Words = std::array<std::uint64_t, 8>;
 
 int count(const Words& words);
@@ -54,14 +54,14 @@ Voxels united(const Voxels& a, const Voxels& b);
 Voxels without(const Voxels& a, const Voxels& b);
 std::int64_t common(const Voxels& a, const Voxels& b);
 
-// Throws BadRegion where a region of so many blocks is beyond the limit.
+// Throws BadRegion if a region of so many blocks is beyond the limit.
 void expect_few(std::size_t blocks);
 
-// Where a block stands in a list: open addressing over origins.
+// The index of a block in a list: open addressing by origin.
 class OriginIndex {
   public:
     OriginIndex();
-    // The number of the origin; numbers are given in order of first appearance.
+    // Returns the number of an origin; numbers are assigned in order of first occurrence.
     std::uint32_t number(const Origin& origin) {
         if (last_ < origins_.size() && origins_[last_] == origin) return last_;
         return last_ = find(origin);
@@ -77,7 +77,7 @@ class OriginIndex {
     std::uint32_t last_ = 0;
 };
 
-// Collects voxels in any order; throws BadRegion where they become too many.
+// Collects voxels in any order; throws BadRegion when there are too many.
 class VoxelCollector {
   public:
     void add(std::int32_t x, std::int32_t y, std::int32_t z) {

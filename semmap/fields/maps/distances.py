@@ -1,0 +1,112 @@
+"""Exact Euclidean distances between voxels, in dense boxes of bounded size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.fields.maps.lattice import VoxelBox
+from semmap_vdb import BoolGrid
+
+__all__ = ["DistanceTile", "core_tiles", "distance_tiles"]
+
+_SIDE = 96
+_SLACK = 1e-9  # 0.15 / 0.05 is less than 3
+
+
+class DistanceTile(NamedTuple):
+    """Distances in a dense box of voxels.
+
+    Attributes
+    ----------
+    low : (3,) the lowest voxel of the box
+    distance : (X, Y, Z) distance in voxels between centres, to the nearest active voxel
+    nearest : (3, X, Y, Z) that voxel; None unless it was requested
+    within : (X, Y, Z) where the distance is at most the reach
+    """
+
+    low: NDArray[np.int_]
+    distance: NDArray[np.float64]
+    nearest: NDArray[np.int_] | None
+    within: NDArray[np.bool_]
+
+
+def distance_tiles(
+    active: BoolGrid, reach: float, *, box: VoxelBox | None = None, with_nearest: bool = False
+) -> Iterator[DistanceTile]:
+    """Yield boxes that contain all voxels within `reach` voxels of an active one.
+
+    Parameters
+    ----------
+    active : the active voxels
+    reach : voxels
+    box : where distances are computed; everywhere if not given
+    with_nearest : whether to compute the nearest active voxels
+    """
+    from scipy.ndimage import distance_transform_edt  # slow to load; few commands need it
+
+    halo = math.ceil(reach + _SLACK)
+    for low, dense, inner in _tiles(active, halo, box, around=halo):
+        if not dense.any():
+            continue
+        nearest = None
+        if with_nearest:
+            far, nearest = distance_transform_edt(~dense, return_indices=True)
+            nearest = nearest[(slice(None), *inner)] + (low - halo)[:, None, None, None]
+        else:
+            far = distance_transform_edt(~dense)
+        far = far[inner]
+        yield DistanceTile(low, far, nearest, np.square(far) <= reach**2 * (1 + _SLACK))
+
+
+def core_tiles(
+    active: BoolGrid, reach: float, *, box: VoxelBox | None = None
+) -> Iterator[tuple[NDArray[np.int_], NDArray[np.bool_]]]:
+    """Yield boxes, and where in them all voxels within `reach` are active.
+
+    Parameters
+    ----------
+    active : the active voxels
+    reach : voxels
+    box : where it is computed; everywhere if not given
+
+    Yields
+    ------
+    low : (3,) the lowest voxel of a box
+    core : (X, Y, Z) bool
+    """
+    from scipy.ndimage import distance_transform_edt  # slow to load; few commands need it
+
+    halo = math.ceil(reach + _SLACK)
+    for low, dense, inner in _tiles(active, halo, box, around=0):
+        if dense.all():
+            yield low, dense[inner]
+        elif dense[inner].any():
+            far = distance_transform_edt(dense)[inner]
+            yield low, np.square(far) > reach**2 * (1 + _SLACK)
+
+
+def _tiles(
+    active: BoolGrid, halo: int, box: VoxelBox | None, *, around: int
+) -> Iterator[tuple[NDArray[np.int_], NDArray[np.bool_], Any]]:
+    """Yield the lowest voxel of each box, the dense voxels of box and halo, and the box in them."""
+    ends = active.bounds()
+    if ends is None:
+        return
+    low, high = np.array(ends[0]) - around, np.array(ends[1]) + around
+    if box is not None:
+        low, high = np.maximum(low, box.low), np.minimum(high, box.high)
+    side = max(_SIDE, 2 * halo)
+    starts = [range(a, b + 1, side) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
+    for corner in product(*starts):
+        first = np.array(corner)
+        shape = np.minimum(side, high + 1 - first)
+        x, y, z = (first - halo).tolist()
+        u, v, w = (shape + 2 * halo).tolist()
+        dense = active.read_box((x, y, z), (u, v, w))
+        yield first, dense, tuple(slice(halo, halo + n) for n in shape)

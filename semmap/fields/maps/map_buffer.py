@@ -1,0 +1,135 @@
+"""The current maps of all sources, and their recent history.
+
+A writer replaces all maps of its source in one step; a reader gets a state that never changes. So
+nobody waits for a reader, and no reader sees half of an update.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+
+from semmap.fields.maps.representation_map import RepresentationMap
+
+__all__ = ["MapBuffer", "SourceUpdate"]
+
+
+@dataclass(frozen=True)
+class SourceUpdate:
+    """The maps of a source from a time on, until its next update.
+
+    Attributes
+    ----------
+    time : aware
+    maps : all maps of the source
+    """
+
+    time: datetime
+    maps: tuple[RepresentationMap, ...]
+
+
+class MapBuffer:
+    """Maps by source, with their history (future work in reMap, section 6).
+
+    Parameters
+    ----------
+    span : timedelta
+        How long an update is kept after the next one replaced it, where its source has no span.
+    """
+
+    def __init__(self, span: timedelta = timedelta(seconds=30)) -> None:
+        self._span = span
+        self._state: Mapping[str, tuple[SourceUpdate, ...]] = {}
+        self._lock = threading.Lock()  # between writers; readers need none
+
+    def put(
+        self,
+        source: str,
+        maps: Iterable[RepresentationMap],
+        time: datetime | None = None,
+        *,
+        span: timedelta | None = None,
+    ) -> None:
+        """Replace the maps of a source.
+
+        Parameters
+        ----------
+        source : name of the source
+        maps : all its maps
+        time : aware; now if not given
+        span : how long they are kept after the next update; the span of the buffer if not given
+
+        Raises
+        ------
+        ValueError
+            The time has no time zone, or is before the last update of the source.
+        """
+        now = _aware(time) if time is not None else datetime.now(UTC)
+        update = SourceUpdate(now, tuple(maps))
+        with self._lock:
+            past = self._state.get(source, ())
+            if past and past[-1].time > now:
+                raise ValueError(
+                    f"{source}: the maps of {now} are older than those of {past[-1].time}, its "
+                    "last update: give a later time"
+                )
+            oldest = now - (self._span if span is None else span)
+            # An update is valid until the next one: keep each whose successor is not too old.
+            kept = [
+                each for each, following in pairwise((*past, update)) if following.time > oldest
+            ]
+            self._state = {**self._state, source: (*kept, update)}
+
+    def withdraw(self, source: str, time: datetime | None = None) -> None:
+        """Remove the current maps of a source; the history stays for its span."""
+        if source in self._state:
+            self.put(source, (), time)
+
+    def sources(self) -> list[str]:
+        """Return the names of the sources that have maps now."""
+        return sorted(name for name, past in self._state.items() if past[-1].maps)
+
+    def now(self) -> tuple[RepresentationMap, ...]:
+        """Return the current maps of all sources."""
+        return tuple(m for past in self._state.values() for m in past[-1].maps)
+
+    def at(self, moment: datetime) -> tuple[RepresentationMap, ...]:
+        """Return the maps that were valid at a moment."""
+        return self.during(moment, moment)
+
+    def during(self, begin: datetime, end: datetime) -> tuple[RepresentationMap, ...]:
+        """Return the maps that were valid at any time from `begin` to `end`, both included.
+
+        Raises
+        ------
+        ValueError
+            A time has no time zone, or the end is before the beginning.
+        """
+        if _aware(end) < _aware(begin):
+            raise ValueError(f"the time ends at {end}, before it begins at {begin}")
+        found: list[RepresentationMap] = []
+        for past in self._state.values():
+            for i, each in enumerate(past):
+                over = i + 1 < len(past) and past[i + 1].time <= begin
+                if each.time <= end and not over:
+                    found += each.maps
+        return tuple(found)
+
+    def remembered(self) -> Iterator[RepresentationMap]:
+        """Yield all maps that are kept, current and former ones."""
+        for past in self._state.values():
+            for each in past:
+                yield from each.maps
+
+    def since(self) -> datetime | None:
+        """Return the time of the oldest update that is kept; None without updates."""
+        return min((past[0].time for past in self._state.values()), default=None)
+
+
+def _aware(time: datetime) -> datetime:
+    if time.tzinfo is None:
+        raise ValueError(f"{time} has no time zone: give an aware datetime")
+    return time

@@ -1,0 +1,413 @@
+"""Evaluates checked queries, whole columns at a time.
+
+Values that are already bound limit what is read next: triple patterns with constants and few
+solutions come first, and the voxels found so far are passed on to relations as `within`, so that a
+chain of lazy maps is computed for these alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.fields.queries.context import Context
+from semmap.fields.queries.expressions import evaluate_expression, is_true
+from semmap.fields.queries.statements import Entities, Numbers, StatementColumn, Voxels
+from semmap.fields.queries.table import (
+    EMPTY,
+    UNIT,
+    Column,
+    Table,
+    codes_of,
+    compatible_pairs,
+    join,
+    merge,
+    minus,
+    unbound,
+    union,
+)
+from semmap.language.algebra import (
+    Aggregate,
+    BasicGraphPattern,
+    Distinct,
+    Exists,
+    Expression,
+    Extend,
+    Filter,
+    GroupPattern,
+    InlineData,
+    Join,
+    LeftJoin,
+    Minus,
+    OrderBy,
+    Pattern,
+    Project,
+    SolutionSlice,
+    TriplePattern,
+    Union,
+)
+from semmap.language.schema import ValueKind
+
+__all__ = ["evaluate"]
+
+Limits = Mapping[str, NDArray[np.int64]]
+"""For variables the ascending keys of voxels beyond which solutions are not needed."""
+
+MOST_NAMES = 256
+"""A relation is limited to the bound entities where these are at most so many."""
+
+MOST_PAIRS = 1 << 22
+"""So many pairs of solutions are compared at a time in EXISTS."""
+
+
+def evaluate(pattern: Pattern, context: Context, limits: Limits | None = None) -> Table:
+    """Return the solutions of a pattern.
+
+    Parameters
+    ----------
+    pattern : a checked pattern
+    context : shared by all parts of one query
+    limits : voxels beyond which solutions may be left out
+
+    Raises
+    ------
+    LimitError
+        There are too many solutions, or it takes too long.
+    """
+    context.check_time()
+    return _evaluate(pattern, context, limits or {})
+
+
+@singledispatch
+def _evaluate(pattern: Pattern, context: Context, limits: Limits) -> Table:
+    raise TypeError(f"{type(pattern).__name__} cannot be evaluated")
+
+
+# Triple patterns
+
+
+@_evaluate.register
+def _(pattern: BasicGraphPattern, context: Context, limits: Limits) -> Table:
+    return _basic(pattern, context, limits, ())
+
+
+def _basic(
+    pattern: BasicGraphPattern,
+    context: Context,
+    limits: Limits,
+    conditions: tuple[Expression, ...],
+) -> Table:
+    """Join triple patterns, and filter as soon as the variables of a condition are bound."""
+    table, left, waiting = UNIT, list(pattern.patterns), list(conditions)
+    while left:
+        triple = min(left, key=lambda each: _cost(each, table))
+        left.remove(triple)
+        table = join(table, _read(triple, table, context, limits))
+        context.check_time()
+        ready = [each for each in waiting if each.variables <= table.columns.keys()]
+        waiting = [each for each in waiting if each not in ready]
+        table = _filtered(tuple(ready), context, table)
+        if table.rows == 0:
+            return EMPTY
+    return _filtered(tuple(waiting), context, table)
+
+
+def _filtered(conditions: tuple[Expression, ...], context: Context, table: Table) -> Table:
+    for condition in conditions:
+        if table.rows:
+            found = is_true(condition, context, table)
+            table = table if found.all() else table.take(found)
+    return table
+
+
+def _cost(triple: TriplePattern, table: Table) -> tuple[bool, int, bool, int]:
+    """Return what is read first: connected to the table, few variables, no numbers, first."""
+    free = sum(isinstance(side, str) for side in (triple.subject, triple.object))
+    new = triple.variables - table.columns.keys()
+    connected = not table.columns or bool(triple.variables & table.columns.keys())
+    numeric = triple.property.object == "number"
+    return not connected, min(free, len(new)), numeric, triple.position
+
+
+def _read(triple: TriplePattern, table: Table, context: Context, limits: Limits) -> Table:
+    """Return the solutions of a triple pattern, limited to those that can join a table."""
+    about = triple.property
+    within = None
+    if about.subject == "voxel" and isinstance(triple.subject, str):
+        within = table.keys(triple.subject)
+        within = limits.get(triple.subject) if within is None else within
+    subjects = _wanted_names(triple.subject, about.subject, table, context)
+    objects = _wanted_names(triple.object, about.object, table, context)
+    if subjects == [] or objects == [] or (within is not None and not len(within)):
+        return EMPTY
+    relation = context.relation(about)
+    statements = relation.statements(subjects=subjects, objects=objects, within=within)
+    subject, object_ = (_column(each, context) for each in statements)
+    columns: dict[str, Column] = {}
+    kept: NDArray[np.bool_] | None = None
+    for side, column in ((triple.subject, subject), (triple.object, object_)):
+        if isinstance(side, float):
+            kept = column.values == side
+        elif isinstance(side, str) and side in columns:
+            kept = column.values == columns[side].values
+        elif isinstance(side, str):
+            columns[side] = column
+    if triple.object_variable is not None:
+        columns[triple.object_variable] = object_
+    found = Table(len(subject), columns)
+    found = found if kept is None else found.take(kept)
+    several = any(
+        isinstance(side, frozenset) and len(side) > 1 for side in (triple.subject, triple.object)
+    )
+    return found.distinct() if several or not columns else found
+
+
+def _wanted_names(side: object, kind: str, table: Table, context: Context) -> list[str] | None:
+    """Return the entities to which a side is limited; None for all."""
+    if isinstance(side, frozenset):
+        return sorted(side)
+    column = table.columns.get(side) if isinstance(side, str) and kind == "entity" else None
+    if column is None or column.bound is not None:
+        return None
+    codes = np.unique(column.values)
+    return [context.names.names[c] for c in codes.tolist()] if len(codes) <= MOST_NAMES else None
+
+
+def _column(stated: StatementColumn, context: Context) -> Column:
+    match stated:
+        case Voxels(keys):
+            return Column("voxel", keys)
+        case Entities(codes, names):
+            return Column("entity", context.names.codes(names)[codes])
+        case Numbers(values):
+            return Column("number", values)
+
+
+# Patterns that combine others
+
+
+def _narrowed(pattern: Pattern, table: Table, limits: Limits) -> Limits:
+    """Return limits for a pattern whose solutions are joined with a table."""
+    found = dict(limits)
+    for name in pattern.variables:
+        keys = table.keys(name)
+        if keys is not None:
+            found[name] = keys
+    return found
+
+
+@_evaluate.register
+def _(pattern: Join, context: Context, limits: Limits) -> Table:
+    left = evaluate(pattern.left, context, limits)
+    if left.rows == 0:
+        return EMPTY
+    return join(left, evaluate(pattern.right, context, _narrowed(pattern.right, left, limits)))
+
+
+@_evaluate.register
+def _(pattern: LeftJoin, context: Context, limits: Limits) -> Table:
+    left = evaluate(pattern.left, context, limits)
+    if left.rows == 0:
+        return EMPTY
+    right = evaluate(pattern.right, context, _narrowed(pattern.right, left, {}))
+    if right.rows == 0:
+        return left
+    rows = compatible_pairs(left, right)
+    found = merge(left, right, rows)
+    passed = np.ones(found.rows, np.bool_)
+    for condition in pattern.conditions:
+        passed &= is_true(condition, context, found)
+    alone = np.ones(left.rows, np.bool_)
+    alone[rows.left[passed]] = False
+    found = found if passed.all() else found.take(passed)
+    return union([found, left.take(alone)]) if alone.any() else found
+
+
+@_evaluate.register
+def _(pattern: Minus, context: Context, limits: Limits) -> Table:
+    left = evaluate(pattern.left, context, limits)
+    if left.rows == 0:
+        return EMPTY
+    return minus(left, evaluate(pattern.right, context, _narrowed(pattern.right, left, {})))
+
+
+@_evaluate.register
+def _(pattern: Union, context: Context, limits: Limits) -> Table:
+    return union([evaluate(each, context, limits) for each in (pattern.left, pattern.right)])
+
+
+@_evaluate.register
+def _(pattern: Filter, context: Context, limits: Limits) -> Table:
+    if isinstance(pattern.of, BasicGraphPattern):
+        return _basic(pattern.of, context, limits, pattern.conditions)
+    return _filtered(pattern.conditions, context, evaluate(pattern.of, context, limits))
+
+
+@_evaluate.register
+def _(pattern: Extend, context: Context, limits: Limits) -> Table:
+    table = evaluate(pattern.of, context, {n: k for n, k in limits.items() if n != pattern.name})
+    column = evaluate_expression(pattern.value, context, table)
+    return Table(table.rows, {**table.columns, pattern.name: column})
+
+
+@_evaluate.register
+def _(pattern: InlineData, context: Context, limits: Limits) -> Table:
+    columns = {
+        name: _inline_column(pattern.kinds[name], values, context)
+        for name, values in pattern.values.items()
+    }
+    return Table(pattern.count, columns)
+
+
+def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -> Column:
+    bound = np.array([value is not None for value in values], np.bool_)
+    if kind == "entity":
+        codes = [0 if name is None else context.names.code(name) for name in values]
+        column = np.array(codes, np.int64)
+    else:
+        plain = [0 if value is None else value for value in values]
+        column = np.array(plain, np.bool_ if kind == "boolean" else np.float64)
+    return Column(kind, column, None if bound.all() else bound)
+
+
+# Solution modifiers
+
+
+@_evaluate.register
+def _(pattern: Project, context: Context, limits: Limits) -> Table:
+    inside = {name: keys for name, keys in limits.items() if name in pattern.variables}
+    return evaluate(pattern.of, context, inside).only(pattern.variables)
+
+
+@_evaluate.register
+def _(pattern: Distinct, context: Context, limits: Limits) -> Table:
+    return evaluate(pattern.of, context, limits).distinct()
+
+
+@_evaluate.register
+def _(pattern: SolutionSlice, context: Context, limits: Limits) -> Table:
+    table = evaluate(pattern.of, context)
+    stop = table.rows
+    if pattern.length is not None:
+        stop = min(stop, pattern.start + pattern.length)
+    return table.take(np.arange(min(pattern.start, stop), stop))
+
+
+@_evaluate.register
+def _(pattern: OrderBy, context: Context, limits: Limits) -> Table:
+    table = evaluate(pattern.of, context, limits)
+    if table.rows < 2:
+        return table
+    ranks = []
+    for by, descending in pattern.by:
+        rank = _ranks(evaluate_expression(by, context, table), context)
+        ranks.append(-rank if descending else rank)
+    return table.take(np.lexsort(ranks[::-1]))
+
+
+def _ranks(column: Column, context: Context) -> NDArray[np.int64]:
+    """Return the rank of each value in ascending order; unbound ones come first."""
+    values = column.values
+    if column.kind in ("entity", "text"):
+        ranks = context.names.ranks()
+        values = ranks[values] if len(ranks) else values
+    places = np.unique(values, return_inverse=True)[1].astype(np.int64)
+    return np.where(column.is_bound, places, -1)
+
+
+# Groups
+
+
+@_evaluate.register
+def _(pattern: GroupPattern, context: Context, limits: Limits) -> Table:
+    table = evaluate(pattern.of, context)
+    if pattern.whole:
+        group = np.zeros(table.rows, np.intp)
+        count, columns = 1, {}
+    elif table.rows == 0:
+        return EMPTY
+    else:
+        keys = [name for name in pattern.keys if name in table.columns]
+        codes = codes_of(table, keys) if keys else np.zeros(table.rows, np.int64)
+        _, first, group = np.unique(codes, return_index=True, return_inverse=True)
+        count = len(first)
+        columns = {name: table.columns[name].take(first) for name in keys}
+    for each in pattern.aggregates:
+        columns[each.name] = _aggregated(each, context, table, group, count)
+    return Table(count, columns)
+
+
+def _aggregated(
+    each: Aggregate, context: Context, table: Table, group: NDArray[np.intp], count: int
+) -> Column:
+    """Return one value for each group; rows without a value do not count, as in rdflib."""
+    if each.of is None:
+        if each.distinct:
+            rows = Table(table.rows, {**table.columns, "*group": Column("number", group)})
+            group = rows.distinct().columns["*group"].values
+        return Column("number", np.bincount(group, minlength=count))
+    column = evaluate_expression(each.of, context, table)
+    there = np.flatnonzero(column.is_bound)
+    of, values = group[there], column.values[there]
+    if each.distinct and len(there):
+        both = {"*group": Column("number", of), "*value": Column(column.kind, values)}
+        once = Table(len(there), both).distinct()
+        of, values = once.columns["*group"].values, once.columns["*value"].values
+    counts = np.bincount(of, minlength=count)
+    match each.function:
+        case "Count":
+            return Column("number", counts)
+        case "Sum":
+            return Column("number", np.bincount(of, values, count))
+        case "Avg":
+            return Column("number", np.bincount(of, values, count) / np.maximum(counts, 1))
+    if len(of) == 0:
+        return unbound(column.kind, count)
+    # Sort so that the row sought is the first of its group.
+    rank = np.arange(len(of))
+    if each.function != "Sample":
+        rank = _ranks(Column(column.kind, values), context)
+    order = np.lexsort((-rank if each.function == "Max" else rank, of))
+    starts = np.flatnonzero(np.diff(of[order], prepend=-1))
+    result = np.zeros(count, values.dtype)
+    result[of[order][starts]] = values[order][starts]
+    return Column(column.kind, result, None if counts.all() else counts > 0)
+
+
+# EXISTS
+
+
+@evaluate_expression.register
+def _(expression: Exists, context: Context, table: Table) -> Column:
+    found = _exists(expression, context, table)
+    return Column("boolean", ~found if expression.negated else found)
+
+
+def _exists(expression: Exists, context: Context, table: Table) -> NDArray[np.bool_]:
+    """Return for which rows there is a compatible solution that meets all conditions."""
+    found = np.zeros(table.rows, np.bool_)
+    if table.rows == 0:
+        return found
+    other = evaluate(expression.pattern, context, _narrowed(expression.pattern, table, {}))
+    if other.rows == 0:
+        return found
+    shared = [name for name in table.columns if name in other.columns]
+    if not expression.conditions:
+        if not shared:
+            return ~found
+        other = other.only(shared).distinct()
+    step = table.rows if shared else max(1, MOST_PAIRS // other.rows)
+    for begin in range(0, table.rows, step):
+        some = table.take(np.arange(begin, min(begin + step, table.rows)))
+        rows = compatible_pairs(some, other)
+        both = merge(some, other, rows)
+        passed = np.ones(both.rows, np.bool_)
+        context.check_time()
+        for condition in expression.conditions:
+            passed &= is_true(condition, context, both)
+        found[begin + rows.left[passed]] = True
+    return found

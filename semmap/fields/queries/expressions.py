@@ -1,0 +1,268 @@
+"""Evaluates expressions, a column at a time (SPARQL 1.1, section 17).
+
+A row with an error, such as a division by 0, has no value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+import regex
+from numpy.typing import NDArray
+
+from semmap.fields.queries.context import Context
+from semmap.fields.queries.table import Column, LimitError, Table, unbound
+from semmap.fields.queries.voxel_functions import evaluate_function
+from semmap.language.algebra import (
+    Arithmetic,
+    Bound,
+    Call,
+    Constant,
+    Expression,
+    ExtensionCall,
+    Membership,
+    RegexMatch,
+    VariableValue,
+)
+from semmap.language.schema import ValueKind
+from semmap.limits import REGEX_SECONDS
+
+__all__ = ["evaluate_expression", "is_true"]
+
+Values = NDArray[Any]
+
+
+@singledispatch
+def evaluate_expression(expression: Expression, context: Context, table: Table) -> Column:
+    """Return the values of an expression for the rows of a table.
+
+    Raises
+    ------
+    LimitError
+        A regular expression takes too long.
+    """
+    raise TypeError(f"{type(expression).__name__} cannot be evaluated")
+
+
+def is_true(condition: Expression, context: Context, table: Table) -> NDArray[np.bool_]:
+    """Return where a condition is true: (rows,). An error is not true."""
+    column = evaluate_expression(condition, context, table)
+    found: NDArray[np.bool_] = column.values
+    return found if column.bound is None else found & column.bound
+
+
+@evaluate_expression.register
+def _(expression: VariableValue, context: Context, table: Table) -> Column:
+    return table.columns.get(expression.name) or unbound(expression.kind, table.rows)
+
+
+@evaluate_expression.register
+def _(expression: Constant, context: Context, table: Table) -> Column:
+    value = expression.value
+    if isinstance(value, str):
+        return Column(expression.kind, np.full(table.rows, context.names.code(value), np.int64))
+    return Column(expression.kind, np.broadcast_to(np.asarray(value), (table.rows,)))
+
+
+@evaluate_expression.register
+def _(expression: Bound, context: Context, table: Table) -> Column:
+    column = table.columns.get(expression.name)
+    bound = np.zeros(table.rows, np.bool_) if column is None else column.is_bound
+    return Column("boolean", bound)
+
+
+@evaluate_expression.register
+def _(expression: Membership, context: Context, table: Table) -> Column:
+    column = evaluate_expression(expression.of, context, table)
+    found = np.isin(column.values, context.names.codes(sorted(expression.entities)))
+    return Column("boolean", ~found if expression.negated else found, column.bound)
+
+
+@evaluate_expression.register
+def _(expression: RegexMatch, context: Context, table: Table) -> Column:
+    column = evaluate_expression(expression.of, context, table)
+    return _of_names("boolean", lambda name: _matches(expression.pattern, name), column, context)
+
+
+@evaluate_expression.register
+def _(expression: Arithmetic, context: Context, table: Table) -> Column:
+    columns = [evaluate_expression(each, context, table) for each in expression.operands]
+    bound = _all_bound(columns)
+    value = columns[0].values
+    for operator, column in zip(expression.operators, columns[1:], strict=True):
+        other = column.values
+        if operator == "/":
+            zero = other == 0
+            if zero.any():
+                bound = ~zero if bound is None else bound & ~zero
+            value = np.divide(value, np.where(zero, 1, other))
+        else:
+            value = _OPERATORS[operator](value, other)
+    return Column("number", value, bound)
+
+
+@evaluate_expression.register
+def _(expression: ExtensionCall, context: Context, table: Table) -> Column:
+    columns = [evaluate_expression(each, context, table) for each in expression.arguments]
+    arguments = [column.values for column in columns]
+    values = evaluate_function(expression.function.name, arguments, context.voxel_size)
+    return Column("number", values, _all_bound(columns))
+
+
+@evaluate_expression.register
+def _(expression: Call, context: Context, table: Table) -> Column:
+    function, arguments = expression.function, expression.arguments
+    if function in _OF_TEXT_AND_CONSTANT:
+        text, part = arguments
+        assert isinstance(part, Constant)
+        column = evaluate_expression(text, context, table)
+        test, constant = _OF_TEXT_AND_CONSTANT[function], str(part.value)
+        return _of_names("boolean", lambda name: test(name, constant), column, context)
+    columns = [evaluate_expression(each, context, table) for each in arguments]
+    if function in _CHOICES:
+        return _CHOICES[function](columns)
+    kind = arguments[0].kind
+    if kind == "text" and function in _OF_TEXT:
+        return _of_names(expression.kind, _OF_TEXT[function], columns[0], context)
+    values = [column.values for column in columns]
+    if kind == "text" and function in _ORDERS:
+        ranks = context.names.ranks()
+        values = [ranks[each] for each in values]
+    return Column(expression.kind, _ELEMENTWISE[function](*values), _all_bound(columns))
+
+
+def _all_bound(columns: Iterable[Column]) -> NDArray[np.bool_] | None:
+    """Return where all columns have a value; None for everywhere."""
+    bound: NDArray[np.bool_] | None = None
+    for column in columns:
+        if column.bound is not None:
+            bound = column.bound if bound is None else bound & column.bound
+    return bound
+
+
+# Logic and choices
+
+
+def _any(columns: list[Column]) -> Column:
+    """Return true where one is; an error where none is true and one is an error."""
+    value = np.zeros(len(columns[0]), np.bool_)
+    for column in columns:
+        value |= column.is_bound & column.values
+    bound = _all_bound(columns)
+    return Column("boolean", value, None if bound is None else bound | value)
+
+
+def _all(columns: list[Column]) -> Column:
+    """Return false where one is; an error where none is false and one is an error."""
+    value = np.ones(len(columns[0]), np.bool_)
+    for column in columns:
+        value &= ~column.is_bound | column.values
+    bound = _all_bound(columns)
+    return Column("boolean", value, None if bound is None else bound | ~value)
+
+
+def _if(columns: list[Column]) -> Column:
+    which, yes, no = columns
+    bound = which.is_bound & np.where(which.values, yes.is_bound, no.is_bound)
+    return Column(yes.kind, np.where(which.values, yes.values, no.values), bound)
+
+
+def _coalesce(columns: list[Column]) -> Column:
+    value, bound = columns[0].values, columns[0].is_bound
+    for column in columns[1:]:
+        value = np.where(bound, value, column.values)
+        bound = bound | column.is_bound
+    return Column(columns[0].kind, value, bound)
+
+
+# Texts
+
+
+def _of_names(
+    kind: ValueKind, function: Callable[[str], Any], column: Column, context: Context
+) -> Column:
+    """Return a function of texts, evaluated once for each different text."""
+    context.check_time()
+    codes, places = np.unique(column.values, return_inverse=True)
+    names = context.names.names
+    each = [function(names[code]) if code < len(names) else function("") for code in codes]
+    if kind == "text":
+        each = [context.names.code(text) for text in each]
+    values = np.array(each, np.int64 if kind == "text" else None)
+    return Column(kind, values[places] if len(codes) else values.astype(bool), column.bound)
+
+
+def _matches(pattern: regex.Pattern[str], name: str) -> bool:
+    """Return whether a pattern occurs in a name, within a time limit.
+
+    Some patterns take exponential time.
+    """
+    try:
+        return pattern.search(name, timeout=REGEX_SECONDS.value) is not None
+    except TimeoutError:
+        raise LimitError(
+            f"the regular expression {pattern.pattern[:40]!r} takes longer than "
+            f"{REGEX_SECONDS.value:g} s for one name: do not nest repetitions, or set "
+            f"{REGEX_SECONDS.variable}"
+        ) from None
+
+
+def _is_not_zero(numbers: Values) -> Values:
+    not_zero: Values = (numbers != 0) & ~np.isnan(numbers)
+    return not_zero
+
+
+def _round_half_up(numbers: Values) -> Values:
+    rounded: Values = np.floor(numbers + 0.5)
+    return rounded
+
+
+def _same(values: Values) -> Values:
+    return values
+
+
+_OPERATORS: Mapping[str, Callable[..., Values]] = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+}
+_ORDERS: Mapping[str, Callable[..., Values]] = {
+    "<": np.less,
+    ">": np.greater,
+    "<=": np.less_equal,
+    ">=": np.greater_equal,
+}
+_ELEMENTWISE: Mapping[str, Callable[..., Values]] = {
+    **_ORDERS,
+    "=": np.equal,
+    "!=": np.not_equal,
+    "!": np.logical_not,
+    "boolean": _is_not_zero,
+    "-": np.negative,
+    "+": np.positive,
+    "ABS": np.abs,
+    "CEIL": np.ceil,
+    "FLOOR": np.floor,
+    "ROUND": _round_half_up,
+    "STR": _same,  # entities and texts have the same codes
+}
+_OF_TEXT: Mapping[str, Callable[[str], Any]] = {
+    "STRLEN": len,
+    "UCASE": str.upper,
+    "LCASE": str.lower,
+    "boolean": bool,
+}
+_OF_TEXT_AND_CONSTANT: Mapping[str, Callable[[str, str], bool]] = {
+    "STRSTARTS": str.startswith,
+    "STRENDS": str.endswith,
+    "CONTAINS": str.__contains__,
+}
+_CHOICES: Mapping[str, Callable[[list[Column]], Column]] = {
+    "&&": _all,
+    "||": _any,
+    "IF": _if,
+    "COALESCE": _coalesce,
+}

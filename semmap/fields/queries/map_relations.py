@@ -1,0 +1,245 @@
+"""Statements of maps, of a region map, and of semantic types."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.fields.maps import operators
+from semmap.fields.maps.lattice import VoxelBox
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.queries.statements import Entities, Numbers, Statements, Voxels
+from semmap.fields.regions.region_map import NamedRegionMap
+from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
+from semmap.language.schema import Property
+
+__all__ = [
+    "EntityMapRelation",
+    "FreeSpaceRelation",
+    "NumberMapRelation",
+    "OccupancyRelation",
+    "TypeRelation",
+]
+
+Keys = NDArray[np.int64]
+
+
+class EntityMapRelation:
+    """States `voxel property entity`, from bool maps about entities and int32 maps with a legend.
+
+    Parameters
+    ----------
+    property : what is stated
+    maps : of that property
+    """
+
+    def __init__(self, property: Property, maps: Sequence[RepresentationMap]) -> None:
+        self.property = property
+        self._maps = maps
+
+    def statements(
+        self,
+        *,
+        subjects: Collection[str] | None = None,
+        objects: Collection[str] | None = None,
+        within: Keys | None = None,
+    ) -> Statements:
+        """Return the statements; see `StatementRelation.statements`."""
+        found: list[tuple[str, Keys]] = []
+        box = _box_around(within)
+        about: dict[tuple[str, str], list[RepresentationMap]] = {}
+        for each in self._maps:
+            if each.legend:
+                wanted = {
+                    value: name
+                    for value, name in each.legend.items()
+                    if objects is None or name in objects
+                }
+                if wanted:
+                    voxels, values = _read(each, box)
+                    keys = keys_of(voxels)
+                    found += [(name, keys[values == value]) for value, name in wanted.items()]
+            elif each.about is not None and (objects is None or each.about in objects):
+                about.setdefault((each.about, each.value_type), []).append(each)
+        # DURING selects many maps about one entity: joined as grids they are sorted only once.
+        for (name, _), several in about.items():
+            found.append((name, keys_of(_read(operators.union(*several), box)[0])))
+        return _by_entity(found)
+
+
+class NumberMapRelation:
+    """States `voxel property number`; where several maps have a number, the largest.
+
+    Parameters
+    ----------
+    property : what is stated
+    maps : of numbers
+    """
+
+    def __init__(self, property: Property, maps: Sequence[RepresentationMap]) -> None:
+        self.property = property
+        self._maps = maps
+
+    def statements(
+        self,
+        *,
+        subjects: Collection[str] | None = None,
+        objects: Collection[str] | None = None,
+        within: Keys | None = None,
+    ) -> Statements:
+        """Return the statements; see `StatementRelation.statements`."""
+        box = _box_around(within)
+        keys: list[Keys] = [np.zeros(0, np.int64)]
+        values: list[NDArray[np.float64]] = [np.zeros(0)]
+        for each in self._maps:
+            voxels, numbers = _read(each, box)
+            keys.append(keys_of(voxels))
+            values.append(numbers.astype(np.float64))
+        key, value = np.concatenate(keys), np.concatenate(values)
+        order = np.lexsort((value, key))
+        key, value = key[order], value[order]
+        last = np.append(key[1:] != key[:-1], True) if len(key) else np.zeros(0, np.bool_)
+        return Statements(Voxels(key[last]), Numbers(value[last]))
+
+
+class OccupancyRelation:
+    """States `voxel occupiedBy entity`, from a region map.
+
+    Parameters
+    ----------
+    property : what is stated
+    occupancy : None states nothing
+    """
+
+    def __init__(self, property: Property, occupancy: NamedRegionMap | None) -> None:
+        self.property = property
+        self._occupancy = occupancy
+
+    def statements(
+        self,
+        *,
+        subjects: Collection[str] | None = None,
+        objects: Collection[str] | None = None,
+        within: Keys | None = None,
+    ) -> Statements:
+        """Return the statements; see `StatementRelation.statements`."""
+        if self._occupancy is None:
+            return _by_entity([])
+        regions = self._occupancy.regions
+        return _by_entity(
+            [
+                (name, keys_of(regions.voxels(entity)))
+                for name, entity in self._occupancy.entities().items()
+                if objects is None or name in objects
+            ]
+        )
+
+
+class FreeSpaceRelation:
+    """States `voxel freeIn room`: voxels of the room that no entity occupies.
+
+    Parameters
+    ----------
+    property : what is stated
+    rooms : maps of rooms
+    occupancy : None for no entities
+    """
+
+    def __init__(
+        self,
+        property: Property,
+        rooms: Sequence[RepresentationMap],
+        occupancy: NamedRegionMap | None,
+    ) -> None:
+        self.property = property
+        self._rooms = EntityMapRelation(property, rooms)
+        self._occupancy = occupancy
+
+    def statements(
+        self,
+        *,
+        subjects: Collection[str] | None = None,
+        objects: Collection[str] | None = None,
+        within: Keys | None = None,
+    ) -> Statements:
+        """Return the statements; see `StatementRelation.statements`."""
+        voxels, rooms = self._rooms.statements(objects=objects, within=within)
+        assert isinstance(voxels, Voxels)
+        assert isinstance(rooms, Entities)
+        if self._occupancy is None:
+            return Statements(voxels, rooms)
+        regions = self._occupancy.regions
+        centres = (voxels_of_keys(voxels.keys) + 0.5) * regions.voxel_size
+        free = regions.set_numbers_at(centres) == 0
+        return Statements(Voxels(voxels.keys[free]), Entities(rooms.codes[free], rooms.names))
+
+
+class TypeRelation:
+    """States `entity rdf:type type`, for all types that subsume that of the entity.
+
+    Parameters
+    ----------
+    property : rdf:type
+    types : the type of each entity
+    supertypes : for each type all types that subsume it, itself included
+    """
+
+    def __init__(
+        self,
+        property: Property,
+        types: Mapping[str, str | None],
+        supertypes: Mapping[str, frozenset[str]],
+    ) -> None:
+        self.property = property
+        self._types = types
+        self._supertypes = supertypes
+
+    def statements(
+        self,
+        *,
+        subjects: Collection[str] | None = None,
+        objects: Collection[str] | None = None,
+        within: Keys | None = None,
+    ) -> Statements:
+        """Return the statements; see `StatementRelation.statements`."""
+        pairs = [
+            (entity, supertype)
+            for entity, type_ in self._types.items()
+            if type_ is not None and (subjects is None or entity in subjects)
+            for supertype in self._supertypes.get(type_, frozenset({type_}))
+            if objects is None or supertype in objects
+        ]
+        return Statements(
+            Entities.from_names(entity for entity, _ in pairs),
+            Entities.from_names(supertype for _, supertype in pairs),
+        )
+
+
+def _by_entity(found: Sequence[tuple[str, Keys]]) -> Statements:
+    """Return rows of voxels for each entity; voxels of several maps occur once."""
+    keys_of_entity: dict[str, list[Keys]] = {}
+    for name, keys in found:
+        keys_of_entity.setdefault(name, []).append(keys)
+    each = [np.unique(np.concatenate(keys)) for keys in keys_of_entity.values()]
+    voxels = Voxels(np.concatenate([np.zeros(0, np.int64), *each]))
+    codes = np.repeat(np.arange(len(each), dtype=np.int32), [len(keys) for keys in each])
+    return Statements(voxels, Entities(codes, tuple(keys_of_entity)))
+
+
+def _read(
+    map: RepresentationMap, box: VoxelBox | None
+) -> tuple[NDArray[np.int32], NDArray[np.int32] | NDArray[np.float32] | NDArray[np.bool_]]:
+    return (map.grid if box is None else map.within(box)).read()
+
+
+def _box_around(within: Keys | None) -> VoxelBox | None:
+    """Return the box around voxels; None for everywhere."""
+    if within is None:
+        return None
+    if not len(within):
+        return VoxelBox((0, 0, 0), (-1, -1, -1))
+    voxels = voxels_of_keys(within)
+    low, high = voxels.min(axis=0).tolist(), voxels.max(axis=0).tolist()
+    return VoxelBox(tuple(low), tuple(high))

@@ -1,0 +1,169 @@
+"""The results of queries and updates."""
+
+from __future__ import annotations
+
+import builtins
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.fields.maps.grids import empty_grid
+from semmap.fields.maps.lattice import Lattice
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.queries.statements import Entities, Numbers, Statements, Voxels
+from semmap.fields.queries.table import Column
+from semmap.fields.queries.voxel_functions import centres
+from semmap.geometry.voxel_keys import voxels_of_keys
+from semmap.language.schema import Property, with_article
+
+__all__ = ["SelectResult", "StoreResult", "UpdateResult"]
+
+
+@dataclass(frozen=True, eq=False)
+class SelectResult:
+    """The solutions of SELECT, in order.
+
+    Iteration gives tuples: a voxel is the (x, y, z) of its centre in metres, an entity or type its
+    name, a number or text itself, and an unbound variable None.
+
+    Attributes
+    ----------
+    names : the variables
+    columns : their values, coded
+    count : number of solutions
+    strings : the name or text of each code
+    voxel_size : metres
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[Column, ...]
+    count: int
+    strings: tuple[str, ...]
+    voxel_size: float
+
+    def __len__(self) -> int:
+        """Return the number of solutions."""
+        return self.count
+
+    def __iter__(self) -> Iterator[tuple[Any, ...]]:
+        """Yield a tuple for each solution."""
+        if not self.columns:
+            return iter([()] * self.count)
+        return iter(zip(*(self._plain(column) for column in self.columns), strict=True))
+
+    def column(self, name: str) -> Column:
+        """Return the column of a variable.
+
+        Raises
+        ------
+        KeyError
+            The query does not project that variable.
+        """
+        if name not in self.names:
+            raise KeyError(f"?{name} is not one of {', '.join(f'?{n}' for n in self.names)}")
+        return self.columns[self.names.index(name)]
+
+    def voxels(self, name: str) -> NDArray[np.int32]:
+        """Return the voxels of a variable: (N, 3) indices for the N solutions that bind it.
+
+        Raises
+        ------
+        KeyError
+            The query does not project that variable.
+        TypeError
+            The variable is not a voxel.
+        """
+        column = self.column(name)
+        if column.kind != "voxel":
+            raise TypeError(f"?{name} is {with_article(column.kind)}, not a voxel")
+        return voxels_of_keys(column.values[column.is_bound])
+
+    def as_json(self) -> dict[str, Any]:
+        """Return names and rows for `json.dumps`: {"variables": [...], "rows": [[...], ...]}."""
+        return {"variables": list(self.names), "rows": [list(row) for row in self]}
+
+    def _plain(self, column: Column) -> list[Any]:
+        values: list[Any]
+        if column.kind == "voxel":
+            points = centres(column.values, self.voxel_size)
+            values = [tuple(point) for point in points.tolist()]
+        elif column.kind in ("entity", "text"):
+            codes = column.values.tolist()
+            values = [self.strings[code] if self.strings else "" for code in codes]
+        else:
+            values = column.values.tolist()
+        if column.bound is None:
+            return values
+        return [v if b else None for v, b in zip(values, column.bound.tolist(), strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class StoreResult:
+    """The statements of STORE, from which `to_map` makes a new map.
+
+    Attributes
+    ----------
+    property : the property of the map
+    statements : a voxel and its entity or number in each row; in ascending order, each row once
+    about : the entity, where it is the same in all rows
+    voxel_size : metres
+    """
+
+    property: Property
+    statements: Statements
+    about: str | None
+    voxel_size: float
+
+    def __len__(self) -> int:
+        """Return the number of statements."""
+        return len(self.statements.subject)
+
+    @builtins.property
+    def voxels(self) -> NDArray[np.int32]:
+        """(N, 3) the voxel of each statement."""
+        assert isinstance(self.statements.subject, Voxels)
+        return voxels_of_keys(self.statements.subject.keys)
+
+    def to_map(self, time: datetime | None = None) -> RepresentationMap:
+        """Return the statements as a map.
+
+        A voxel with several entities gets one of them, the last by name.
+
+        Parameters
+        ----------
+        time : of the map, aware
+        """
+        lattice = Lattice(self.voxel_size)
+        voxels, objects = self.voxels, self.statements.object
+        if isinstance(objects, Numbers):
+            numbers: Any = empty_grid("float32", lattice)
+            numbers.set(voxels, objects.values.astype(np.float32))
+            return RepresentationMap(self.property, numbers, time=time)
+        if self.about is not None or not isinstance(objects, Entities) or not len(voxels):
+            region: Any = empty_grid("bool", lattice)
+            region.set(voxels, np.ones(len(voxels), np.bool_))
+            return RepresentationMap(self.property, region, about=self.about, time=time)
+        rank = np.argsort(np.argsort(np.array(objects.names)))
+        order = np.argsort(rank[objects.codes], kind="stable")
+        entities: Any = empty_grid("int32", lattice)
+        entities.set(np.ascontiguousarray(voxels[order]), objects.codes[order] + 1)
+        legend = {code + 1: name for code, name in enumerate(objects.names)}
+        return RepresentationMap(self.property, entities, legend=legend, time=time)
+
+
+@dataclass(frozen=True)
+class UpdateResult:
+    """What an update did.
+
+    Attributes
+    ----------
+    new : the names that blank nodes got, by label; those without a label are [1], [2], ...
+    changed : the entities whose voxels were written
+    """
+
+    new: Mapping[str, str]
+    changed: frozenset[str]

@@ -1,0 +1,270 @@
+"""INSERT and DELETE on a region map: they change which entities have which voxels.
+
+Source: "VDB-based Spatially Grounded Semantics for Interactive Robots" inserts and deletes regions
+of entities through SPARQL.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rdflib
+from numpy.typing import NDArray
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.fields.queries.context import Context
+from semmap.fields.queries.evaluate import evaluate
+from semmap.fields.queries.query_result import UpdateResult
+from semmap.fields.queries.region_catalogue import RegionCatalogue, is_occupies
+from semmap.fields.queries.statements import Catalogue
+from semmap.fields.queries.table import UNIT, LimitError, Table
+from semmap.fields.queries.voxel_functions import centres
+from semmap.fields.regions.region_map import RegionMap
+from semmap.fields.regions.region_text import read_region
+from semmap.fields.regions.shapes import Region, shape_of
+from semmap.language.checker import Checker
+from semmap.language.error import TOO_DEEP
+from semmap.language.parser import ParsedText, parse_update
+from semmap.language.schema import ValueKind, with_article
+from semmap.language.terms import name_of, position_of
+from semmap_vdb import BoolGrid
+
+__all__ = ["update"]
+
+Keys = NDArray[np.int64]
+
+
+def update(regions: RegionMap, text: str, catalogue: Catalogue | None = None) -> UpdateResult:
+    """Carry out the requests of a SPARQL update, one after another; all of them or none.
+
+    Subjects are entities. In INSERT they may be blank nodes: each label gets a new name, the same
+    one wherever it occurs. The property is :occupies. Objects are regions as text
+    (``"SPHERE(0 0 1 0.5)"^^:region``), or variables that WHERE binds to voxels.
+
+    Parameters
+    ----------
+    regions : RegionMap
+        It is changed. Its entities are named by `str`.
+    text : str
+        SPARQL, or in the notation of reMap.
+    catalogue : Catalogue, optional
+        What WHERE may read besides :occupies; of the same voxel size.
+
+    Raises
+    ------
+    QueryError
+        The text is wrong or a region too large, with the place in the text. All is as before, but
+        another thread may have read what was undone.
+    ValueError
+        The catalogue has another voxel size.
+    """
+    parsed = parse_update(text)
+    if catalogue is not None and catalogue.voxel_size != regions.voxel_size:
+        raise ValueError(
+            f"the catalogue has voxels of {catalogue.voxel_size} m, the region map of "
+            f"{regions.voxel_size} m: use one voxel size for both"
+        )
+    run = _UpdateRun(parsed, regions, catalogue)
+    try:
+        for request in parsed.requests:
+            run.carry_out(request)
+    except BaseException as error:
+        run.undo()
+        if isinstance(error, RecursionError):
+            raise parsed.error(TOO_DEEP, 0) from None
+        raise
+    return UpdateResult(run.new, frozenset(run.before))
+
+
+class _UpdateRun:
+    """The requests of one text, and the former voxels of all entities that they changed."""
+
+    def __init__(self, parsed: ParsedText, regions: RegionMap, catalogue: Catalogue | None) -> None:
+        self.parsed = parsed
+        self.regions = regions
+        self.new: dict[str, str] = {}
+        self.before: dict[str, NDArray[np.int32]] = {}
+        self._catalogue = RegionCatalogue(regions, catalogue)
+        self._unlabelled: dict[str, str] = {}
+
+    def carry_out(self, request: CompValue) -> None:
+        """Carry out one request: first evaluate it, then delete, then insert."""
+        checker = Checker(self.parsed, self._catalogue)
+        context = Context(self._catalogue)
+        table = UNIT
+        match request.name:
+            case "InsertData":
+                deleted, inserted = [], request.triples
+            case "DeleteData":
+                deleted, inserted = request.triples, []
+            case "DeleteWhere":
+                deleted, inserted = request.triples, []
+                where = CompValue("BGP", triples=request.triples)
+                table = self._solutions(checker, context, where)
+            case _:
+                deleted = request.delete.triples if request.delete else []
+                inserted = request.insert.triples if request.insert else []
+                table = self._solutions(checker, context, request.where)
+        template = _Template(self.parsed, checker, context, table, self._name_of_node)
+        deletions = [(t, template.regions(*t)) for t in _in_order(deleted)]
+        insertions = [(t, template.regions(*t, inserting=True)) for t in _in_order(inserted)]
+        for change, changes in ((self._delete, deletions), (self._insert, insertions)):
+            for triple, pairs in changes:
+                for name, region in pairs:
+                    try:
+                        change(name, region)
+                    except ValueError as error:
+                        raise self.parsed.error(str(error), triple[2]) from error
+
+    def undo(self) -> None:
+        """Give all entities the voxels that they had."""
+        for name, voxels in self.before.items():
+            self._replace(name, voxels)
+
+    def _solutions(self, checker: Checker, context: Context, where: Any) -> Table:
+        pattern = checker.check(where)
+        try:
+            return evaluate(pattern, context)
+        except LimitError as error:
+            raise self.parsed.error(str(error), 0) from None
+
+    # Changes of the region map
+
+    def _entity(self, name: str) -> Hashable:
+        return next((e for e in self.regions.entities() if str(e) == name), name)
+
+    def _insert(self, name: str, region: Region) -> None:
+        entity = self._entity(name)
+        self.before.setdefault(name, self.regions.voxels(entity))
+        self.regions.insert(entity, region)
+
+    def _delete(self, name: str, region: Region) -> None:
+        voxels = self.regions.voxels(self._entity(name))
+        deleted = BoolGrid(self.regions.voxel_size, False)
+        deleted.fill(shape_of(region), True)
+        centres = (voxels.astype(np.float64) + 0.5) * self.regions.voxel_size
+        kept = voxels[~deleted.at(centres)]
+        if len(kept) < len(voxels):
+            self.before.setdefault(name, voxels)
+            self._replace(name, kept)
+
+    def _replace(self, name: str, voxels: NDArray[np.int32]) -> None:
+        entity = self._entity(name)
+        if len(voxels):
+            self.regions.move(entity, (voxels + 0.5) * self.regions.voxel_size)
+        else:
+            self.regions.remove(entity)
+
+    # Names of blank nodes
+
+    def _name_of_node(self, node: rdflib.BNode, labelled: bool) -> str:
+        """Return the name of a blank node: an unused one at the first call."""
+        label = str(node)
+        if not labelled:
+            label = self._unlabelled.setdefault(label, f"[{len(self._unlabelled) + 1}]")
+        if label not in self.new:
+            number = 1
+            while self._is_used(f"region{number}"):
+                number += 1
+            self.new[label] = f"region{number}"
+        return self.new[label]
+
+    def _is_used(self, name: str) -> bool:
+        if name in self.new.values():
+            return True
+        try:
+            self._catalogue.find_entities(name, None)
+        except LookupError:
+            return False
+        return True
+
+
+def _in_order(triples: Sequence[Any]) -> list[Any]:
+    """Return triples in the order of the text."""
+    return sorted(triples, key=lambda triple: position_of(triple[0]) or 0)
+
+
+@dataclass
+class _Template:
+    """Makes entities and regions of the triples of INSERT and DELETE."""
+
+    parsed: ParsedText
+    checker: Checker
+    context: Context
+    table: Table
+    name_of_node: Callable[[rdflib.BNode, bool], str]
+
+    def regions(
+        self, subject: Any, verb: Any, object_: Any, *, inserting: bool = False
+    ) -> list[tuple[str, Region]]:
+        """Return the entities of a triple, each with a region."""
+        error = self.parsed.error
+        if not is_occupies(str(verb)):
+            raise error("only :occupies can be inserted and deleted", verb)
+        if isinstance(subject, rdflib.BNode) and not inserting:
+            raise error("a blank node is allowed in INSERT only: name the entity", subject)
+        region = None if isinstance(object_, rdflib.Variable) else self._region(object_)
+        self._check_kind(subject, "entity")
+        self._check_kind(object_, "voxel")
+        if not isinstance(subject, rdflib.Variable):
+            name = self._name(subject)
+            if self.table.rows == 0:
+                return []
+            return [(name, self._points(self._values(object_)[1]) if region is None else region)]
+        names = self.context.names.names
+        rows, codes = self._values(subject)
+        if region is not None:
+            return [(names[code], region) for code in np.unique(codes).tolist()]
+        both, keys = self._values(object_)
+        every = np.intersect1d(rows, both)
+        codes = codes[np.searchsorted(rows, every)]
+        keys = keys[np.searchsorted(both, every)]
+        return [(names[c], self._points(keys[codes == c])) for c in np.unique(codes).tolist()]
+
+    def _points(self, keys: Keys) -> Region:
+        return centres(np.unique(keys), self.context.voxel_size)
+
+    def _check_kind(self, term: Any, kind: ValueKind) -> None:
+        if not isinstance(term, rdflib.Variable):
+            return
+        known = self.checker.kinds.get(str(term))
+        if known is None:
+            raise self.parsed.error(f"?{term} is not bound by any pattern", term)
+        if known[0] != kind:
+            raise self.parsed.error(
+                f"this has to be {with_article(kind)}, and ?{term} is {with_article(known[0])}",
+                term,
+            )
+
+    def _values(self, variable: Any) -> tuple[NDArray[np.intp], Keys]:
+        """Return the rows that bind a variable, and its values."""
+        column = self.table.columns.get(str(variable))
+        if column is None:
+            return np.zeros(0, np.intp), np.zeros(0, np.int64)
+        rows = np.flatnonzero(column.is_bound)
+        return rows, column.values[rows]
+
+    def _name(self, subject: Any) -> str:
+        if isinstance(subject, rdflib.BNode):
+            labelled = self.parsed.text.sparql.startswith("_:", position_of(subject) or 0)
+            return self.name_of_node(subject, labelled)
+        name = name_of(subject)
+        if name is None:
+            raise self.parsed.error("this is not an entity: write an IRI or a plain name", subject)
+        return name
+
+    def _region(self, literal: Any) -> Region:
+        datatype = getattr(literal, "datatype", None)
+        if datatype is None or name_of(datatype) != "region":
+            raise self.parsed.error(
+                'this is not a region: write "SPHERE(x y z radius)"^^:region, or a variable of '
+                "WHERE",
+                literal,
+            )
+        try:
+            return read_region(str(literal))
+        except ValueError as error:
+            raise self.parsed.error(str(error), literal) from error

@@ -1,0 +1,325 @@
+"""The region map: one grid that states for each voxel the set of entities that have it.
+
+Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", sections III-A and III-B.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from collections.abc import Hashable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import semmap_vdb
+from semmap.fields.checks import as_points, positive
+from semmap.fields.regions.entity_numbers import EntityNumbers
+from semmap.fields.regions.measures import Memory, Neighbour, Overlap, Support
+from semmap.fields.regions.shapes import Region, shape_of
+
+__all__ = ["NamedRegionMap", "RegionMap"]
+
+FARTHEST = 1000
+"""The largest gap in voxels for which neighbours are searched."""
+
+EntityRegions = Mapping[Hashable, Region] | Iterable[tuple[Hashable, Region]]
+
+
+class RegionMap:
+    """The voxels of entities, on one grid.
+
+    Each voxel has the number of a set, and a register maps the number to the set of entities. A set
+    keeps its number while a voxel has it. Safe for several threads.
+
+    Parameters
+    ----------
+    voxel_size : float
+        Metres.
+    threads : int, optional
+        The most threads that `insert_many` uses; all processors if not given. The result does not
+        depend on it.
+
+    Examples
+    --------
+    >>> from semmap.fields import Box
+    >>> regions = RegionMap(0.1)
+    >>> regions.insert("desk", Box((0, 0, 0.4), (1, 1, 0.8)))
+    >>> regions.entities_at([(0, 0, 0.5), (0, 0, 2)])
+    [{'desk'}, set()]
+    """
+
+    def __init__(self, voxel_size: float, *, threads: int | None = None) -> None:
+        self._native = semmap_vdb.RegionMap(positive(voxel_size, "voxel_size"))
+        self._voxel_size = float(voxel_size)
+        self._threads = (os.cpu_count() or 1) if threads is None else int(threads)
+        if self._threads < 1:
+            raise ValueError(f"threads is {threads}: give at least 1")
+        self._numbers = EntityNumbers()
+        # Numbers and entities change together.
+        self._lock = threading.RLock()
+
+    @property
+    def voxel_size(self) -> float:
+        """Edge of a voxel in metres."""
+        return self._voxel_size
+
+    def __contains__(self, entity: object) -> bool:
+        """Return whether an entity has voxels."""
+        return entity in self._numbers
+
+    def __len__(self) -> int:
+        """Return the number of entities that have voxels."""
+        return len(self._numbers)
+
+    def entities(self) -> set[Hashable]:
+        """Return the entities that have voxels."""
+        with self._lock:
+            return self._numbers.entities()
+
+    # Changes
+
+    def insert(self, entity: Hashable, region: Region) -> None:
+        """Add a region to the voxels of an entity.
+
+        Raises
+        ------
+        ValueError
+            The region has more voxels than `semmap.limits` allow; the map is not changed.
+        """
+        shape = shape_of(region)
+        with self._lock:
+            self._change(entity, lambda number: self._native.insert(number, shape))
+
+    def move(self, entity: Hashable, region: Region) -> None:
+        """Replace the voxels of an entity by those of a region; a new entity is inserted.
+
+        Raises
+        ------
+        ValueError
+            As `insert`.
+        """
+        shape = shape_of(region)
+        with self._lock:
+            self._change(entity, lambda number: self._native.move(number, shape))
+
+    def insert_many(self, regions: EntityRegions) -> None:
+        """Add many regions in one pass; an entity may occur more than once.
+
+        Raises
+        ------
+        ValueError
+            As `insert`, for the first such region; no region is added.
+        """
+        for entity, reason in self._insert_many(regions, skip=False).items():
+            raise ValueError(f"{entity}: {reason}")
+
+    def insert_possible(self, regions: EntityRegions) -> dict[Hashable, str]:
+        """Add many regions, and skip entities whose regions have too many voxels.
+
+        Returns
+        -------
+        dict
+            For each skipped entity the reason.
+        """
+        skipped = self._insert_many(regions, skip=True)
+        for entity in skipped:
+            self.remove(entity)
+        return skipped
+
+    def remove(self, entity: Hashable) -> None:
+        """Remove all voxels of an entity. Does nothing if the entity is unknown."""
+        with self._lock:
+            number = self._numbers.find(entity)
+            if number is not None:
+                self._native.remove(number)
+                self._release_if_empty(entity)
+
+    # Voxels and sets
+
+    def voxels(self, entity: Hashable) -> NDArray[np.int32]:
+        """Return the voxels (N, 3) of an entity, each once; none for an unknown entity."""
+        with self._lock:
+            number = self._numbers.find(entity)
+            if number is None:
+                return np.zeros((0, 3), np.int32)
+            return self._native.voxels(number)
+
+    def size(self, entity: Hashable) -> int:
+        """Return the number of voxels of an entity; 0 for an unknown entity."""
+        with self._lock:
+            number = self._numbers.find(entity)
+            return 0 if number is None else self._native.size(number)
+
+    def set_numbers_at(self, points: ArrayLike) -> NDArray[np.int32]:
+        """Return the number of the set (N,) at each of (N, 3) points; 0 is the empty set."""
+        return self._native.set_numbers_at(as_points(points, "points"))
+
+    def sets(self, numbers: ArrayLike) -> dict[int, frozenset[Hashable]]:
+        """Return the set of each number; the empty set for numbers that are not in use."""
+        wanted: list[int] = np.unique(np.asarray(numbers, dtype=np.int32)).tolist()
+        with self._lock:
+            members = self._native.members(wanted)
+            return {
+                number: frozenset(self._numbers.named(each))
+                for number, each in zip(wanted, members, strict=True)
+            }
+
+    def entities_at(self, points: ArrayLike) -> list[set[Hashable]]:
+        """Return the set of entities at each of (N, 3) points in metres."""
+        with self._lock:
+            numbers = self.set_numbers_at(points)
+            sets = self.sets(numbers)
+        return [set(sets[number]) for number in numbers.tolist()]
+
+    # Spatial relations
+
+    def entities_in(self, region: Region) -> set[Hashable]:
+        """Return the entities that share a voxel with a region."""
+        return set(self.counts_in(region))
+
+    def counts_in(self, region: Region) -> dict[Hashable, int]:
+        """Return for each entity in a region the number of voxels that it shares with it."""
+        shape = shape_of(region)
+        with self._lock:
+            return {self._numbers.entity(i): n for i, n in self._native.entities_in(shape)}
+
+    def overlap(self, a: Hashable, b: Hashable) -> Overlap:
+        """Return the space that two entities share; 0 if one is unknown."""
+        with self._lock:
+            one, other = self._numbers.find(a), self._numbers.find(b)
+            shared = 0 if one is None or other is None else self._native.overlap(one, other)
+        return Overlap(shared, shared * self._voxel_size**3)
+
+    def neighbours(self, entity: Hashable, reach: float | None = None) -> dict[Hashable, Neighbour]:
+        """Return the entities around an entity; none for an unknown entity.
+
+        Entities further away take no time.
+
+        Parameters
+        ----------
+        reach : float, optional
+            The largest gap in metres, up to 1,000 voxels. If not given, only the entities that
+            share a voxel.
+        """
+        farthest = -1
+        if reach is not None:
+            if not 0 <= reach <= FARTHEST * self._voxel_size:
+                raise ValueError(
+                    f"reach is {reach!r}: give metres from 0 to {FARTHEST * self._voxel_size:g} "
+                    f"({FARTHEST} voxels), or None"
+                )
+            farthest = math.floor((reach / self._voxel_size) ** 2 * (1 + 1e-9))
+        with self._lock:
+            number = self._numbers.find(entity)
+            if number is None:
+                return {}
+            return {
+                self._numbers.entity(other): Neighbour(shared, math.sqrt(gap))
+                for other, shared, gap in self._native.neighbours(number, farthest)
+            }
+
+    def support(self, a: Hashable, b: Hashable) -> Support:
+        """Return how much of the underside of `a` rests on `b`; 0 if one is unknown."""
+        with self._lock:
+            one, other = self._numbers.find(a), self._numbers.find(b)
+            if one is None or other is None:
+                return Support(0, 0, 0)
+            return Support(*self._native.support(one, other))
+
+    # Memory, files and state
+
+    def memory(self) -> Memory:
+        """Return the memory of the map."""
+        m = self._native.memory()
+        return Memory(m.grid, m.index, m.sets, m.active_voxels, m.leaves, m.tiles, m.set_count)
+
+    def check(self) -> None:
+        """Compare numbers, counts and indices with the whole grid, for tests."""
+        self._native.check()
+
+    def write(self, path: str | Path) -> None:
+        """Write the numbers of the sets to a `.vdb` file."""
+        self._native.write(str(path))
+
+    def state(self) -> tuple[semmap_vdb.Int32Grid, dict[int, list[Hashable]]]:
+        """Return the whole map: the number of the set of each voxel, and the members of each set.
+
+        See Also
+        --------
+        from_state : makes a map of it
+        """
+        with self._lock:
+            grid, sets = self._native.state()
+            return grid, {number: self._numbers.named(each) for number, each in sets}
+
+    @classmethod
+    def from_state(
+        cls,
+        grid: semmap_vdb.Int32Grid,
+        sets: Mapping[int, Iterable[Hashable]],
+        *,
+        threads: int | None = None,
+    ) -> RegionMap:
+        """Return the map that had a `state`; its sets keep their numbers.
+
+        Raises
+        ------
+        ValueError
+            Grid and sets are not of one map.
+        """
+        made = cls(grid.voxel_size, threads=threads)
+        rows = [
+            (number, sorted({made._numbers.assign(entity) for entity in members}))
+            for number, members in sets.items()
+        ]
+        made._native.restore(grid, rows)
+        return made
+
+    def _change(self, entity: Hashable, change: Any) -> None:
+        number = self._numbers.assign(entity)
+        try:
+            change(number)
+        except ValueError as error:
+            raise ValueError(f"{entity}: {error}") from None
+        finally:
+            self._release_if_empty(entity)
+
+    def _insert_many(self, regions: EntityRegions, *, skip: bool) -> dict[Hashable, str]:
+        pairs = list(regions.items() if isinstance(regions, Mapping) else regions)
+        shapes = [shape_of(region) for _, region in pairs]
+        with self._lock:
+            numbers = [self._numbers.assign(entity) for entity, _ in pairs]
+            try:
+                reasons = self._native.insert_many(numbers, shapes, self._threads, skip)
+            finally:
+                for entity, _ in pairs:
+                    self._release_if_empty(entity)
+        found = zip((entity for entity, _ in pairs), reasons, strict=True)
+        return {entity: reason for entity, reason in found if reason}
+
+    def _release_if_empty(self, entity: Hashable) -> None:
+        number = self._numbers.find(entity)
+        if number is not None and not self._native.has(number):
+            self._numbers.release(entity)
+
+
+class NamedRegionMap:
+    """A region map and the names of its entities, for queries.
+
+    Parameters
+    ----------
+    regions : the region map
+    names : the name of each entity; `str` of an entity without one
+    """
+
+    def __init__(self, regions: RegionMap, names: Mapping[Any, str] | None = None) -> None:
+        self.regions = regions
+        self._names = names or {}
+
+    def entities(self) -> dict[str, Any]:
+        """Return the entities that have voxels, by name."""
+        return {self._names.get(each, str(each)): each for each in self.regions.entities()}

@@ -1,0 +1,329 @@
+"""Regions of space in metres, and the voxels that belong to them.
+
+The voxel of a point p is ``floor(p / voxel_size)``. A voxel belongs to a solid if its centre lies
+in the solid or on its surface, to 1e-9 of a voxel.
+
+A thin solid could lie between the centres: one that is narrower than a voxel in one direction, than
+sqrt(2) voxels in two, or than sqrt(3) in three. All voxels that such a solid meets belong to it, as
+do all that meet a `SurfaceRegion`. A thin `Cylinder` or `Cone` is replaced by the prism or pyramid
+around it, which is up to 0.01 voxels wider where the radius is below 1,000 voxels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semmap.fields.checks import (
+    as_direction,
+    as_faces,
+    as_length,
+    as_points,
+    as_rigid_rows,
+    as_rotation,
+    as_vector,
+    positive,
+)
+from semmap.fields.regions.convex_hull import convex_hull
+from semmap.limits import REGION_BLOCKS, REGION_VOXELS
+from semmap_vdb import Shape, limit_regions
+
+__all__ = [
+    "Box",
+    "Cone",
+    "Cylinder",
+    "DepthImage",
+    "Hull",
+    "Region",
+    "Solid",
+    "Sphere",
+    "SurfaceRegion",
+    "voxels_of",
+]
+
+MOST_VOXELS, MOST_BLOCKS = 2**36, 2**27
+"""The highest limits of a region: beyond them, indices and memory do not suffice."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A cuboid.
+
+    Parameters
+    ----------
+    center : (3,) metres
+    size : (3,) metres
+        Along the axes of the box; with a size of 0 it is a rectangle, a segment or a point.
+    rotation : (4,)
+        Unit quaternion (x, y, z, w): the axes of the box in the frame of the map.
+    """
+
+    center: ArrayLike
+    size: ArrayLike
+    rotation: ArrayLike = (0.0, 0.0, 0.0, 1.0)
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and make the native shape."""
+        center = np.array(as_vector(self.center, "Box.center"))
+        half = np.array(as_vector(self.size, "Box.size")) / 2
+        if (half < 0).any():
+            raise ValueError(f"Box.size is {self.size!r}: give lengths of at least 0 m")
+        axes = as_rotation(self.rotation, "Box.rotation")
+        signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        corners = center + (signs * half) @ axes.T
+        normals = np.concatenate([axes.T, -axes.T])
+        _set(self, Shape.polytope(corners, normals, np.ascontiguousarray(axes.T)))
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """A ball.
+
+    Parameters
+    ----------
+    center : (3,) metres
+    radius : float
+        Metres, above 0.
+    """
+
+    center: ArrayLike
+    radius: float
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and make the native shape."""
+        center = as_vector(self.center, "Sphere.center")
+        _set(self, Shape.ball(center, positive(self.radius, "Sphere.radius")))
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder:
+    """A cylinder with flat ends.
+
+    Parameters
+    ----------
+    center : (3,) metres
+        The middle of its axis.
+    radius : float
+        Metres, above 0.
+    height : float
+        Metres along the axis; a cylinder of height 0 is a disc.
+    axis : (3,)
+        The direction of its axis, of any length.
+    """
+
+    center: ArrayLike
+    radius: float
+    height: float
+    axis: ArrayLike = (0.0, 0.0, 1.0)
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and make the native shape."""
+        center = as_vector(self.center, "Cylinder.center")
+        axis = as_direction(self.axis, "Cylinder.axis")
+        radius = positive(self.radius, "Cylinder.radius")
+        height = as_length(self.height, "Cylinder.height")
+        _set(self, Shape.cylinder(center, axis, radius, height))
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """A cone from its apex to a flat base.
+
+    Parameters
+    ----------
+    apex : (3,) metres
+    axis : (3,)
+        From the apex into the cone, of any length.
+    angle : float
+        The full opening angle in radians, above 0 and below pi.
+    height : float
+        Metres from the apex to the base, above 0.
+    """
+
+    apex: ArrayLike
+    axis: ArrayLike
+    angle: float
+    height: float
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and make the native shape."""
+        apex = as_vector(self.apex, "Cone.apex")
+        axis = as_direction(self.axis, "Cone.axis")
+        angle = float(self.angle)
+        if not 0 < angle < math.pi:
+            raise ValueError(
+                f"Cone.angle is {self.angle!r}: give the full opening angle, in radians between 0 "
+                "and pi"
+            )
+        _set(self, Shape.cone(apex, axis, angle / 2, positive(self.height, "Cone.height")))
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """The convex hull of points: a polytope, or a polygon, a segment or a point.
+
+    Parameters
+    ----------
+    points : (N, 3) metres
+        At least one.
+    """
+
+    points: ArrayLike
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and make the native shape."""
+        points = as_points(self.points, "Hull.points")
+        if len(points) == 0:
+            raise ValueError("Hull.points is empty: give at least one point")
+        _set(self, Shape.polytope(*convex_hull(points)))
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """The inside of a closed triangle mesh.
+
+    A point is inside where the winding number is not 0, whichever way the faces turn: parts may
+    overlap, and a part within another that turns the other way is a cavity. Each part is checked
+    for thinness by itself.
+
+    Parameters
+    ----------
+    vertices : (N, 3) metres
+        Vertices at the same place count as one.
+    faces : (M, 3) integers
+        Vertices of each triangle, from 0.
+
+    Raises
+    ------
+    ValueError
+        The mesh is not closed: use a `SurfaceRegion`.
+    """
+
+    vertices: ArrayLike
+    faces: ArrayLike
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and make the native shape."""
+        vertices = as_points(self.vertices, "Solid.vertices")
+        _set(self, Shape.solid(vertices, as_faces(self.faces, len(vertices), "Solid.faces")))
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRegion:
+    """Triangles without an inside: all voxels that they meet.
+
+    Parameters
+    ----------
+    vertices : (N, 3) metres
+    faces : (M, 3) integers
+        Vertices of each triangle, from 0.
+    """
+
+    vertices: ArrayLike
+    faces: ArrayLike
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and make the native shape."""
+        vertices = as_points(self.vertices, "SurfaceRegion.vertices")
+        _set(
+            self,
+            Shape.surface(vertices, as_faces(self.faces, len(vertices), "SurfaceRegion.faces")),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """The points that a depth camera sees, one for each pixel.
+
+    There are gaps where neighbouring pixels are further apart than a voxel.
+
+    Parameters
+    ----------
+    depth : (H, W) metres
+        Along the z axis of the camera; NaN, infinity and values up to 0 are left out.
+    intrinsics : (4,)
+        fx, fy, cx, cy in pixels; the centre of the first pixel is (0, 0).
+    pose : (4, 4)
+        Of the optical frame (x right, y down, z ahead) in the frame of the map.
+    mask : (H, W) bool, optional
+        The pixels to use; all if not given.
+    farthest : float
+        Metres of depth beyond which pixels are left out.
+    """
+
+    depth: ArrayLike
+    intrinsics: ArrayLike
+    pose: ArrayLike
+    mask: ArrayLike | None = None
+    farthest: float = math.inf
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the arguments, and make the native shape."""
+        depth = np.ascontiguousarray(self.depth, dtype=np.float32)
+        if depth.ndim != 2:
+            raise ValueError(f"DepthImage.depth has shape {depth.shape}: give an (H, W) array")
+        mask = None
+        if self.mask is not None:
+            mask = np.ascontiguousarray(self.mask, dtype=np.bool_)
+            if mask.shape != depth.shape:
+                raise ValueError(
+                    f"DepthImage.mask has shape {mask.shape}: give that of depth, {depth.shape}"
+                )
+        camera = np.asarray(self.intrinsics, dtype=float)
+        if camera.shape != (4,) or not np.isfinite(camera).all() or not (camera[:2] > 0).all():
+            raise ValueError(
+                f"DepthImage.intrinsics is {self.intrinsics!r}: give fx, fy, cx, cy in pixels, "
+                "fx and fy above 0"
+            )
+        fx, fy, cx, cy = camera.tolist()
+        pose = as_rigid_rows(self.pose, "DepthImage.pose")
+        _set(self, Shape.depth_image(depth, mask, (fx, fy, cx, cy), pose, float(self.farthest)))
+
+
+Region = Box | Sphere | Cone | Cylinder | Hull | Solid | SurfaceRegion | DepthImage | NDArray[Any]
+"""A region, or the points (N, 3) in metres of one."""
+
+
+def shape_of(region: Region) -> Shape:
+    """Return the native shape of a region, and apply the limits of `semmap.limits` to it."""
+    limit_regions(
+        min(int(REGION_VOXELS.value), MOST_VOXELS), min(int(REGION_BLOCKS.value), MOST_BLOCKS)
+    )
+    if isinstance(
+        region, Box | Sphere | Cone | Cylinder | Hull | Solid | SurfaceRegion | DepthImage
+    ):
+        return region.shape
+    return Shape.points(as_points(region, "a region of points"))
+
+
+def voxels_of(region: Region, voxel_size: float) -> NDArray[np.int32]:
+    """Return the voxels of a region.
+
+    Parameters
+    ----------
+    region : Region
+    voxel_size : float
+        Metres.
+
+    Returns
+    -------
+    (N, 3) int32
+        Indices, each once, block by block of 8 x 8 x 8.
+    """
+    return shape_of(region).voxels(positive(voxel_size, "voxel_size"))
+
+
+def _set(region: object, shape: Shape) -> None:
+    object.__setattr__(region, "shape", shape)

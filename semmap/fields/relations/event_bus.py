@@ -1,0 +1,219 @@
+"""Distributes events within a process: each subscriber gets each event once, in order."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from dataclasses import dataclass
+from types import TracebackType
+
+from semmap.fields.relations.facts import RelationEvent
+
+__all__ = ["EventBus", "EventStream", "Subscription"]
+
+logger = logging.getLogger(__name__)
+
+Callback = Callable[[RelationEvent], object]
+
+
+@dataclass(frozen=True, eq=False)
+class Subscription:
+    """A callback and the events that it gets, until it is cancelled.
+
+    Attributes
+    ----------
+    callback : called with each event
+    relation, subject, object : only events with these; None for any
+    """
+
+    callback: Callback
+    relation: str | None
+    subject: Hashable | None
+    object: Hashable | None
+    _cancel: Callable[[Subscription], None]
+
+    def cancel(self) -> None:
+        """End the subscription; an event that is being distributed may still arrive."""
+        self._cancel(self)
+
+    def wants(self, event: RelationEvent) -> bool:
+        """Return whether the subscription includes an event."""
+        return (
+            self.relation in (None, event.relation)
+            and self.subject in (None, event.subject)
+            and self.object in (None, event.object)
+        )
+
+    def __enter__(self) -> Subscription:
+        """Return the subscription; the end of the `with` block cancels it."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Cancel the subscription."""
+        self.cancel()
+
+
+class EventStream:
+    """Events to loop over as they arrive, until it is closed or its `with` block ends."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.SimpleQueue[RelationEvent | None] = queue.SimpleQueue()
+        self._subscription: Subscription | None = None
+
+    @classmethod
+    def subscribed(cls, subscribe: Callable[[Callback], Subscription]) -> EventStream:
+        """Return a stream of the events of a new subscription."""
+        stream = cls()
+        stream._subscription = subscribe(stream._waiting.put)
+        return stream
+
+    def __iter__(self) -> Iterator[RelationEvent]:
+        """Yield the events until the stream is closed."""
+        while (event := self._waiting.get()) is not None:
+            yield event
+        self._waiting.put(None)  # for the next loop, or that of another thread
+
+    def get(self, timeout: float | None = None) -> RelationEvent | None:
+        """Return the next event.
+
+        Parameters
+        ----------
+        timeout : seconds to wait; without limit if not given
+
+        Returns
+        -------
+        RelationEvent or None
+            None if the stream is closed, or no event arrived in time.
+        """
+        try:
+            event = self._waiting.get(timeout=timeout)
+        except queue.Empty:
+            return None
+        if event is None:
+            self._waiting.put(None)
+        return event
+
+    def close(self) -> None:
+        """End the subscription; loops end after the events that arrived before."""
+        if self._subscription is not None:
+            self._subscription.cancel()
+        self._waiting.put(None)
+
+    def __enter__(self) -> EventStream:
+        """Return the stream; the end of the `with` block closes it."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the stream."""
+        self.close()
+
+
+class EventBus:
+    """Subscriptions, and the events that are distributed to them. Safe for several threads.
+
+    Examples
+    --------
+    >>> from datetime import UTC, datetime
+    >>> bus = EventBus()
+    >>> with bus.subscribe(print, relation="sees", object="book_326"):
+    ...     for began in (True, False):
+    ...         time = datetime.now(UTC)
+    ...         bus.publish([RelationEvent("sees", "human1", "book_326", began, time)])
+    human1 sees book_326 begins
+    human1 sees book_326 ends
+    """
+
+    def __init__(self) -> None:
+        self._subscriptions: tuple[Subscription, ...] = ()
+        self._waiting: deque[RelationEvent] = deque()
+        self._distributing = False
+        self._lock = threading.Lock()
+
+    def subscribe(
+        self,
+        callback: Callback,
+        *,
+        relation: str | None = None,
+        subject: Hashable | None = None,
+        object: Hashable | None = None,
+    ) -> Subscription:
+        """Call a function with each event from now on.
+
+        Parameters
+        ----------
+        callback : called in the thread that publishes; its exceptions are logged
+        relation, subject, object : only events with these; any if not given
+        """
+        subscription = Subscription(callback, relation, subject, object, self._cancel)
+        with self._lock:
+            self._subscriptions = (*self._subscriptions, subscription)
+        return subscription
+
+    def stream(
+        self,
+        *,
+        relation: str | None = None,
+        subject: Hashable | None = None,
+        object: Hashable | None = None,
+    ) -> EventStream:
+        """Return the events from now on, to loop over in another thread.
+
+        Parameters
+        ----------
+        relation, subject, object : only events with these; any if not given
+        """
+        return EventStream.subscribed(
+            lambda callback: self.subscribe(
+                callback, relation=relation, subject=subject, object=object
+            )
+        )
+
+    def publish(self, events: Iterable[RelationEvent]) -> None:
+        """Distribute events to all subscribers, to all in the same order.
+
+        Events that another thread or a subscriber publishes meanwhile are distributed by the first
+        thread, after the earlier ones.
+        """
+        with self._lock:
+            self._waiting.extend(events)
+            if self._distributing:
+                return
+            self._distributing = True
+        try:
+            self._distribute()
+        except BaseException:  # an interrupt: the next call of publish continues
+            with self._lock:
+                self._distributing = False
+            raise
+
+    def _distribute(self) -> None:
+        while True:
+            with self._lock:
+                if not self._waiting:
+                    self._distributing = False
+                    return
+                event = self._waiting.popleft()
+                subscriptions = self._subscriptions
+            for subscription in subscriptions:
+                if subscription.wants(event):
+                    try:
+                        subscription.callback(event)
+                    except Exception:
+                        logger.exception("a subscriber failed at: %s", event)
+
+    def _cancel(self, subscription: Subscription) -> None:
+        with self._lock:
+            self._subscriptions = tuple(s for s in self._subscriptions if s is not subscription)

@@ -1,0 +1,219 @@
+"""Relations between entities as these move: in, on, near, touching, and what an agent sees.
+
+Each relation begins at one threshold and ends at another; this hysteresis prevents event floods.
+The names are those of `semmap.query.relations`, which computes them from the surfaces in the
+database. Here they are computed from the voxels of a `RegionMap`, only for pairs in which an entity
+changed.
+
+Source: "VDB-based Spatially Grounded Semantics for Interactive Robots", section VI, which names
+this as future work ("tell me when the human looks at the book").
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import defaultdict
+from collections.abc import Container, Hashable, Iterable, Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+from semmap.fields.regions.measures import Neighbour
+from semmap.fields.regions.region_map import RegionMap
+from semmap.fields.relations.facts import Fact, RelationEvent
+from semmap.fields.relations.rules import RULES, Kind, PairGeometry, RelationRule
+
+__all__ = ["RelationTracker"]
+
+_APART = Neighbour(0, math.inf)
+
+
+class RelationTracker:
+    """The relations that are true between the entities of a region map.
+
+    A symmetric relation, `touching` or `near`, is two facts. Safe for several threads.
+
+    Parameters
+    ----------
+    regions : RegionMap
+    views : mapping, optional
+        The agent of each entity that is a field of view; no agent sees itself.
+    spaces : container, optional
+        The entities that are parts of space: rooms, zones, personal spaces.
+    names : mapping, optional
+        The names of entities in facts; the entity itself where it has none. A name is read when a
+        fact begins, since a removed entity may have lost its name when the fact ends.
+    rules : iterable of RelationRule
+        At most one rule for each name.
+
+    Notes
+    -----
+    `views`, `spaces` and `names` are read at each update: change them before it, and pass the
+    entities that they concern to it.
+
+    Examples
+    --------
+    >>> from semmap.fields import Box, RegionMap
+    >>> regions = RegionMap(0.1)
+    >>> regions.insert("table", Box((0, 0, 0.4), (1, 1, 0.8)))
+    >>> regions.insert("mug", Box((0, 0, 0.85), (0.1, 0.1, 0.1)))
+    >>> tracker = RelationTracker(regions)
+    >>> [str(event) for event in tracker.update(["table", "mug"]) if event.relation == "on"]
+    ['mug on table begins']
+    >>> regions.remove("mug")
+    >>> [str(event) for event in tracker.update(["mug"]) if event.relation == "on"]
+    ['mug on table ends']
+    """
+
+    def __init__(
+        self,
+        regions: RegionMap,
+        *,
+        views: Mapping[Any, Hashable] | None = None,
+        spaces: Container[Any] = (),
+        names: Mapping[Any, Hashable] | None = None,
+        rules: Iterable[RelationRule] = RULES,
+    ) -> None:
+        self.regions = regions
+        self.rules = tuple(rules)
+        self._views: Mapping[Any, Hashable] = {} if views is None else views
+        self._spaces = spaces
+        self._names: Mapping[Any, Hashable] = {} if names is None else names
+        self._rank = {rule.name: i for i, rule in enumerate(self.rules)}
+        if len(self._rank) < len(self.rules):
+            raise ValueError("two rules have one name: give each relation one rule")
+        self._between: dict[tuple[Kind, Kind], list[RelationRule]] = defaultdict(list)
+        for rule in self.rules:
+            for kinds in rule.between:
+                self._between[kinds].append(rule)
+        self._reach = max((rule.reach(regions.voxel_size) for rule in self.rules), default=0.0)
+        # By entities of the map. An agent may have several views: facts are counted.
+        self._active: dict[tuple[Hashable, Hashable], dict[str, Fact]] = {}
+        self._partners: dict[Hashable, set[Hashable]] = defaultdict(set)
+        self._count: dict[Fact, int] = defaultdict(int)
+        self._since: dict[Fact, datetime] = {}
+        self._last: datetime | None = None
+        self._lock = threading.RLock()
+
+    def update(
+        self, changed: Iterable[Hashable], time: datetime | None = None
+    ) -> list[RelationEvent]:
+        """Update the relations of entities that were inserted, moved or removed.
+
+        Parameters
+        ----------
+        changed : the entities; only pairs with one of them are compared, and only the space around
+            them is read
+        time : datetime, optional
+            Of the change, aware; now if not given.
+
+        Returns
+        -------
+        list of RelationEvent
+            At most one for each fact; ends come first.
+
+        Raises
+        ------
+        ValueError
+            The time has no time zone, or is before the last update.
+        """
+        now = datetime.now(UTC) if time is None else time
+        if now.tzinfo is None:
+            raise ValueError(f"{now} has no time zone: give an aware datetime, such as one of UTC")
+        with self._lock:
+            if self._last is not None and now < self._last:
+                if time is not None:
+                    raise ValueError(f"{now} is before {self._last}, the last update: give later")
+                now = self._last  # the clock was set back
+            self._last = now
+            former: dict[Fact, bool] = {}
+            done: set[Hashable] = set()
+            for entity in dict.fromkeys(changed):
+                reach = None if entity in self._views else self._reach
+                around = self.regions.neighbours(entity, reach)
+                done.add(entity)
+                for other in (around.keys() | self._partners.get(entity, set())) - done:
+                    neighbour = around.get(other, _APART)
+                    self._compare(entity, other, neighbour, former)
+                    self._compare(other, entity, neighbour, former)
+            events = [
+                RelationEvent(*fact, began=not before, time=now)
+                for fact, before in former.items()
+                if before != (fact in self._count)
+            ]
+            for event in events:
+                if event.began:
+                    self._since[event.fact] = now
+                else:
+                    del self._since[event.fact]
+        return sorted(events, key=self._order)
+
+    def holding(
+        self,
+        relation: str | None = None,
+        *,
+        subject: Hashable | None = None,
+        object: Hashable | None = None,
+    ) -> dict[Fact, datetime]:
+        """Return the facts that are true now, and since when.
+
+        Parameters
+        ----------
+        relation, subject, object : only facts with these; any if not given
+        """
+        with self._lock:
+            return {
+                fact: since
+                for fact, since in self._since.items()
+                if (relation is None or fact.relation == relation)
+                and (subject is None or fact.subject == subject)
+                and (object is None or fact.object == object)
+            }
+
+    def _compare(
+        self, a: Hashable, b: Hashable, neighbour: Neighbour, former: dict[Fact, bool]
+    ) -> None:
+        """Update the facts of a about b; `former` records which were true before."""
+        before = self._active.get((a, b), {})
+        after: dict[str, Fact] = {}
+        agent = self._views.get(a, a)
+        if agent != b:
+            pair = PairGeometry(self.regions, a, b, neighbour)
+            for rule in self._between.get((self._kind(a), self._kind(b)), ()):
+                if rule.is_true(pair, rule.name in before):
+                    subject, object = (self._names.get(each, each) for each in (agent, b))
+                    after[rule.name] = Fact(rule.name, subject, object)
+        if before == after:
+            return
+        for fact in before.values():
+            former.setdefault(fact, True)
+            self._count[fact] -= 1
+        for fact in after.values():
+            former.setdefault(fact, fact in self._count)
+            self._count[fact] += 1
+        for fact in before.values():
+            if self._count.get(fact) == 0:
+                del self._count[fact]
+        self._set_active(a, b, after)
+
+    def _set_active(self, a: Hashable, b: Hashable, facts: dict[str, Fact]) -> None:
+        if facts:
+            self._active[a, b] = facts
+            self._partners[a].add(b)
+            self._partners[b].add(a)
+            return
+        del self._active[a, b]
+        if (b, a) not in self._active:
+            for one, other in ((a, b), (b, a)):
+                self._partners[one].discard(other)
+                if not self._partners[one]:
+                    del self._partners[one]
+
+    def _kind(self, entity: Hashable) -> Kind:
+        if entity in self._views:
+            return "view"
+        return "space" if entity in self._spaces else "body"
+
+    def _order(self, event: RelationEvent) -> tuple[bool, int, str, str]:
+        rank = self._rank[event.relation]
+        return event.began, rank, str(event.subject), str(event.object)

@@ -1,0 +1,183 @@
+"""Events of relations on the channel `semmap_events` of the database.
+
+A message is JSON: `{"number": 7, "event": "begin", "relation": "sees", "subject": "human1",
+"object": "book_326", "time": "2026-01-01T12:00:00+00:00"}`. `event` is `begin` or `end`; `number`
+counts the messages of one publisher.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Hashable, Iterable, Iterator
+from datetime import datetime
+from types import TracebackType
+
+import psycopg
+from sqlalchemy import Engine, text
+
+from semmap.fields.relations.facts import RelationEvent
+
+__all__ = ["CHANNEL", "EventListener", "EventPublisher", "as_json"]
+
+CHANNEL = "semmap_events"
+
+LONGEST = 7999
+"""The most bytes of a message of NOTIFY."""
+
+
+class EventPublisher:
+    """Sends events to all listeners on the channel of a database; for one thread.
+
+    Parameters
+    ----------
+    engine : of the database
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._number = 0
+        self._waiting: deque[str] = deque()
+
+    def publish(self, events: Iterable[RelationEvent]) -> None:
+        """Send events, in one transaction.
+
+        While the database cannot be reached, events wait, and the next call sends them first; none
+        is lost.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A subject or object is neither a text nor an integer, or is too long to send; no event
+            is sent. Give the tracker names of entities.
+        """
+        messages = []
+        for number, event in enumerate(events, self._number + 1):
+            messages.append(_message(number, event))
+        self._number += len(messages)
+        self._waiting += messages
+        if not self._waiting:
+            return
+        # A transaction sends equal messages only once; the numbers make all messages different.
+        with self._engine.begin() as connection:
+            connection.execute(
+                text(
+                    "SELECT count(pg_notify(:channel, message)) "
+                    "FROM unnest(CAST(:messages AS text[])) message"
+                ),
+                {"channel": CHANNEL, "messages": [*self._waiting]},
+            )
+        self._waiting.clear()
+
+    def __call__(self, event: RelationEvent) -> None:
+        """Send one event, so that a publisher can be a callback of an `EventBus`."""
+        self.publish([event])
+
+
+class EventListener:
+    """Receives the events that are published from now on.
+
+    Parameters
+    ----------
+    engine : of the database; the listener uses one connection until it is closed
+
+    Examples
+    --------
+    >>> with EventListener(engine) as listener:  # doctest: +SKIP
+    ...     for event in listener.events():
+    ...         print(event)
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._connection = engine.connect()
+        driver = self._connection.connection.driver_connection
+        assert isinstance(driver, psycopg.Connection)
+        self._driver = driver
+        self._driver.autocommit = True
+        self._driver.execute(f"LISTEN {CHANNEL}")
+
+    def events(
+        self, timeout: float | None = None, count: int | None = None
+    ) -> Iterator[RelationEvent]:
+        """Yield events as they arrive; other messages on the channel are ignored.
+
+        Parameters
+        ----------
+        timeout : seconds without a message after which it ends; never if not given
+        count : number of messages after which it ends; a few more may be yielded
+        """
+        for notice in self._driver.notifies(timeout=timeout, stop_after=count):
+            event = _event(notice.payload)
+            if event is not None:
+                yield event
+
+    def close(self) -> None:
+        """Stop listening."""
+        if not self._driver.closed:
+            self._driver.execute(f"UNLISTEN {CHANNEL}")
+            self._driver.autocommit = False
+        self._connection.close()
+
+    def __enter__(self) -> EventListener:
+        """Return the listener; the end of the `with` block closes it."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop listening."""
+        self.close()
+
+
+def as_json(event: RelationEvent) -> dict[str, str | int]:
+    """Return an event as a dict for `json.dumps`.
+
+    Raises
+    ------
+    TypeError
+        A subject or object is neither a text nor an integer.
+    """
+    return {
+        "event": "begin" if event.began else "end",
+        "relation": event.relation,
+        "subject": _plain(event.subject),
+        "object": _plain(event.object),
+        "time": event.time.isoformat(),
+    }
+
+
+def _message(number: int, event: RelationEvent) -> str:
+    message = json.dumps({"number": number, **as_json(event)}, ensure_ascii=False)
+    if len(message.encode()) > LONGEST:
+        raise ValueError(
+            f"the event is longer than {LONGEST} bytes: give its subject and object shorter names"
+        )
+    if "\\u0000" in message:
+        raise ValueError("a name contains NUL, which messages cannot contain: give another name")
+    return message
+
+
+def _plain(entity: Hashable) -> str | int:
+    if isinstance(entity, str) or (isinstance(entity, int) and not isinstance(entity, bool)):
+        return entity
+    raise TypeError(
+        f"{entity!r} is neither a text nor an integer: give the tracker names of entities"
+    )
+
+
+def _event(payload: str) -> RelationEvent | None:
+    """Return the event of a message; None for other messages."""
+    try:
+        message = json.loads(payload)
+        return RelationEvent(
+            str(message["relation"]),
+            _plain(message["subject"]),
+            _plain(message["object"]),
+            began={"begin": True, "end": False}[message["event"]],
+            time=datetime.fromisoformat(message["time"]),
+        )
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None

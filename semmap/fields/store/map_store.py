@@ -1,0 +1,83 @@
+"""Representation maps in the database."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import Vocabulary
+from semmap.fields.store import field_store
+from semmap.fields.store.field_store import StoredField
+
+__all__ = ["load_map", "load_maps", "save_map"]
+
+
+def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
+    """Store a map as the newest version of a field.
+
+    Returns
+    -------
+    int
+        The number of the version.
+
+    See Also
+    --------
+    field_store.save : raises the same errors
+    """
+    return field_store.save(
+        connection,
+        name,
+        map.grid,
+        property=map.property.iri,
+        about=map.about,
+        legend=map.legend or None,
+    )
+
+
+def load_map(
+    connection: Any, vocabulary: Vocabulary, name: str, version: int | None = None
+) -> RepresentationMap:
+    """Return a stored map.
+
+    Parameters
+    ----------
+    connection : sees the map of the database
+    vocabulary : the properties
+    name : of the field
+    version : the newest if not given
+
+    Raises
+    ------
+    LookupError
+        There is no such field or version, or the vocabulary does not have its property.
+    """
+    stored = field_store.load(connection, name, version)
+    if stored.property not in vocabulary:
+        raise LookupError(
+            f"the field {name} has the property {stored.property}, which the vocabulary does not "
+            "have: declare it"
+        )
+    return _map(stored, vocabulary)
+
+
+def load_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, RepresentationMap]:
+    """Return by name the newest versions of all stored maps with a property of the vocabulary.
+
+    The state of a mirror is not a map.
+    """
+    found = {}
+    for name in field_store.names(connection, stateless=True):
+        stored = field_store.load(connection, name)
+        if stored.property in vocabulary:
+            found[name] = _map(stored, vocabulary)
+    return found
+
+
+def _map(stored: StoredField, vocabulary: Vocabulary) -> RepresentationMap:
+    return RepresentationMap(
+        vocabulary[stored.property],
+        stored.grid,
+        about=stored.about,
+        legend=stored.legend,
+        time=stored.at,
+    )

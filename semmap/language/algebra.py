@@ -1,0 +1,460 @@
+"""Checked queries: SPARQL's algebra with properties, kinds and constants resolved.
+
+A back end evaluates it. Patterns are those of SPARQL 1.1, section 18.2, expressions those of
+section 17. All nodes are immutable; `variables` are those that a pattern may bind, and those that
+an expression reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import regex
+
+from semmap.language.schema import Function, Property, ValueKind
+
+__all__ = [
+    "Aggregate",
+    "Arithmetic",
+    "BasicGraphPattern",
+    "Bound",
+    "Call",
+    "Constant",
+    "Distinct",
+    "Exists",
+    "Expression",
+    "Extend",
+    "ExtensionCall",
+    "Filter",
+    "GroupPattern",
+    "InlineData",
+    "Join",
+    "LeftJoin",
+    "Membership",
+    "Minus",
+    "OrderBy",
+    "Pattern",
+    "Project",
+    "RegexMatch",
+    "Side",
+    "SolutionSlice",
+    "TriplePattern",
+    "Union",
+    "VariableValue",
+]
+
+Variables = frozenset[str]
+Side = str | frozenset[str] | float
+"""The name of a variable, the entities that a constant stands for, or a number."""
+
+
+# Expressions
+
+
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """A value for each solution. A row whose evaluation fails has none.
+
+    Attributes
+    ----------
+    kind : the kind of the value
+    position : in the text
+    range : the semantic type of the entities that are its values, if known
+    """
+
+    kind: ValueKind
+    position: int
+    range: str | None
+
+    @property
+    def variables(self) -> Variables:
+        """The variables that the expression reads."""
+        return frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class VariableValue(Expression):
+    """The value of a variable."""
+
+    name: str
+
+    @property
+    def variables(self) -> Variables:
+        """The variable."""
+        return frozenset({self.name})
+
+
+@dataclass(frozen=True, eq=False)
+class Constant(Expression):
+    """A truth value, a number, a text, or the name of an entity."""
+
+    value: bool | float | str
+
+
+@dataclass(frozen=True, eq=False)
+class Arithmetic(Expression):
+    """Numbers with operators between them, evaluated from left to right.
+
+    Attributes
+    ----------
+    operands : N numbers
+    operators : N - 1 of "+", "-", "*" and "/"
+    """
+
+    operands: tuple[Expression, ...]
+    operators: tuple[str, ...]
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of the operands."""
+        return _all_variables(*self.operands)
+
+
+@dataclass(frozen=True, eq=False)
+class Call(Expression):
+    """An operator or function of SPARQL.
+
+    Attributes
+    ----------
+    function : such as "<", "&&", "!", "STRLEN", or "-" for the sign; "boolean" is the effective
+        boolean value
+    arguments : of fitting kinds; "&&", "||" and "COALESCE" take any number of them
+    """
+
+    function: str
+    arguments: tuple[Expression, ...]
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of the arguments."""
+        return _all_variables(*self.arguments)
+
+
+@dataclass(frozen=True, eq=False)
+class ExtensionCall(Expression):
+    """A function that the back end offers (SPARQL 1.1, section 17.6)."""
+
+    function: Function
+    arguments: tuple[Expression, ...]
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of the arguments."""
+        return _all_variables(*self.arguments)
+
+
+@dataclass(frozen=True, eq=False)
+class Membership(Expression):
+    """Whether an entity is among those that a constant stands for; or is not, if negated."""
+
+    of: Expression
+    entities: frozenset[str]
+    negated: bool
+
+    @property
+    def variables(self) -> Variables:
+        """The variables of the entity."""
+        return self.of.variables
+
+
+@dataclass(frozen=True, eq=False)
+class RegexMatch(Expression):
+    """Whether a regular expression matches somewhere in a text."""
+
+    of: Expression
+    pattern: regex.Pattern[str]
+
+    @property
+    def variables(self) -> Variables:
+        """The variables of the text."""
+        return self.of.variables
+
+
+@dataclass(frozen=True, eq=False)
+class Bound(Expression):
+    """Whether a variable has a value."""
+
+    name: str
+
+    @property
+    def variables(self) -> Variables:
+        """The variable."""
+        return frozenset({self.name})
+
+
+@dataclass(frozen=True, eq=False)
+class Exists(Expression):
+    """Whether a pattern has a solution that is compatible with the row; or has none, if negated.
+
+    Attributes
+    ----------
+    pattern : evaluated on its own
+    conditions : those that read variables from outside of the pattern
+    outer : the variables that the row may bind
+    """
+
+    pattern: Pattern
+    conditions: tuple[Expression, ...]
+    outer: Variables
+    negated: bool
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of the row that pattern and conditions read."""
+        return (self.pattern.variables | _all_variables(*self.conditions)) & self.outer
+
+
+# Patterns
+
+
+@dataclass(frozen=True, eq=False)
+class TriplePattern:
+    """Subject, property and object.
+
+    Attributes
+    ----------
+    position : in the text
+    object_variable : a variable that gets the object, too; for an object that is a constant
+    """
+
+    subject: Side
+    property: Property
+    object: Side
+    position: int
+    object_variable: str | None = None
+
+    @cached_property
+    def variables(self) -> Variables:
+        """All variables that it binds."""
+        sides = (self.subject, self.object, self.object_variable)
+        return frozenset(side for side in sides if isinstance(side, str))
+
+
+@dataclass(frozen=True, eq=False)
+class BasicGraphPattern:
+    """Triple patterns that must all match."""
+
+    patterns: tuple[TriplePattern, ...]
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of the triple patterns."""
+        return _all_variables(*self.patterns)
+
+
+@dataclass(frozen=True, eq=False)
+class Join:
+    """Compatible pairs of solutions of two patterns."""
+
+    left: Pattern
+    right: Pattern
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of both sides."""
+        return self.left.variables | self.right.variables
+
+
+@dataclass(frozen=True, eq=False)
+class LeftJoin:
+    """Solutions of the left pattern, joined with the right one where that is possible (OPTIONAL).
+
+    Attributes
+    ----------
+    conditions : all must be true for a pair to be joined
+    """
+
+    left: Pattern
+    right: Pattern
+    conditions: tuple[Expression, ...]
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of both sides."""
+        return self.left.variables | self.right.variables
+
+
+@dataclass(frozen=True, eq=False)
+class Minus:
+    """Solutions of the left pattern that are compatible with none of the right one."""
+
+    left: Pattern
+    right: Pattern
+
+    @property
+    def variables(self) -> Variables:
+        """The variables of the left side."""
+        return self.left.variables
+
+
+@dataclass(frozen=True, eq=False)
+class Union:
+    """Solutions of either pattern."""
+
+    left: Pattern
+    right: Pattern
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of both sides."""
+        return self.left.variables | self.right.variables
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """Solutions for which all conditions are true."""
+
+    of: Pattern
+    conditions: tuple[Expression, ...]
+
+    @property
+    def variables(self) -> Variables:
+        """The variables of the pattern."""
+        return self.of.variables
+
+
+@dataclass(frozen=True, eq=False)
+class Extend:
+    """Solutions with one more variable (BIND, AS)."""
+
+    of: Pattern
+    name: str
+    value: Expression
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables of the pattern and the new one."""
+        return self.of.variables | {self.name}
+
+
+@dataclass(frozen=True, eq=False)
+class InlineData:
+    """Solutions that are given in the text (VALUES).
+
+    Attributes
+    ----------
+    count : number of solutions
+    values : for each variable the values in all solutions; None where it is not bound
+    kinds : for each variable the kind of its values
+    """
+
+    count: int
+    values: Mapping[str, tuple[Any, ...]]
+    kinds: Mapping[str, ValueKind]
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The variables that are bound somewhere."""
+        return frozenset(self.values)
+
+
+@dataclass(frozen=True, eq=False)
+class Project:
+    """Solutions with some of their variables."""
+
+    of: Pattern
+    variables: Variables
+
+
+@dataclass(frozen=True, eq=False)
+class Distinct:
+    """Each solution once."""
+
+    of: Pattern
+
+    @property
+    def variables(self) -> Variables:
+        """The variables of the pattern."""
+        return self.of.variables
+
+
+@dataclass(frozen=True, eq=False)
+class SolutionSlice:
+    """Solutions from `start` on, at most `length` (OFFSET, LIMIT)."""
+
+    of: Pattern
+    start: int
+    length: int | None
+
+    @property
+    def variables(self) -> Variables:
+        """The variables of the pattern."""
+        return self.of.variables
+
+
+@dataclass(frozen=True, eq=False)
+class OrderBy:
+    """Solutions in the order of expressions, each with True for descending."""
+
+    of: Pattern
+    by: tuple[tuple[Expression, bool], ...]
+
+    @property
+    def variables(self) -> Variables:
+        """The variables of the pattern."""
+        return self.of.variables
+
+
+@dataclass(frozen=True, eq=False)
+class Aggregate:
+    """One value for each group.
+
+    Attributes
+    ----------
+    name : the variable that gets the value
+    function : "Count", "Sum", "Avg", "Min", "Max" or "Sample"
+    of : None for COUNT(*)
+    distinct : whether each value counts once
+    kind : the kind of the result
+    """
+
+    name: str
+    function: str
+    of: Expression | None
+    distinct: bool
+    kind: ValueKind
+
+
+@dataclass(frozen=True, eq=False)
+class GroupPattern:
+    """One solution for each group.
+
+    Attributes
+    ----------
+    keys : the variables to group by
+    whole : True without GROUP BY: all solutions are one group, even where there are none
+    """
+
+    of: Pattern
+    keys: tuple[str, ...]
+    aggregates: tuple[Aggregate, ...]
+    whole: bool
+
+    @cached_property
+    def variables(self) -> Variables:
+        """The keys and the aggregates."""
+        return frozenset(self.keys).union(each.name for each in self.aggregates)
+
+
+Pattern = (
+    BasicGraphPattern
+    | Join
+    | LeftJoin
+    | Minus
+    | Union
+    | Filter
+    | Extend
+    | InlineData
+    | Project
+    | Distinct
+    | SolutionSlice
+    | OrderBy
+    | GroupPattern
+)
+
+
+def _all_variables(*parts: Expression | TriplePattern) -> Variables:
+    return frozenset().union(*(each.variables for each in parts))

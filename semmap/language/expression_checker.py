@@ -1,0 +1,382 @@
+"""Checks expressions: from rdflib's syntax tree to typed expressions (SPARQL 1.1, section 17)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import rdflib
+import regex
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.language.algebra import (
+    Arithmetic,
+    Bound,
+    Call,
+    Constant,
+    Expression,
+    ExtensionCall,
+    Membership,
+    RegexMatch,
+    VariableValue,
+)
+from semmap.language.error import QueryError
+from semmap.language.schema import Function, ValueKind, with_article
+from semmap.language.terms import name_of, number_of, position_of
+
+__all__ = ["Scope", "check_condition", "check_expression"]
+
+
+class Scope(Protocol):
+    """What is known where an expression stands."""
+
+    def error(self, reason: str, at: object) -> QueryError:
+        """Return an error at a term, a part of the tree, or a position."""
+        ...
+
+    def variable(self, term: Any) -> tuple[ValueKind, str | None]:
+        """Return kind and semantic type of a variable.
+
+        Raises
+        ------
+        QueryError
+            Nothing binds the variable here.
+        """
+        ...
+
+    def entities(self, term: Any, range_: str | None) -> frozenset[str]:
+        """Return the entities that a constant stands for."""
+        ...
+
+    def function(self, term: Any) -> Function:
+        """Return the extension function of an IRI.
+
+        Raises
+        ------
+        QueryError
+            There is no such function.
+        """
+        ...
+
+    def exists(self, tree: Any) -> Expression:
+        """Check EXISTS or NOT EXISTS."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Name:
+    """A name in the text: an entity where it is compared with one, otherwise a text."""
+
+    term: Any
+    position: int
+
+
+Operand = Expression | _Name
+
+
+def check_expression(tree: Any, scope: Scope) -> Expression:
+    """Return an expression with its kind.
+
+    Raises
+    ------
+    QueryError
+        Kinds do not fit, a variable is not bound, or a function is unknown.
+    """
+    operand = _operand(tree, scope)
+    if isinstance(operand, Expression):
+        return operand
+    return (_entity if isinstance(operand.term, rdflib.URIRef) else _text)(operand, scope)
+
+
+def check_condition(tree: Any, scope: Scope) -> Expression:
+    """Return an expression as a truth value (SPARQL 1.1, section 17.2.2).
+
+    Raises
+    ------
+    QueryError
+        As `check_expression`, or the value is neither true nor false.
+    """
+    expression = check_expression(tree, scope)
+    if expression.kind == "boolean":
+        return expression
+    if expression.kind in ("number", "text"):
+        return _call("boolean", "boolean", expression)
+    raise scope.error(
+        f"{with_article(expression.kind)} is neither true nor false: compare it", tree
+    )
+
+
+def _operand(tree: Any, scope: Scope) -> Operand:
+    position = position_of(tree) or 0
+    if isinstance(tree, rdflib.Variable):
+        kind, range_ = scope.variable(tree)
+        return VariableValue(kind, position, range_, str(tree))
+    if isinstance(tree, rdflib.Literal):
+        if tree.datatype == rdflib.XSD.boolean and tree.value is not None:
+            return Constant("boolean", position, None, bool(tree.value))
+        number = number_of(tree)
+        if number is not None:
+            return Constant("number", position, None, number)
+        if name_of(tree) is None:
+            raise scope.error("this is neither a number nor a name", tree)
+    if isinstance(tree, rdflib.term.Identifier):
+        return _Name(tree, position)
+    if isinstance(tree, CompValue):
+        if tree.name.startswith("Aggregate_"):
+            raise scope.error(
+                "an aggregate is allowed in SELECT, HAVING and ORDER BY only, and not within "
+                "another aggregate",
+                tree,
+            )
+        check = _CHECKS.get(tree.name)
+        if check is not None:
+            return check(tree, scope)
+        raise scope.error(f"{tree.name.removeprefix('Builtin_')} is not supported", tree)
+    raise scope.error("this is not supported here", position)
+
+
+def _entity(name: _Name, scope: Scope) -> Expression:
+    """Return the one entity that an IRI stands for."""
+    entities = scope.entities(name.term, None)
+    own = name_of(name.term)
+    if len(entities) == 1:
+        (own,) = entities
+    elif own not in entities:
+        raise scope.error(f"this stands for {len(entities)} entities: name one of them", name.term)
+    return Constant("entity", name.position, None, str(own))
+
+
+def _text(operand: Operand, scope: Scope) -> Expression:
+    if isinstance(operand, Expression):
+        if operand.kind == "text":
+            return operand
+        fix = ": write STR(...)" if operand.kind == "entity" else ""
+        raise scope.error(f"{with_article(operand.kind)} is not a text{fix}", operand.position)
+    if isinstance(operand.term, rdflib.URIRef):
+        raise scope.error('an IRI is not a text: write "..."', operand.term)
+    return Constant("text", operand.position, None, str(operand.term))
+
+
+def _call(kind: ValueKind, function: str, *arguments: Expression) -> Call:
+    return Call(kind, arguments[0].position, None, function, arguments)
+
+
+# Numbers
+
+
+def _number(tree: Any, scope: Scope) -> Expression:
+    operand = _operand(tree, scope)
+    if isinstance(operand, _Name):
+        raise scope.error("this is not a number", tree)
+    if operand.kind != "number":
+        raise scope.error(f"{with_article(operand.kind)} is not a number", tree)
+    return operand
+
+
+def _arithmetic(tree: Any, scope: Scope) -> Expression:
+    operands = tuple(_number(each, scope) for each in (tree.expr, *tree.other))
+    operators = tuple(str(each) for each in tree.op)
+    return Arithmetic("number", operands[0].position, None, operands, operators)
+
+
+def _of_number(function: str, key: str) -> Any:
+    def check(tree: Any, scope: Scope) -> Expression:
+        return _call("number", function, _number(tree[key], scope))
+
+    return check
+
+
+# Comparisons
+
+
+def _relational(tree: Any, scope: Scope) -> Expression:
+    if tree.op in ("IN", "NOT IN"):
+        return _in(tree, scope)
+    return _compared(_operand(tree.expr, scope), tree.op, _operand(tree.other, scope), tree, scope)
+
+
+def _compared(a: Operand, operator: str, b: Operand, tree: Any, scope: Scope) -> Expression:
+    if isinstance(a, _Name):
+        if isinstance(b, _Name):
+            raise scope.error("both sides are constants: one has to be a variable", tree)
+        reverse = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}.get(operator, operator)
+        return _compared(b, reverse, a, tree, scope)
+    if isinstance(b, _Name):
+        if a.kind == "entity":
+            return _is_one_of(a, operator, b, tree, scope)
+        if a.kind != "text":
+            raise scope.error(f"{with_article(a.kind)} cannot be compared with a name", tree)
+        b = _text(b, scope)
+    if a.kind != b.kind:
+        raise scope.error(
+            f"{with_article(a.kind)} cannot be compared with {with_article(b.kind)}", tree
+        )
+    if a.kind in ("voxel", "entity") and operator not in ("=", "!="):
+        fix = "STR(...)" if a.kind == "entity" else ":x(...), :y(...) or :z(...)"
+        raise scope.error(f"{with_article(a.kind)} has no order: compare {fix}", tree)
+    return _call("boolean", operator, a, b)
+
+
+def _is_one_of(a: Expression, operator: str, b: _Name, tree: Any, scope: Scope) -> Expression:
+    if operator not in ("=", "!="):
+        raise scope.error("an entity has no order: compare STR(...)", tree)
+    entities = scope.entities(b.term, a.range)
+    return Membership("boolean", a.position, None, a, entities, operator == "!=")
+
+
+def _in(tree: Any, scope: Scope) -> Expression:
+    items = [] if tree.other == rdflib.RDF.nil else list(tree.other)
+    a = _operand(tree.expr, scope)
+    each = [_compared(a, "=", _operand(item, scope), item, scope) for item in items]
+    found: Expression = Constant("boolean", position_of(tree) or 0, None, False)
+    if each:
+        found = _call("boolean", "||", *each)
+    return _call("boolean", "!", found) if tree.op == "NOT IN" else found
+
+
+def _same_term(tree: Any, scope: Scope) -> Expression:
+    return _compared(_operand(tree.arg1, scope), "=", _operand(tree.arg2, scope), tree, scope)
+
+
+# Truth values and choices
+
+
+def _logical(operator: str) -> Any:
+    def check(tree: Any, scope: Scope) -> Expression:
+        parts = [check_condition(each, scope) for each in (tree.expr, *tree.other)]
+        return _call("boolean", operator, *parts)
+
+    return check
+
+
+def _not(tree: Any, scope: Scope) -> Expression:
+    return _call("boolean", "!", check_condition(tree.expr, scope))
+
+
+def _bound(tree: Any, scope: Scope) -> Expression:
+    scope.variable(tree.arg)
+    return Bound("boolean", position_of(tree) or 0, None, str(tree.arg))
+
+
+def _of_one_kind(trees: Iterable[Any], scope: Scope) -> list[Expression]:
+    expressions = [check_expression(each, scope) for each in trees]
+    first = expressions[0].kind
+    for each in expressions:
+        if each.kind != first:
+            raise scope.error(
+                f"all of these must be of one kind, but the first is {with_article(first)} and "
+                f"this is {with_article(each.kind)}",
+                each.position,
+            )
+    return expressions
+
+
+def _if(tree: Any, scope: Scope) -> Expression:
+    test = check_condition(tree.arg1, scope)
+    yes, no = _of_one_kind((tree.arg2, tree.arg3), scope)
+    return _call(yes.kind, "IF", test, yes, no)
+
+
+def _coalesce(tree: Any, scope: Scope) -> Expression:
+    expressions = _of_one_kind(tree.arg, scope)
+    return _call(expressions[0].kind, "COALESCE", *expressions)
+
+
+# Texts
+
+
+def _str(tree: Any, scope: Scope) -> Expression:
+    operand = _operand(tree.arg, scope)
+    if isinstance(operand, _Name) or operand.kind == "text":
+        return _text(operand, scope)
+    if operand.kind != "entity":
+        raise scope.error(f"{with_article(operand.kind)} has no name", tree)
+    return _call("text", "STR", operand)
+
+
+def _of_text(kind: ValueKind, function: str) -> Any:
+    def check(tree: Any, scope: Scope) -> Expression:
+        return _call(kind, function, _text(_operand(tree.arg, scope), scope))
+
+    return check
+
+
+def _of_text_and_constant(function: str) -> Any:
+    def check(tree: Any, scope: Scope) -> Expression:
+        part = Constant("text", position_of(tree.arg2) or 0, None, _constant_text(tree.arg2, scope))
+        return _call("boolean", function, _text(_operand(tree.arg1, scope), scope), part)
+
+    return check
+
+
+def _constant_text(tree: Any, scope: Scope) -> str:
+    if not (isinstance(tree, rdflib.Literal) and name_of(tree) is not None):
+        raise scope.error('this has to be a constant: write "..."', tree)
+    return str(tree)
+
+
+def _regex(tree: Any, scope: Scope) -> Expression:
+    letters = _constant_text(tree.flags, scope) if tree.flags is not None else ""
+    flags = regex.V0
+    for letter in letters:
+        if letter not in "imsx":
+            raise scope.error(f"the flag {letter} is not one of i, m, s, x", tree.flags)
+        flags |= {"i": regex.I, "m": regex.M, "s": regex.S, "x": regex.X}[letter]
+    written = _constant_text(tree.pattern, scope)
+    try:
+        pattern = regex.compile(written, flags)
+    except (regex.error, ValueError, OverflowError, RecursionError) as error:
+        raise scope.error(f"this is not a regular expression: {error}", tree.pattern) from None
+    text = _text(_operand(tree.text, scope), scope)
+    return RegexMatch("boolean", text.position, None, text, pattern)
+
+
+# Functions of the back end
+
+
+def _function(tree: Any, scope: Scope) -> Expression:
+    function = scope.function(tree.iri)
+    name, takes, given = function.name, len(function.arguments), list(tree.expr or ())
+    if len(given) != takes:
+        ending = "" if takes == 1 else "s"
+        raise scope.error(f"{name} takes {takes} argument{ending}, not {len(given)}", tree)
+    arguments = tuple(check_expression(each, scope) for each in given)
+    for argument, kind in zip(arguments, function.arguments, strict=True):
+        if argument.kind != kind:
+            raise scope.error(
+                f"{name} takes {with_article(kind)}, and this is {with_article(argument.kind)}",
+                argument.position,
+            )
+    return ExtensionCall(function.result, position_of(tree) or 0, None, function, arguments)
+
+
+_CHECKS: Mapping[str, Callable[[Any, Scope], Expression]] = {
+    "RelationalExpression": _relational,
+    "ConditionalAndExpression": _logical("&&"),
+    "ConditionalOrExpression": _logical("||"),
+    "AdditiveExpression": _arithmetic,
+    "MultiplicativeExpression": _arithmetic,
+    "UnaryNot": _not,
+    "UnaryMinus": _of_number("-", "expr"),
+    "UnaryPlus": _of_number("+", "expr"),
+    "Builtin_ABS": _of_number("ABS", "arg"),
+    "Builtin_CEIL": _of_number("CEIL", "arg"),
+    "Builtin_FLOOR": _of_number("FLOOR", "arg"),
+    "Builtin_ROUND": _of_number("ROUND", "arg"),
+    "Builtin_BOUND": _bound,
+    "Builtin_IF": _if,
+    "Builtin_COALESCE": _coalesce,
+    "Builtin_sameTerm": _same_term,
+    "Builtin_STR": _str,
+    "Builtin_STRLEN": _of_text("number", "STRLEN"),
+    "Builtin_UCASE": _of_text("text", "UCASE"),
+    "Builtin_LCASE": _of_text("text", "LCASE"),
+    "Builtin_STRSTARTS": _of_text_and_constant("STRSTARTS"),
+    "Builtin_STRENDS": _of_text_and_constant("STRENDS"),
+    "Builtin_CONTAINS": _of_text_and_constant("CONTAINS"),
+    "Builtin_REGEX": _regex,
+    "Builtin_EXISTS": lambda tree, scope: scope.exists(tree),
+    "Builtin_NOTEXISTS": lambda tree, scope: scope.exists(tree),
+    "Function": _function,
+}

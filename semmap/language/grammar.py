@@ -1,0 +1,152 @@
+"""The grammar: rdflib's grammar of SPARQL with the clauses STORE, AT and DURING.
+
+rdflib's grammar is copied before it is extended, so that rdflib itself is not changed. The terms
+and parts of the syntax tree know their positions in the text.
+"""
+
+from __future__ import annotations
+
+import copy
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from typing import Any, Literal
+
+import pyparsing
+from rdflib.plugins.sparql import parser
+from rdflib.plugins.sparql.parserutils import Comp, CompValue, Param, ParamList
+
+from semmap.language.error import QueryError
+from semmap.language.normalise import NormalisedText, skip_space
+from semmap.language.terms import with_position
+
+__all__ = ["read_syntax"]
+
+Form = Literal["query", "update"]
+
+_LOCK = threading.Lock()
+"""pyparsing's elements are not thread-safe."""
+
+
+def read_syntax(text: NormalisedText, form: Form) -> Any:
+    """Return rdflib's syntax tree of a query or an update.
+
+    Raises
+    ------
+    QueryError
+        The text is not SPARQL; the error names what the grammar expects there.
+    """
+    with _LOCK:
+        try:
+            return _grammars()[form].parse_string(text.sparql, parse_all=True)
+        except pyparsing.ParseBaseException as error:
+            grammars, failures = _recording_grammars()
+            failures.clear()
+            with suppress(pyparsing.ParseBaseException):
+                grammars[form].parse_string(text.sparql, parse_all=True)
+            raise _syntax_error(text, failures, error.loc) from None
+
+
+def _syntax_error(
+    text: NormalisedText, failures: list[tuple[int, str]], position: int
+) -> QueryError:
+    furthest = max([position, *(failed for failed, _ in failures)])
+    expected = sorted({word for failed, word in failures if failed == furthest and word})
+    at_end = furthest >= len(text.sparql.rstrip())
+    reason = "the text ends too early" if at_end else "not SPARQL"
+    if 0 < len(expected) <= 8:
+        reason += f": expected {' or '.join(expected)}"
+    return text.error(reason, furthest)
+
+
+@cache
+def _grammars() -> dict[Form, Any]:
+    return _copied_grammars()
+
+
+@cache
+def _recording_grammars() -> tuple[dict[Form, Any], list[tuple[int, str]]]:
+    """Return grammars for a second, slow reading, and the list to which they write failures.
+
+    A failure is a position and the word that was expected there.
+    """
+    grammars = _copied_grammars()
+    failures: list[tuple[int, str]] = []
+
+    def record(_: str, position: int, element: Any, __: Exception) -> None:
+        word = element.match if isinstance(element, pyparsing.Literal) else ""
+        failures.append((position, word))
+
+    for grammar in grammars.values():
+        for element in _elements(grammar):
+            if isinstance(element, pyparsing.Token):
+                element.set_fail_action(record)
+    return grammars, failures
+
+
+def _copied_grammars() -> dict[Form, Any]:
+    originals: dict[Form, Any] = {"query": _extended_query(), "update": parser.UpdateUnit}
+    # The markers for a missing default are compared by identity: they must not be copied.
+    memo = {
+        id(element.defaultValue): element.defaultValue
+        for original in originals.values()
+        for element in _elements(original)
+        if isinstance(element, pyparsing.Opt)
+    }
+    grammars = copy.deepcopy(originals, memo)
+    for original in (parser.Collection, parser.CollectionPath):
+        memo[id(original)].set_parse_action(_collection)
+    comment = "#" + pyparsing.rest_of_line
+    seen = set()
+    for grammar in grammars.values():
+        for element in _elements(grammar):
+            if id(element) not in seen and (element.parseAction or isinstance(element, Comp)):
+                element.add_parse_action(_set_position)
+            seen.add(id(element))
+        grammar.ignore(comment)
+    return grammars
+
+
+def _extended_query() -> Any:
+    """Return the grammar of queries, with the clauses after WHERE and after each modifier."""
+    rest = parser.WhereClause + _clauses() + parser.SolutionModifier + _clauses()
+    rest = rest + parser.ValuesClause + _clauses()
+    dataset = pyparsing.ZeroOrMore(ParamList("datasetClause", parser.DatasetClause))
+    select = Comp("SelectQuery", parser.SelectClause + dataset + rest)
+    ask = Comp("AskQuery", pyparsing.CaselessKeyword("ASK") + dataset + rest)
+    return parser.Prologue + (select | parser.ConstructQuery | parser.DescribeQuery | ask)
+
+
+def _clauses() -> Any:
+    store = Comp("Store", pyparsing.CaselessKeyword("STORE") + Param("iri", parser.iri))
+    moment = Comp("At", pyparsing.CaselessKeyword("AT") + Param("moment", parser.RDFLiteral))
+    span = Comp(
+        "During",
+        pyparsing.CaselessKeyword("DURING")
+        + ParamList("bound", parser.RDFLiteral)
+        + pyparsing.Optional(ParamList("bound", parser.RDFLiteral)),
+    )
+    return pyparsing.ZeroOrMore(ParamList("clause", store | moment | span))
+
+
+def _elements(root: Any) -> Iterator[Any]:
+    """Yield each element of a grammar once."""
+    seen, stack = set(), [root]
+    while stack:
+        element = stack.pop()
+        if element is None or id(element) in seen:
+            continue
+        seen.add(id(element))
+        yield element
+        stack += [*getattr(element, "exprs", ()), getattr(element, "expr", None)]
+
+
+def _set_position(text: str, position: int, tokens: Any) -> Any:
+    return with_position(tokens[0], skip_space(text, position)) if len(tokens) == 1 else None
+
+
+def _collection(_: str, position: int, __: Any) -> CompValue:
+    found = CompValue("Collection")
+    found.position = position
+    return found

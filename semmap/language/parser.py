@@ -1,0 +1,183 @@
+"""From the text of a query or update to SPARQL's algebra, by rdflib."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import pyparsing
+import rdflib
+from rdflib.plugins.sparql import algebra
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.language.error import TOO_DEEP, QueryError
+from semmap.language.grammar import read_syntax
+from semmap.language.normalise import NormalisedText, normalise
+from semmap.language.refusals import refuse_unsupported
+from semmap.language.terms import (
+    EVERYTHING,
+    Iri,
+    Literal,
+    Variable,
+    position_of,
+    with_position,
+)
+
+__all__ = ["ParsedText", "parse_query", "parse_update"]
+
+
+@dataclass(frozen=True)
+class ParsedText:
+    """A query or an update as SPARQL's algebra.
+
+    Attributes
+    ----------
+    text : the text, for errors
+    form : "SelectQuery", "AskQuery" or "Update"
+    algebra : rdflib's algebra of a query
+    names : the variables that a query projects, in order; EVERYTHING for all
+    store : the property after STORE
+    moment : the literal after AT
+    span : the one or two literals after DURING
+    requests : rdflib's algebra of each request of an update
+    """
+
+    text: NormalisedText
+    form: str
+    algebra: Any = None
+    names: tuple[rdflib.Variable, ...] = ()
+    store: Iri | None = None
+    moment: Literal | None = None
+    span: tuple[Literal, ...] = ()
+    requests: tuple[Any, ...] = ()
+
+    def error(self, reason: str, at: object) -> QueryError:
+        """Return an error at a term, at a part of the tree, or at a position."""
+        position = at if isinstance(at, int) else position_of(at)
+        return self.text.error(reason, position or 0)
+
+
+@lru_cache(maxsize=256)
+def parse_query(text: str) -> ParsedText:
+    """Parse a query.
+
+    Raises
+    ------
+    QueryError
+        The text is not SPARQL, or uses a part of SPARQL that is not supported.
+    """
+    normalised = normalise(text)
+    with _errors_of(normalised):
+        declarations, tree = read_syntax(normalised, "query")
+        refuse_unsupported(normalised, [tree])
+        clauses = _take_clauses(normalised, tree)
+        resolve = _resolver(normalised, algebra.translatePrologue(declarations, None))
+        tree = algebra.traverse(tree, visitPost=resolve)
+        clauses = algebra.traverse(clauses, visitPost=resolve)
+        _mark_everything(tree)
+        translated, names = algebra.translate(tree)
+    found = {clause.name: clause for clause in clauses}
+    return ParsedText(
+        normalised,
+        tree.name,
+        translated,
+        tuple(names),
+        found["Store"].iri if "Store" in found else None,
+        found["At"].moment if "At" in found else None,
+        tuple(found["During"].bound) if "During" in found else (),
+    )
+
+
+def parse_update(text: str) -> ParsedText:
+    """Parse an update.
+
+    Raises
+    ------
+    QueryError
+        The text is not SPARQL, or uses a part of SPARQL that is not supported.
+    """
+    normalised = normalise(text)
+    with _errors_of(normalised):
+        (tree,) = read_syntax(normalised, "update")
+        refuse_unsupported(normalised, [tree])
+        requests, prologue = [], None
+        for declarations, request in zip(tree.prologue or (), tree.request or (), strict=False):
+            prologue = algebra.translatePrologue(declarations, None, None, prologue)
+            request = algebra.traverse(request, visitPost=_resolver(normalised, prologue))
+            request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
+            request = algebra.traverse(request, visitPost=algebra.translatePath)
+            _mark_everything(request)
+            requests.append(algebra.translateUpdate1(request, prologue))
+    return ParsedText(normalised, "Update", requests=tuple(requests))
+
+
+def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
+    """Return a function from prefixed names and literals to terms that know their positions."""
+
+    def resolve(part: Any) -> Any:
+        try:
+            term = algebra.translatePName(part, prologue)
+        except Exception as error:
+            prefix = f"{part.get('prefix') if 'prefix' in part else ''}:"
+            reason = f"the prefix {prefix} is not declared: begin with PREFIX {prefix} <...>"
+            raise text.error(reason, position_of(part) or 0) from error
+        position = position_of(part)
+        return term if term is None or position is None else with_position(term, position)
+
+    return resolve
+
+
+def _take_clauses(text: NormalisedText, tree: CompValue) -> list[CompValue]:
+    """Remove the clauses STORE, AT and DURING from the tree, and return them."""
+    clauses: list[CompValue] = tree.pop("clause") if "clause" in tree else []
+    keywords = {"Store": "STORE", "At": "AT", "During": "DURING"}
+    seen: list[str] = []
+    for clause in clauses:
+        position = position_of(clause) or 0
+        if clause.name in seen:
+            raise text.error(f"{keywords[clause.name]} is given twice: give it once", position)
+        if clause.name != "Store" and {"At", "During"} & set(seen):
+            raise text.error("AT and DURING are both given: give one of them", position)
+        if clause.name == "Store" and tree.name == "AskQuery":
+            raise text.error("ASK has nothing to STORE: use SELECT", position)
+        seen.append(clause.name)
+    return clauses
+
+
+def _mark_everything(tree: Any) -> None:
+    """Put EVERYTHING where a projection is empty: rdflib would project all variables of WHERE."""
+    if isinstance(tree, CompValue):
+        if tree.name in ("SelectQuery", "SubSelect", "AskQuery") and not tree.projection:
+            variable = with_position(Variable(EVERYTHING), position_of(tree) or 0)
+            tree["projection"] = [CompValue("vars", var=variable)]
+        for part in tree.values():
+            _mark_everything(part)
+    elif isinstance(tree, (list, tuple, pyparsing.ParseResults)):
+        for part in tree:
+            _mark_everything(part)
+
+
+@contextmanager
+def _errors_of(text: NormalisedText) -> Iterator[None]:
+    """Report errors of the parser as those of a text: too deep nesting, and ill-typed literals.
+
+    rdflib logs a literal that does not fit its type; the checker reports it with its position, so
+    that this thread's log records are dropped.
+    """
+    thread, logger = threading.get_ident(), logging.getLogger("rdflib.term")
+
+    def of_another_thread(record: logging.LogRecord) -> bool:
+        return record.thread != thread
+
+    logger.addFilter(of_another_thread)
+    try:
+        yield
+    except RecursionError:
+        raise text.error(TOO_DEEP, 0) from None
+    finally:
+        logger.removeFilter(of_another_thread)

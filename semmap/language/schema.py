@@ -1,0 +1,113 @@
+"""What a back end offers to queries: its properties, functions, and the names of entities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+__all__ = ["Function", "Property", "Schema", "SideKind", "ValueKind", "with_article"]
+
+SideKind = Literal["voxel", "entity", "number"]
+"""What stands on a side of a statement. An "entity" is an entity of the map or a semantic type."""
+
+ValueKind = Literal["voxel", "entity", "number", "boolean", "text"]
+"""What a variable or an expression stands for; no variable stands for two kinds."""
+
+
+@dataclass(frozen=True)
+class Property:
+    """An RDF property: what may have it, and which values it takes (reMap, 3.1.2 and 4).
+
+    Attributes
+    ----------
+    iri : its identifier
+    name : the local name of `iri`
+    domain : the semantic type of its subjects where these are entities; for voxels, the type of
+        what a map of this property represents. None is any type
+    range : the semantic type of its objects; None is any type
+    subject, object : the kind of either side
+    same_as : other identifiers of the same property
+    measure : the name of the property for the degree, where a map may have numbers in place of
+        true or false (`inFieldOfView human1` is true or not; `attention` is its degree)
+    """
+
+    iri: str
+    name: str
+    domain: str | None
+    range: str | None
+    subject: SideKind
+    object: SideKind
+    same_as: tuple[str, ...] = ()
+    measure: str | None = None
+
+
+@dataclass(frozen=True)
+class Function:
+    """The signature of a function that expressions may call.
+
+    Attributes
+    ----------
+    name : local name of its IRI
+    arguments : kinds of its arguments
+    result : kind of its result
+    """
+
+    name: str
+    arguments: tuple[ValueKind, ...]
+    result: ValueKind
+
+
+class Schema(Protocol):
+    """What queries may name."""
+
+    @property
+    def functions(self) -> Mapping[str, Function]:
+        """Functions by local name, besides those of SPARQL."""
+        ...
+
+    def find_property(self, iri: str) -> Property:
+        """Return the property of an IRI.
+
+        Raises
+        ------
+        LookupError
+            There is no such property; the error suggests similar names.
+        """
+        ...
+
+    def properties(self) -> Iterable[Property]:
+        """Return all properties."""
+        ...
+
+    def find_entities(self, name: str, range_: str | None) -> frozenset[str]:
+        """Return what a constant stands for.
+
+        An entity stands for itself, a semantic type for itself, its subtypes and their entities.
+
+        Parameters
+        ----------
+        name : the name of an entity or a type
+        range_ : the semantic type that the entities must have; None for any
+
+        Raises
+        ------
+        LookupError
+            There is no such entity or type.
+        TypeError
+            There is one, but not of the type `range_`.
+        """
+        ...
+
+
+def with_article(kind: ValueKind) -> str:
+    """Return the name of a kind as errors write it.
+
+    Examples
+    --------
+    >>> with_article("entity"), with_article("boolean")
+    ('an entity', 'a truth value')
+    """
+    return {"boolean": "a truth value", "text": "text", "entity": "an entity"}.get(
+        kind, f"a {kind}"
+    )

@@ -1,0 +1,122 @@
+"""Terms of a query that know their position in the text, and what names and numbers they are."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import rdflib
+from rdflib.plugins.sparql.parserutils import CompValue
+
+__all__ = [
+    "EVERYTHING",
+    "PAPER_NAMESPACE",
+    "BlankNode",
+    "Iri",
+    "Literal",
+    "Variable",
+    "local_name",
+    "name_of",
+    "namespace_of",
+    "number_of",
+    "position_of",
+    "with_position",
+]
+
+EVERYTHING = "*"
+"""The name that stands for all visible variables."""
+
+PAPER_NAMESPACE = "http://kb.openrobots.org/"
+"""The namespace of the examples in reMap."""
+
+
+class Iri(rdflib.URIRef):
+    """An IRI and its position in the text."""
+
+    position: int
+
+
+class Literal(rdflib.Literal):
+    """A literal and its position in the text."""
+
+    position: int
+
+
+class Variable(rdflib.Variable):
+    """A variable and its position in the text."""
+
+    position: int
+
+
+class BlankNode(rdflib.BNode):
+    """A blank node and its position in the text."""
+
+    position: int
+
+
+_TERMS: tuple[tuple[type, type[Any]], ...] = (
+    (rdflib.URIRef, Iri),
+    (rdflib.Literal, Literal),
+    (rdflib.Variable, Variable),
+    (rdflib.BNode, BlankNode),
+)
+
+
+def position_of(term: object) -> int | None:
+    """Return the position of a term or of a part of the syntax tree.
+
+    None for what the translation to SPARQL's algebra added.
+    """
+    position = getattr(term, "position", None)
+    return position if isinstance(position, int) else None
+
+
+def with_position(term: object, position: int) -> Any:
+    """Return a copy of an rdflib term that knows its position.
+
+    A part of the syntax tree is changed in place. None for anything else.
+    """
+    if isinstance(term, CompValue):
+        term.position = position
+        return None
+    for kind, placed in _TERMS:
+        if isinstance(term, kind):
+            copy = placed(term)
+            copy.position = position
+            return copy
+    return None
+
+
+def local_name(iri: str) -> str:
+    """Return an IRI without its namespace.
+
+    Examples
+    --------
+    >>> local_name("http://kb.openrobots.org/inFieldOfView")
+    'inFieldOfView'
+    """
+    return re.split(r"[#/:]", iri)[-1]
+
+
+def namespace_of(iri: str) -> str:
+    """Return an IRI without its local name."""
+    return iri[: len(iri) - len(local_name(iri))]
+
+
+def name_of(term: object) -> str | None:
+    """Return the local name of an IRI or the text of a plain literal; None for other terms."""
+    if isinstance(term, rdflib.URIRef):
+        return local_name(str(term))
+    if isinstance(term, rdflib.Literal) and term.datatype in (None, rdflib.XSD.string):
+        return str(term)
+    return None
+
+
+def number_of(term: object) -> float | None:
+    """Return the value of a numeric literal; None for other terms."""
+    if not isinstance(term, rdflib.Literal) or term.datatype in (None, rdflib.XSD.boolean):
+        return None
+    try:
+        return float(term.value) if term.value is not None else None
+    except (TypeError, ValueError):
+        return None
