@@ -21,13 +21,14 @@ from PIL import Image
 from navgrid.grid import Grid
 from navgrid.map_file import MapFileError, read_map, write_map
 from navgrid.policy import Policy, PolicyError
-from planner.rules import Rules, RulesError
-from planner.tasks import GoalError, NoPlanError, State, parse_goal
+from planner.cost_rules import CostRules, CostRulesError
+from planner.routing_graph import RoutingGraph
+from planner.tasks import GoalError, NoPlanError, TaskState, parse_goal
 from planner.tasks.domain_file import DomainError, read_domain
-from planner.tasks.posing import pose_problem
-from planner.tasks.world import UnknownThingError
-from semmap.fields.mesh_regions import parts_of
-from semmap.fields.region_map import RegionMap
+from planner.tasks.problem_builder import build_problem
+from planner.tasks.world import UnknownObjectError
+from semmap.fields.regions.mesh_regions import mesh_parts
+from semmap.fields.regions.region_map import RegionMap
 from semmap.geometry.outline import hull_points
 from semmap.geometry.tin import encode_chunks
 from semmap.ingest.importer import read_world
@@ -84,7 +85,7 @@ def use(world: World) -> None:
             hull_points(shape.mesh)
             for chunk in encode_chunks(shape.mesh.triangles):
                 assert chunk
-            pieces = parts_of(shape.mesh).regions(SIZE)
+            pieces = mesh_parts(shape.mesh).regions(SIZE)
             regions.insert_possible([(number, piece) for piece in pieces])
 
 
@@ -308,7 +309,7 @@ def rules() -> Iterator[bytes]:
 
 def run_rules(data: bytes, folder: Path) -> None:
     (folder / "rules.yaml").write_bytes(data)
-    Rules.read(folder / "rules.yaml")
+    CostRules.read(folder / "rules.yaml")
 
 
 def run_domain(data: bytes, folder: Path) -> None:
@@ -317,15 +318,15 @@ def run_domain(data: bytes, folder: Path) -> None:
     domain = read_domain(path)
     for name, count in domain.relations[:3]:
         words = ", ".join(["plant1", "cup1", "sink1", "desk1"][:count])
-        with suppress(NoPlanError, GoalError, UnknownThingError):
+        with suppress(NoPlanError, GoalError, UnknownObjectError):
             goal = parse_goal(f"{name}({words})", domain.relations)
-            pose_problem(network(), garden(), State("lab1"), goal, extend=domain.extend)
+            build_problem(network(), garden(), TaskState("lab1"), goal, extend=domain.extend)
 
 
 @cache
 def network() -> Any:
     """The routes of a small building."""
-    return office().network()
+    return RoutingGraph(office())
 
 
 TEXT: list[Mutation] = [words_of, words_of, bytes_of, lines_of]
@@ -361,7 +362,7 @@ FILE_KINDS = [
     Kind("urdf", lambda: list(urdf()), [*TEXT, xml_tree, xml_tree], run_urdf, (RobotError,)),
     Kind("parts", lambda: list(parts()), [*TEXT, yaml_tree], run_parts, (RobotError,)),
     Kind("policy", lambda: list(policy()), [*TEXT, yaml_tree], run_policy, (PolicyError,)),
-    Kind("rules", lambda: list(rules()), [*TEXT, yaml_tree], run_rules, (RulesError,)),
+    Kind("rules", lambda: list(rules()), [*TEXT, yaml_tree], run_rules, (CostRulesError,)),
     Kind(
         "domain",
         lambda: [TIDY.read_bytes()],

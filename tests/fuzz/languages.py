@@ -8,14 +8,14 @@ from random import Random
 
 import numpy as np
 
-from planner.tasks import GoalError, NoPlanError, State, parse_goal
-from planner.tasks.posing import pose_problem
-from planner.tasks.world import UnknownThingError
+from planner.tasks import GoalError, NoPlanError, TaskState, parse_goal
+from planner.tasks.problem_builder import build_problem
+from planner.tasks.world import UnknownObjectError
 from semmap.fields import Box, RegionMap
-from semmap.fields.language import QueryError, Rows, query, update
-from semmap.fields.language.region_text import FORMS, read_region
-from tests.fields.language.catalogue import PREFIX, kitchen
-from tests.fields.language.test_queries import ANSWERS, STORES
+from semmap.fields.queries import QueryError, SelectResult, query, update
+from semmap.fields.regions.region_text import FORMS, read_region
+from tests.fields.queries.arrays import PREFIX, kitchen
+from tests.fields.queries.test_query import ANSWERS, STORES
 from tests.fuzz.files import network
 from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import NUMBERS, bytes_of, lines_of, words_of
@@ -238,7 +238,7 @@ def queries() -> list[bytes]:
 
 def run_query(data: bytes, _: Path) -> None:
     answer = query(kitchen(), data.decode("utf-8", "replace"))
-    if isinstance(answer, Rows):
+    if isinstance(answer, SelectResult):
         answer.json()
 
 
@@ -313,7 +313,7 @@ def grammar_goal(random: Random, _: bytes, __: Sequence[bytes]) -> bytes:
 
 def run_goal(data: bytes, _: Path) -> None:
     goal = parse_goal(data.decode("utf-8", "replace"))
-    problem = pose_problem(network(), garden(), State("lab1"), goal)
+    problem = build_problem(network(), garden(), TaskState("lab1"), goal)
     assert np.isfinite(problem.pickup)
 
 
@@ -334,6 +334,6 @@ LANGUAGE_KINDS = [
         lambda: [g.encode() for g in goals()],
         [*TEXT, *[grammar_goal] * 4],
         run_goal,
-        (GoalError, NoPlanError, UnknownThingError),
+        (GoalError, NoPlanError, UnknownObjectError),
     ),
 ]

@@ -15,7 +15,7 @@ from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from navgrid.reader import read_costmaps
 from semmap.ingest.importer import import_file
-from semmap.ingest.regions import draw_region
+from semmap.ingest.regions.extraction import draw_region
 from semmap.query.change_feed import changed_since, cursor
 from semmap.query.storey_reader import read_entities, read_scene
 from tests.navgrid.scenes import ARM, BASE

@@ -13,7 +13,7 @@ from sqlalchemy import Connection, Engine, text
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from semmap.ingest.importer import import_file
-from semmap.ingest.store import store_world
+from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Shape, World
 from semmap.query.storey_reader import (
     read_entities,

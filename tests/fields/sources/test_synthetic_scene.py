@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from sqlalchemy import Engine
 
-from semmap.fields.demo import field_demo
+from planner.demo.fields import field_demo
 from semmap.fields.sources.synthetic_scene import (
     ScenePerson,
     SyntheticScene,
