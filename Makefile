@@ -1,5 +1,6 @@
 # make demo [WORLD=path]   the main job on examples/office, or on your own world
-# make test                the tests
+# make test                the tests, on all cores
+# make test-docker         those that need a Docker engine
 # make soak                readers and writers of fields for ten minutes; missions that are killed
 # make fuzz                damaged and random inputs for all readers, languages and native functions, four minutes;
 #                          SEMMAP_FUZZ_SECONDS=3600 make fuzz for an hour
@@ -9,7 +10,7 @@
 # make clean               what these left
 
 WORLD ?=
-.PHONY: demo test soak fuzz explore lint bench clean
+.PHONY: demo test test-docker soak fuzz explore lint bench clean
 
 demo:
 	@scripts/setup
@@ -17,7 +18,11 @@ demo:
 
 test:
 	@scripts/setup
-	@.venv/bin/python -m pytest -q
+	@.venv/bin/python -m pytest -q -n auto --dist loadfile
+
+test-docker:
+	@scripts/setup
+	@.venv/bin/python -m pytest -q -m docker
 
 soak:
 	@scripts/setup

@@ -99,9 +99,10 @@ def _source(module: str) -> Path | None:
 
 
 def _command(name: str, added: object) -> Any:
-    around = typer.Typer(add_completion=False)
+    around = typer.Typer(add_completion=False, rich_markup_mode=None)
     around.callback()(lambda: None)
     if isinstance(added, typer.Typer):
+        added.rich_markup_mode = None
         around.add_typer(added, name=name)
     elif callable(added):
         around.command(name)(added)

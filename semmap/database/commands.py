@@ -160,7 +160,7 @@ def psql(context: typer.Context) -> None:
         raise DatabaseError(
             "psql is not installed. Debian, Ubuntu: apt-get install postgresql-client"
         )
-    engine = connect(_chosen(context, None))
+    engine = connect(_chosen(context, None), migrate=False)
     chosen = engine.url
     engine.dispose()
     if chosen.password is not None:
