@@ -43,7 +43,7 @@ def million() -> Iterator[Engine]:
 
 
 def figure_3(engine: Engine) -> list[Row]:
-    """The statement as psql sends it, each time anew, and prepared."""
+    """The statement as psql sends it, parsed each time, and prepared."""
     url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
     with psycopg.connect(url, autocommit=True) as connection:
         connection.execute("SET search_path = semmap, public; SET semmap.map = 'million'")

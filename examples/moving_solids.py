@@ -229,7 +229,7 @@ def tell_story(folder: Path, steps: int = len(STORY)) -> None:
         print(f"{path}: {title}", *map(str, events), sep="\n    ")
 
 
-class Live:
+class LivePicture:
     """A figure in which keys move the first of the solids."""
 
     def __init__(self, figure: Figure) -> None:
@@ -276,7 +276,7 @@ def live() -> bool:
     manager = figure.canvas.manager
     if manager is not None and manager.key_press_handler_id is not None:
         figure.canvas.mpl_disconnect(manager.key_press_handler_id)  # arrows are ours
-    Live(figure)
+    LivePicture(figure)
     pyplot.show()
     return True
 

@@ -77,7 +77,7 @@ def run_demo(
     map_name = "office" if ours else files[0].name.split(".")[0]
 
     say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
-    with cli.database() as engine:
+    with cli.database(migrate=True) as engine:
         for file in files:
             cli.print_summary(import_file(engine, file, map_name=map_name))
     if ours:

@@ -2,7 +2,7 @@
 
 CREATE FUNCTION check_outline(outline geometry, whose text)
 RETURNS geometry LANGUAGE plpgsql IMMUTABLE AS $$
--- The outline as a valid MULTIPOLYGON without SRID, or an error that says what to mend.
+-- The outline as a valid MULTIPOLYGON without SRID, or an error that says what to fix.
 BEGIN
     IF outline IS NULL OR ST_IsEmpty(outline) OR ST_Dimension(outline) <> 2 THEN
         RAISE EXCEPTION 'the footprint of % is not a polygon', whose

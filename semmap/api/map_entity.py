@@ -15,7 +15,7 @@ __all__ = ["MapEntity"]
 
 
 class MapEntity:
-    """A room, object, region, agent, connector or storey of a map, read anew at each access.
+    """A room, object, region, agent, connector or storey of a map, read at each access.
 
     Two of them are equal if they are the same entity of the same database.
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from semmap.cli.chosen import CliOptions, choose_map, engine, open_database
+from semmap.cli.database_commands import app as database_commands
 from semmap.cli.options import Json, MapName
 from semmap.cli.plugin_group import PluginGroup
-from semmap.database.commands import app as database_commands
 from semmap.terminal import guard_streams
 
 if TYPE_CHECKING:

@@ -49,11 +49,11 @@ def engine(*, migrate: bool = False) -> Engine:
 
 
 @contextmanager
-def database() -> Iterator[Engine]:
-    """An engine on the database that the user chose, while it lasts."""
+def database(*, migrate: bool = False) -> Iterator[Engine]:
+    """An engine on the database that the user chose, while it lasts; `migrate` as in `engine`."""
     from semmap.database.engine import connect
 
-    chosen = connect(CliOptions.url, migrate=False, check=True)
+    chosen = connect(CliOptions.url, migrate=migrate, check=not migrate)
     try:
         yield chosen
     finally:

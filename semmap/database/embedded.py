@@ -30,7 +30,7 @@ __all__ = ["Cluster", "default_home"]
 DATABASE = "semmap"
 
 INCLUDES = "include '../semmap.conf'\ninclude_if_exists '../local.conf'\n"
-"""The end of ``postgresql.conf``: what each start writes anew, and what the user wrote."""
+"""The end of ``postgresql.conf``: settings that each start writes, then those of the user."""
 
 
 def default_home() -> Path:
@@ -113,7 +113,8 @@ class Cluster:
         Raises
         ------
         DatabaseError
-            PostgreSQL or PostGIS is missing, or the folder or the user will not do; with the mend.
+            PostgreSQL or PostGIS is missing, or the folder or the user cannot be used; the message
+            says how to fix it.
         """
         folder = self.running()
         if folder is None:

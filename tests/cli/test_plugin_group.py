@@ -10,6 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import semmap
 from semmap import cli
 from semmap.cli import plugin_group
 
@@ -30,6 +31,19 @@ def modules_loaded_by(*words: str) -> set[str]:
 @pytest.mark.parametrize("command", ["ls", "show", "sql", "maps", "changes"])
 def test_asking_the_map_loads_no_library_of_grids_and_plans(command: str) -> None:
     assert not modules_loaded_by(command, "--help") & {*HEAVY, "navgrid", "planner"}
+
+
+@pytest.mark.parametrize("command", ["ls", "maps", "types", "check", "changes", "show mug"])
+def test_short_commands_load_neither_sqlalchemy_nor_numpy(database: str, command: str) -> None:
+    with semmap.connect(database) as db:
+        db.create_map("flat").add_object("mug", size=(0.1, 0.1, 0.1), pose=(0, 0, 0))
+    loaded = modules_loaded_by("--db", database, *command.split())
+    assert not loaded & {*HEAVY, "sqlalchemy", "numpy", "shapely", "pydantic", "alembic"}
+
+
+def test_help_loads_no_other_package() -> None:
+    heavy = {*HEAVY, "sqlalchemy", "numpy", "psycopg", "rich", "navgrid", "planner"}
+    assert not modules_loaded_by("--help") & heavy
 
 
 def test_all_are_listed_each_with_its_help() -> None:

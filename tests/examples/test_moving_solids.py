@@ -55,7 +55,7 @@ def test_the_story(example: ModuleType) -> None:
 def test_keys_move_the_chosen(example: ModuleType) -> None:
     figure = Figure(figsize=(6, 4))
     canvas = FigureCanvasAgg(figure)
-    window = example.Live(figure)
+    window = example.LivePicture(figure)
 
     def press(key: str) -> None:
         canvas.callbacks.process("key_press_event", KeyEvent("key_press_event", canvas, key))

@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon, STRtree
 
-__all__ = ["CONTACT", "Holding", "RoomSpace", "SurfacePatch", "Thing", "derive_holders"]
+__all__ = ["CONTACT", "Holding", "Item", "RoomSpace", "SurfacePatch", "derive_holders"]
 
 CONTACT = 0.03
 """Metres between a thing's bottom and a surface within which it lies on it."""
@@ -31,7 +31,7 @@ CLEAR = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Thing:
+class Item:
     """An object in world coordinates: 3D box (2, 3) and footprint."""
 
     id: int
@@ -69,7 +69,7 @@ class Holding:
 
 
 def derive_holders(
-    things: Sequence[Thing], surfaces: Sequence[SurfacePatch], rooms: Sequence[RoomSpace]
+    things: Sequence[Item], surfaces: Sequence[SurfacePatch], rooms: Sequence[RoomSpace]
 ) -> dict[int, Holding]:
     """The holder of each thing: the surface it lies on, else the room it stands in, else none.
 
@@ -93,14 +93,14 @@ def derive_holders(
     return held
 
 
-def _bears(surface: SurfacePatch, owner: Thing | None) -> bool:
+def _bears(surface: SurfacePatch, owner: Item | None) -> bool:
     if owner is None:
         return True
     low, high = owner.box[:, 2]
     return bool(high - low > CONTACT or owner.footprint.area < WALKED)
 
 
-def _on(thing: Thing, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holding | None:
+def _on(thing: Item, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holding | None:
     bottom, area = thing.box[0, 2], thing.footprint.area
     shares: dict[int, float] = {}
     gaps: dict[int, float] = {}
@@ -125,7 +125,7 @@ def _on(thing: Thing, surfaces: Sequence[SurfacePatch], tree: STRtree) -> Holdin
     return Holding(best, float(sure), "on")
 
 
-def _in(thing: Thing, rooms: Sequence[RoomSpace], tree: STRtree) -> Holding | None:
+def _in(thing: Item, rooms: Sequence[RoomSpace], tree: STRtree) -> Holding | None:
     middle, area = thing.box[:, 2].mean(), thing.footprint.area
     shares = {
         rooms[i].id: shapely.intersection(rooms[i].outline, thing.footprint).area / area

@@ -609,7 +609,7 @@ def test_no_map_and_no_class_are_said(changing, make_database):
     with pytest.raises(LookupError, match="no robot class named testr; there are: tester"):
         LiveTopology(changing, "office", "testr")
     empty = connect(make_database())
-    with pytest.raises(LookupError, match="there is no map: semmap import"):
+    with pytest.raises(LookupError, match="there is no map yet: semmap import"):
         LiveTopology(empty)
     empty.dispose()
 

@@ -68,10 +68,10 @@ def test_what_copies_to_and_fro_is_refused(database: str, statement: str, write:
     ("words", "says"),
     [
         (("ls", "--near", "nan,0,0"), "--near takes 3 numbers"),
-        (("ls", "--near", "0,0,0", "--within", "nan"), "--within takes metres"),
-        (("ls", "--near", "0,0,0", "--within", "-1"), "--within takes metres"),
-        (("ls", "--box", "5,5,5,0,0,0"), "its lowest corner, then its highest"),
-        (("show", "crate", "--at", "yesterday"), "--at takes a time as ISO 8601 has it"),
+        (("ls", "--near", "0,0,0", "--within", "nan"), "within takes metres from 0 on"),
+        (("ls", "--near", "0,0,0", "--within", "-1"), "within takes metres from 0 on"),
+        (("ls", "--box", "5,5,5,0,0,0"), "its lowest corner first, then its highest"),
+        (("show", "crate", "--at", "yesterday"), "--at takes an ISO 8601 time"),
         (("changes", "abc"), "abc is no cursor"),
     ],
 )

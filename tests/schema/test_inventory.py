@@ -20,7 +20,7 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.store.holder_store import derive_inventories, find_surfaces
 from semmap.ingest.world import Entry, Shape, StoreyDetail, World
 from semmap.model import Entity
-from tests.oracles.holders import Holding, RoomSpace, SurfacePatch, Thing, derive_holders
+from tests.oracles.holders import Holding, Item, RoomSpace, SurfacePatch, derive_holders
 from tests.query.office_scene import block, drawn, room, store, thing
 
 
@@ -267,14 +267,12 @@ def test_a_room_drawn_later_holds_what_stands_in_it(engine: Engine, ids: dict[st
 # --- the rules, against an independent implementation in Python
 
 
-def box(id_: int, low: tuple[float, ...], size: tuple[float, ...]) -> Thing:
+def box(id_: int, low: tuple[float, ...], size: tuple[float, ...]) -> Item:
     (x, y, z), (w, d, h) = low, size
-    return Thing(id_, np.array([[x, y, z], [x + w, y + d, z + h]]), shapely.box(x, y, x + w, y + d))
+    return Item(id_, np.array([[x, y, z], [x + w, y + d, z + h]]), shapely.box(x, y, x + w, y + d))
 
 
-def derived(
-    engine: Engine, name: str, things: list[Thing], rooms: list[RoomSpace]
-) -> list[Holding]:
+def derived(engine: Engine, name: str, things: list[Item], rooms: list[RoomSpace]) -> list[Holding]:
     """What the database derives for boxes in world coordinates; holders by their index."""
     entries = [
         room(f"room{r.id}", drawn(*r.outline.bounds, 0, r.high - r.low), holder=None,

@@ -16,7 +16,7 @@ from sqlalchemy import Connection, Row, text
 
 from semmap.fields.maps.grids import GRIDS, Grid, ValueType, value_type_of
 
-__all__ = ["FieldVersion", "StoredField", "forget", "load", "names", "prune", "save", "versions"]
+__all__ = ["StoredField", "VersionSummary", "forget", "load", "names", "prune", "save", "versions"]
 
 EDGE = 32
 """Edge of the cubes of new fields, in voxels.
@@ -53,7 +53,7 @@ class StoredField:
 
 
 @dataclass(frozen=True)
-class FieldVersion:
+class VersionSummary:
     """The size of a version of a field.
 
     Attributes
@@ -242,7 +242,7 @@ def names(connection: Connection, *, stateless: bool = False) -> list[str]:
     )
 
 
-def versions(connection: Connection, name: str) -> list[FieldVersion]:
+def versions(connection: Connection, name: str) -> list[VersionSummary]:
     """Return the versions of a field, the oldest first.
 
     Raises
@@ -259,7 +259,7 @@ def versions(connection: Connection, name: str) -> list[FieldVersion]:
         ),
         {"field": _field(connection, name).id},
     )
-    return [FieldVersion(row.version, row.at, int(row.blocks), int(row.bytes)) for row in rows]
+    return [VersionSummary(row.version, row.at, int(row.blocks), int(row.bytes)) for row in rows]
 
 
 def prune(connection: Connection, name: str, keep: int) -> int:

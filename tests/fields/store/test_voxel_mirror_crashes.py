@@ -132,7 +132,7 @@ def test_transaction_numbers_that_a_crash_repeats(own: Cluster, tmp_path: Path) 
     """The number of a transaction undone before a crash is used again; a mirror reads both."""
     with (own.home / "local.conf").open("a") as file:
         file.write("wal_writer_delay = 10s\nautovacuum = off\nbgwriter_delay = 10s\n")
-    engine = connect(own.ensure())
+    first = engine = connect(own.ensure())
     try:
         import_file(engine, boxes(tmp_path, a=(0, 0, 0.2)), map_name="scene")
         mirror = VoxelMirror(engine, "scene", SIZE)
@@ -145,7 +145,7 @@ def test_transaction_numbers_that_a_crash_repeats(own: Cluster, tmp_path: Path) 
                 connection.rollback()
         mirror.catch_up()
         kill_server(own)
-        engine.dispose()
+        first.dispose()
         engine = connect(own.ensure())
         mirror._engine = engine
         change(engine, "SELECT move_to(entity_id('a'), 2.0, 0.0, 0.2, 0.0)")
@@ -154,6 +154,7 @@ def test_transaction_numbers_that_a_crash_repeats(own: Cluster, tmp_path: Path) 
         change(engine, "SELECT drop_map('scene')")
     finally:
         engine.dispose()
+        first.dispose()  # the mirror's feed reads by it
 
 
 class Writer(threading.Thread):

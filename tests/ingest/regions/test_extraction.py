@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.orm import Session
 
+from semmap.database import connect
 from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.geometry.pose import Pose
 from semmap.geometry.tin import decode
@@ -31,6 +32,7 @@ from semmap.ingest.world import Entry, PlaceDetail, Shape, World
 from semmap.model import Region
 from semmap.query.meshes import model_triangles
 from tests.command_line import semmap
+from tests.conftest import MakeDatabase
 from tests.ingest.worlds_by_hand import room_features
 
 TABLE = join(
@@ -397,7 +399,7 @@ def test_every_room_of_the_office_has_a_floor(module_engine: Engine) -> None:
 
 
 @pytest.fixture(scope="module")
-def flat(module_engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> str:
+def flat(make_database: MakeDatabase, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The URL of a database with a kitchen and two tables, as files bring them."""
     folder = tmp_path_factory.mktemp("flat")
     rooms = folder / "rooms.geojson"
@@ -409,9 +411,12 @@ def flat(module_engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> str
     )
     things = folder / "things.sdf"
     things.write_text(f"<sdf version='1.7'><world name='flat'>{models}</world></sdf>")
+    url = make_database()
+    engine = connect(url)
     for path in (rooms, things):
-        import_file(module_engine, path, map_name="flat")
-    return module_engine.url.render_as_string(hide_password=False)
+        import_file(engine, path, map_name="flat")
+    engine.dispose()
+    return url.render_as_string(hide_password=False)
 
 
 def answer(url: str, *words: str) -> Any:

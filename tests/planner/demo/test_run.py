@@ -5,6 +5,7 @@ from PIL import Image
 
 from planner.demo import run as demo
 from semmap import cli
+from semmap.cli.chosen import CliOptions
 from semmap.draw.palette import PATH
 from semmap.query import sql_statement
 
@@ -27,9 +28,9 @@ def url(make_database):
 @pytest.fixture(autouse=True)
 def chosen(url):
     """What the command line works on."""
-    before, cli.State.url = cli.State.url, url
+    before, CliOptions.url = CliOptions.url, url
     yield
-    cli.State.url = before
+    CliOptions.url = before
 
 
 @pytest.fixture

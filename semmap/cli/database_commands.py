@@ -11,10 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from semmap.database import revisions
-from semmap.database.embedded import Cluster
-from semmap.database.error import DatabaseError
-
 if TYPE_CHECKING:
     from sqlalchemy import URL, Engine
 
@@ -50,6 +46,7 @@ def _as_it_is(context: typer.Context, db: str | None) -> Iterator[Engine]:
 @app.command()
 def start() -> None:
     """Start the embedded database; it is made at first use."""
+    from semmap.database.embedded import Cluster
     from semmap.database.engine import connect
 
     cluster = Cluster()
@@ -62,13 +59,17 @@ def start() -> None:
 @app.command()
 def stop() -> None:
     """Stop the embedded database."""
+    from semmap.database.embedded import Cluster
+
     cluster = Cluster()
     print(f"{cluster.home}: {'stopped' if cluster.stop() else 'was not running'}")
 
 
 @app.command()
 def status(context: typer.Context, db: Db = None) -> None:
-    """Say which database is used, and the revision of its schema; starts nothing."""
+    """Show which database is used, and the revision of its schema; starts nothing."""
+    from semmap.database import revisions
+    from semmap.database.embedded import Cluster
     from semmap.database.engine import connect, database_url, installed
 
     url = _chosen(context, db) or os.environ.get("SEMMAP_DB")
@@ -154,6 +155,7 @@ def drop(
 def psql(context: typer.Context) -> None:
     """Open psql on the database; arguments that follow are passed to it."""
     from semmap.database.engine import connect
+    from semmap.database.error import DatabaseError
 
     program = shutil.which("psql")
     if program is None:
