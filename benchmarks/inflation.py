@@ -87,11 +87,14 @@ def main() -> None:
         same = np.count_nonzero(ours() != theirs()) / cells.size
         quick, slow = medians_in_turn(ours, theirs, times=3 if cells.size > 1e7 else 9)
         rows.append(
-            Row(f"{shape[1]:,} x {shape[0]:,}, R = {radius}",
+            Row(
+                f"{shape[1]:,} x {shape[0]:,}, R = {radius}",
                 f"{1e3 * quick:.1f} ms: {slow / quick:.1f}x",
                 f"{peer}: {1e3 * slow:.0f} ms; {100 * same:.3f} % of cells differ",
-                f"at least {least:g}x", slow / quick >= least)
-        )  # fmt: skip
+                f"at least {least:g}x",
+                slow / quick >= least,
+            )
+        )
     print_rows(f"Inflation ({', '.join(inflation_variants())})", rows)
 
 

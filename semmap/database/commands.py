@@ -55,8 +55,10 @@ def start() -> None:
     cluster = Cluster()
     before, new = time.perf_counter(), not cluster.exists
     connect(cluster).dispose()
-    print(f"{cluster.home}: {'made and ' if new else ''}ready "
-          f"after {time.perf_counter() - before:.1f} s")  # fmt: skip
+    print(
+        f"{cluster.home}: {'made and ' if new else ''}ready "
+        f"after {time.perf_counter() - before:.1f} s"
+    )
 
 
 @app.command()
@@ -93,8 +95,10 @@ def status(context: typer.Context, db: Db = None) -> None:
     have, newest = installed(engine), revisions.newest()
     engine.dispose()
     print(f"PostgreSQL {server}, PostGIS {postgis or 'not yet'}, data checksums {checksums}")
-    print(f"schema at revision {have or 'none'}"
-          + ("" if have == newest else f", the newest is {newest}: semmap db upgrade"))  # fmt: skip
+    print(
+        f"schema at revision {have or 'none'}"
+        + ("" if have == newest else f", the newest is {newest}: semmap db upgrade")
+    )
 
 
 @app.command()

@@ -158,8 +158,9 @@ def check_revision(version: str | None, migrate: bool = False) -> None:
 
 def unreachable(parameters: dict[str, Any], error: BaseException, busy: bool = False) -> str:
     """Why there is no connection, and what to do."""
-    where = " ".join(f"{k}={parameters[k]}" for k in ("host", "port", "user", "dbname")
-                     if parameters.get(k))  # fmt: skip
+    where = " ".join(
+        f"{k}={parameters[k]}" for k in ("host", "port", "user", "dbname") if parameters.get(k)
+    )
     cause = str(error).strip().splitlines()
     if folder := lost_folder(parameters):
         hint = f"There is no socket directory {folder}."

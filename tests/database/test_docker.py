@@ -54,13 +54,19 @@ def test_no_password_no_start(docker: str, docker_server: URL) -> None:
 
 
 def test_server_runs_as_postgres(docker: str, docker_server: URL) -> None:
-    listed = subprocess.run([docker, "ps", "--filter", "ancestor=semmap-postgis:test", "-q"],
-                            capture_output=True, text=True, check=True).stdout.split()  # fmt: skip
+    listed = subprocess.run(
+        [docker, "ps", "--filter", "ancestor=semmap-postgis:test", "-q"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
     for container in listed:
         owner = subprocess.run(
             [docker, "exec", container, "stat", "-c", "%U", "/proc/1"],
-            capture_output=True, text=True, check=True,
-        ).stdout.strip()  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
         assert owner == "postgres"
     assert listed
 

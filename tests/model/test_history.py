@@ -179,9 +179,12 @@ def test_what_is_gone_for_longer_than_the_retention_is_pruned_by_writers(engine:
         session.commit()
         for table in ("placement_history", "entity_history"):
             session.execute(
-                text(f"UPDATE {table} SET during = tstzrange('2001-01-01', '2001-01-02') "
-                     "WHERE entity_id = :id"), {"id": mug.id}
-            )  # fmt: skip
+                text(
+                    f"UPDATE {table} SET during = tstzrange('2001-01-01', '2001-01-02') "
+                    "WHERE entity_id = :id"
+                ),
+                {"id": mug.id},
+            )
         session.execute(text("SELECT apply_retention()"))
         for table in (PlacementHistory, EntityHistory):
             assert {*session.scalars(select(table.entity_id))} == {lamp.id}, table

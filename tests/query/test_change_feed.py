@@ -21,10 +21,12 @@ def write(engine: Engine, number: int, name: str) -> None:
         for i in range(number):
             for j in range(1 + i % 3):
                 connection.execute(
-                    text("INSERT INTO entity (map_id, kind, name) "
-                         "SELECT id, 'object', :name FROM map"),
+                    text(
+                        "INSERT INTO entity (map_id, kind, name) "
+                        "SELECT id, 'object', :name FROM map"
+                    ),
                     {"name": f"{name}{i}.{j}"},
-                )  # fmt: skip
+                )
             if i % 5 == 4:
                 connection.rollback()
             connection.commit()

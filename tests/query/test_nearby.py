@@ -124,9 +124,11 @@ def test_what_is_rare_and_far_is_not_sought_place_by_place(hall: Engine) -> None
             (relic,) = nearest_of_type(session, "hall_relic", (40.0 + i, 50.0, 5.0))
             assert relic.name == "relic"
         kept = session.execute(
-            text("SELECT statement, generic_plans + custom_plans FROM pg_prepared_statements "
-                 "WHERE statement LIKE '%box_distance%'")
-        ).all()  # fmt: skip
+            text(
+                "SELECT statement, generic_plans + custom_plans FROM pg_prepared_statements "
+                "WHERE statement LIKE '%box_distance%'"
+            )
+        ).all()
         # at 1 and 4 metres, and no farther
         assert [asked for _, asked in kept] == [24 - PREPARED_AFTER]
         assert "&& (SELECT" in kept[0][0]

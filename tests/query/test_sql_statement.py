@@ -29,14 +29,23 @@ def test_no_column_is_lost(columns: list[str]) -> None:
 @pytest.mark.parametrize(
     ("said", "expected"),
     [
-        ("'NaN'::float8", "NaN"), ("'-Infinity'::float8", "-Infinity"), ("1.5::numeric", 1.5),
-        ("7::numeric", 7), ("'NaN'::numeric", "NaN"), ("'\\x00ff'::bytea", "\\x00ff"),
-        ("'[1,)'::int4range", "[1,)"), ("'empty'::int4range", "empty"),
-        ("'infinity'::timestamptz", "infinity"), ("'0044-03-15 BC'::date", "0044-03-15 BC"),
-        ("'{1,NULL}'::int[]", [1, None]), ("""'{"a": [1]}'::jsonb""", {"a": [1]}), ("NULL", None),
-        ("true", True), ("array['NaN'::float8]", ["NaN"]),
+        ("'NaN'::float8", "NaN"),
+        ("'-Infinity'::float8", "-Infinity"),
+        ("1.5::numeric", 1.5),
+        ("7::numeric", 7),
+        ("'NaN'::numeric", "NaN"),
+        ("'\\x00ff'::bytea", "\\x00ff"),
+        ("'[1,)'::int4range", "[1,)"),
+        ("'empty'::int4range", "empty"),
+        ("'infinity'::timestamptz", "infinity"),
+        ("'0044-03-15 BC'::date", "0044-03-15 BC"),
+        ("'{1,NULL}'::int[]", [1, None]),
+        ("""'{"a": [1]}'::jsonb""", {"a": [1]}),
+        ("NULL", None),
+        ("true", True),
+        ("array['NaN'::float8]", ["NaN"]),
     ],
-)  # fmt: skip
+)
 def test_every_value_has_a_form_in_json(database: str, said: str, expected: object) -> None:
     def refuse(word: str) -> None:
         raise AssertionError(f"{word} is no JSON")
@@ -93,12 +102,13 @@ def test_who_only_reads_writes_no_file(engine: Engine, tmp_path: Path) -> None:
     file = tmp_path / "written"
     tmp_path.chmod(0o777)
     with engine.connect() as connection:
-        for statement in (f"COPY (SELECT 1) TO '{file}'", "SELECT pg_read_file('/etc/passwd')",
-                          f"COPY (SELECT 1) TO PROGRAM 'touch {file}'"):  # fmt: skip
+        for statement in (
+            f"COPY (SELECT 1) TO '{file}'",
+            "SELECT pg_read_file('/etc/passwd')",
+            f"COPY (SELECT 1) TO PROGRAM 'touch {file}'",
+        ):
             with pytest.raises(Exception, match=r"permission denied|must be superuser"):
                 run_sql(connection, statement, write=False)
             connection.rollback()
-        assert run_sql(connection, "SELECT count(*) FROM face", write=False) == (
-            ["count"], [(0,)]
-        )  # fmt: skip
+        assert run_sql(connection, "SELECT count(*) FROM face", write=False) == (["count"], [(0,)])
     assert not file.exists()

@@ -27,9 +27,11 @@ def test_functions_with_their_owners_rights_search_temporary_tables_last(
 ) -> None:
     with module_engine.connect() as connection:
         rows = connection.execute(
-            text("SELECT proname, proconfig FROM pg_proc "
-                 "WHERE pronamespace = 'semmap'::regnamespace AND prosecdef")
-        ).all()  # fmt: skip
+            text(
+                "SELECT proname, proconfig FROM pg_proc "
+                "WHERE pronamespace = 'semmap'::regnamespace AND prosecdef"
+            )
+        ).all()
     assert len(rows) >= 20
     for name, settings in rows:
         path = [s for s in settings or [] if s.startswith("search_path=")]
@@ -96,8 +98,9 @@ def intruder(engine: Engine) -> Iterator[tuple[psycopg.Connection[tuple[object, 
     name = f"intruder_{os.getpid()}"
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
-        connection.execute(text("INSERT INTO entity (map_id, kind, name) "
-                                "SELECT id, 'object', 'mug' FROM map"))  # fmt: skip
+        connection.execute(
+            text("INSERT INTO entity (map_id, kind, name) SELECT id, 'object', 'mug' FROM map")
+        )
         connection.execute(text("INSERT INTO placement (entity_id) SELECT id FROM entity"))
         connection.execute(text(f"CREATE ROLE {name} IN ROLE semmap_robot"))
     url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
@@ -111,10 +114,25 @@ def intruder(engine: Engine) -> Iterator[tuple[psycopg.Connection[tuple[object, 
 
 
 SHADOWED = (
-    "change", "world", "placement", "entity", "placement_history", "entity_history", "object_type",
-    "retention", "model", "chunk", "entity_model", "entity_chunk", "map", "type_closure", "region",
-    "change_pruned", "fresh", "former",
-)  # fmt: skip
+    "change",
+    "world",
+    "placement",
+    "entity",
+    "placement_history",
+    "entity_history",
+    "object_type",
+    "retention",
+    "model",
+    "chunk",
+    "entity_model",
+    "entity_chunk",
+    "map",
+    "type_closure",
+    "region",
+    "change_pruned",
+    "fresh",
+    "former",
+)
 
 
 @pytest.mark.parametrize("shadow", SHADOWED)
