@@ -71,7 +71,7 @@ def stop() -> None:
 @app.command()
 def status(context: typer.Context, db: Db = None) -> None:
     """Say which database is used, and the revision of its schema; starts nothing."""
-    from semmap.database.engine import connect, database_url, installed
+    from semmap.database.engine import connect, database_url
 
     url = _chosen(context, db) or os.environ.get("SEMMAP_DB")
     if url is None:
@@ -92,7 +92,7 @@ def status(context: typer.Context, db: Db = None) -> None:
             "SELECT extversion FROM pg_extension WHERE extname = 'postgis'"
         ).scalar()
         checksums = connection.exec_driver_sql("SHOW data_checksums").scalar()
-    have, newest = installed(engine), revisions.newest()
+    have, newest = revisions.installed_on(engine), revisions.newest()
     engine.dispose()
     print(f"PostgreSQL {server}, PostGIS {postgis or 'not yet'}, data checksums {checksums}")
     print(
