@@ -125,6 +125,7 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
         connection.commit()
         start = time.perf_counter()
         ids, since = changed_since(connection, since), cursor(connection)
+        assert ids is not None  # the history reaches back
         entities = read_entities(connection, ids)
         costmap.update(entities, set(ids) - {t.id for t in entities})
         updates.append(time.perf_counter() - start)

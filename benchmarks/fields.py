@@ -121,14 +121,14 @@ def image() -> Segmentation:
 
 def sensing() -> list[Row]:
     """Maps at the rate of sensors."""
-    objects, percept = crates(), looking_about(10)
+    crate_map, percept = crates(), looking_about(10)
     gaze, objects = GazeSource(vocabulary()), ObjectSource(vocabulary())
-    rate = 1 / median_seconds(lambda: [len(mask(objects, seen)) for seen in gaze(percept)])
+    rate = 1 / median_seconds(lambda: [len(mask(crate_map, seen)) for seen in gaze(percept)])
     shown = image()
     depth = 1e3 * median_seconds(lambda: objects(shown))
     return [
         Row(
-            f"10 gaze cones of 5 m, each a mask of {len(objects):,} voxels",
+            f"10 gaze cones of 5 m, each a mask of {len(crate_map):,} voxels",
             f"{rate:.0f} Hz",
             "",
             f"at least {GAZE_HZ} Hz",

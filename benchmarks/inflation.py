@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from semmap_native import inflation_variants
 __all__ = ["main"]
 
 RESOLUTION = 0.02
-FALL = {"inscribed_radius": 0.2, "cost_scaling_factor": 5.0}
+FALL: dict[str, Any] = {"inscribed_radius": 0.2, "cost_scaling_factor": 5.0}
 
 JOBS: tuple[tuple[tuple[int, int], int, str, float], ...] = (
     ((1250, 2000), 28, "cv2", 8),

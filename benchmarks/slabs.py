@@ -68,7 +68,7 @@ def sections_of_trimesh(mesh: Mesh) -> Callable[[], Segments]:
     body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
     def run() -> Segments:
-        lines, to_3d, _ = trimesh.intersections.mesh_multiplane(
+        lines, to_3d, _ = trimesh.intersections.mesh_multiplane(  # type: ignore[no-untyped-call]
             body, plane_origin=(0, 0, 0), plane_normal=(0, 0, 1), heights=PLANES
         )
         world = [
@@ -237,7 +237,7 @@ def measure(building: Scene) -> list[Row]:
                 f"{100 * covered:.2f} %",
                 f"{peer}: misses {100 * missed:.0f} % of ours",
                 "99.9 %",
-                covered >= 0.999,
+                bool(covered >= 0.999),
             )
         )
     theirs = median_seconds(one_processor(projection_of_manifold(building.mesh)), few)

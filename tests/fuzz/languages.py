@@ -239,7 +239,7 @@ def queries() -> list[bytes]:
 def run_query(data: bytes, _: Path) -> None:
     answer = query(kitchen(), data.decode("utf-8", "replace"))
     if isinstance(answer, SelectResult):
-        answer.json()
+        list(answer)
 
 
 def updates() -> list[bytes]:

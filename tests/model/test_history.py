@@ -162,9 +162,9 @@ def test_a_move_prunes_what_is_older_than_the_retention(engine: Engine) -> None:
         session.get_one(Placement, mug.id).pose = Pose(x=4)
         mug.label = "4"
         session.commit()
-        for table in (PlacementHistory, EntityHistory):
-            spans = session.scalars(select(table.during).where(table.entity_id == mug.id)).all()
-            assert len(spans) == 2, table
+        for history in (PlacementHistory, EntityHistory):
+            spans = session.scalars(select(history.during).where(history.entity_id == mug.id)).all()
+            assert len(spans) == 2, history
             assert all(span.lower > now(session) - timedelta(days=1) for span in spans)
 
 
@@ -186,8 +186,8 @@ def test_what_is_gone_for_longer_than_the_retention_is_pruned_by_writers(engine:
                 {"id": mug.id},
             )
         session.execute(text("SELECT apply_retention()"))
-        for table in (PlacementHistory, EntityHistory):
-            assert {*session.scalars(select(table.entity_id))} == {lamp.id}, table
+        for history in (PlacementHistory, EntityHistory):
+            assert {*session.scalars(select(history.entity_id))} == {lamp.id}, history
 
 
 def test_after_the_clock_was_set_back_the_latest_pose_is_the_one_now(engine: Engine) -> None:

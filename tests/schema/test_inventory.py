@@ -287,7 +287,7 @@ def derived(
     entries = [
         room(
             f"room{r.id}",
-            drawn(*r.outline.bounds, 0, r.high - r.low),
+            drawn(*r.outline.bounds, 0, r.high - r.low),  # type: ignore[call-arg]
             holder=None,
             floor=r.low,
             ceiling=r.high,

@@ -292,7 +292,7 @@ def test_connectors_lead_from_the_first_place_to_the_second(house):
 @pytest.mark.parametrize("ends", [(8, 9), (9, 8)])
 def test_an_exterior_door_leads_out_whichever_way_it_was_drawn(read, ends):
     data = building()
-    data["levels"]["G"]["doors"][1] = door(*ends, "front")
+    data["levels"]["G"]["doors"][1] = door(*ends, "front")  # type: ignore[call-arg]
     world = read(data)
     assert entry(world, "front").detail.places == ("kitchen", OUTSIDE)
     ahead = pose(world, "front").apply([(1, 0, 0)])[0]

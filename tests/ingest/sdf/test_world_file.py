@@ -491,8 +491,8 @@ def test_absolute_file_uri(tmp_path: Path) -> None:
 def test_model_path_comes_first_and_the_environment_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for folder, size in (("given", "1 1 1"), ("a/models", "2 2 2"), ("env", "3 3 3")):
-        model_file(tmp_path / folder, "cube", LINK.replace("1 2 3", size))
+    for folder, sides in (("given", "1 1 1"), ("a/models", "2 2 2"), ("env", "3 3 3")):
+        model_file(tmp_path / folder, "cube", LINK.replace("1 2 3", sides))
     monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", str(tmp_path / "env"))
     include = "<include><uri>model://cube</uri></include>"
     (tmp_path / "b").mkdir()
