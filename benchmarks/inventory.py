@@ -133,6 +133,7 @@ def measured() -> list[Row]:
 
 
 def main() -> None:
+    """Print the table."""
     print_rows("The inventory follows moves", measured())
 
 

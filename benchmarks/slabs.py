@@ -40,6 +40,7 @@ class Scene:
 
     @property
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """The vertices and the faces."""
         return self.mesh.vertices, self.mesh.faces
 
 
