@@ -77,10 +77,11 @@ def connect(
 
     Examples
     --------
-    >>> engine = connect()  # doctest: +SKIP
-    >>> with engine.connect() as connection:  # doctest: +SKIP
-    ...     connection.exec_driver_sql("SELECT count(*) FROM entity").scalar()
+    >>> engine = connect()
+    >>> with engine.connect() as connection:
+    ...     connection.exec_driver_sql("SELECT count(*) FROM map").scalar()
     0
+    >>> engine.dispose()
     """
     if check:
         connection_parameters(url)
