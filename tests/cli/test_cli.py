@@ -84,7 +84,7 @@ def test_route_of_figure_4(office: str) -> None:
         (("import", "README.md"), "is not known"),
     ],
 )
-def test_errors_say_what_to_do(office: str, words: tuple[str, ...], says: str) -> None:
+def test_errors_name_the_fix(office: str, words: tuple[str, ...], says: str) -> None:
     done = semmap(office, *words)
     assert done.returncode == 2, done.stdout
     assert says in done.stderr

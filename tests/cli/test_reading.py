@@ -263,7 +263,7 @@ READS = {
 
 
 @pytest.mark.parametrize("statement", READS)
-def test_what_reads_is_run(scene: Scene, statement: str) -> None:
+def test_statements_that_read_are_run(scene: Scene, statement: str) -> None:
     assert json.loads(semmap(scene.url, "sql", statement, "--json").stdout) == READS[statement]
     if "map" in statement:
         plan = semmap(scene.url, "sql", f"EXPLAIN ANALYZE {statement}").stdout
@@ -271,7 +271,7 @@ def test_what_reads_is_run(scene: Scene, statement: str) -> None:
 
 
 @pytest.mark.parametrize("word", ["SET", "DO", "DELETE", "LISTEN", "CREATE"])
-def test_refused_with_what_to_do(scene: Scene, word: str) -> None:
+def test_other_statements_are_refused_with_a_hint(scene: Scene, word: str) -> None:
     rest = {
         "SET": "work_mem = '1GB'",
         "DO": "'BEGIN END'",

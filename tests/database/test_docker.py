@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.docker
 
 
-def test_image_brings_what_the_schema_needs(docker_server: URL) -> None:
+def test_the_image_meets_the_requirements_of_the_schema(docker_server: URL) -> None:
     engine = connect(docker_server)
     assert revisions.installed_on(engine) == revisions.newest()
     with engine.connect() as connection:

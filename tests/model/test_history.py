@@ -142,7 +142,7 @@ def test_old_poses_of_agents_are_pruned(engine: Engine) -> None:
         assert robot.id not in left
 
 
-def test_a_move_prunes_what_is_older_than_the_retention(engine: Engine) -> None:
+def test_a_move_prunes_history_older_than_the_retention(engine: Engine) -> None:
     with Session(engine) as session:
         of = new_map(session)
         mug = thing(session, of, "mug", None, Pose())
@@ -168,7 +168,7 @@ def test_a_move_prunes_what_is_older_than_the_retention(engine: Engine) -> None:
             assert all(span.lower > now(session) - timedelta(days=1) for span in spans)
 
 
-def test_what_is_gone_for_longer_than_the_retention_is_pruned_by_writers(engine: Engine) -> None:
+def test_history_of_deleted_entities_is_pruned_after_the_retention(engine: Engine) -> None:
     with Session(engine) as session:
         of = new_map(session)
         mug, lamp = (thing(session, of, name, None, Pose()) for name in ("mug", "lamp"))
@@ -248,7 +248,7 @@ def test_each_transaction_announces_once(engine: Engine, listener: psycopg.Conne
         assert said["added"] == 20000
 
 
-def test_a_cursor_does_not_skip_what_committed_late(engine: Engine) -> None:
+def test_a_cursor_does_not_skip_late_commits(engine: Engine) -> None:
     with Session(engine) as early, Session(engine) as late, Session(engine) as reader:
         of = new_map(late)
         late.commit()

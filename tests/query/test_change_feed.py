@@ -36,7 +36,7 @@ def driver(connection: Connection) -> psycopg.Connection[Any]:
     return connection.connection.driver_connection  # type: ignore[return-value]
 
 
-def test_who_polls_beside_writers_misses_nothing(engine: Engine) -> None:
+def test_a_poller_beside_writers_misses_nothing(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
     writers = [threading.Thread(target=write, args=(engine, 150, name)) for name in "ab"]

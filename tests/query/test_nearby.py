@@ -117,7 +117,7 @@ def test_one_plan_on_the_index_serves_all_places(hall: Engine) -> None:
         assert "Seq Scan" not in plan
 
 
-def test_what_is_rare_and_far_is_not_sought_place_by_place(hall: Engine) -> None:
+def test_a_rare_and_far_type_is_not_searched_place_by_place(hall: Engine) -> None:
     """Where a place is wide, the few of a type are the beginning, however often it was asked."""
     with Session(hall) as session:
         for i in range(12):

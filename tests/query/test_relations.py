@@ -146,7 +146,7 @@ TRUTH: dict[str, dict[str, str]] = {
 
 
 @pytest.mark.parametrize("relation", TRUTH)
-def test_relation_holds_for_exactly_these_pairs(building: Building, relation: str) -> None:
+def test_a_relation_is_true_for_exactly_these_pairs(building: Building, relation: str) -> None:
     pairs = text(
         f"SELECT b.name, a.name FROM entity a, entity b WHERE a.id = ANY(:ids) AND b.id = ANY(:ids)"
         f" AND {named(relation).function}(a.id, b.id)"
@@ -259,7 +259,7 @@ def building_ids(building: Building, condition: ColumnElement[bool]) -> set[int]
     return {building.ids[name] for name in building.names(condition)}
 
 
-def test_sides_in_the_frame_of_the_map_do_not_turn_with_the_thing(module_engine: Engine) -> None:
+def test_sides_in_the_frame_of_the_map_do_not_turn_with_the_object(module_engine: Engine) -> None:
     for yaw in (0.0, 1.0, 2.5):
         world = bodies("sides", [box_mesh((-0.2, -0.2, 0), (0.2, 0.2, 1))] * 5)
         places = [(0, 0), (2, 0.5), (-0.5, 2), (-2, -1), (0.1, -2)]
@@ -341,7 +341,7 @@ def test_relations_between_two_classes(building: Building) -> None:
         }
 
 
-def test_relations_hold_within_one_map_only(module_engine: Engine) -> None:
+def test_relations_are_within_one_map_only(module_engine: Engine) -> None:
     first = store(module_engine, f"one{next(MAPS)}", office(Pose()))
     second = store(module_engine, f"two{next(MAPS)}", office(Pose()))
     crossed = Building(
@@ -373,7 +373,7 @@ def test_contact_within_the_tolerance(module_engine: Engine, gap: float) -> None
 
 
 @pytest.mark.parametrize("lift", [-0.004, 0, 0.003])
-def test_of_two_thin_things_one_is_on_the_other(module_engine: Engine, lift: float) -> None:
+def test_of_two_thin_objects_one_is_on_the_other(module_engine: Engine, lift: float) -> None:
     sheets = [box_mesh((-1, -1, 0), (1, 1, 0.001)), box_mesh((-0.5, -0.5, 0), (0.5, 0.5, 0.006))]
     world = bodies("thin", sheets)
     world.entries[1].pose = Pose(z=lift)
@@ -435,7 +435,7 @@ def corners(half: np.ndarray) -> np.ndarray:
     return np.array(list(itertools.product(*((-h, h) for h in half))))
 
 
-def test_large_meshes_are_told_apart_by_their_surfaces(module_engine: Engine) -> None:
+def test_large_meshes_are_distinguished_by_their_surfaces(module_engine: Engine) -> None:
     """A ball in the hole of a ring: their boxes overlap, their surfaces are 0.5 m apart."""
     ring = trimesh.creation.torus(1, 0.2, major_sections=200, minor_sections=60)
     sphere = trimesh.creation.icosphere(subdivisions=5, radius=0.3)
@@ -525,7 +525,7 @@ def test_every_relation_is_a_function_in_sql_and_in_python(module_engine: Engine
     }
 
 
-def test_what_is_not_an_entity_is_refused(module_engine: Engine) -> None:
+def test_arguments_that_are_not_entities_are_refused(module_engine: Engine) -> None:
     with Session(module_engine) as session:
         of = Map(name=f"refused{next(MAPS)}")
         pending = Object(map=of, name="pending", placement=Placement())

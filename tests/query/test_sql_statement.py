@@ -68,7 +68,7 @@ def test_brackets_and_colons_are_parts_of_names(database: str, tmp_path: Path) -
 
 @pytest.mark.parametrize("statement", ["COPY entity TO STDOUT", "COPY map (name) FROM STDIN"])
 @pytest.mark.parametrize("write", [["--write"], []])
-def test_what_copies_to_and_fro_is_refused(database: str, statement: str, write: list[str]) -> None:
+def test_copy_statements_are_refused(database: str, statement: str, write: list[str]) -> None:
     with pytest.raises((ValueError, psycopg.Error), match=r"db psql|permission denied|read-only"):
         semmap(database, "sql", statement, *write)
 
@@ -84,7 +84,7 @@ def test_what_copies_to_and_fro_is_refused(database: str, statement: str, write:
         (("changes", "abc"), "abc is no cursor"),
     ],
 )
-def test_an_odd_question_is_answered_by_what_to_ask(
+def test_invalid_arguments_get_a_hint(
     database: str, tmp_path: Path, words: tuple[str, ...], says: str
 ) -> None:
     semmap(database, "import", box_world(tmp_path, {"crate": (0, 0, 0.4)}))
@@ -92,12 +92,12 @@ def test_an_odd_question_is_answered_by_what_to_ask(
         semmap(database, *words)
 
 
-def test_no_statement_is_said(database: str) -> None:
+def test_an_empty_statement_is_reported(database: str) -> None:
     with pytest.raises(ValueError, match="no statement: give one, or -"):
         semmap(database, "sql", " ;\n")
 
 
-def test_who_only_reads_writes_no_file(engine: Engine, tmp_path: Path) -> None:
+def test_readers_write_no_files(engine: Engine, tmp_path: Path) -> None:
     """The embedded cluster's owner is a superuser, whom a read-only transaction does not hold."""
     file = tmp_path / "written"
     tmp_path.chmod(0o777)

@@ -38,7 +38,7 @@ def test_functions_with_their_owners_rights_search_temporary_tables_last(
         assert path == ["search_path=semmap, public, pg_temp"], name
 
 
-def test_only_who_needs_them_executes_functions_with_their_owners_rights(
+def test_functions_with_their_owners_rights_are_granted_sparingly(
     module_engine: Engine,
 ) -> None:
     statement = text(
@@ -162,7 +162,7 @@ def test_a_temporary_table_does_not_stand_in_for_one_of_the_schema(
     assert found == (False,)
 
 
-def test_a_trigger_function_is_not_attached_to_a_table_of_ones_own(
+def test_a_trigger_function_is_not_attached_to_a_users_table(
     intruder: tuple[psycopg.Connection[tuple[object, ...]], str],
 ) -> None:
     own, _ = intruder

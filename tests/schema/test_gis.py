@@ -245,7 +245,7 @@ def test_a_georeferenced_map_lies_on_the_earth(
         assert min(abs(p[0] - corner[0]) + abs(p[1] - corner[1]) for p in ring) < 1e-6
 
 
-def test_what_a_door_lets_through_is_edited_in_its_layer(engine: Engine, building: str) -> None:
+def test_limits_of_a_door_are_edited_in_its_layer(engine: Engine, building: str) -> None:
     with engine.begin() as connection:
         connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": building})
         rooms = [

@@ -249,7 +249,9 @@ def test_contents_of_a_deleted_table_are_derived_again(engine: Engine, ids: dict
     assert no_contradictions(engine)
 
 
-def test_table_pushed_under_an_object_holds_it(engine: Engine, ids: dict[str, int]) -> None:
+def test_a_table_pushed_under_an_object_becomes_its_holder(
+    engine: Engine, ids: dict[str, int]
+) -> None:
     by_function(engine, ids["ball"], 7, 2, 0.4)
     assert holders(engine)["ball"] == "in balcony"
     by_function(engine, ids["box"], 7, 2, 0)
@@ -260,7 +262,9 @@ def test_table_pushed_under_an_object_holds_it(engine: Engine, ids: dict[str, in
     assert no_contradictions(engine)
 
 
-def test_a_room_drawn_later_holds_what_stands_in_it(engine: Engine, ids: dict[str, int]) -> None:
+def test_a_room_drawn_later_becomes_the_holder_of_its_contents(
+    engine: Engine, ids: dict[str, int]
+) -> None:
     by_function(engine, ids["ball"], 12, 2, 0)
     assert holders(engine)["ball"] == "in ground"
     run(

@@ -395,7 +395,7 @@ def test_a_reader_and_a_robot_import_nothing(engine: Engine) -> None:
         other.dispose()
 
 
-def test_a_robot_draws_a_region_and_draws_it_anew(engine: Engine) -> None:
+def test_a_robot_draws_a_region_and_redraws_it(engine: Engine) -> None:
     import_file(engine, OFFICE / "office_rooms.geojson", map_name="theirs")
     robot = as_role(engine, "semmap_robot")
     areas = []
