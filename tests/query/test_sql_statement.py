@@ -81,7 +81,7 @@ def test_copy_statements_are_refused(database: str, statement: str, write: list[
         (("ls", "--near", "0,0,0", "--within", "-1"), "--within takes metres"),
         (("ls", "--box", "5,5,5,0,0,0"), "its lowest corner, then its highest"),
         (("show", "crate", "--at", "yesterday"), "--at takes a time as ISO 8601 has it"),
-        (("changes", "abc"), "abc is no cursor"),
+        (("changes", "abc"), "abc is not a cursor"),
     ],
 )
 def test_invalid_arguments_get_a_hint(

@@ -363,7 +363,7 @@ def test_a_region_is_deleted_with_its_owner(connection: Connection) -> None:
 def test_impossible_regions_are_refused(connection: Connection) -> None:
     table, kitchen = named(connection, "table"), named(connection, "kitchen")
     home = map_id(connection)
-    with pytest.raises(ValueError, match="kitchen is no object but a room"):
+    with pytest.raises(ValueError, match="kitchen is not an object but a room"):
         find_support_surfaces(connection, kitchen)
     with pytest.raises(LookupError, match=r"no type of region table; it has .*blocked_region"):
         draw_region(connection, home, "wet", ROOM, type="table")
