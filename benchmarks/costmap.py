@@ -43,8 +43,11 @@ def tiago() -> Path:
 def store_office(connection: psycopg.Connection[object], map_id: int) -> None:
     """The office as entities: each desk, chair, ... an object of its own, the walls one."""
     solids, meshes = office.solids(), office.meshes(EDGE)
-    walls = [m for m, s in zip(meshes, solids, strict=True) if (isinstance(s, office.Box)
-             and s.high[2] - s.low[2] > 2) or m is meshes[1]]  # fmt: skip
+    walls = [
+        m
+        for m, s in zip(meshes, solids, strict=True)
+        if (isinstance(s, office.Box) and s.high[2] - s.low[2] > 2) or m is meshes[1]
+    ]
     entries = [Entry("walls", "object", "wall", shapes=[Shape("mesh", join(walls))])]
     groups: dict[tuple[float, float], list[int]] = {}
     for number, solid in enumerate(solids):
@@ -58,9 +61,14 @@ def store_office(connection: psycopg.Connection[object], map_id: int) -> None:
         middle = mesh.vertices.mean(axis=0)
         pose = Pose(float(middle[0]), float(middle[1]))
         entries.append(
-            Entry(f"{type_}{name}", "object", type_, pose=pose,
-                  shapes=[Shape("mesh", mesh.moved(pose.inverse()))])
-        )  # fmt: skip
+            Entry(
+                f"{type_}{name}",
+                "object",
+                type_,
+                pose=pose,
+                shapes=[Shape("mesh", mesh.moved(pose.inverse()))],
+            )
+        )
     store_world(connection, map_id, World("office40", Path("office40"), entries), "bench")
 
 
@@ -97,8 +105,9 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
         fetched = time.perf_counter()
         costmap = Costmap(scene, parts, GRID)
         done = time.perf_counter()
-        splits.append((fetched - start, costmap.seconds["slabs"], costmap.seconds["inflation"],
-                       done - start))  # fmt: skip
+        splits.append(
+            (fetched - start, costmap.seconds["slabs"], costmap.seconds["inflation"], done - start)
+        )
     fetch, slabs, inflation, whole = np.median(splits, axis=0)
     count = sum(len(t.triangles) for t in scene.entities)
     chair = next(t for t in scene.entities if "chair" in t.types)
@@ -107,13 +116,16 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
     connection.commit()
     for turn in range(15):
         connection.execute(
-            text("SELECT move_to(:id, p.pose[1] + :by, p.pose[2], p.pose[3], 0.0) "
-                 "FROM placement p WHERE p.entity_id = :id"),
+            text(
+                "SELECT move_to(:id, p.pose[1] + :by, p.pose[2], p.pose[3], 0.0) "
+                "FROM placement p WHERE p.entity_id = :id"
+            ),
             {"id": chair.id, "by": 0.3 if turn % 2 else -0.3},
-        )  # fmt: skip
+        )
         connection.commit()
         start = time.perf_counter()
         ids, since = changed_since(connection, since), cursor(connection)
+        assert ids is not None  # the history reaches back
         entities = read_entities(connection, ids)
         costmap.update(entities, set(ids) - {t.id for t in entities})
         updates.append(time.perf_counter() - start)
@@ -121,13 +133,21 @@ def measure(connection: Connection, parts: list) -> list[Row]:  # type: ignore[t
     same = bool((fresh.master == costmap.master).all())
     moved = float(np.median(updates))
     return [
-        Row(f"database to master, {count:,} triangles", f"{1e3 * whole:.0f} ms",
+        Row(
+            f"database to master, {count:,} triangles",
+            f"{1e3 * whole:.0f} ms",
             f"fetch {1e3 * fetch:.0f}, slabs {1e3 * slabs:.0f}, inflation {1e3 * inflation:.0f} ms",
-            "< 150 ms", whole < 0.15),
-        Row("after a moved chair", f"{1e3 * moved:.1f} ms",
-            f"equal to a fresh costmap: {'yes' if same else 'NO'}", "< 10 ms",
-            moved < 0.01 and same),
-    ]  # fmt: skip
+            "< 150 ms",
+            whole < 0.15,
+        ),
+        Row(
+            "after a moved chair",
+            f"{1e3 * moved:.1f} ms",
+            f"equal to a fresh costmap: {'yes' if same else 'NO'}",
+            "< 10 ms",
+            moved < 0.01 and same,
+        ),
+    ]
 
 
 if __name__ == "__main__":

@@ -57,17 +57,25 @@ def figure_3(engine: Engine) -> list[Row]:
     psql = subprocess.run(
         ["psql", "-X", "-q", url],
         input="SET search_path = semmap, public;\nSET semmap.map = 'million';\n\\timing on\n"
-        + f"{FIGURE_3}\n" * 21, capture_output=True, text=True, check=True,
-    ).stdout  # fmt: skip
+        + f"{FIGURE_3}\n" * 21,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
     times = sorted(float(line.split()[1]) for line in psql.splitlines() if line.startswith("Time:"))
     by_psql = times[len(times) // 2]
     reference = f"SELECT 1: {nothing * 1e3:.2f} ms"
     return [
         Row("Figure 3 as printed, by psql", f"{by_psql:.2f} ms", reference, "< 5 ms", by_psql < 5),
-        Row("Figure 3 as printed, by psycopg", f"{sent * 1e3:.2f} ms", reference, "< 5 ms",
-            sent < 5e-3),
+        Row(
+            "Figure 3 as printed, by psycopg",
+            f"{sent * 1e3:.2f} ms",
+            reference,
+            "< 5 ms",
+            sent < 5e-3,
+        ),
         Row("Figure 3 prepared", f"{prepared * 1e3:.2f} ms", reference, "< 1 ms", prepared < 1e-3),
-    ]  # fmt: skip
+    ]
 
 
 def near(engine: Engine) -> list[Row]:
@@ -88,10 +96,15 @@ def near(engine: Engine) -> list[Row]:
     assert sum(found) > len(found)
     row = f"first five: {early * 1e3:.2f} ms; {sum(found) / len(found):.1f} rows on average"
     return [
-        Row("type with 200 subtypes within 3 m, ORM", f"{late * 1e3:.2f} ms", row,
-            "< 2 ms, at most 25 rows", late < 2e-3),
+        Row(
+            "type with 200 subtypes within 3 m, ORM",
+            f"{late * 1e3:.2f} ms",
+            row,
+            "< 2 ms, at most 25 rows",
+            late < 2e-3,
+        ),
         Row("the nearest of ten muffins, ORM", f"{rare * 1e3:.1f} ms", "", "< 100 ms", rare < 0.1),
-    ]  # fmt: skip
+    ]
 
 
 def main() -> None:

@@ -121,17 +121,27 @@ def image() -> Segmentation:
 
 def sensing() -> list[Row]:
     """Maps at the rate of sensors."""
-    objects, percept = crates(), looking_about(10)
+    crate_map, percept = crates(), looking_about(10)
     gaze, objects = GazeSource(vocabulary()), ObjectSource(vocabulary())
-    rate = 1 / median_seconds(lambda: [len(mask(objects, seen)) for seen in gaze(percept)])
+    rate = 1 / median_seconds(lambda: [len(mask(crate_map, seen)) for seen in gaze(percept)])
     shown = image()
     depth = 1e3 * median_seconds(lambda: objects(shown))
     return [
-        Row(f"10 gaze cones of 5 m, each a mask of {len(objects):,} voxels", f"{rate:.0f} Hz", "",
-            f"at least {GAZE_HZ} Hz", rate >= GAZE_HZ),
-        Row("depth image 640 x 480 with masks to object map", f"{depth:.1f} ms", "",
-            f"at most {DEPTH_MS:g} ms", depth <= DEPTH_MS),
-    ]  # fmt: skip
+        Row(
+            f"10 gaze cones of 5 m, each a mask of {len(crate_map):,} voxels",
+            f"{rate:.0f} Hz",
+            "",
+            f"at least {GAZE_HZ} Hz",
+            rate >= GAZE_HZ,
+        ),
+        Row(
+            "depth image 640 x 480 with masks to object map",
+            f"{depth:.1f} ms",
+            "",
+            f"at most {DEPTH_MS:g} ms",
+            depth <= DEPTH_MS,
+        ),
+    ]
 
 
 def main() -> None:
@@ -145,42 +155,64 @@ def main() -> None:
 
         insert = 1e9 * median_seconds(lambda span=span: full_map(span), TIMES) / sum(sizes)  # type: ignore[misc]
         rows.append(
-            Row(f"insert, a voxel, S = {span} ({before.set_count:,} sets)", f"{insert:.2f} ns",
+            Row(
+                f"insert, a voxel, S = {span} ({before.set_count:,} sets)",
+                f"{insert:.2f} ns",
                 f"dictionary of 3 balls: {plain:.0f} ns: {plain / insert:.0f}x",
-                f"at most {INSERT[span]:g} ns", insert <= INSERT[span])
-        )  # fmt: skip
+                f"at most {INSERT[span]:g} ns",
+                insert <= INSERT[span],
+            )
+        )
 
         removed = sum(sizes[::2])
         remove = 1e9 * median_after(lambda span=span: full_map(span), remove_even) / removed  # type: ignore[misc]
         rows.append(
-            Row(f"remove the even ones, a removed voxel, S = {span}", f"{remove:.2f} ns", "",
-                f"at most {REMOVE[span]:g} ns", remove <= REMOVE[span])
-        )  # fmt: skip
+            Row(
+                f"remove the even ones, a removed voxel, S = {span}",
+                f"{remove:.2f} ns",
+                "",
+                f"at most {REMOVE[span]:g} ns",
+                remove <= REMOVE[span],
+            )
+        )
 
         points = np.random.default_rng(0).uniform(61, 139 + span, (100_000, 3))
         look_up = 1e3 * median_seconds(lambda w=whole, p=points: w.set_numbers_at(p))  # type: ignore[misc]
         rows.append(
-            Row(f"100,000 points looked up, S = {span}", f"{look_up:.1f} ms", "",
-                f"at most {LOOK_UP_MS:g} ms", look_up <= LOOK_UP_MS)
-        )  # fmt: skip
+            Row(
+                f"100,000 points looked up, S = {span}",
+                f"{look_up:.1f} ms",
+                "",
+                f"at most {LOOK_UP_MS:g} ms",
+                look_up <= LOOK_UP_MS,
+            )
+        )
 
         x, y, z = centers(BALLS, span)[7]
         there = [Sphere((x + 1, y, z), RADIUS), Sphere((x, y, z), RADIUS)]
         both = 1e3 * median_seconds(lambda w=whole, t=there: [w.move(7, ball) for ball in t])  # type: ignore[misc]
         rows.append(
-            Row(f"move one of {sizes[7]:,} voxels by a voxel, S = {span}", f"{both / 2:.2f} ms", "",
-                f"at most {MOVE_MS:g} ms", both / 2 <= MOVE_MS)
-        )  # fmt: skip
+            Row(
+                f"move one of {sizes[7]:,} voxels by a voxel, S = {span}",
+                f"{both / 2:.2f} ms",
+                "",
+                f"at most {MOVE_MS:g} ms",
+                both / 2 <= MOVE_MS,
+            )
+        )
 
         remove_even(whole)
         after = whole.memory()
         rows.append(
-            Row(f"bytes an active voxel, S = {span}",
+            Row(
+                f"bytes an active voxel, S = {span}",
                 f"{before.bytes_per_voxel:.1f}; {after.bytes_per_voxel:.1f} after removal",
                 f"{before.leaves:,} leaves, {before.tiles:,} tiles; "
                 f"{after.leaves:,} leaves, {after.tiles:,} tiles",
-                "reported", True)
-        )  # fmt: skip
+                "reported",
+                True,
+            )
+        )
     print_rows("Region map", rows)
     print_rows("Representation maps", sensing())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from semmap_native import inflation_variants
 __all__ = ["main"]
 
 RESOLUTION = 0.02
-FALL = {"inscribed_radius": 0.2, "cost_scaling_factor": 5.0}
+FALL: dict[str, Any] = {"inscribed_radius": 0.2, "cost_scaling_factor": 5.0}
 
 JOBS: tuple[tuple[tuple[int, int], int, str, float], ...] = (
     ((1250, 2000), 28, "cv2", 8),
@@ -87,11 +88,14 @@ def main() -> None:
         same = np.count_nonzero(ours() != theirs()) / cells.size
         quick, slow = medians_in_turn(ours, theirs, times=3 if cells.size > 1e7 else 9)
         rows.append(
-            Row(f"{shape[1]:,} x {shape[0]:,}, R = {radius}",
+            Row(
+                f"{shape[1]:,} x {shape[0]:,}, R = {radius}",
                 f"{1e3 * quick:.1f} ms: {slow / quick:.1f}x",
                 f"{peer}: {1e3 * slow:.0f} ms; {100 * same:.3f} % of cells differ",
-                f"at least {least:g}x", slow / quick >= least)
-        )  # fmt: skip
+                f"at least {least:g}x",
+                slow / quick >= least,
+            )
+        )
     print_rows(f"Inflation ({', '.join(inflation_variants())})", rows)
 
 

@@ -78,10 +78,14 @@ def measured() -> list[Row]:
         session.execute("VACUUM ANALYZE")
         by = 0.01
         ids = {
-            names: [row[0] for row in session.execute(
-                "SELECT id FROM entity WHERE kind = 'object' AND name LIKE %s", [names])]
+            names: [
+                row[0]
+                for row in session.execute(
+                    "SELECT id FROM entity WHERE kind = 'object' AND name LIKE %s", [names]
+                )
+            ]
             for names in ("%", "cup50\\_5\\_5", "table50\\_5")
-        }  # fmt: skip
+        }
 
         def move(names: str, deriving: str) -> None:
             nonlocal by
@@ -106,19 +110,30 @@ def measured() -> list[Row]:
     Cluster(folder).stop()
     shutil.rmtree(folder)
     found = [
-        Row("10,000 objects moved in one statement", f"{many['']:.2f} s",
-            f"without deriving: {many['off']:.2f} s", "< 3 s", many[""] < 3)
-    ]  # fmt: skip
+        Row(
+            "10,000 objects moved in one statement",
+            f"{many['']:.2f} s",
+            f"without deriving: {many['off']:.2f} s",
+            "< 3 s",
+            many[""] < 3,
+        )
+    ]
     for names, what in (("cup50\\_5\\_5", "a cup"), ("table50\\_5", "a table with nine cups")):
         more = (one[names, ""] - one[names, "off"]) * 1e3
         found.append(
-            Row(f"one move of {what}", f"{one[names, ''] * 1e3:.1f} ms",
-                f"without deriving: {one[names, 'off'] * 1e3:.1f} ms", "< 2 ms more", more < 2)
-        )  # fmt: skip
+            Row(
+                f"one move of {what}",
+                f"{one[names, ''] * 1e3:.1f} ms",
+                f"without deriving: {one[names, 'off'] * 1e3:.1f} ms",
+                "< 2 ms more",
+                more < 2,
+            )
+        )
     return found
 
 
 def main() -> None:
+    """Print the table."""
     print_rows("The inventory follows moves", measured())
 
 

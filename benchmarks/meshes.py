@@ -72,11 +72,14 @@ def main() -> None:
         ours_in = sorted(seconds_in)[2]
         copy_in = median_seconds(plain_in, 5)
         rows.append(
-            Row(f"{triangles:,} triangles in memory to committed rows",
+            Row(
+                f"{triangles:,} triangles in memory to committed rows",
                 f"{triangles / ours_in / 1e6:.2f} M/s",
                 f"COPY of the same bytes: {triangles / copy_in / 1e6:.2f} M/s",
-                ">= 0.5 M/s", triangles / ours_in >= 5e5)
-        )  # fmt: skip
+                ">= 0.5 M/s",
+                triangles / ours_in >= 5e5,
+            )
+        )
 
         row = connection.execute("SELECT max(id) FROM model").fetchone()
         assert row is not None
@@ -92,10 +95,14 @@ def main() -> None:
         assert got.shape == (triangles, 3, 3)
         ours, plain = medians_in_turn(lambda: model_triangles(connection, model_id), plain_out)
         rows.append(
-            Row(f"{triangles:,} triangles to arrays", f"{ours:.3f} s",
+            Row(
+                f"{triangles:,} triangles to arrays",
+                f"{ours:.3f} s",
                 f"binary COPY of the same bytes: {plain:.3f} s ({ours / plain:.2f}x)",
-                "<= 2x", ours <= 2 * plain)
-        )  # fmt: skip
+                "<= 2x",
+                ours <= 2 * plain,
+            )
+        )
         connection.execute("SELECT drop_map('bench')")
         connection.commit()
 
@@ -109,9 +116,14 @@ def main() -> None:
         summary = import_file(engine, house, map_name="bench_house")
         took = time.perf_counter() - start
         rows.append(
-            Row("small_house, file to map", f"{took:.1f} s",
-                f"{summary.added} entities, {summary.triangles:,} triangles", "< 15 s", took < 15)
-        )  # fmt: skip
+            Row(
+                "small_house, file to map",
+                f"{took:.1f} s",
+                f"{summary.added} entities, {summary.triangles:,} triangles",
+                "< 15 s",
+                took < 15,
+            )
+        )
         with engine.begin() as sa:
             sa.execute(text("SELECT drop_map('bench_house')"))
     print_rows("Meshes in and out", rows)

@@ -173,7 +173,7 @@ def _mesh(solid: Solid, edge: float) -> Mesh:
 
 
 def _turn(count: int) -> Floats:
-    return np.arange(count) * (2 * np.pi / count)
+    return np.asarray(np.arange(count) * (2 * np.pi / count), float)
 
 
 def _box(box: Box, edge: float) -> Mesh:

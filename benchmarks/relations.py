@@ -34,7 +34,7 @@ def furnished() -> tuple[RegionMap, list[NDArray[np.float64]]]:
     for i in range(5):
         eyes = (*random.uniform((5, 5), PLAN - 5), 1.6)
         regions.append((f"view{i}", Cone(eyes, (*random.normal(size=2), -0.2), 0.5, 5.0)))
-    here.insert_many(regions)  # type: ignore[arg-type]
+    here.insert_many(regions)
     return here, places
 
 

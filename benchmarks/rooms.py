@@ -42,6 +42,7 @@ def _door(name: str, a: str, b: str, x: float, y: float, z: float, north: int) -
     """A door at (x, y) that leads north or south from a to b."""
     heading = math.copysign(math.pi / 2, north)
     poses = (
-        Pose.planar(x, y - 0.6 * north, heading, z), Pose.planar(x, y + 0.6 * north, -heading, z)
-    )  # fmt: skip
+        Pose.planar(x, y - 0.6 * north, heading, z),
+        Pose.planar(x, y + 0.6 * north, -heading, z),
+    )
     return PlaceConnector(name, (a, b), poses, width=0.9)

@@ -168,9 +168,14 @@ def one_route(there: Building) -> list[Row]:
     equal = np.allclose([ours(a, b) for a, b in pairs], exact, rtol=1e-12)
     ratio = float(np.median(taken[0]) / np.median(taken[1]))
     rows.append(
-        Row("one route", said(taken[0]), f"networkit, both ways: {said(taken[1])}",
-            "at most 1/2 at the median, all equal to scipy's", ratio <= 0.5 and bool(equal))
-    )  # fmt: skip
+        Row(
+            "one route",
+            said(taken[0]),
+            f"networkit, both ways: {said(taken[1])}",
+            "at most 1/2 at the median, all equal to scipy's",
+            ratio <= 0.5 and bool(equal),
+        )
+    )
     few = pairs[:50]
     peers: list[tuple[str, Cost]] = [("networkx, both ways", by_networkx(there))]
     with with_pgrouting() as connection:
@@ -180,9 +185,14 @@ def one_route(there: Building) -> list[Row]:
             theirs = seconds_each([peer], few, 1)[0]
             equal = np.allclose([peer(a, b) for a, b in few], exact[: len(few)], rtol=1e-9)
             rows.append(
-                Row("the same", f"1/{np.median(theirs) / np.median(taken[0]):,.0f}",
-                    f"{name}: {said(theirs)}", "reported, equal", bool(equal))
-            )  # fmt: skip
+                Row(
+                    "the same",
+                    f"1/{np.median(theirs) / np.median(taken[0]):,.0f}",
+                    f"{name}: {said(theirs)}",
+                    "reported, equal",
+                    bool(equal),
+                )
+            )
     return rows
 
 
@@ -209,8 +219,9 @@ def changes(there: Building) -> list[Row]:
     graph.set_weights(np.concatenate([doors, doors + count]), np.full(2 * len(doors), np.inf))
     taken = seconds_each(
         [lambda a, b: (graph.shortest([(a, 0.0)], [(b, 0.0)]) or (np.inf,))[0]],
-        queries(len(there.places)), 1,
-    )  # fmt: skip
+        queries(len(there.places)),
+        1,
+    )
     return [
         Row("an edge's weight is changed", f"{shut:.4f} ms", "", "< 1 ms", shut < 1),
         Row("one route, a tenth of the doors shut", said(taken[0]), "", "reported", True),
@@ -227,10 +238,14 @@ def building_up() -> list[Row]:
             times=5,
         )
         rows.append(
-            Row(f"a graph of {len(there.places):,} rooms", f"{1e3 * landmarks:.1f} ms",
+            Row(
+                f"a graph of {len(there.places):,} rooms",
+                f"{1e3 * landmarks:.1f} ms",
                 f"without landmarks: {1e3 * build:.1f} ms",
-                "part of 50 ms" if asked else "reported", asked is None or 1e3 * landmarks < asked)
-        )  # fmt: skip
+                "part of 50 ms" if asked else "reported",
+                asked is None or 1e3 * landmarks < asked,
+            )
+        )
     return rows
 
 
@@ -244,9 +259,12 @@ def between_many() -> Row:
     )
     equal = np.allclose(graph.distances(sites, sites), dijkstra(scipy, indices=sites)[:, sites])
     return Row(
-        f"between {SITES} of {len(there.places):,} rooms", f"{1e3 * ours:.1f} ms",
-        f"scipy: {1e3 * theirs:.0f} ms", "reported, equal", bool(equal),
-    )  # fmt: skip
+        f"between {SITES} of {len(there.places):,} rooms",
+        f"{1e3 * ours:.1f} ms",
+        f"scipy: {1e3 * theirs:.0f} ms",
+        "reported, equal",
+        bool(equal),
+    )
 
 
 def over_a_room() -> Row:
@@ -263,9 +281,12 @@ def over_a_room() -> Row:
     stands = free[random.choice(len(free), STANDS, replace=False)]
     taken = median_seconds(lambda: travel(costs, 0.05, stands, threads=1), 15)
     return Row(
-        f"ways between {STANDS} stands in {len(free):,} free cells", f"{1e3 * taken:.1f} ms",
-        "", "< 15 ms", taken < 15e-3,
-    )  # fmt: skip
+        f"ways between {STANDS} stands in {len(free):,} free cells",
+        f"{1e3 * taken:.1f} ms",
+        "",
+        "< 15 ms",
+        taken < 15e-3,
+    )
 
 
 def main() -> None:

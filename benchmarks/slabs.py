@@ -40,6 +40,7 @@ class Scene:
 
     @property
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """The vertices and the faces."""
         return self.mesh.vertices, self.mesh.faces
 
 
@@ -68,7 +69,7 @@ def sections_of_trimesh(mesh: Mesh) -> Callable[[], Segments]:
     body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
     def run() -> Segments:
-        lines, to_3d, _ = trimesh.intersections.mesh_multiplane(
+        lines, to_3d, _ = trimesh.intersections.mesh_multiplane(  # type: ignore[no-untyped-call]
             body, plane_origin=(0, 0, 0), plane_normal=(0, 0, 1), heights=PLANES
         )
         world = [
@@ -211,8 +212,15 @@ def measure(building: Scene) -> list[Row]:
         return occupancy(arrays, [INTERVAL], GRID, solid=building.solid, fill=True, threads=1)
 
     ours = median_seconds(one, 15)
-    rows = [Row("one interval", f"{1e3 * ours:.2f} ms, {faces / ours / 1e6:.0f} M triangles/s",
-                "", "", True)]  # fmt: skip
+    rows = [
+        Row(
+            "one interval",
+            f"{1e3 * ours:.2f} ms, {faces / ours / 1e6:.0f} M triangles/s",
+            "",
+            "",
+            True,
+        )
+    ]
     for peer, make, least in (
         ("trimesh, 28 planes", sections_of_trimesh, 80),
         ("vtkPlaneCutter, 28 planes", sections_of_vtk, 50),
@@ -225,9 +233,14 @@ def measure(building: Scene) -> list[Row]:
         covered = np.count_nonzero(found & exact) / np.count_nonzero(found)
         missed = 1 - np.count_nonzero(found & exact) / np.count_nonzero(exact)
         rows.append(
-            Row("cells of the peer that are found", f"{100 * covered:.2f} %",
-                f"{peer}: misses {100 * missed:.0f} % of ours", "99.9 %", covered >= 0.999)
-        )  # fmt: skip
+            Row(
+                "cells of the peer that are found",
+                f"{100 * covered:.2f} %",
+                f"{peer}: misses {100 * missed:.0f} % of ours",
+                "99.9 %",
+                bool(covered >= 0.999),
+            )
+        )
     theirs = median_seconds(one_processor(projection_of_manifold(building.mesh)), few)
     rows.append(
         ratio_row("filled", median_seconds(filled, 15), theirs, "manifold3d trim + project", 100)
@@ -236,17 +249,26 @@ def measure(building: Scene) -> list[Row]:
         one, lambda: occupancy(arrays, OVERLAPPING, GRID, threads=1), times=15
     )
     rows.append(
-        Row("8 overlapping intervals", f"{1e3 * many:.2f} ms: {many / single:.2f}x",
-            f"one interval: {1e3 * single:.2f} ms", "at most 2.5x", many / single <= 2.5)
-    )  # fmt: skip
+        Row(
+            "8 overlapping intervals",
+            f"{1e3 * many:.2f} ms: {many / single:.2f}x",
+            f"one interval: {1e3 * single:.2f} ms",
+            "at most 2.5x",
+            many / single <= 2.5,
+        )
+    )
     alone, both = medians_in_turn(
         one, lambda: occupancy(arrays, [INTERVAL], GRID, threads=2), times=21
     )
     rows.append(
-        Row("two threads", f"{1e3 * both:.2f} ms: {alone / both:.2f}x",
-            f"one thread: {1e3 * alone:.2f} ms", "1.7x" if large else "1.7x at 2 M triangles",
-            not large or alone / both >= 1.7)
-    )  # fmt: skip
+        Row(
+            "two threads",
+            f"{1e3 * both:.2f} ms: {alone / both:.2f}x",
+            f"one thread: {1e3 * alone:.2f} ms",
+            "1.7x" if large else "1.7x at 2 M triangles",
+            not large or alone / both >= 1.7,
+        )
+    )
     planes = median_seconds(lambda: slices(arrays, PLANES, GRID, threads=1), 5)
     rows.append(Row("28 planes by slices", f"{1e3 * planes:.2f} ms", "", "", True))
     return rows

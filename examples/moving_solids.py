@@ -85,8 +85,11 @@ def gaze(place: Place, turn: float) -> list[Region]:
 
 
 SOLIDS: dict[str, tuple[Callable[[Place, float], list[Region]], Place, float]] = {
-    "mug": (lambda p, t: [Cylinder(p, 0.06, 0.14, (math.sin(t), 0, math.cos(t)))],
-            (2.0, 0.0, 1.4), 0.0),
+    "mug": (
+        lambda p, t: [Cylinder(p, 0.06, 0.14, (math.sin(t), 0, math.cos(t)))],
+        (2.0, 0.0, 1.4),
+        0.0,
+    ),
     "ball": (lambda p, t: [Sphere(p, 0.2)], (-0.9, 0.0, 0.2), 0.0),
     "ring": (torus, (0.1, 0.0, 0.09), 0.0),
     "wedge": (tetrahedron, (0.75, 0.0, 0.75), 0.0),
@@ -94,7 +97,7 @@ SOLIDS: dict[str, tuple[Callable[[Place, float], list[Region]], Place, float]] =
     "fov_632": (gaze, (-1.15, 0.0, 1.57), 1.2),
     "human1": (upright, (-1.3, 0.0, 0.0), 0.0),
     "zone_943": (lambda p, t: [Box(p, (1.2, 0.8, 0.35))], (1.1, 0.0, 0.925), 0.0),
-}  # fmt: skip
+}
 """How each solid is made at a place and turned, and where it is at first."""
 
 
@@ -210,9 +213,13 @@ STORY: tuple[tuple[str, tuple[tuple[str, Place, float], ...]], ...] = (
 
 STEP = 0.05
 KEYS = {
-    "left": (-STEP, 0, 0), "right": (STEP, 0, 0), "down": (0, -STEP, 0), "up": (0, STEP, 0),
-    "pagedown": (0, 0, -STEP), "pageup": (0, 0, STEP),
-}  # fmt: skip
+    "left": (-STEP, 0, 0),
+    "right": (STEP, 0, 0),
+    "down": (0, -STEP, 0),
+    "up": (0, STEP, 0),
+    "pagedown": (0, 0, -STEP),
+    "pageup": (0, 0, STEP),
+}
 
 
 def tell_story(folder: Path, steps: int = len(STORY)) -> None:

@@ -77,7 +77,7 @@ class PolicyRule:
 
 @dataclass(frozen=True)
 class Policy:
-    """The layers of a costmap, and the rules that sort entities to them.
+    r"""The layers of a costmap, and the rules that sort entities to them.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Policy:
 
     Examples
     --------
-    >>> policy = Policy.parse("layers: {cups: {padding: 0.1}}\\nrules: [{type: cup, layer: cups}]")
+    >>> policy = Policy.parse("layers: {cups: {padding: 0.1}}\nrules: [{type: cup, layer: cups}]")
     >>> policy.layer_of(SceneEntity(1, "mug1", "object", ("mug", "cup", "object")))
     'cups'
     >>> policy.layer_of(SceneEntity(2, "desk1", "object", ("desk", "object")))

@@ -1,4 +1,4 @@
--- Who may do what. Roles belong to the whole server: made once, granted here for this database.
+-- The rights of each role. Roles belong to the whole server: made once, granted here for this database.
 -- Give one to a login role: GRANT semmap_robot TO turtlebot.
 
 DO $$
@@ -21,25 +21,25 @@ GRANT SELECT ON ALL TABLES IN SCHEMA semmap TO semmap_reader, semmap_robot, semm
 REVOKE EXECUTE ON ALL FUNCTIONS IN SCHEMA semmap FROM PUBLIC;
 GRANT EXECUTE ON ALL FUNCTIONS IN SCHEMA semmap TO semmap_reader, semmap_robot, semmap_admin;
 
--- A robot observes and moves things: it adds objects, regions and agents, describes and places them, opens
+-- A robot observes and moves objects: it adds objects, regions and agents, describes and places them, opens
 -- and closes doors. It neither deletes, nor changes the building or the T-Box. Times are the server's.
 GRANT INSERT (map_id, kind, name, label, type, properties, front) ON entity TO semmap_robot;
 GRANT UPDATE (label, type, properties, front) ON entity TO semmap_robot;
 GRANT INSERT (entity_id, holder_id, pose, relation, confidence) ON placement TO semmap_robot;
 GRANT UPDATE (holder_id, pose, relation, confidence) ON placement TO semmap_robot;
 GRANT INSERT ON entity_model, model, chunk, region, link TO semmap_robot;
--- A region that it draws again has another outline; the former one goes.
+-- When it redraws a region, the previous outline is deleted.
 GRANT UPDATE ON region TO semmap_robot;
 GRANT DELETE ON entity_model, model TO semmap_robot;
 GRANT UPDATE (state, seen_at) ON connector TO semmap_robot;
--- Fields are its own work: it keeps them, and old versions make way.
+-- It writes fields, and deletes their old versions.
 GRANT INSERT, UPDATE, DELETE ON field, field_version, field_block TO semmap_robot;
--- So are travel times, and what its behaviours took. A class is there for all its robots: it stays as it is,
--- but is locked while travel times are stored for it.
+-- It writes travel times and the durations of its behaviours. A robot class is shared by its robots: a robot does
+-- not change it, but locks it while it stores travel times.
 GRANT INSERT, UPDATE ON robot_class TO semmap_robot;
 GRANT INSERT, UPDATE, DELETE ON travel_time, travel_time_place, travel_time_map TO semmap_robot;
 GRANT INSERT (robot_class_id, behaviour, entity_id, seconds, height, succeeded) ON execution TO semmap_robot;
--- And its own missions: what came of them is not taken back, but what is only planned may change.
+-- It writes its own missions: outcomes are final, planned steps may change.
 GRANT INSERT (map_id, robot_id, goal) ON mission TO semmap_robot;
 GRANT UPDATE (state, reason, runner, heartbeat, ended_at) ON mission TO semmap_robot;
 GRANT INSERT, UPDATE, DELETE ON mission_step TO semmap_robot;
@@ -68,7 +68,7 @@ CREATE POLICY robot_moves ON placement FOR UPDATE TO semmap_robot
     USING ((SELECT kind FROM entity e WHERE e.id = entity_id) IN ('object', 'region', 'agent')
            AND NOT is_other_robot(entity_id));
 
--- A robot makes a model of its own before an entity has it; then its mesh stays as it is.
+-- A robot writes its own model before an entity uses it; then its mesh is fixed.
 CREATE POLICY robot_makes ON model FOR INSERT TO semmap_robot WITH CHECK (true);
 CREATE POLICY robot_drops ON model FOR DELETE TO semmap_robot USING (starts_with(digest, current_user || '/'));
 CREATE POLICY robot_meshes ON chunk FOR INSERT TO semmap_robot
@@ -89,7 +89,7 @@ CREATE POLICY robot_links ON link FOR INSERT TO semmap_robot
 CREATE POLICY robot_defines ON robot_class FOR INSERT TO semmap_robot WITH CHECK (true);
 CREATE POLICY robot_locks ON robot_class FOR UPDATE TO semmap_robot USING (true) WITH CHECK (false);
 
--- Missions and claims of other robots are theirs; a claim that has expired is anybody's.
+-- A robot cannot change missions and claims of other robots; it can take over a claim that has expired.
 CREATE POLICY robot_adds ON mission FOR INSERT TO semmap_robot WITH CHECK (is_own_robot(robot_id));
 CREATE POLICY robot_pursues ON mission FOR UPDATE TO semmap_robot
     USING (is_own_robot(robot_id)) WITH CHECK (is_own_robot(robot_id));
@@ -103,7 +103,7 @@ CREATE POLICY robot_renews ON reservation FOR UPDATE TO semmap_robot
     USING (is_own_robot(robot_id) OR expires < clock_timestamp()) WITH CHECK (is_own_robot(robot_id));
 CREATE POLICY robot_releases ON reservation FOR DELETE TO semmap_robot USING (is_own_robot(robot_id));
 
--- An admin does all of it, the T-Box and the building included; views only where they write by triggers.
+-- An admin may do all of this, and change the T-Box and the building; of the views, it writes only those with triggers.
 DO $$
 DECLARE
     name regclass;
@@ -114,12 +114,12 @@ BEGIN
     END LOOP;
 END $$;
 GRANT USAGE ON ALL SEQUENCES IN SCHEMA semmap TO semmap_robot, semmap_admin;
--- What triggers keep is written by triggers alone.
+-- Tables that triggers maintain are written by triggers only.
 REVOKE INSERT, UPDATE, DELETE, TRUNCATE ON world, object_type, type_closure, entity_chunk, change, change_pruned,
     entity_history, placement_history FROM semmap_admin;
 
 -- Functions that write with their owner's rights: triggers call most of them, and a trigger function that
--- anybody may execute could be attached to a table of his own.
+-- everybody may execute could be attached to a user's own table.
 DO $$
 DECLARE
     called record;

@@ -39,6 +39,7 @@ def desk() -> Solid:
 
 
 def kitchen_table() -> Solid:
+    """A table of 0.9 x 1.4 m, 0.75 m high, on four legs."""
     return together(box((0.9, 1.4, 0.04), (0, 0, 0.71)), legs(0.9, 1.4, 0.71, 0.07, 0.03))
 
 
@@ -54,6 +55,7 @@ def conference_table() -> Solid:
 
 
 def coffee_table() -> Solid:
+    """A low table of 0.5 x 0.9 m on four legs."""
     return together(box((0.5, 0.9, 0.03), (0, 0, 0.39)), legs(0.5, 0.9, 0.39, 0.05, 0.02))
 
 
@@ -95,6 +97,7 @@ def chair() -> Solid:
 
 
 def sofa() -> Solid:
+    """A seat 1.5 m wide with a back and arms, 1.9 m in all."""
     return together(
         box((0.65, 1.5, 0.42), (0.10, 0, 0)),
         box((0.20, 1.9, 0.80), (-0.325, 0, 0)),
@@ -148,10 +151,12 @@ def cup() -> Solid:
 
 
 def plate() -> Solid:
+    """A flat plate with a raised rim, 0.24 m across."""
     return turned([(0, 0), (0.07, 0), (0.12, 0.016), (0.118, 0.02), (0.07, 0.006), (0, 0.006)], 24)
 
 
 def monitor() -> Solid:
+    """A screen 0.56 m wide on a foot."""
     return together(
         box((0.20, 0.24, 0.012), (0, 0, 0)),
         box((0.03, 0.06, 0.16), (-0.03, 0, 0.012)),
@@ -168,18 +173,22 @@ def laptop() -> Solid:
 
 
 def potted_plant() -> Solid:
+    """A pot with a stem and four balls of leaves."""
     pot = turned([(0, 0), (0.13, 0), (0.18, 0.32), (0.15, 0.32), (0.14, 0.27), (0, 0.27)], 16)
     leaves = [
         ball(r, (x, y, z))
         for r, x, y, z in (
-            (0.24, 0.0, 0.0, 0.78), (0.18, 0.13, 0.1, 0.98), (0.17, -0.12, 0.07, 1.05),
+            (0.24, 0.0, 0.0, 0.78),
+            (0.18, 0.13, 0.1, 0.98),
+            (0.17, -0.12, 0.07, 1.05),
             (0.16, 0.02, -0.14, 0.95),
         )
-    ]  # fmt: skip
+    ]
     return together(pot, cylinder(0.025, 0.4, (0, 0, 0.26), 8), *leaves)
 
 
 def toilet() -> Solid:
+    """A bowl and the cistern behind it."""
     bowl = turned(
         [(0, 0), (0.13, 0), (0.11, 0.2), (0.19, 0.4), (0.14, 0.4), (0.05, 0.22), (0, 0.22)]
     )
@@ -196,6 +205,7 @@ def sink() -> Solid:
 
 
 def trash_can() -> Solid:
+    """An open bin, 0.32 m high."""
     return turned([(0, 0), (0.11, 0), (0.14, 0.32), (0.13, 0.32), (0.105, 0.01), (0, 0.01)], 16)
 
 

@@ -113,7 +113,7 @@ DOORS = (
     Door("door12", ("foyer-3rd", "restroom3"), THIRD, (1.0, 7.3), "x", state="closed"),
     Door("door13", ("corridor3", "office5"), THIRD, (6.7, 6.3), "x", state="locked"),
     Door("door14", ("corridor3", "meeting3"), THIRD, (10.2, 6.3), "x"),
-)  # fmt: skip
+)
 
 SOUTH, NORTH, WEST, EAST = "south", "north", "west", "east"
 
@@ -146,14 +146,20 @@ class Region:
 REGIONS = (
     Region("home", "home_region", FIRST, (15.4, 2.5, 16.8, 3.7), {"home": True}),
     Region(
-        "staircase", "staircase", FIRST, STAIR_HOLE,
+        "staircase",
+        "staircase",
+        FIRST,
+        STAIR_HOLE,
         {"blocked": True, "floor": -1.7, "ceiling": 2.1, "leads": "down"},
     ),
     Region(
-        "slow-foyer", "speed_zone", THIRD, (2.0, 5.6, 4.2, 7.2),
+        "slow-foyer",
+        "speed_zone",
+        THIRD,
+        (2.0, 5.6, 4.2, 7.2),
         {"floor": 0.0, "ceiling": 2.1, "speed_limit": 0.3},
     ),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)

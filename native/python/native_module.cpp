@@ -35,13 +35,13 @@ void say(semmap::Flaw flaw, const Array<double>& vertices) {
             return;
         case semmap::Flaw::not_finite:
             throw py::value_error(
-                "vertices are finite and within 1e30 m: mend or leave out those that are not");
+                "vertices are finite and within 1e30 m: fix or leave out those that are not");
         case semmap::Flaw::no_such_vertex:
             if (vertices.shape(0) == 0) throw py::value_error("there are faces, but no vertices");
             throw py::value_error("faces name vertices 0 to " +
                                   std::to_string(vertices.shape(0) - 1));
         case semmap::Flaw::no_such_solid:
-            throw py::value_error("solid holds a number below 0 or above those that fill knows");
+            throw py::value_error("solid contains a number that fill does not have");
         case semmap::Flaw::out_of_memory:
             throw std::bad_alloc();
     }
@@ -267,7 +267,7 @@ Ids ids_of(const Array<std::int64_t>& array, const char* name, std::int64_t coun
 
 // One for each edge.
 std::vector<double> weights_of(const Array<double>& array, const char* name, py::ssize_t edges) {
-    expect_shape(array, name, {edges}, "one number an edge");
+    expect_shape(array, name, {edges}, "one number per edge");
     std::vector<double> weights(array.data(), array.data() + array.size());
     for (const double weight : weights) {
         expect(weight >= 0, std::string(name) + " holds " + std::to_string(weight) +

@@ -23,7 +23,7 @@ std::vector<Route> Graph::alternatives(const std::vector<End>& sources,
         End source;
         std::size_t fixed;                 // edges with which all begin; kAny: not even the source
         std::vector<std::uint32_t> edges;  // those, or all
-        // Edges by which none goes on, kNone: to end; or sources with which none begins.
+        // Edges that no route takes next (kNone: the end), or sources where none begins.
         std::vector<std::uint32_t> closed;
     };
     constexpr std::size_t kAny = std::numeric_limits<std::size_t>::max();

@@ -64,7 +64,7 @@ void Graph::prepare() const {
     compute_landmarks();
 }
 
-// Nobody waits meanwhile: neither who asks nor who sets weights.
+// Neither queries nor changes of weights wait for it.
 void Graph::compute_landmarks() const {
     std::vector<double> least;
     std::size_t falls;

@@ -28,7 +28,7 @@ struct Tile {
     int radius;
 };
 
-// A Word holds none + radius^2, where none is above radius^2.
+// A Word is wide enough for none + radius^2, where none is above radius^2.
 template <typename Word>
 struct Scratch {
     explicit Scratch(const CostsByDistance& table)

@@ -31,7 +31,7 @@ bool same(const Vector& a, const Vector& b) {
     return std::memcmp(&a, &b, sizeof a) == 0;
 }
 
-// Which intervals hold a cell, a bit each.
+// The intervals in which a cell is occupied, one bit each.
 template <typename Bits>
 struct MaskCanvas {
     Bits* cells;
@@ -64,7 +64,7 @@ struct MaskCanvas {
     static Bits join(Bits a, Bits b) { return static_cast<Bits>(a | b); }
 };
 
-// The lowest solid that holds a cell; unsigned, so that -1 is above all.
+// The lowest solid that contains a cell; unsigned, so that -1 is above all others.
 struct SolidCanvas {
     std::uint32_t* cells;
     std::size_t columns;
@@ -382,7 +382,7 @@ class Drawing {
 
     // Fills each closed solid by the winding number of its section just above each fill plane.
     bool fill_solids() {
-        // What is inside throughout an interval goes on beyond it.
+        // A cell that is inside throughout an interval is inside beyond it, too.
         const std::size_t planes = slabs_.fills.size();
         std::vector<std::uint8_t> beyond(fill_.solid_count * planes, 0);
         for (const Member& member : members_) {

@@ -1,4 +1,4 @@
-// Draws what of a triangle lies within a slab.
+// Draws the part of a triangle within a slab.
 #pragma once
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 // Elementary slabs: the heights between neighbouring ends of intervals, each with the intervals
-// that hold it, so that all intervals are taken in one pass.
+// that contain it, so that all intervals are taken in one pass.
 #pragma once
 
 #include <algorithm>
@@ -78,8 +78,8 @@ struct Slabs {
   private:
     static Place place_of(std::size_t plane) { return static_cast<Place>(2 * plane + 1); }
 
-    // The slab between two planes, if an interval holds it; one plane only for the intervals that
-    // are no more than it.
+    // The slab between two planes, if an interval contains it; a single plane only for intervals
+    // of zero height.
     void add(const std::vector<Interval>& intervals, std::size_t i, std::size_t j) {
         Mask mask = 0;
         for (std::size_t k = 0; k < intervals.size(); ++k) {

@@ -140,7 +140,7 @@ class SmallPolygon {
                     edge.start[at] + edge.slope[at] * least(roof, spread(edge.high[at]));
                 const Ints missed =
                     (floor < spread(edge.first[at])) | (floor > spread(edge.last[at]));
-                // All bits are set in what is no number.
+                // With all bits set, the value is NaN.
                 low = least((Floats)((Ints)least(from, to) | missed), low);
                 high = most((Floats)((Ints)most(from, to) | missed), high);
             }
@@ -157,7 +157,7 @@ class SmallPolygon {
         return true;
     }
 
-    // b where a is no number.
+    // b where a is NaN.
     static Floats least(Floats a, Floats b) {
 #if defined(__SSE2__)
         return _mm_min_ps(a, b);

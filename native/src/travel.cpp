@@ -98,7 +98,7 @@ struct Steps {
 };
 
 // Dijkstra with buckets that are as wide as the cheapest step (Denardo and Fox, Shortest-route
-// methods 1, 1979): whatever the first bucket holds has its final price, in any order, so that
+// methods 1, 1979): all cells in the first bucket have their final price, in any order, so that
 // nothing is compared. Prices are doubles, in cells.
 class Search {
   public:

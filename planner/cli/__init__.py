@@ -1,0 +1,1 @@
+"""The commands of the planner: `semmap plan`, `route`, `topology`, `run`, `missions`, `robot`."""

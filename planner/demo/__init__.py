@@ -1,0 +1,1 @@
+"""The demo in the office, and the figures of the documentation."""

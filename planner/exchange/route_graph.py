@@ -47,14 +47,17 @@ class ApproachPose:
 
     @property
     def place(self) -> str:
+        """The name of the place on this side of the connector."""
         return self.connector.places[self.side]
 
     @property
     def pose(self) -> Pose:
+        """The connector's pose on this side, in the map's frame."""
         return self.connector.poses[self.side]
 
     @property
     def point(self) -> tuple[float, float, float]:
+        """The position (x, y, z) in metres."""
         return (self.pose.x, self.pose.y, self.pose.z)
 
     @property
@@ -107,6 +110,7 @@ class RouteGraph:
 
     @property
     def storeys(self) -> list[str]:
+        """The names of the storeys that have nodes, in the order of the nodes."""
         return list(dict.fromkeys(node.storey for node in self.nodes))
 
     def busiest(self) -> tuple[str, int]:

@@ -83,7 +83,7 @@ $$;
 
 CREATE FUNCTION around(x double precision, y double precision, z double precision, distance double precision)
 RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
--- The diagonal of the cube that reaches `distance` metres from a point to each side: what the index is asked.
+-- The diagonal of the cube that reaches `distance` metres from a point to each side: the index is queried with it.
 SELECT ST_MakeLine(ST_MakePoint(x - distance, y - distance, z - distance),
                    ST_MakePoint(x + distance, y + distance, z + distance))
 $$;

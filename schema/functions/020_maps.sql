@@ -3,7 +3,7 @@
 CREATE FUNCTION current_map()
 RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
 -- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the newest one. Nearly
--- every statement asks: PL/pgSQL keeps its plan, and full names need no search_path.
+-- every statement calls it: PL/pgSQL keeps its plan, and full names need no search_path.
 DECLARE
     said text := current_setting('semmap.map', true);
 BEGIN
@@ -21,8 +21,8 @@ $$;
 
 CREATE FUNCTION drop_map(map_name text)
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Deletes a map and all that is in it, what triggers keep among it, table by table; returns the number
--- of entities. Meshes that no entity of another map uses go, too. For admins (roles.sql).
+-- Deletes a map and all its rows, table by table, including those that triggers maintain; returns the number
+-- of entities. Also deletes the meshes that no entity of another map uses. For admins (roles.sql).
 DECLARE
     gone integer;
     n bigint;
@@ -51,7 +51,7 @@ END $$;
 
 CREATE FUNCTION drop_unused_models()
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Deletes the meshes that no entity has; returns how many.
+-- Deletes the meshes that no entity uses; returns how many.
 DECLARE
     n bigint;
 BEGIN

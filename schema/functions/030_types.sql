@@ -1,4 +1,4 @@
--- Subsumption: the closure of the T-Box, and the row an entity and supertype that queries probe.
+-- Subsumption: the closure of the T-Box, and one row per entity and supertype, which queries look up.
 
 CREATE FUNCTION supertypes(of_type text, of_kind text)
 RETURNS SETOF text LANGUAGE sql STABLE AS $$
@@ -57,8 +57,8 @@ $$;
 
 CREATE FUNCTION fits_kind(of_type text, of_kind text)
 RETURNS boolean LANGUAGE sql STABLE AS $$
--- Whether an entity of a kind may be of a type without becoming another kind to those who ask by type: an
--- object of a type below room would be found as a room. The leaf of a door is an object.
+-- Whether an entity of a kind may have a type: a query by type must not return entities of another kind. An
+-- object of a subtype of room would be returned as a room. The leaf of a door is an object.
 SELECT NOT EXISTS (SELECT FROM semmap.type_closure WHERE sub = of_type AND super <> of_kind
                    AND super IN ('room', 'region', 'elevator', 'storey', 'agent'))
 $$;

@@ -1,5 +1,5 @@
--- What changed: one row a changing statement, one announcement a transaction, and a cursor for
--- readers who missed it.
+-- The change log: one row per changing statement, one notification per transaction, and a cursor with which
+-- readers catch up.
 
 CREATE FUNCTION record_change(kind_of_change text, ids bigint[])
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
@@ -13,7 +13,7 @@ END $$;
 CREATE FUNCTION announce()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- Runs at commit: the first change row of a transaction speaks for all of them, on channel `semmap`.
+-- Runs at commit: the first change row of a transaction sends one notification for all of them, on channel `semmap`.
 -- Payloads are limited to 7,999 bytes: up to 200 ids, otherwise only how many. Every thousandth change
 -- applies the retention.
 DECLARE
@@ -48,13 +48,13 @@ CREATE CONSTRAINT TRIGGER change_announced AFTER INSERT ON change
 
 CREATE FUNCTION change_cursor()
 RETURNS text LANGUAGE sql STABLE AS $$
--- A cursor at this statement: what is committed is before it, everything else comes after it.
+-- A cursor at this statement: committed changes are before it, all others after it.
 SELECT pg_current_snapshot()::text
 $$;
 
 CREATE FUNCTION reaches_back(cursor text)
 RETURNS boolean LANGUAGE sql STABLE STRICT AS $$
--- Whether every change after a cursor is still kept: the newest change that was pruned is before it.
+-- Whether every change after a cursor is still stored: the newest change that was pruned is before it.
 SELECT NOT EXISTS (SELECT FROM semmap.change_pruned p
                    WHERE NOT pg_visible_in_snapshot(p.xid::text::xid8, cursor::pg_snapshot))
 $$;
@@ -62,9 +62,9 @@ $$;
 CREATE FUNCTION changes_since(after_cursor text)
 RETURNS TABLE (id bigint, at timestamptz, map_id integer, what text, entities bigint[], cursor text)
 LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
--- The changes whose transactions the cursor did not see, and the cursor of this statement. By transaction
--- snapshot: one that began early and committed late is not skipped. All changes that are kept for a null
--- cursor. A result without rows has no cursor: select change_cursor() in the same statement.
+-- The changes of transactions that the cursor did not see, and the cursor of this statement. They are compared by
+-- transaction snapshot, so a transaction that began early and committed late is not skipped. A null cursor
+-- returns all stored changes. A result without rows has no cursor: select change_cursor() in the same statement.
 BEGIN
     IF NOT reaches_back(after_cursor) THEN
         RAISE EXCEPTION 'the changes after the cursor % are not all kept', after_cursor

@@ -1,8 +1,8 @@
--- What follows a change of entities: their supertypes, their history, the announcement.
+-- Triggers on entities: they maintain the supertypes, the history and the change log.
 
 CREATE FUNCTION entity_stamp()
 RETURNS trigger LANGUAGE plpgsql AS $$
--- Each version begins after the former one, whenever its transaction began.
+-- Each version begins after the previous one, even if its transaction began earlier.
 BEGIN
     NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
     RETURN NEW;
@@ -73,7 +73,7 @@ END $$;
 
 CREATE FUNCTION entity_empties()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- What a deleted entity held is handed to its own holder and stays where it is in the world.
+-- When an entity is deleted, its contents get its holder and keep their world poses.
 BEGIN
     IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
         UPDATE placement p
@@ -86,7 +86,7 @@ END $$;
 
 CREATE FUNCTION properties_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- A room's heights or a connector's state are the entity's, too: say that it changed.
+-- A room's heights and a connector's state belong to the entity: record a change of the entity.
 BEGIN
     PERFORM record_change('changed', ARRAY(SELECT entity_id FROM fresh));
     RETURN NULL;

@@ -1,13 +1,13 @@
--- What follows a change of placements: world pose, box and footprint of what moved and of all that
--- it holds; former placements; the announcement.
+-- Triggers on placements: they maintain the world pose, box and footprint of moved entities and their
+-- contents, the history and the change log.
 
 CREATE FUNCTION refresh_world(ids bigint[])
 RETURNS bigint[] LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- World coordinates of the given entities and of what they hold, from the top down. An entity
--- that is reached twice (itself given, and below another given one) counts where it was reached
--- from the highest start: only there was its holder fresh. Returns all that moved. In PL/pgSQL, which keeps
--- the plan: planning takes ten times as long as a move.
+-- Computes the world coordinates of the given entities and of their contents, from the top down. An entity can be
+-- reached twice: it is given, and below another given one. Then the path from the highest start counts, because
+-- only there is its holder up to date. Returns all that moved. In PL/pgSQL, which keeps the plan: planning takes
+-- ten times as long as a move.
 DECLARE
     moved bigint[];
 BEGIN
@@ -73,17 +73,17 @@ WITH RECURSIVE up (id) AS (
 SELECT id FROM up
 $$;
 
--- How concurrent transactions keep `world` equal to `placement`. Whoever writes the world coordinates of an
--- entity holds a lock on its row in `placement`, or on that of an entity above it, and keeps the chain of
--- holders above it where it is by share locks: the new chain and the one that the entity left, since a
--- transaction that moves the former holder does not see yet that the entity is gone. Only then are the
--- coordinates computed, by a statement that sees all that was committed before. Locks are taken from the
--- entity upwards, along one chain in the order of ids.
+-- How concurrent transactions keep `world` equal to `placement`. A transaction that writes the world coordinates
+-- of an entity has a lock on its row in `placement`, or on that of an entity above it. Share locks keep the chains
+-- of holders above it unchanged: the new chain, and the previous one, because a transaction that moves the
+-- previous holder does not see yet that the entity has left it. Then the coordinates are computed, by a statement
+-- that sees everything committed before. Locks are taken from the entity upwards, along one chain in the order of
+-- ids.
 
 CREATE FUNCTION lock_holders(holders bigint[])
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- Keeps the given holders and all above them where they are until the transaction ends.
+-- Locks the given holders and all above them against moves until the transaction ends.
 DECLARE
     locked bigint[] := '{}';
     chain bigint[];
@@ -103,10 +103,10 @@ END $$;
 
 CREATE FUNCTION queue_writer()
 RETURNS void LANGUAGE plpgsql AS $$
--- Lets one transaction at a time move entities: two that move several in different orders would run into
--- deadlocks. It waits as long as the transactions before it end; when one of them takes longer than a second,
--- it goes on nevertheless: the row locks keep the world right, and the server resolves a deadlock. It does not
--- wait where the setting `semmap.queue` is off.
+-- Lets one transaction at a time move entities: two that move several entities in different orders could
+-- deadlock. It waits at most a second for the transaction before it. Then it continues: the row locks keep the
+-- world coordinates correct, and the server resolves a deadlock. It does not wait if the setting `semmap.queue`
+-- is off.
 DECLARE
     patience text := current_setting('lock_timeout');
     key integer := hashtext('semmap.placement');
@@ -190,7 +190,7 @@ END $$;
 
 CREATE FUNCTION placement_stamp()
 RETURNS trigger LANGUAGE plpgsql AS $$
--- Each version begins after the former one, and who gives another holder states it, unless it is derived.
+-- Each version begins after the previous one. A changed holder counts as stated, unless it is derived.
 BEGIN
     NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
     IF NEW.holder_id IS DISTINCT FROM OLD.holder_id AND NEW.confidence = OLD.confidence
@@ -225,7 +225,7 @@ BEGIN
     END IF;
     PERFORM record_change('moved', refresh_world(moved));
 
-    -- Former placements, thinned: within `keep_every` of the last one kept, that one lasts on.
+    -- Thin out the history: a placement within `keep_every` of the last stored one extends that one.
     WITH changed AS MATERIALIZED (
         SELECT o.*, n.since AS until FROM former o FULL JOIN fresh n USING (entity_id)
         WHERE coalesce(o.entity_id = n.entity_id, false)
@@ -257,8 +257,8 @@ END $$;
 
 CREATE FUNCTION follow_geometry(moved bigint[], stated bigint[])
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- After a move: refuses a stated holder that the pose contradicts, and derives what else the move changes.
--- Not where the setting `semmap.deriving` is off: then derive_again does it at the end.
+-- After a move: refuses a stated holder that the pose contradicts, and derives the other holders that the move
+-- changes. Does nothing if the setting `semmap.deriving` is off: then derive_again does it at the end.
 DECLARE
     wrong record;
 BEGIN
@@ -292,7 +292,7 @@ END $$;
 
 CREATE FUNCTION placement_leaves()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Before a placement goes: a transaction that moves its holder must not write the entity's world again.
+-- Before a placement is deleted: a transaction that moves its holder must not write the entity's world row again.
 BEGIN
     PERFORM lock_holders(ARRAY[OLD.holder_id]);
     RETURN OLD;
@@ -315,7 +315,7 @@ CREATE TRIGGER placement_deleted AFTER DELETE ON placement REFERENCING OLD TABLE
 
 CREATE FUNCTION hold_still(thing bigint, into_holder bigint)
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Before a pose relative to a holder is computed from world coordinates: nobody moves the holder meanwhile.
+-- Before a pose relative to a holder is computed from world coordinates: locks the holder against moves.
 BEGIN
     PERFORM queue_writer();
     PERFORM lock_holders(ARRAY[into_holder, (SELECT holder_id FROM placement WHERE entity_id = thing)]);
@@ -323,7 +323,7 @@ END $$;
 
 CREATE FUNCTION put(thing bigint, into_holder bigint, how text DEFAULT 'in', sure double precision DEFAULT NULL)
 RETURNS void LANGUAGE plpgsql AS $$
--- Another holder, at the same place in the world (null: the map itself).
+-- Gives an entity another holder at the same world pose (null: the map itself).
 BEGIN
 PERFORM semmap.hold_still(thing, into_holder);
 IF into_holder IS NOT NULL AND NOT EXISTS (SELECT FROM semmap.world WHERE entity_id = into_holder) THEN
@@ -344,7 +344,7 @@ END $$;
 
 CREATE FUNCTION move_to(thing bigint, x double precision, y double precision, z double precision, yaw double precision DEFAULT NULL)
 RETURNS void LANGUAGE plpgsql AS $$
--- To a pose in the map's frame. What it holds comes along; the geometry says whether its holder is still the same.
+-- Moves an entity to a pose in the map's frame. Its contents move along; its holder is derived from the geometry.
 BEGIN
 PERFORM semmap.hold_still(thing, NULL);
 UPDATE semmap.placement p

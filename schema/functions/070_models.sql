@@ -1,4 +1,4 @@
--- What follows a change of an entity's models: its patches of faces, its world box and footprint.
+-- Triggers on an entity's models: they maintain its patches of faces, its world box and footprint.
 
 CREATE FUNCTION models_given()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
@@ -22,7 +22,7 @@ END $$;
 
 CREATE FUNCTION reshape(ids bigint[])
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- World box and footprint of entities whose models changed, where they are placed.
+-- Updates the world box and footprint of placed entities whose models changed.
 DECLARE
     placed bigint[];
     holders bigint[];

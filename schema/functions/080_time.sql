@@ -1,9 +1,9 @@
--- Where things were.
+-- Past poses, and how long they are kept.
 
 CREATE FUNCTION is_latest(since timestamptz, moment timestamptz)
 RETURNS boolean LANGUAGE sql STABLE AS $$
--- Whether a version that begins at `since` and has no successor holds at a moment. After the server's clock
--- was set back, the latest version can begin in the future: it holds from now on.
+-- Whether a version that begins at `since` and has no successor is valid at a moment. After the server's clock
+-- was set back, the latest version can begin in the future: it is valid from now on.
 SELECT since <= moment OR since > statement_timestamp() AND moment >= now()
 $$;
 
@@ -19,7 +19,7 @@ $$;
 
 CREATE FUNCTION pose_at(thing bigint, moment timestamptz)
 RETURNS double precision[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
--- Where a thing was in the map's frame at a moment; null where it was not in the map then.
+-- The pose of an entity in the map's frame at a moment; null if it was not in the map then.
 DECLARE
     at_pose double precision[] := NULL;
     next bigint := thing;
@@ -39,9 +39,9 @@ END $$;
 
 CREATE FUNCTION prune_history(most bigint DEFAULT NULL)
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Deletes former placements and versions that are older than their kind's `keep_for`, at most so many
--- (all where null); returns how many. Moves and changes do the same for what they concern, so this is for
--- what is gone or rests.
+-- Deletes past placements and versions that are older than their kind's `keep_for`, at most so many
+-- (all if null); returns how many. Moves and changes do the same for the entities that they change, so this is
+-- for entities that were deleted or do not change.
 DECLARE
     n bigint;
     deleted bigint;
@@ -62,7 +62,7 @@ END $$;
 
 CREATE FUNCTION prune_changes(most bigint DEFAULT NULL)
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Deletes changes that are older than the `keep_for` of the retention 'change', at most so many (all where
+-- Deletes changes that are older than the `keep_for` of the retention 'change', at most so many (all if
 -- null); returns how many.
 DECLARE
     n bigint;
@@ -75,8 +75,8 @@ END $$;
 
 CREATE FUNCTION change_deleted()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Keeps the number of the newest transaction of which a change is not kept any more; those of a dropped map
--- concern nobody.
+-- Stores the number of the newest transaction of which a change was pruned; changes of a dropped map do not
+-- count.
 DECLARE
     newest bigint;
 BEGIN
@@ -99,7 +99,7 @@ CREATE TRIGGER change_truncated AFTER TRUNCATE ON change
 
 CREATE FUNCTION apply_retention()
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- A bounded part of what is due, by one transaction at a time.
+-- Prunes a bounded number of rows, in one transaction at a time.
 DECLARE
     ended record;
 BEGIN

@@ -1,4 +1,4 @@
--- Claims of connectors and elevators: their times are the server's.
+-- Claims of connectors and elevators; times are those of the server's clock.
 
 CREATE FUNCTION reservation_stamp()
 RETURNS trigger LANGUAGE plpgsql AS $$
@@ -22,8 +22,8 @@ CREATE TRIGGER reservation_stamp BEFORE INSERT OR UPDATE ON reservation
 
 CREATE FUNCTION claim(resource bigint, robot bigint, seconds double precision)
 RETURNS boolean LANGUAGE plpgsql AS $$
--- Claims a connector or elevator for a robot for so many seconds, or renews its claim; false where another
--- robot has it.
+-- Claims a connector or elevator for a robot for so many seconds, or renews its claim; false if another
+-- robot has claimed it.
 BEGIN
     UPDATE semmap.reservation SET robot_id = robot, expires = clock_timestamp() + make_interval(secs => seconds)
         WHERE resource_id = resource AND (robot_id = robot OR expires < clock_timestamp());
@@ -56,7 +56,7 @@ $$;
 
 CREATE FUNCTION seen_stamp()
 RETURNS trigger LANGUAGE plpgsql AS $$
--- Nobody sees a door in the future.
+-- The time of an observation is not in the future.
 BEGIN
     NEW.seen_at := least(NEW.seen_at, clock_timestamp());
     RETURN NEW;

@@ -55,8 +55,8 @@ END $$;
 
 CREATE FUNCTION kept_digest(digest text)
 RETURNS text LANGUAGE sql STABLE AS $$
--- The digest under which a model of the current role is stored. Equal digests share one model, so what a
--- robot says of a mesh must not stand in for what an admin imports: its models are under its own name.
+-- The digest under which a model of the current role is stored. Equal digests share one model, so a
+-- robot's mesh must not replace one that an admin imports: a robot's models are stored under its own name.
 SELECT CASE WHEN pg_has_role((SELECT relowner FROM pg_class WHERE oid = 'semmap.model'::regclass), 'MEMBER')
               OR pg_has_role('semmap_admin', 'MEMBER') THEN digest
             ELSE current_user || '/' || digest END

@@ -1,4 +1,4 @@
--- Regions: the triangles of those that are faces of a model, and their end with what they are a part of.
+-- Regions: the triangles of a region that is a set of faces, and the deletion of regions with their owner.
 
 CREATE FUNCTION model_faces(of_model bigint, wanted integer[])
 RETURNS geometry LANGUAGE sql STABLE STRICT PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
@@ -19,7 +19,7 @@ $$;
 
 CREATE FUNCTION region_gone()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- A region goes with the room or object that it is a part of: its row by the foreign key, its entry here.
+-- A region is deleted with the room or object that it is a part of: its row by the foreign key, its entity here.
 BEGIN
     DELETE FROM entity e USING former o WHERE e.id = o.entity_id;
     RETURN NULL;

@@ -1,8 +1,8 @@
--- What the relations measure: surfaces in world coordinates, only as much of them as is asked about.
+-- The surfaces that relations measure, in world coordinates; only the required part of each is read.
 --
--- Relations hold between two entities of one map. They are false, never null, where either of them is
--- not placed, and between an entity and itself. An entity without geometry is the point where it is; a
--- storey, elevator or room without geometry is nowhere, and only the placements tell what is in it.
+-- A relation is between two entities of one map. It is false, never null, if one of them is not placed, and
+-- between an entity and itself. An entity without geometry is a point at its position. A storey, elevator or
+-- room without geometry has no position: only the placements tell what is in it.
 
 CREATE FUNCTION grown(box box3d, reach double precision)
 RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
@@ -97,7 +97,7 @@ $$;
 
 CREATE FUNCTION is_held_by(a bigint, b bigint)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
--- b is the holder of a, or holds its holder, and so on: what the placements say, whatever the geometry.
+-- b is the holder of a, or the holder of its holder, and so on: by placement, not by geometry.
 WITH RECURSIVE up (id) AS (
     SELECT holder_id FROM semmap.placement WHERE entity_id = a
   UNION

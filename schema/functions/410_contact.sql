@@ -75,7 +75,7 @@ END $$;
 CREATE FUNCTION is_touching(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 10000 AS $$
 -- The surfaces of a and b are at most `tolerance` metres apart, anywhere, or pass through each other.
--- What lies free inside of a thing does not touch it. Symmetric; needs no frame.
+-- An entity that lies inside another one without contact does not touch it. Symmetric; needs no frame.
 SELECT semmap.surfaces_meet(a, b, tolerance)
 $$;
 

@@ -1,4 +1,4 @@
--- What holds a thing: is_in, is_on.
+-- Containment and support: is_in, is_on.
 
 CREATE FUNCTION ground_share(a geometry, b geometry)
 RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
@@ -19,8 +19,8 @@ $$;
 
 CREATE FUNCTION ceiling_of(place bigint)
 RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE AS $$
--- The height of a room's ceiling in the map's frame: as said, else the top of its geometry, else that of
--- its storey, else the floor of the storey above; infinite where none of them is known.
+-- The height of a room's ceiling in the map's frame: as specified, else the top of its geometry, else that of
+-- its storey, else the floor of the storey above; infinite if none of them is known.
 SELECT coalesce(
     w.pose[3] + r.ceiling,
     CASE WHEN ST_ZMax(w.box) > w.pose[3] + r.floor + 0.1 THEN ST_ZMax(w.box) END,
@@ -100,9 +100,9 @@ RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 5000 SET search_path 
 -- b contains a, in the map's frame.
 -- A room: more than half of a's footprint lies in the room's outline, and half of its height between
 -- floor and ceiling (`tolerance` metres more on either end): a muffin on a desk is in the office.
--- A region: the same, or a's bottom is at the region's lowest height, so that flat regions hold things.
+-- A region: the same, or a's bottom is at the region's lowest height, so that a flat region can contain objects.
 -- Anything else: b's surface encloses a, see is_enclosed_by.
--- Without geometry (a storey, an elevator, a room that nobody measured): what the placements say.
+-- Without geometry (a storey, an elevator, a room that was not measured): by placement.
 DECLARE
     wa world;
     wb world;
@@ -142,7 +142,7 @@ END $$;
 
 CREATE FUNCTION level_patch(patch geometry, low double precision, high double precision)
 RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
--- What of a triangle lies between two heights, on the ground; null where that is no area.
+-- The part of a triangle between two heights, projected to the ground; null if it has no area.
 SELECT CASE WHEN ST_Area(flat) > 1e-12 THEN flat END
 FROM ST_ConvexHull(ST_Force2D(ST_Points(ST_LocateBetweenElevations(patch, low, high)))) flat
 WHERE ST_Dimension(patch) = 2
@@ -176,7 +176,7 @@ CREATE FUNCTION is_on(a bigint, b bigint, tolerance double precision DEFAULT 0.0
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- a rests on b, in the map's frame: b has surface within `tolerance` metres, up or down, of a's lowest
 -- height, beneath a's underside (its lowest `tolerance` metres): at least 2 % of that, or of b's surface
--- there. b reaches lower than a does, by `tolerance` or half of its own height: two things that stand on
+-- there. b reaches lower than a does, by `tolerance` or half of its own height: two objects that stand on
 -- the same floor are not on each other. Of two whose bottoms are within `tolerance`, only the one that
 -- reaches higher can be on the other. Of direct contact: a muffin on a tray is not on the table.
 -- A room or region: a is in it and its bottom within `tolerance` of the floor (the region's heights).

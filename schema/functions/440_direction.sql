@@ -1,7 +1,7 @@
--- Sides of a thing: is_left_of, is_right_of, is_in_front_of, is_behind, is_between. Horizontal, on one storey.
+-- Sides of an entity: is_left_of, is_right_of, is_in_front_of, is_behind, is_between. Horizontal, on one storey.
 --
 -- The frame says where the front of b is:
---   'object'   where b itself looks: along its x axis, turned by entity.front; its left is its own left hand's
+--   'object'   where b itself faces: along its x axis, turned by entity.front; its left is its own left hand's
 --   'map'      along the map's x axis; left is along its y axis (REP 103)
 --   observer   an entity or a pose of the map, looking at the middle of b from where it stands: what is in
 --              front of b is on the observer's side of it, and left is the observer's left
@@ -60,7 +60,7 @@ DECLARE
     gaze double precision := atan2(ST_Y(target) - observer[2], ST_X(target) - observer[1]);
 BEGIN
     IF ST_DWithin(target, ST_MakePoint(observer[1], observer[2]), 1e-6) THEN
-        RETURN false;                                          -- looks nowhere
+        RETURN false;                                          -- no direction of view
     END IF;
     RETURN side_of(a, b, gaze + pi(), gaze + pi() / 2, side);
 END $$;
@@ -80,7 +80,7 @@ $$;
 
 CREATE FUNCTION is_left_of(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
--- a is left of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
+-- a is left of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
 SELECT semmap.side_as_seen(a, b, observer, 'left')
 $$;
 
@@ -99,7 +99,7 @@ $$;
 
 CREATE FUNCTION is_right_of(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
--- a is right of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
+-- a is right of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
 SELECT semmap.side_as_seen(a, b, observer, 'right')
 $$;
 
@@ -118,7 +118,7 @@ $$;
 
 CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
--- a is in front of b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
+-- a is in front of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
 SELECT semmap.side_as_seen(a, b, observer, 'front')
 $$;
 
@@ -137,7 +137,7 @@ $$;
 
 CREATE FUNCTION is_behind(a bigint, b bigint, observer double precision[])
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
--- a is behind b as seen from a pose of the map (x, y, ...) by somebody who looks at b.
+-- a is behind b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
 SELECT semmap.side_as_seen(a, b, observer, 'behind')
 $$;
 

@@ -2,7 +2,7 @@
 
 CREATE FUNCTION place_of(thing bigint)
 RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE AS $$
--- The room that an entity is, or that holds it or its holder, the nearest one; itself where there is none.
+-- The room of an entity: itself if it is a room, else the nearest room among its holders, else itself.
 WITH RECURSIVE up (id, depth) AS (
     SELECT thing, 0
   UNION ALL
@@ -14,8 +14,8 @@ $$;
 CREATE FUNCTION reachable_from(place bigint)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100 AS $$
 -- The places that can be reached from the place of an entity, it among them: through connectors that are
--- not locked, in their direction, and by elevators, whose cabins on all storeys are joined. Outside, of
--- which the map knows nothing, joins no two doors.
+-- not locked, in their direction, and by elevators, whose cabins on all storeys are joined. The outside,
+-- which is not in the map, joins no two doors.
 WITH RECURSIVE reached (id) AS (
     SELECT semmap.place_of(place)
   UNION

@@ -1,5 +1,5 @@
--- All that stand in a relation to one entity: the spatial index says which come into question, so that
--- "all that is on the table" does not scan the map. Each gives the ids for which the relation holds.
+-- All entities in a relation to one entity: the spatial index selects candidates, so that a query for
+-- everything on the table does not scan the map. Each function returns the ids for which the relation is true.
 
 CREATE FUNCTION things_on(b bigint, tolerance double precision DEFAULT 0.01)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 10 COST 100000 AS $$
@@ -55,7 +55,7 @@ $$;
 
 CREATE FUNCTION things_held(b bigint)
 RETURNS SETOF bigint LANGUAGE sql STABLE PARALLEL SAFE ROWS 100 AS $$
--- What b holds, and what that holds, as the placements say.
+-- The contents of b, and their contents, by placement.
 WITH RECURSIVE down (id) AS (
     SELECT entity_id FROM semmap.placement WHERE holder_id = b
   UNION

@@ -11,7 +11,7 @@ $$;
 
 CREATE FUNCTION is_building_part(of_type text)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
--- Whether a type is a part of the building: its storey holds it, and it holds nothing.
+-- Whether a type is a part of the building: its holder is its storey, and it is not a holder.
 SELECT (of_type = ANY (semmap.building_parts())) IS TRUE
 $$;
 
@@ -21,8 +21,8 @@ LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The holder that the geometry gives to each of the given objects and agents, with a confidence (0 to 1):
 -- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint. What is
---    flatter than 3 cm and larger than half a square metre, such as a carpet, holds nothing. The holder's
---    bottom is below that of what it holds. For a model without known support surfaces: is_on.
+--    flatter than 3 cm and larger than half a square metre, such as a carpet, is not a holder. The holder's
+--    bottom is below that of its contents. For a model without known support surfaces: is_on.
 -- 2. in an object of less than 4 square metres that encloses it: is_in.
 -- 3. in the room with most of its footprint, at least half, between whose floor and ceiling its middle is.
 -- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest.
@@ -157,8 +157,8 @@ CREATE VIEW inventory_contradiction AS
 CREATE FUNCTION derive_again(ids bigint[])
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- Gives the given entities the holders that the geometry shows, those excepted whose stated holder it does not
--- contradict; they stay where they are in the world. Returns how many have another holder.
+-- Gives the given entities the holders that the geometry shows, except where it does not contradict a stated
+-- holder; world poses do not change. Returns how many have another holder.
 DECLARE
     locked bigint[] := '{}';
     needed bigint[];
@@ -182,7 +182,7 @@ BEGIN
     IF wanted.ids IS NULL THEN
         RETURN 0;
     END IF;
-    -- What would hold itself, through others that are derived with it, stays as it is.
+    -- An entity that would become its own holder, through others that are derived with it, is not changed.
     circular := ARRAY(
         WITH RECURSIVE chosen (id, holder) AS (
             SELECT * FROM unnest(wanted.ids, wanted.holders)
@@ -208,8 +208,8 @@ END $$;
 CREATE FUNCTION neighbours_of(moved bigint[])
 RETURNS bigint[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- The entities whose derived holders a move of the given ones can change: what moved, what lies where
--- something moved that can hold it, and what a holder held that is tilted now.
+-- The entities whose derived holders a move of the given ones can change: the moved entities, those at the
+-- place to or from which a possible holder moved, and the contents of a holder that is tilted now.
 BEGIN
     RETURN ARRAY(
         WITH holding AS MATERIALIZED (

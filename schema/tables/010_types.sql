@@ -15,7 +15,7 @@ CREATE TABLE type_parent (
     CHECK (type <> parent)
 );
 
--- Every type with each of its supertypes, itself among them. Kept by triggers.
+-- Every type with each of its supertypes, including itself. Maintained by triggers.
 CREATE TABLE type_closure (
     sub   text NOT NULL,
     super text NOT NULL,

@@ -80,8 +80,8 @@ CREATE TABLE link (
 );
 CREATE INDEX link_to ON link (to_id, relation);
 
--- One row an entity and supertype: what makes "type = 'table'" find desks by index (section 3.5).
--- Kept by triggers.
+-- One row per entity and supertype: with it, "type = 'table'" finds desks by index (section 3.5).
+-- Maintained by triggers.
 CREATE TABLE object_type (
     map_id integer NOT NULL,
     type   text NOT NULL,

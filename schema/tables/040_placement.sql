@@ -1,4 +1,4 @@
--- One placement an entity: its holder and its pose relative to the holder. This row is the inventory
+-- One placement per entity: its holder and its pose relative to the holder. This row is the inventory
 -- and the frame at once, so they cannot disagree.
 
 CREATE TABLE placement (
@@ -6,7 +6,7 @@ CREATE TABLE placement (
     holder_id  bigint REFERENCES entity,                       -- the map itself where null
     pose       double precision[] NOT NULL DEFAULT '{0,0,0,0,0,0,1}',
     relation   text NOT NULL DEFAULT 'in' CHECK (relation IN ('in', 'on')),
-    confidence double precision CHECK (confidence BETWEEN 0 AND 1),  -- of a holder derived from geometry; null: said
+    confidence double precision CHECK (confidence BETWEEN 0 AND 1),  -- of a holder derived from geometry; null: stated
     since      timestamptz NOT NULL DEFAULT statement_timestamp()
                CONSTRAINT placement_since_is_finite CHECK (isfinite(since)),
     CONSTRAINT placement_not_in_itself CHECK (holder_id <> entity_id),
@@ -19,7 +19,7 @@ CREATE TABLE placement (
         abs(pose[4]*pose[4] + pose[5]*pose[5] + pose[6]*pose[6] + pose[7]*pose[7] - 1) < 1e-6)
 ) WITH (fillfactor = 80);
 
--- Where each entity is in the map's frame. Kept by triggers, never written by hand.
+-- Where each entity is in the map's frame. Maintained by triggers, never written by hand.
 CREATE TABLE world (
     entity_id bigint PRIMARY KEY REFERENCES placement ON DELETE CASCADE,
     map_id    integer NOT NULL,
@@ -29,6 +29,6 @@ CREATE TABLE world (
     footprint geometry(MultiPolygon, 0)                        -- null without geometry
 ) WITH (fillfactor = 80);
 CREATE INDEX world_box ON world USING gist (box gist_geometry_ops_nd);
-CREATE INDEX world_flat ON world USING gist (box);             -- ten times as fast to ask as the 3D one
+CREATE INDEX world_flat ON world USING gist (box);             -- ten times as fast to query as the 3D one
 CREATE INDEX world_footprint ON world USING gist (footprint);
 CREATE INDEX world_storey ON world (storey_id);

@@ -1,5 +1,5 @@
 -- Missions: goals that robots pursue step by step (Deeken et al., section 4.1), the outcome of each
--- step, and what one robot alone may use at a time. Seconds and UTC.
+-- step, and what only one robot at a time may use. Seconds and UTC.
 
 ALTER TABLE connector
     ADD COLUMN IF NOT EXISTS seen_at timestamptz;              -- when a robot last observed its state
@@ -14,7 +14,7 @@ CREATE TABLE mission (
     reason     text,                                           -- why it failed or was cancelled
     runner     text,                                           -- the process that runs it, or ran it last
     created_at timestamptz NOT NULL DEFAULT now(),
-    heartbeat  timestamptz,                                    -- the last sign of life of that process
+    heartbeat  timestamptz,                                    -- when that process last reported that it runs
     ended_at   timestamptz
 );
 CREATE INDEX mission_map ON mission (map_id);

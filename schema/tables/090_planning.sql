@@ -1,4 +1,4 @@
--- What the joins of Figure 3 are planned by (object_type thrice, placement and entity_chunk twice each):
+-- Settings for planning the joins of Figure 3 (object_type thrice, placement and entity_chunk twice each):
 -- run in under a millisecond, they were weighed for four. A plan read 2,469 pages to weigh merge joins
 -- that it never takes: the ends of each index of a column with a histogram. So the keys of these tables
 -- have no histogram, and where one cannot be spared, no index that covers the whole table: each lookup

@@ -1,4 +1,4 @@
--- The relations that the statement of Figure 3 (Deeken et al., section 3.5) asks, over the current map.
+-- The relations that the statement of Figure 3 (Deeken et al., section 3.5) reads, over the current map.
 
 -- Planning takes most of its time, so the views keep relations few and estimates cheap: the map is a
 -- value computed once, a face is placed by a function rather than by two more joins, and what else the

@@ -1,6 +1,6 @@
--- What people look at first.
+-- Views for a first look at a map.
 
--- Every entity of the current map, with where it is.
+-- Every entity of the current map, with its position.
 CREATE VIEW entry AS
     SELECT e.id, e.kind, e.type, e.name, e.label, h.name AS holder, p.relation, p.confidence, s.name AS storey,
            w.pose[1] AS x, w.pose[2] AS y, w.pose[3] AS z, pose_yaw(w.pose) AS yaw, e.properties
@@ -11,7 +11,7 @@ CREATE VIEW entry AS
     LEFT JOIN entity s ON s.id = w.storey_id
     WHERE e.map_id = current_map();
 
--- Entities of which a part is still empty (section 3.3): what the robot could go and find out.
+-- Entities of which a part is still empty (section 3.3): what a robot could observe.
 CREATE VIEW incomplete AS
     SELECT * FROM (
         SELECT e.id, e.name, e.kind, array_remove(ARRAY[

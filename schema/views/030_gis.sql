@@ -1,5 +1,5 @@
--- Layers for QGIS, GDAL and other GIS clients: an integer key, one footprint an entity, editable. Every
--- map is shown; filter on `map`. Storeys are told apart by `storey`.
+-- Layers for QGIS, GDAL and other GIS clients: an integer key, one footprint per entity, editable. Every
+-- map is shown: filter on `map` and `storey`.
 
 CREATE VIEW gis_room AS
     SELECT e.id AS fid, m.name AS map, s.name AS storey, e.name, e.type, e.label, r.floor, r.ceiling,
@@ -40,7 +40,7 @@ CREATE VIEW gis_connector AS
 
 CREATE FUNCTION gis_changed()
 RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
--- What a GIS client writes to a layer, written to the map. Attributes that are derived (map, storey,
+-- Writes the edits of a GIS client to the map. Attributes that are derived (map, storey,
 -- holder, low, high of a mesh) are taken for a new feature and left alone afterwards.
 DECLARE
     layer text := substr(TG_TABLE_NAME, 5);

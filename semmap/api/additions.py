@@ -127,9 +127,14 @@ def thing(
         yaw = numbers[3] if len(numbers) == 4 else 0.0
         where = Pose.planar(numbers[0], numbers[1], yaw, numbers[2])
     return Entry(
-        name, kind, type=type, label=label, pose=where, shapes=shapes,
+        name,
+        kind,
+        type=type,
+        label=label,
+        pose=where,
+        shapes=shapes,
         properties=dict(properties or {}),
-    )  # fmt: skip
+    )
 
 
 def _shapes(mesh: Any) -> list[Shape]:

@@ -10,7 +10,8 @@ import psycopg
 from psycopg import sql
 
 from semmap.api.semantic_map import SemanticMap
-from semmap.database.session import connection_parameters, open_session
+from semmap.database.parameters import connection_parameters
+from semmap.database.session import open_session
 from semmap.query import entity_query
 
 if TYPE_CHECKING:

@@ -195,9 +195,15 @@ class SemanticMap:
         from semmap.ingest.importer import import_file
 
         return import_file(
-            self.database.engine, Path(path), map_name=self.name, geometry=geometry,
-            mesh_as=mesh_as, strict=strict, source=source, progress=progress,
-        )  # fmt: skip
+            self.database.engine,
+            Path(path),
+            map_name=self.name,
+            geometry=geometry,
+            mesh_as=mesh_as,
+            strict=strict,
+            source=source,
+            progress=progress,
+        )
 
     def add_storey(
         self, name: str, *, elevation: float = 0.0, height: float | None = None
@@ -348,8 +354,10 @@ class SemanticMap:
     def _distance(self, room: MapEntity, x: float, y: float) -> float:
         row = self.execute(
             "SELECT ST_Distance(footprint, ST_MakePoint(%s, %s)) FROM world WHERE entity_id = %s",
-            x, y, room.id,
-        )  # fmt: skip
+            x,
+            y,
+            room.id,
+        )
         if not row or row[0][0] is None:
             raise ValueError(f"{room.name} has no outline")
         return float(row[0][0])

@@ -80,8 +80,12 @@ def import_(
     summaries: list[ImportSummary] = []
     database = engine(migrate=True)
     for path in files:
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
-                   TimeElapsedColumn())  # fmt: skip
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
         with Bars(*columns, console=err, transient=True) as bars:
             summaries.append(
                 import_file(
@@ -123,8 +127,9 @@ def print_summary(s: ImportSummary) -> None:
 
     kinds = ", ".join(f"{n} {kind}{'' if n == 1 else 's'}" for kind, n in s.kinds.items())
     bold = partial(Text, style="bold")
-    out.print(Text.assemble(bold(Path(s.source).name), " -> map ", bold(s.map), ": ",
-                            kinds or "nothing"))  # fmt: skip
+    out.print(
+        Text.assemble(bold(Path(s.source).name), " -> map ", bold(s.map), ": ", kinds or "nothing")
+    )
     out.print(
         f"  {s.added} added, {s.changed} changed, {s.removed} removed, {s.unchanged} unchanged; "
         f"{s.models} new meshes, {s.triangles:,} triangles; {s.holders} holders derived; "

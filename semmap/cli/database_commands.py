@@ -52,8 +52,10 @@ def start() -> None:
     cluster = Cluster()
     before, new = time.perf_counter(), not cluster.exists
     connect(cluster).dispose()
-    print(f"{cluster.home}: {'made and ' if new else ''}ready "
-          f"after {time.perf_counter() - before:.1f} s")  # fmt: skip
+    print(
+        f"{cluster.home}: {'made and ' if new else ''}ready "
+        f"after {time.perf_counter() - before:.1f} s"
+    )
 
 
 @app.command()
@@ -70,7 +72,7 @@ def status(context: typer.Context, db: Db = None) -> None:
     """Show which database is used, and the revision of its schema; starts nothing."""
     from semmap.database import revisions
     from semmap.database.embedded import Cluster
-    from semmap.database.engine import connect, database_url, installed
+    from semmap.database.engine import connect, database_url
 
     url = _chosen(context, db) or os.environ.get("SEMMAP_DB")
     if url is None:
@@ -91,11 +93,13 @@ def status(context: typer.Context, db: Db = None) -> None:
             "SELECT extversion FROM pg_extension WHERE extname = 'postgis'"
         ).scalar()
         checksums = connection.exec_driver_sql("SHOW data_checksums").scalar()
-    have, newest = installed(engine), revisions.newest()
+    have, newest = revisions.installed_on(engine), revisions.newest()
     engine.dispose()
     print(f"PostgreSQL {server}, PostGIS {postgis or 'not yet'}, data checksums {checksums}")
-    print(f"schema at revision {have or 'none'}"
-          + ("" if have == newest else f", the newest is {newest}: semmap db upgrade"))  # fmt: skip
+    print(
+        f"schema at revision {have or 'none'}"
+        + ("" if have == newest else f", the newest is {newest}: semmap db upgrade")
+    )
 
 
 @app.command()

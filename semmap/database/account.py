@@ -75,8 +75,10 @@ class Account:
 
 
 def server_account(data: Path) -> Account:
-    """Who runs the server on a data folder: its owner if it is there, else the caller; for root,
-    whose folder it is to be made in, and in root's own ``postgres`` or ``nobody``.
+    """The user that runs the server on a data folder.
+
+    The folder's owner, or the caller if there is no folder yet. For root, the owner of the parent
+    folder, and where that is root too, ``postgres`` or ``nobody``.
 
     Raises
     ------

@@ -219,12 +219,19 @@ class Cluster:
     def _initialise(self, new: Path, programs: Programs, owner: Account) -> None:
         made = owner.run(
             [
-                programs["initdb"], "--pgdata", str(new), "--username", configuration.SUPERUSER,
-                "--encoding=UTF8", "--locale=C.UTF-8", "--data-checksums", "--auth=peer",
+                programs["initdb"],
+                "--pgdata",
+                str(new),
+                "--username",
+                configuration.SUPERUSER,
+                "--encoding=UTF8",
+                "--locale=C.UTF-8",
+                "--data-checksums",
+                "--auth=peer",
                 "--no-instructions",
             ],
             self.home,
-        )  # fmt: skip
+        )
         # databases that are made later have the rights of template1, but not its TEMPORARY
         for database, statement in (
             ("template1", LIMIT_RIGHTS),
@@ -256,12 +263,20 @@ class Cluster:
         self._configure(home, programs, owner, folder)
         started = owner.run(
             [
-                programs["pg_ctl"], "start", "-D", str(self.data), "-l", str(self.log),
-                "-w", "-t", f"{BUSY_SECONDS:.0f}", "-s",
+                programs["pg_ctl"],
+                "start",
+                "-D",
+                str(self.data),
+                "-l",
+                str(self.log),
+                "-w",
+                "-t",
+                f"{BUSY_SECONDS:.0f}",
+                "-s",
             ],
             self.home,
             configuration.ALLOCATOR,
-        )  # fmt: skip
+        )
         if started.returncode or self.running() is None:
             raise DatabaseError(
                 f"the embedded database does not start: {started.stderr.strip()}\n"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import psycopg
 from psycopg.conninfo import make_conninfo
 from psycopg.errors import ConnectionTimeout
 from sqlalchemy import URL, Engine, create_engine, make_url
@@ -14,15 +13,10 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
 from semmap.database import revisions
 from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
+from semmap.database.parameters import CONNECT_TIMEOUT, SETTINGS, connection_parameters
 from semmap.database.patience import BUSY_SECONDS, Patience
-from semmap.database.session import (
-    CONNECT_TIMEOUT,
-    SETTINGS,
-    check_revision,
-    connection_parameters,
-)
 
-__all__ = ["connect", "database_url", "installed", "make_engine"]
+__all__ = ["connect", "database_url", "make_engine"]
 
 
 def database_url(url: str | URL | Cluster | None = None) -> URL:
@@ -83,17 +77,18 @@ def connect(
 
     Examples
     --------
-    >>> engine = connect()  # doctest: +SKIP
-    >>> with engine.connect() as connection:  # doctest: +SKIP
-    ...     connection.exec_driver_sql("SELECT count(*) FROM entity").scalar()
+    >>> engine = connect()
+    >>> with engine.connect() as connection:
+    ...     connection.exec_driver_sql("SELECT count(*) FROM map").scalar()
     0
+    >>> engine.dispose()
     """
     if check:
         connection_parameters(url)
     address, engine, version = _reach(url)
     try:
         if check:
-            check_revision(version)
+            revisions.check_revision(version)
         elif migrate and version != revisions.newest():
             _upgrade(engine, version)
     except OperationalError as error:
@@ -112,7 +107,7 @@ def _reach(url: str | URL | Cluster | None) -> tuple[URL, Engine, str | None]:
         address = database_url(url)  # an embedded server that died meanwhile is started again
         engine = make_engine(address)
         try:
-            return address, engine, installed(engine)
+            return address, engine, revisions.installed_on(engine)
         except OperationalError as error:
             engine.dispose()
             hopeless = isinstance(error.orig, ConnectionTimeout) or _lost_folder(address)
@@ -121,14 +116,6 @@ def _reach(url: str | URL | Cluster | None) -> tuple[URL, Engine, str | None]:
         except BaseException:
             engine.dispose()
             raise
-
-
-def installed(engine: Engine) -> str | None:
-    """The revision of an engine's database; None where there is no schema yet."""
-    with engine.connect() as connection:
-        driver = connection.connection.driver_connection
-        assert isinstance(driver, psycopg.Connection)
-        return revisions.installed(driver)
 
 
 def _conninfo(engine: Engine) -> str:

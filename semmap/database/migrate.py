@@ -14,7 +14,6 @@ from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database import revisions
-from semmap.database.engine import installed
 from semmap.database.error import DatabaseError
 from semmap.database.files import migrations_folder, schema_folder
 from semmap.database.requirements import check_requirements
@@ -71,7 +70,7 @@ END $$
 
 def current(engine: Engine) -> str | None:
     """The revision that the database has; None where it has none."""
-    return installed(engine)
+    return revisions.installed_on(engine)
 
 
 def upgrade(engine: Engine, revision: str = "head") -> None:

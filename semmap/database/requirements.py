@@ -46,9 +46,19 @@ def check_requirements(connection: Connection) -> None:
         Too old a PostgreSQL or PostGIS, none at all, or a user who may not; with what to do.
     """
     (
-        version, user, database, postgis, postgis_schema, available,
-        may_create, may_create_in_public, superuser, may_make_roles, roles, foreign_owner,
-    ) = connection.exec_driver_sql(STATE, (list(ROLES),)).one()  # fmt: skip
+        version,
+        user,
+        database,
+        postgis,
+        postgis_schema,
+        available,
+        may_create,
+        may_create_in_public,
+        superuser,
+        may_make_roles,
+        roles,
+        foreign_owner,
+    ) = connection.exec_driver_sql(STATE, (list(ROLES),)).one()
     if version // 10000 < POSTGRESQL:
         raise DatabaseError(
             f"the server is PostgreSQL {version // 10000}; semmap needs {POSTGRESQL} or newer"

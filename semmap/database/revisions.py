@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import psycopg
 
 from semmap.database.error import DatabaseError
 from semmap.database.files import migrations_folder
 
-__all__ = ["VERSION_SCHEMA", "VERSION_TABLE", "installed", "newest"]
+if TYPE_CHECKING:
+    from sqlalchemy import Engine
+
+__all__ = [
+    "VERSION_SCHEMA",
+    "VERSION_TABLE",
+    "OldSchema",
+    "check_revision",
+    "installed",
+    "installed_on",
+    "newest",
+]
 
 VERSION_TABLE = "semmap_version"
 VERSION_SCHEMA = "public"
@@ -36,6 +47,14 @@ def installed(connection: psycopg.Connection[Any]) -> str | None:
     except psycopg.ProgrammingError as error:
         raise DatabaseError(f"the schema's revision cannot be read: {error}") from error
     return None if row is None else str(row[0])
+
+
+def installed_on(engine: Engine) -> str | None:
+    """The revision of an engine's database; None where there is no schema yet."""
+    with engine.connect() as connection:
+        driver = connection.connection.driver_connection
+        assert isinstance(driver, psycopg.Connection)
+        return installed(driver)
 
 
 def newest() -> str:
@@ -77,3 +96,33 @@ def _assignments(path: Path) -> dict[str, str]:
         if isinstance(value, ast.Constant) and isinstance(value.value, str):
             found.update({t.id: value.value for t in targets if isinstance(t, ast.Name)})
     return found
+
+
+class OldSchema(DatabaseError):
+    """The database lacks the schema, or has it at a former revision."""
+
+
+def check_revision(version: str | None) -> None:
+    """Refuse a revision of the schema that is not this semmap's.
+
+    Raises
+    ------
+    OldSchema
+        There is no schema, or a former one: ``semmap db upgrade`` helps.
+    DatabaseError
+        A newer semmap made it.
+    """
+    if version == newest():
+        return
+    if version is None:
+        raise OldSchema(
+            "the database has no semmap schema: semmap db upgrade makes it, semmap import FILE, too"
+        )
+    if version not in parents():
+        raise DatabaseError(
+            f"the database has the revision {version}, which this semmap does not know: "
+            "a newer semmap made it, and it takes that one to use it"
+        )
+    raise OldSchema(
+        f"the schema is at revision {version}, this semmap needs {newest()}: run semmap db upgrade"
+    )

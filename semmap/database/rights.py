@@ -15,18 +15,32 @@ __all__ = ["LIMIT_RIGHTS", "excess_rights", "limit_rights"]
 
 FOR_WRITERS = (
     "pg_notify",
-    "pg_advisory_lock", "pg_advisory_lock_shared",
-    "pg_advisory_xact_lock", "pg_advisory_xact_lock_shared",
-    "pg_try_advisory_lock", "pg_try_advisory_lock_shared",
-    "pg_try_advisory_xact_lock", "pg_try_advisory_xact_lock_shared",
-)  # fmt: skip
+    "pg_advisory_lock",
+    "pg_advisory_lock_shared",
+    "pg_advisory_xact_lock",
+    "pg_advisory_xact_lock_shared",
+    "pg_try_advisory_lock",
+    "pg_try_advisory_lock_shared",
+    "pg_try_advisory_xact_lock",
+    "pg_try_advisory_xact_lock_shared",
+)
 """Functions that importers, missions and announcements need, and a reader does not."""
 
 FOR_THE_OWNER = (
-    "lo_creat", "lo_create", "lo_from_bytea", "lo_put", "lo_open", "lowrite", "lo_truncate",
-    "lo_truncate64", "lo_unlink", "lo_import", "lo_export",
-    "pg_cancel_backend", "pg_terminate_backend",
-)  # fmt: skip
+    "lo_creat",
+    "lo_create",
+    "lo_from_bytea",
+    "lo_put",
+    "lo_open",
+    "lowrite",
+    "lo_truncate",
+    "lo_truncate64",
+    "lo_unlink",
+    "lo_import",
+    "lo_export",
+    "pg_cancel_backend",
+    "pg_terminate_backend",
+)
 """Functions that semmap does not need: large objects, which a read-only transaction does not
 protect before PostgreSQL 16, and the end of other sessions."""
 

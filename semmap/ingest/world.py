@@ -94,7 +94,8 @@ class Shape:
 class PlaceDetail:
     """What an entry of kind room adds.
 
-    Heights are metres in its own frame; `elevator` is the one whose cabin it is."""
+    Heights are metres in its own frame; `elevator` is the one whose cabin it is.
+    """
 
     floor: float = 0.0
     ceiling: float | None = None

@@ -36,7 +36,7 @@ class Field(Base):
 
 
 class FieldVersion(Base):
-    """A version of a field: when it was saved, and what of it is no cube.
+    """A version of a field: when it was saved, and its data outside of cubes.
 
     `placement` are the upper three rows of its frame's pose in the map's, one after the other.
     """

@@ -82,8 +82,10 @@ class ChangeFeed:
 
     @contextmanager
     def look(self) -> Iterator[Look]:
-        """Look at the map. `take_in` the look when it is done: until then the next one sees the
-        same changes.
+        """Look at the map.
+
+        Pass the look to `take_in` when it is processed: until then the next look sees the same
+        changes.
 
         Raises
         ------

@@ -280,12 +280,10 @@ def changes_since(session: Session, since: str | None) -> tuple[str, list[Row]]:
     Raises
     ------
     ValueError
-        `since` is no cursor.
+        `since` is not a cursor.
     """
     if since is not None and not re.fullmatch(r"\d+:\d+:[\d,]*", since):
-        raise ValueError(
-            f"{since} is no cursor: give the one that an earlier call printed, or none"
-        )
+        raise ValueError(f"{since} is not a cursor: give one that an earlier call printed, or none")
     with session.transaction():
         # One statement, so that cursor and rows are of one snapshot.
         rows = _rows(

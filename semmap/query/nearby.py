@@ -62,7 +62,7 @@ def of_type_near(session: Session, type_: str, point: Point, distance: float) ->
     Raises
     ------
     ValueError
-        A coordinate that is no finite number, or a distance that is none; infinity is all there is.
+        A coordinate is not finite, or the distance is not a number (infinity is allowed).
     """
     x, y, z = (round(float(value), 9) for value in point)  # a square of less would underflow
     reach = min(float(distance), EVERYWHERE)
@@ -75,7 +75,7 @@ def of_type_near(session: Session, type_: str, point: Point, distance: float) ->
 def nearest_of_type(session: Session, type_: str, point: Point, count: int = 1) -> list[Entity]:
     """The `count` entities of a type whose 3D boxes are nearest to a point, nearest first.
 
-    Asks the index in growing cubes, so that a near answer costs little.
+    Queries the index in growing cubes, so that a near answer costs little.
     """
     distance = 1.0
     while distance < 1e6:

@@ -15,7 +15,7 @@ _COMMENT = re.compile(r"/\*|\*/")
 
 
 def kind(statement: str) -> str:
-    """The first word of a statement in capitals; what is no word is empty.
+    """The first word of a statement in capitals; empty if it does not begin with a word.
 
     Parameters
     ----------

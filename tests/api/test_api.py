@@ -178,7 +178,7 @@ REFUSED: list[tuple[Callable[[semmap.SemanticMap], Any], str]] = [
     (lambda flat: flat.find(near=(1, 2)), "a point has 3 finite numbers"),
     (lambda flat: flat.find(within=2), "within needs near"),
     (lambda flat: flat.find(box=(1, 1, 1, 0, 0, 0)), "a box has its lowest corner first"),
-    (lambda flat: list(flat.changes("now")), "now is no cursor"),
+    (lambda flat: list(flat.changes("now")), "now is not a cursor"),
 ]
 
 

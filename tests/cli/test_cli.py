@@ -29,8 +29,10 @@ def semmap(url: str, *words: str | Path) -> subprocess.CompletedProcess[str]:
     call = "import sys; sys.argv[0] = 'semmap'; from semmap.cli import main; main()"
     return subprocess.run(
         [sys.executable, "-c", call, "--db", url, *map(str, words)],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def test_figure_3_verbatim(office: str) -> None:
@@ -82,7 +84,7 @@ def test_route_of_figure_4(office: str) -> None:
         (("import", "README.md"), "is not known"),
     ],
 )
-def test_errors_say_what_to_do(office: str, words: tuple[str, ...], says: str) -> None:
+def test_errors_name_the_fix(office: str, words: tuple[str, ...], says: str) -> None:
     done = semmap(office, *words)
     assert done.returncode == 2, done.stdout
     assert says in done.stderr
@@ -107,9 +109,13 @@ def test_changes_come_with_a_cursor(office: str) -> None:
     first = json.loads(semmap(office, "changes", "--json").stdout)
     assert first["changes"]
     moved = semmap(
-        office, "sql", "--write", "UPDATE placement SET pose[1] = pose[1] + 0.1 "
-        "WHERE entity_id = entity_id('cup1')", "--map", "office",
-    )  # fmt: skip
+        office,
+        "sql",
+        "--write",
+        "UPDATE placement SET pose[1] = pose[1] + 0.1 WHERE entity_id = entity_id('cup1')",
+        "--map",
+        "office",
+    )
     assert moved.returncode == 0, moved.stderr
     then = json.loads(semmap(office, "changes", first["cursor"], "--json").stdout)
     assert {c["what"] for c in then["changes"]} == {"moved"}

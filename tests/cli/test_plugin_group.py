@@ -56,7 +56,7 @@ def test_all_are_listed_each_with_its_help() -> None:
         assert len(helps[point.name]) > 3
 
 
-def test_of_a_typo_what_may_be_meant_is_said() -> None:
+def test_a_typo_gets_a_suggestion() -> None:
     done = CliRunner().invoke(cli.app, ["topologie"])
     assert done.exit_code == 2
     assert "Did you mean 'topology'?" in done.output

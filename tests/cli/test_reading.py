@@ -127,9 +127,12 @@ class Scene:
 
     def fill(self, statement: str) -> str:
         names = {
-            "secret": self.secret, "file": self.file, "folder": self.secret.parent,
-            "session": self.session.info.backend_pid, "large_object": self.large_object,
-        }  # fmt: skip
+            "secret": self.secret,
+            "file": self.file,
+            "folder": self.secret.parent,
+            "session": self.session.info.backend_pid,
+            "large_object": self.large_object,
+        }
         for name, value in names.items():
             statement = statement.replace(f"{{{name}}}", str(value))
         return statement
@@ -217,11 +220,17 @@ def test_the_login_is_enough(scene: Scene, way: str) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    ["NOTIFY semmap, 'x'", "SELECT pg_reload_conf()", "SELECT nextval('semmap.entity_id_seq')",
-     "SELECT lo_create(0)", "SELECT pg_advisory_lock(1)",
-     "INSERT INTO semmap.map (name) VALUES ('x')", "CREATE TEMP TABLE x (id int)",
-     "ALTER ROLE semmap_robot SET work_mem = '1MB'"],
-)  # fmt: skip
+    [
+        "NOTIFY semmap, 'x'",
+        "SELECT pg_reload_conf()",
+        "SELECT nextval('semmap.entity_id_seq')",
+        "SELECT lo_create(0)",
+        "SELECT pg_advisory_lock(1)",
+        "INSERT INTO semmap.map (name) VALUES ('x')",
+        "CREATE TEMP TABLE x (id int)",
+        "ALTER ROLE semmap_robot SET work_mem = '1MB'",
+    ],
+)
 def test_a_change_would_be_seen(scene: Scene, change: str) -> None:
     before = scene.state()
     scene.listener.execute(change)  # type: ignore[call-overload]
@@ -254,7 +263,7 @@ READS = {
 
 
 @pytest.mark.parametrize("statement", READS)
-def test_what_reads_is_run(scene: Scene, statement: str) -> None:
+def test_statements_that_read_are_run(scene: Scene, statement: str) -> None:
     assert json.loads(semmap(scene.url, "sql", statement, "--json").stdout) == READS[statement]
     if "map" in statement:
         plan = semmap(scene.url, "sql", f"EXPLAIN ANALYZE {statement}").stdout
@@ -262,9 +271,14 @@ def test_what_reads_is_run(scene: Scene, statement: str) -> None:
 
 
 @pytest.mark.parametrize("word", ["SET", "DO", "DELETE", "LISTEN", "CREATE"])
-def test_refused_with_what_to_do(scene: Scene, word: str) -> None:
-    rest = {"SET": "work_mem = '1GB'", "DO": "'BEGIN END'", "DELETE": "FROM map", "LISTEN": "x",
-            "CREATE": "TABLE x ()"}[word]  # fmt: skip
+def test_other_statements_are_refused_with_a_hint(scene: Scene, word: str) -> None:
+    rest = {
+        "SET": "work_mem = '1GB'",
+        "DO": "'BEGIN END'",
+        "DELETE": "FROM map",
+        "LISTEN": "x",
+        "CREATE": "TABLE x ()",
+    }[word]
     with pytest.raises(ValueError, match=f"permission denied for {word}: .*Add --write") as caught:
         semmap(scene.url, "sql", f"{word} {rest}")
     assert all(reading in str(caught.value) for reading in READING)

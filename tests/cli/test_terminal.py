@@ -32,10 +32,11 @@ def controls(text: str) -> set[str]:
     """What of a text controls a terminal, by the Unicode database."""
     bidi = {"LRE", "RLE", "LRO", "RLO", "PDF", "LRI", "RLI", "FSI", "PDI"}
     return {
-        c for c in text
+        c
+        for c in text
         if (unicodedata.category(c) in ("Cc", "Cs") and c not in "\n\t")
         or unicodedata.bidirectional(c) in bidi
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture(scope="module")
@@ -65,15 +66,25 @@ def run(url: str, *words: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     "words",
     [
-        ("ls",), ("show", f"object{HOSTILE}"), ("maps",), ("changes",),
+        ("ls",),
+        ("show", f"object{HOSTILE}"),
+        ("maps",),
+        ("changes",),
         ("sql", "SELECT name FROM entity ORDER BY 1"),
-        ("sql", "SELECT 1 AS \"" + HOSTILE + "\""),
-        ("show", f"object{HOSTILE}x"), ("ls", HOSTILE), ("ls", "--map", HOSTILE + "x"),
-        ("sql", f"SELECT '{HOSTILE}'::int"), ("import", HOSTILE), ("ls", "--near", HOSTILE),
-        (HOSTILE,), ("ls", f"--{HOSTILE}"), ("drop", HOSTILE + "x", "--yes"),
-        ("route", HOSTILE, HOSTILE), ("topology", "--format", "dot"),
+        ("sql", 'SELECT 1 AS "' + HOSTILE + '"'),
+        ("show", f"object{HOSTILE}x"),
+        ("ls", HOSTILE),
+        ("ls", "--map", HOSTILE + "x"),
+        ("sql", f"SELECT '{HOSTILE}'::int"),
+        ("import", HOSTILE),
+        ("ls", "--near", HOSTILE),
+        (HOSTILE,),
+        ("ls", f"--{HOSTILE}"),
+        ("drop", HOSTILE + "x", "--yes"),
+        ("route", HOSTILE, HOSTILE),
+        ("topology", "--format", "dot"),
     ],
-)  # fmt: skip
+)
 def test_no_name_controls_the_terminal(office: str, words: tuple[str, ...]) -> None:
     done = run(office, *words)
     said = done.stdout + done.stderr
@@ -141,9 +152,11 @@ def on_a_terminal(url: str, *words: str) -> str:
     call = "import sys; sys.argv[0] = 'semmap'; from semmap.cli import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", call, "--db", url, *words],
-        stdout=theirs, stderr=theirs, stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        stdin=theirs,
         env={**os.environ, "COLUMNS": "300", "TERM": "xterm-256color", "SEMMAP_MAP": HOSTILE},
-    )  # fmt: skip
+    )
     os.close(theirs)
     said = b"".join(chunks(ours))
     assert process.wait() == 0

@@ -127,6 +127,9 @@ def become(name: str) -> list[str]:
     bound = int(status.partition("CapBnd:")[2].split()[0], 16)
     reading = ["--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search"]
     return [
-        "setpriv", f"--reuid={user.pw_uid}", f"--regid={user.pw_gid}", "--clear-groups",
+        "setpriv",
+        f"--reuid={user.pw_uid}",
+        f"--regid={user.pw_gid}",
+        "--clear-groups",
         *(reading if bound & 1 << DAC_READ_SEARCH else []),
-    ]  # fmt: skip
+    ]

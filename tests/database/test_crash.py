@@ -161,12 +161,12 @@ def test_stale_lock_file(own: Cluster, sleeper: int, name: str, content: str) ->
     assert query(own, "SELECT value FROM kept") == 7
 
 
-def test_zombie_is_no_server(own: Cluster) -> None:
+def test_a_zombie_does_not_count_as_a_server(own: Cluster) -> None:
     process = python(ZOMBIE, own.home)
     assert said(process) == [None, "Z", True, True]
 
 
-def test_shell_in_the_data_directory_is_left_alone(own: Cluster) -> None:
+def test_a_shell_in_the_data_directory_is_not_stopped(own: Cluster) -> None:
     own.ensure()
     kill_server(own)
     shell = subprocess.Popen(["sleep", "600"], cwd=own.data, **as_owner(own))
@@ -222,7 +222,7 @@ def test_several_come_after_a_crash(own: Cluster) -> None:
 
 
 @pytest.mark.parametrize("moment", ["new-*", "new-*/global/pg_control"])
-def test_making_that_was_killed_begins_anew(folder: Path, moment: str) -> None:
+def test_a_killed_creation_starts_again(folder: Path, moment: str) -> None:
     home = folder / "home"
     maker = python(ENSURE, home, start_new_session=True)
     while not list(home.glob(moment)):

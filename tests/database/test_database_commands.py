@@ -64,7 +64,7 @@ def test_down_and_up(database: str) -> None:
     assert up == f"schema at revision {revisions.newest()}\n"
 
 
-def test_drop_asks(database: str) -> None:
+def test_drop_asks_for_confirmation(database: str) -> None:
     with pytest.raises(SystemExit):
         out("db", "drop", SEMMAP_DB=database)
     assert f"revision {revisions.newest()}" in out("db", "status", SEMMAP_DB=database)

@@ -11,16 +11,15 @@ import yaml
 from sqlalchemy import URL, Engine
 
 from semmap.database import DatabaseError, connect, revisions
-from semmap.database.engine import installed
 
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.docker
 
 
-def test_image_brings_what_the_schema_needs(docker_server: URL) -> None:
+def test_the_image_meets_the_requirements_of_the_schema(docker_server: URL) -> None:
     engine = connect(docker_server)
-    assert installed(engine) == revisions.newest()
+    assert revisions.installed_on(engine) == revisions.newest()
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM entity").scalar() == 0
         asked = {"server_encoding": "UTF8", "lc_collate": "C.UTF-8", "TimeZone": "UTC"}
@@ -35,9 +34,9 @@ def test_image_brings_what_the_schema_needs(docker_server: URL) -> None:
 
 
 def test_connect_migrates_a_fresh_database(docker_postgis: Engine) -> None:
-    assert installed(docker_postgis) is None
+    assert revisions.installed_on(docker_postgis) is None
     connect(docker_postgis.url).dispose()
-    assert installed(docker_postgis) == revisions.newest()
+    assert revisions.installed_on(docker_postgis) == revisions.newest()
 
 
 def test_wrong_password_is_refused(docker_server: URL) -> None:
@@ -54,13 +53,19 @@ def test_no_password_no_start(docker: str, docker_server: URL) -> None:
 
 
 def test_server_runs_as_postgres(docker: str, docker_server: URL) -> None:
-    listed = subprocess.run([docker, "ps", "--filter", "ancestor=semmap-postgis:test", "-q"],
-                            capture_output=True, text=True, check=True).stdout.split()  # fmt: skip
+    listed = subprocess.run(
+        [docker, "ps", "--filter", "ancestor=semmap-postgis:test", "-q"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
     for container in listed:
         owner = subprocess.run(
             [docker, "exec", container, "stat", "-c", "%U", "/proc/1"],
-            capture_output=True, text=True, check=True,
-        ).stdout.strip()  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
         assert owner == "postgres"
     assert listed
 

@@ -76,7 +76,7 @@ def test_small_shared_memory(own: Cluster, monkeypatch: pytest.MonkeyPatch) -> N
     assert query(own, "SHOW dynamic_shared_memory_type") == "mmap"
 
 
-def test_the_server_keeps_freed_memory_unless_told_otherwise(
+def test_the_server_keeps_freed_memory_by_default(
     own: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def environment() -> list[str]:
@@ -93,7 +93,7 @@ def test_the_server_keeps_freed_memory_unless_told_otherwise(
     assert "MALLOC_TRIM_THRESHOLD_=1000000" in environment()
 
 
-def test_stop_and_start_keep_what_is_committed(own: Cluster) -> None:
+def test_stop_and_start_keep_committed_data(own: Cluster) -> None:
     query(own, "CREATE TABLE kept AS SELECT 7 AS value")
     url = own.ensure()
     assert own.stop()
@@ -104,7 +104,7 @@ def test_stop_and_start_keep_what_is_committed(own: Cluster) -> None:
     assert query(own, "SELECT value FROM kept") == 7
 
 
-def test_stop_of_none(folder: Path) -> None:
+def test_stop_without_a_server(folder: Path) -> None:
     assert not Cluster(folder / "none").stop()
     assert not (folder / "none").exists()
 
@@ -141,7 +141,7 @@ def test_foreign_socket_folder_is_refused(move_to: Callable[[str], Cluster]) -> 
     assert query(cluster, "SELECT 7") == 7
 
 
-def test_server_that_cannot_start_says_why(own: Cluster) -> None:
+def test_a_server_that_cannot_start_reports_the_cause(own: Cluster) -> None:
     (own.home / "local.conf").write_text("shared_buffers = nonsense\n")
     with pytest.raises(DatabaseError, match='invalid value for parameter "shared_buffers"'):
         own.ensure()
@@ -175,7 +175,7 @@ def test_root_runs_the_server_as_another(own: Cluster) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="as root only")
-def test_root_is_told_where_the_server_gets_in(folder: Path) -> None:
+def test_root_gets_an_error_that_names_the_blocked_folder(folder: Path) -> None:
     closed = folder / "closed"
     closed.mkdir(mode=0o700)
     with pytest.raises(DatabaseError, match=r"cannot enter .*/var/lib/semmap"):
@@ -183,7 +183,7 @@ def test_root_is_told_where_the_server_gets_in(folder: Path) -> None:
     assert closed.stat().st_mode & 0o777 == 0o700
 
 
-def test_another_user_has_one_of_its_own(folder: Path) -> None:
+def test_each_user_has_its_own_cluster(folder: Path) -> None:
     prefix = become("nobody")
     home = folder / "theirs"
     home.mkdir()

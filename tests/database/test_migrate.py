@@ -82,7 +82,7 @@ def write_revision(root: Path, revision: str, down: str | None, *patterns: str) 
     )
 
 
-def test_newest_is_what_alembic_says() -> None:
+def test_newest_is_the_head_of_alembic() -> None:
     config = Config()
     config.set_main_option("script_location", str(migrations_folder()))
     script = ScriptDirectory.from_config(config)
@@ -189,7 +189,7 @@ def test_a_database_with_old_names_gets_the_new_ones(engine: Engine, revision: s
         assert connection.exec_driver_sql("SELECT cursor FROM travel_time_map").scalar() == "c"
 
 
-def test_drop_and_begin_anew(engine: Engine) -> None:
+def test_drop_and_install_again(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.exec_driver_sql("INSERT INTO map (name) VALUES ('gone')")
     migrate.drop(engine)
@@ -281,7 +281,7 @@ def asked_of_an_administrator(visitor: URL) -> list[str]:
 
 
 @pytest.mark.docker
-def test_who_may_not_install_is_told_what_it_takes(visitor: URL) -> None:
+def test_an_installation_without_rights_names_the_missing_rights(visitor: URL) -> None:
     asked = asked_of_an_administrator(visitor)
     assert f'GRANT CREATE ON DATABASE "{visitor.database}" TO "visitor"' in asked
     assert 'GRANT CREATE ON SCHEMA public TO "visitor"' in asked
@@ -289,7 +289,7 @@ def test_who_may_not_install_is_told_what_it_takes(visitor: URL) -> None:
 
 
 @pytest.mark.docker
-def test_granted_what_was_asked_for_it_installs(docker_postgis: Engine, visitor: URL) -> None:
+def test_the_named_rights_are_enough_to_install(docker_postgis: Engine, visitor: URL) -> None:
     with docker_postgis.begin() as connection:
         for statement in asked_of_an_administrator(visitor):
             connection.exec_driver_sql(statement)

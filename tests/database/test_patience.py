@@ -131,7 +131,7 @@ def test_server_that_is_away_for_a_moment(own: Cluster) -> None:
         ({"database": "none"}, 'database "none" does not exist', 1),
     ],
 )
-def test_what_no_wait_helps_fails_soon(
+def test_hopeless_connections_fail_soon(
     own: Cluster, change: dict[str, Any], says: str, seconds: float
 ) -> None:
     query(own, "SELECT 1")

@@ -103,7 +103,7 @@ RIGHTS = {
 
 @pytest.mark.parametrize("statement", RIGHTS)
 @pytest.mark.parametrize("role", ["semmap_reader", "semmap_robot", "semmap_admin"])
-def test_who_may_call_what(engine: Engine, role: str, statement: str) -> None:
+def test_each_role_may_call_its_functions(engine: Engine, role: str, statement: str) -> None:
     reader = as_reader(engine)
     assert reader is not None
     reader.dispose()

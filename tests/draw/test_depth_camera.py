@@ -22,11 +22,11 @@ def test_depths_agree_with_ray_casting(seed: int) -> None:
     mesh = trimesh.util.concatenate(meshes)
     eye = rng.uniform((-2.5, -2, -0.5), (2.5, 2, 0.5))
     camera = DepthCamera((80, 60), (60, 62, 39.5, 29.5), look_at(eye, rng.uniform(-1, 1, 3)))
-    depth, face = camera.image(np.asarray(mesh.triangles))
+    depth, face = camera.image(np.asarray(mesh.triangles))  # type: ignore[attr-defined]
     column, row = np.meshgrid(np.arange(80), np.arange(60))
     rays = np.stack([(column - 39.5) / 60, (row - 29.5) / 62, np.ones((60, 80))], -1)
     rays = rays.reshape(-1, 3) @ camera.pose[:3, :3].T
-    at, ray, of = mesh.ray.intersects_location(np.tile(eye, (4800, 1)), rays, multiple_hits=True)
+    at, ray, of = mesh.ray.intersects_location(np.tile(eye, (4800, 1)), rays, multiple_hits=True)  # type: ignore[attr-defined]
     ahead = (at - eye) @ camera.pose[:3, 2]
     far = np.full(4800, np.nan)
     first = np.full(4800, -1)

@@ -41,12 +41,17 @@ def test_the_story(example: ModuleType) -> None:
         for name, by, turn in moves:
             scene.move(name, by, turn)
     for begins, fact in (
-        (True, Fact("on", "mug", "table")), (False, Fact("on", "mug", "table")),
-        (True, Fact("in", "mug", "zone_943")), (False, Fact("in", "mug", "zone_943")),
-        (True, Fact("sees", "human1", "mug")), (False, Fact("sees", "human1", "mug")),
-        (True, Fact("touching", "ball", "ring")), (False, Fact("touching", "ball", "ring")),
-        (True, Fact("touching", "mug", "wedge")), (True, Fact("on", "wedge", "table")),
-    ):  # fmt: skip
+        (True, Fact("on", "mug", "table")),
+        (False, Fact("on", "mug", "table")),
+        (True, Fact("in", "mug", "zone_943")),
+        (False, Fact("in", "mug", "zone_943")),
+        (True, Fact("sees", "human1", "mug")),
+        (False, Fact("sees", "human1", "mug")),
+        (True, Fact("touching", "ball", "ring")),
+        (False, Fact("touching", "ball", "ring")),
+        (True, Fact("touching", "mug", "wedge")),
+        (True, Fact("on", "wedge", "table")),
+    ):
         assert sum(e.fact == fact and e.began == begins for e in heard) == 1, (begins, fact)
     sets = scene.sets()
     assert sum(each.voxels for each in sets.values()) == scene.regions.memory().active_voxels
@@ -81,8 +86,11 @@ def test_where_there_is_no_window(tmp_path: Path) -> None:
     bare = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     run = subprocess.run(
         [sys.executable, SCRIPT, "--live", "--steps", "1", "-o", tmp_path / "new"],
-        capture_output=True, text=True, env=bare | {"MPLBACKEND": "tkagg"}, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        env=bare | {"MPLBACKEND": "tkagg"},
+        check=True,
+    )
     assert run.stdout.startswith("no window can be opened here")
     assert "wedge on table begins" in run.stdout
     pictures = sorted((tmp_path / "new").iterdir())

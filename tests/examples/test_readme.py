@@ -57,8 +57,11 @@ def test_the_readme_shows_what_its_commands_print(
         assert program == ".venv/bin/semmap"
         done = subprocess.run(
             ["bash", "-c", f"{shlex.quote(str(SEMMAP))} {rest[0]}"],
-            cwd=tmp_path, capture_output=True, text=True, env=os.environ,
-        )  # fmt: skip
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            env=os.environ,
+        )
         assert done.returncode == 0, done.stderr
         lines = [line.rstrip() for line in done.stdout.splitlines() if line.strip()]
         assert [MEASURED.sub("", line) for line in lines[: len(printed)]] == [

@@ -151,7 +151,7 @@ def _laid(found: np.ndarray[Any, Any], layout: str) -> np.ndarray[Any, Any]:
 
 @cache  # a hundred grids as the arguments of one call would count as its memory
 def _grid(name: str, seed: int) -> Any:
-    kind = {"BoolGrid": BoolGrid, "Int32Grid": Int32Grid, "FloatGrid": FloatGrid}[name]
+    kind: Any = {"BoolGrid": BoolGrid, "Int32Grid": Int32Grid, "FloatGrid": FloatGrid}[name]
     grid = kind(0.1, kind is FloatGrid and 0.0)
     grid.fill(Shape.ball((0, 0, 0), 0.1 * (seed % 9 + 1)), 1)
     return grid

@@ -85,14 +85,14 @@ def test_two_floors_meet_in_an_opening_where_the_wall_between_them_stops():
     assert opening.rooms == (0, 1)
 
 
-def test_a_face_without_floor_is_no_room():
+def test_a_face_without_floor_is_not_a_room():
     walls = [*HOUSE, *lines(((4, 0), (4, 3)))]
     plan = enclose(walls, floors=[shapely.box(0, 0, 4, 3)])
     assert [room.area for room in plan.rooms] == pytest.approx([12])
     assert [face.area for face in plan.floorless] == pytest.approx([6])
 
 
-def test_a_column_is_no_room_and_a_small_room_with_a_door_is_one():
+def test_a_column_is_not_a_room_but_a_small_room_with_a_door_is():
     column = ring(shapely.box(1, 1, 2, 2))
     plan = enclose([*HOUSE, *column])
     assert [face.area for face in plan.solid] == pytest.approx([1])
@@ -101,13 +101,13 @@ def test_a_column_is_no_room_and_a_small_room_with_a_door_is_one():
     assert sorted(room.area for room in closet.rooms) == pytest.approx([1, 17])
 
 
-def test_what_is_smaller_than_half_a_square_metre_is_no_room():
+def test_a_face_below_half_a_square_metre_is_not_a_room():
     duct = ring(shapely.box(1, 1, 1.7, 1.7))
     plan = enclose([*HOUSE, *duct[1:]], [duct[0]])
     assert [room.area for room in plan.rooms] == pytest.approx([18 - 0.49])
 
 
-def test_the_space_around_a_cabin_in_its_shaft_is_no_room():
+def test_the_space_around_a_cabin_in_its_shaft_is_not_a_room():
     shaft = [*HOUSE, *lines(((4, 0), (4, 1)), ((4, 2), (4, 3)))]
     cabin = shapely.box(4.5, 0.5, 5.5, 2.5)
     door = LineString([(4.2, 2), (4.2, 1)]).reverse()  # the cabin to its right

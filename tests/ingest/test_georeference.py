@@ -158,12 +158,12 @@ def test_the_map_lies_on_the_earth_as_gis_programs_see_it(engine: Engine, tmp_pa
     assert (*low, *high) == pytest.approx((-1, -2, 1, 2), abs=0.01)  # 4 m of x run to the south
 
 
-def test_gazebos_default_says_nothing(engine: Engine, tmp_path: Path) -> None:
+def test_gazebos_default_origin_is_ignored(engine: Engine, tmp_path: Path) -> None:
     import_file(engine, sdf(tmp_path, degrees(0, 0, 0, 0)))
     assert kept(engine) == (None,) * 5
 
 
-def test_what_was_said_outlasts_a_file_that_says_nothing(engine: Engine, tmp_path: Path) -> None:
+def test_a_georeference_outlasts_a_file_without_one(engine: Engine, tmp_path: Path) -> None:
     import_file(engine, sdf(tmp_path, degrees(*OSNABRUECK, 12)))
     said = kept(engine)
     import_file(engine, sdf(tmp_path, None, "other.sdf"), map_name="site")
@@ -183,7 +183,7 @@ def test_what_was_said_outlasts_a_file_that_says_nothing(engine: Engine, tmp_pat
         ),
     ],
 )
-def test_what_is_no_place_on_the_grid_is_left_out(
+def test_positions_off_the_grid_are_left_out(
     tmp_path: Path, said: dict[str, Any], problem: str
 ) -> None:
     world = read_sdf(sdf(tmp_path, said))

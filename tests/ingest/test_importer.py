@@ -65,7 +65,7 @@ def test_a_repeated_import_changes_nothing(engine: Engine, tmp_path: Path) -> No
     assert counts(engine) == before
 
 
-def test_a_changed_file_updates_what_changed(engine: Engine, tmp_path: Path) -> None:
+def test_a_changed_file_updates_the_changed_entities(engine: Engine, tmp_path: Path) -> None:
     path = box_world(tmp_path, {"a": (0, 0, 0), "b": (3, 0, 0), "c": (6, 0, 0)})
     import_file(engine, path, map_name="changed")
     box_world(tmp_path, {"a": (0, 0, 0), "b": (3, 1, 0), "d": (9, 0, 0)})
@@ -84,7 +84,7 @@ def test_meshes_are_shared_by_their_instances(engine: Engine, tmp_path: Path) ->
     assert counts(engine)[2] == before[2] + 1
 
 
-def test_what_a_robot_moved_stays_moved(engine: Engine, tmp_path: Path) -> None:
+def test_moves_by_a_robot_survive_an_import(engine: Engine, tmp_path: Path) -> None:
     path = box_world(tmp_path, {"mug": (0, 0, 0)})
     import_file(engine, path, map_name="moved")
     with engine.begin() as connection:
@@ -132,7 +132,9 @@ def test_a_world_imported_twice_under_two_names_stands_beside_itself(engine: Eng
     assert first.added == second.added == 220
 
 
-def test_a_type_that_the_t_box_lacks_is_added_and_said(engine: Engine, tmp_path: Path) -> None:
+def test_a_type_missing_from_the_t_box_is_added_and_reported(
+    engine: Engine, tmp_path: Path
+) -> None:
     path = tmp_path / "odd.geojson"
     features = room_features({"room1": (0, 0, 4, 3)})
     features["features"][0]["properties"]["type"] = "orangery"

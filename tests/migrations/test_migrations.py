@@ -90,8 +90,9 @@ def test_down_and_up_again_loses_no_row(docker_postgis: Engine, down_to: str) ->
     assert differences(engine) == []
     # What came back is alive: triggers move the contents, Figure 3 answers.
     with engine.begin() as connection:
-        connection.execute(text("SELECT set_config('semmap.map', :m, false)"),
-                           {"m": f"office-{down_to}"})  # fmt: skip
+        connection.execute(
+            text("SELECT set_config('semmap.map', :m, false)"), {"m": f"office-{down_to}"}
+        )
         was = connection.execute(
             text("SELECT pose[1] FROM world WHERE entity_id = entity_id('muffin1')")
         ).scalar_one()

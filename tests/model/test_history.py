@@ -142,7 +142,7 @@ def test_old_poses_of_agents_are_pruned(engine: Engine) -> None:
         assert robot.id not in left
 
 
-def test_a_move_prunes_what_is_older_than_the_retention(engine: Engine) -> None:
+def test_a_move_prunes_history_older_than_the_retention(engine: Engine) -> None:
     with Session(engine) as session:
         of = new_map(session)
         mug = thing(session, of, "mug", None, Pose())
@@ -162,13 +162,13 @@ def test_a_move_prunes_what_is_older_than_the_retention(engine: Engine) -> None:
         session.get_one(Placement, mug.id).pose = Pose(x=4)
         mug.label = "4"
         session.commit()
-        for table in (PlacementHistory, EntityHistory):
-            spans = session.scalars(select(table.during).where(table.entity_id == mug.id)).all()
-            assert len(spans) == 2, table
+        for history in (PlacementHistory, EntityHistory):
+            spans = session.scalars(select(history.during).where(history.entity_id == mug.id)).all()
+            assert len(spans) == 2, history
             assert all(span.lower > now(session) - timedelta(days=1) for span in spans)
 
 
-def test_what_is_gone_for_longer_than_the_retention_is_pruned_by_writers(engine: Engine) -> None:
+def test_history_of_deleted_entities_is_pruned_after_the_retention(engine: Engine) -> None:
     with Session(engine) as session:
         of = new_map(session)
         mug, lamp = (thing(session, of, name, None, Pose()) for name in ("mug", "lamp"))
@@ -179,12 +179,15 @@ def test_what_is_gone_for_longer_than_the_retention_is_pruned_by_writers(engine:
         session.commit()
         for table in ("placement_history", "entity_history"):
             session.execute(
-                text(f"UPDATE {table} SET during = tstzrange('2001-01-01', '2001-01-02') "
-                     "WHERE entity_id = :id"), {"id": mug.id}
-            )  # fmt: skip
+                text(
+                    f"UPDATE {table} SET during = tstzrange('2001-01-01', '2001-01-02') "
+                    "WHERE entity_id = :id"
+                ),
+                {"id": mug.id},
+            )
         session.execute(text("SELECT apply_retention()"))
-        for table in (PlacementHistory, EntityHistory):
-            assert {*session.scalars(select(table.entity_id))} == {lamp.id}, table
+        for history in (PlacementHistory, EntityHistory):
+            assert {*session.scalars(select(history.entity_id))} == {lamp.id}, history
 
 
 def test_after_the_clock_was_set_back_the_latest_pose_is_the_one_now(engine: Engine) -> None:
@@ -245,7 +248,7 @@ def test_each_transaction_announces_once(engine: Engine, listener: psycopg.Conne
         assert said["added"] == 20000
 
 
-def test_a_cursor_does_not_skip_what_committed_late(engine: Engine) -> None:
+def test_a_cursor_does_not_skip_late_commits(engine: Engine) -> None:
     with Session(engine) as early, Session(engine) as late, Session(engine) as reader:
         of = new_map(late)
         late.commit()

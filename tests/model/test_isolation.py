@@ -59,7 +59,9 @@ SCENARIOS: dict[str, list[list[str]]] = {
     "move a table out of a room that moves": [[TABLE_INTO_HALL], [MOVE_ROOM]],
     "take from a table that moves to another room": [[TAKE], [TABLE_INTO_HALL, MOVE_ROOM]],
     "move it from a table that moves to one that moves": [
-        [PUT_ON_SHELF], [MOVE_TABLE], ["SELECT move_to({shelf}, 8, 8, 8)"]
+        [PUT_ON_SHELF],
+        [MOVE_TABLE],
+        ["SELECT move_to({shelf}, 8, 8, 8)"],
     ],
     "add to a table that moves": [[ADD], [MOVE_TABLE]],
     "give a shape to what moves along": [[SHAPE], [MOVE_TABLE]],
@@ -73,7 +75,7 @@ SCENARIOS: dict[str, list[list[str]]] = {
     "delete the table of what slides": [[SLIDE], [DELETE_TABLE]],
     "into each other": [[SHELF_ON_TABLE], [TABLE_ON_SHELF]],
     "in opposite orders": [[MOVE_TABLE, MOVE_LAMP], [MOVE_LAMP, MOVE_TABLE]],
-}  # fmt: skip
+}
 
 MAY_FAIL = {
     "delete the table of what is put there": (CheckViolation, ForeignKeyViolation),

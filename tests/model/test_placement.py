@@ -121,7 +121,7 @@ def test_box_and_footprint_are_those_of_the_turned_points(
         session.rollback()
 
 
-def test_a_move_touches_its_contents_alone(engine: Engine) -> None:
+def test_a_move_touches_only_its_contents(engine: Engine) -> None:
     with Session(engine) as session:
         of = new_map(session)
         table = thing(session, of, "table", None, Pose())
@@ -187,7 +187,7 @@ def test_bad_placements_are_refused_and_change_nothing(
         assert world_poses(session, of) == before
 
 
-def test_a_holder_does_not_move_under_what_is_put_into_it(engine: Engine) -> None:
+def test_a_holder_is_locked_while_an_object_is_put_into_it(engine: Engine) -> None:
     """Two transactions at once: one moves the table, the other puts the muffin on it."""
     with Session(engine) as session:
         of = new_map(session)

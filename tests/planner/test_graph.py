@@ -192,7 +192,7 @@ def test_alternatives_are_those_of_networkx(seed):
     edges = list(lattice.edges)
     weights = random.uniform(1, 2, len(edges))
     nx.set_edge_attributes(lattice, dict(zip(edges, weights.tolist(), strict=True)), "weight")
-    graph = Graph(*np.transpose(edges), weights, lattice.number_of_nodes())
+    graph = Graph(*np.transpose(edges), weights, lattice.number_of_nodes())  # type: ignore[call-arg]
     start, goal = random.choice(240, 2, replace=False).tolist()
     ways = itertools.islice(nx.shortest_simple_paths(lattice, start, goal, "weight"), 12)
     expected = [nx.path_weight(lattice, way, "weight") for way in ways]

@@ -84,8 +84,17 @@ def flat(x: float, y: float, z: float) -> Shape:
     return Shape("polygon", outline=shapely.Polygon(corners))
 
 
-def thing(name: str, shape: Shape | None, x: float, y: float, z: float = 0, yaw: float = 0,
-          holder: str = "first", kind: Kind = "object", front: float = 0) -> Entry:  # fmt: skip
+def thing(
+    name: str,
+    shape: Shape | None,
+    x: float,
+    y: float,
+    z: float = 0,
+    yaw: float = 0,
+    holder: str = "first",
+    kind: Kind = "object",
+    front: float = 0,
+) -> Entry:
     shapes = [] if shape is None else [shape]
     return Entry(
         name, kind, holder=holder, pose=Pose.planar(x, y, yaw, z), shapes=shapes, front=front
@@ -149,7 +158,7 @@ def office(frame: Pose) -> World:
         thing("desk", block(1.6, 0.8, 0.75), 2, 2, holder="second"),
         thing("home", drawn(0.3, 0.3, 1.15, 1.15, 0, 0.01), 0, 0, kind="region"),
         Entry("idea", "object", pose=None),
-    ]  # fmt: skip
+    ]
     return World("office", Path("office"), entries)
 
 

@@ -21,10 +21,12 @@ def write(engine: Engine, number: int, name: str) -> None:
         for i in range(number):
             for j in range(1 + i % 3):
                 connection.execute(
-                    text("INSERT INTO entity (map_id, kind, name) "
-                         "SELECT id, 'object', :name FROM map"),
+                    text(
+                        "INSERT INTO entity (map_id, kind, name) "
+                        "SELECT id, 'object', :name FROM map"
+                    ),
                     {"name": f"{name}{i}.{j}"},
-                )  # fmt: skip
+                )
             if i % 5 == 4:
                 connection.rollback()
             connection.commit()
@@ -34,7 +36,7 @@ def driver(connection: Connection) -> psycopg.Connection[Any]:
     return connection.connection.driver_connection  # type: ignore[return-value]
 
 
-def test_who_polls_beside_writers_misses_nothing(engine: Engine) -> None:
+def test_a_poller_beside_writers_misses_nothing(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
     writers = [threading.Thread(target=write, args=(engine, 150, name)) for name in "ab"]

@@ -28,7 +28,7 @@ def test_the_map_of_a_name_is_seen_in_one_transaction(maps):
             see_map(connection, None)
 
 
-def test_where_there_is_no_map_it_is_said(make_database):
+def test_a_missing_map_is_reported(make_database):
     engine = connect(make_database())
     with engine.connect() as connection, pytest.raises(LookupError, match="semmap import FILE"):
         see_map(connection, None)
@@ -42,7 +42,7 @@ def test_a_map_of_another_name_is_missed_by_it(maps):
             current_name(connection)
 
 
-def test_a_snapshot_does_not_see_what_others_commit_meanwhile(maps):
+def test_a_snapshot_does_not_see_concurrent_commits(maps):
     count = text("SELECT count(*) FROM map")
     with snapshot(maps) as connection:
         assert connection.execute(count).scalar() == 2

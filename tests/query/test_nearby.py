@@ -117,16 +117,18 @@ def test_one_plan_on_the_index_serves_all_places(hall: Engine) -> None:
         assert "Seq Scan" not in plan
 
 
-def test_what_is_rare_and_far_is_not_sought_place_by_place(hall: Engine) -> None:
+def test_a_rare_and_far_type_is_not_searched_place_by_place(hall: Engine) -> None:
     """Where a place is wide, the few of a type are the beginning, however often it was asked."""
     with Session(hall) as session:
         for i in range(12):
             (relic,) = nearest_of_type(session, "hall_relic", (40.0 + i, 50.0, 5.0))
             assert relic.name == "relic"
         kept = session.execute(
-            text("SELECT statement, generic_plans + custom_plans FROM pg_prepared_statements "
-                 "WHERE statement LIKE '%box_distance%'")
-        ).all()  # fmt: skip
+            text(
+                "SELECT statement, generic_plans + custom_plans FROM pg_prepared_statements "
+                "WHERE statement LIKE '%box_distance%'"
+            )
+        ).all()
         # at 1 and 4 metres, and no farther
         assert [asked for _, asked in kept] == [24 - PREPARED_AFTER]
         assert "&& (SELECT" in kept[0][0]

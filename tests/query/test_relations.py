@@ -146,7 +146,7 @@ TRUTH: dict[str, dict[str, str]] = {
 
 
 @pytest.mark.parametrize("relation", TRUTH)
-def test_relation_holds_for_exactly_these_pairs(building: Building, relation: str) -> None:
+def test_a_relation_is_true_for_exactly_these_pairs(building: Building, relation: str) -> None:
     pairs = text(
         f"SELECT b.name, a.name FROM entity a, entity b WHERE a.id = ANY(:ids) AND b.id = ANY(:ids)"
         f" AND {named(relation).function}(a.id, b.id)"
@@ -175,23 +175,26 @@ def test_operator_lists_the_same_by_index_from_either_side(
         )
 
 
-@pytest.mark.parametrize(("a", "b", "distance", "expected"), [
-    ("chest1", "shelf", 1.15, True),  # 3.59 to 4.25, 0.6 aside
-    ("stone", "robot", 1.905, True),
-    ("stone", "robot", 1.895, False),
-    ("lamp", "table", 0.84, True),
-    ("lamp", "table", 0.82, False),
-    ("ball", "table", 0.53, True),
-    ("ball", "table", 0.4, False),
-    ("mug", "crate", 0.005, True),
-    ("lamp", "office", 0.1, True),
-    ("desk", "lamp", 0.5, False),
-    ("pin", "crate", 1.5, True),
-    ("pin", "crate", 1.4, False),
-    ("stool", "office", 0.8, False),
-    ("first", "office", 100.0, False),
-    ("idea", "office", 100.0, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("a", "b", "distance", "expected"),
+    [
+        ("chest1", "shelf", 1.15, True),  # 3.59 to 4.25, 0.6 aside
+        ("stone", "robot", 1.905, True),
+        ("stone", "robot", 1.895, False),
+        ("lamp", "table", 0.84, True),
+        ("lamp", "table", 0.82, False),
+        ("ball", "table", 0.53, True),
+        ("ball", "table", 0.4, False),
+        ("mug", "crate", 0.005, True),
+        ("lamp", "office", 0.1, True),
+        ("desk", "lamp", 0.5, False),
+        ("pin", "crate", 1.5, True),
+        ("pin", "crate", 1.4, False),
+        ("stool", "office", 0.8, False),
+        ("first", "office", 100.0, False),
+        ("idea", "office", 100.0, False),
+    ],
+)
 def test_near_is_the_distance_of_surfaces(
     building: Building, a: str, b: str, distance: float, expected: bool
 ) -> None:
@@ -202,36 +205,39 @@ def test_near_is_the_distance_of_surfaces(
 SIDES = ("left_of", "right_of", "in_front_of", "behind")
 
 
-@pytest.mark.parametrize(("a", "b", "frame", "side"), [
-    ("shelf", "table", "object", "in_front_of"),
-    ("robot", "table", "object", "right_of"),
-    ("crate", "table", "object", "in_front_of"),
-    ("chest1", "shelf", "object", "in_front_of"),
-    ("table", "shelf", "object", "behind"),
-    ("stone", "crate", "object", "behind"),
-    ("chest2", "crate", "object", "left_of"),
-    ("tray", "table", "object", None),
-    ("desk", "shelf", "object", None),
-    ("table", "idea", "object", None),
-    # chest1 is turned by a quarter, the robot's front is.
-    ("chest2", "chest1", "object", "right_of"),
-    ("table", "robot", "object", "in_front_of"),
-    ("crate", "robot", "object", "right_of"),
-    ("pin", "robot", "object", "right_of"),
-    # From the middle of the wall at y = 0, looking at the table.
-    ("shelf", "table", (2, 0), "right_of"),
-    ("robot", "table", (2, 0), "in_front_of"),
-    ("crate", "table", (2, 0), "right_of"),
-    ("lamp", "table", (2, 0), None),
-    # The same from the other side of the table.
-    ("shelf", "table", (2, 4), "left_of"),
-    ("robot", "table", (2, 4), "behind"),
-    ("crate", "table", (2, 4), "left_of"),
-    ("shelf", "table", (2, 2), None),
-    # Seen by the chest, and by one in no place.
-    ("stone", "crate", "chest2", "right_of"),
-    ("stone", "crate", "idea", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("a", "b", "frame", "side"),
+    [
+        ("shelf", "table", "object", "in_front_of"),
+        ("robot", "table", "object", "right_of"),
+        ("crate", "table", "object", "in_front_of"),
+        ("chest1", "shelf", "object", "in_front_of"),
+        ("table", "shelf", "object", "behind"),
+        ("stone", "crate", "object", "behind"),
+        ("chest2", "crate", "object", "left_of"),
+        ("tray", "table", "object", None),
+        ("desk", "shelf", "object", None),
+        ("table", "idea", "object", None),
+        # chest1 is turned by a quarter, the robot's front is.
+        ("chest2", "chest1", "object", "right_of"),
+        ("table", "robot", "object", "in_front_of"),
+        ("crate", "robot", "object", "right_of"),
+        ("pin", "robot", "object", "right_of"),
+        # From the middle of the wall at y = 0, looking at the table.
+        ("shelf", "table", (2, 0), "right_of"),
+        ("robot", "table", (2, 0), "in_front_of"),
+        ("crate", "table", (2, 0), "right_of"),
+        ("lamp", "table", (2, 0), None),
+        # The same from the other side of the table.
+        ("shelf", "table", (2, 4), "left_of"),
+        ("robot", "table", (2, 4), "behind"),
+        ("crate", "table", (2, 4), "left_of"),
+        ("shelf", "table", (2, 2), None),
+        # Seen by the chest, and by one in no place.
+        ("stone", "crate", "chest2", "right_of"),
+        ("stone", "crate", "idea", None),
+    ],
+)
 def test_sides(
     building: Building, a: str, b: str, frame: str | tuple[float, float], side: str | None
 ) -> None:
@@ -253,7 +259,7 @@ def building_ids(building: Building, condition: ColumnElement[bool]) -> set[int]
     return {building.ids[name] for name in building.names(condition)}
 
 
-def test_sides_in_the_frame_of_the_map_do_not_turn_with_the_thing(module_engine: Engine) -> None:
+def test_sides_in_the_frame_of_the_map_do_not_turn_with_the_object(module_engine: Engine) -> None:
     for yaw in (0.0, 1.0, 2.5):
         world = bodies("sides", [box_mesh((-0.2, -0.2, 0), (0.2, 0.2, 1))] * 5)
         places = [(0, 0), (2, 0.5), (-0.5, 2), (-2, -1), (0.1, -2)]
@@ -270,18 +276,21 @@ def test_sides_in_the_frame_of_the_map_do_not_turn_with_the_thing(module_engine:
         }
 
 
-@pytest.mark.parametrize(("a", "b", "c", "expected"), [
-    ("stone", "robot", "crate", True),
-    ("stone", "table", "crate", False),
-    ("table", "robot", "crate", False),
-    ("muffin", "tray", "lamp", True),
-    ("table", "rug", "tray", True),
-    ("lamp", "tray", "muffin", False),
-    ("pin", "table", "crate", False),
-    ("stone", "robot", "desk", False),
-    ("robot", "robot", "crate", False),
-    ("idea", "robot", "crate", False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("a", "b", "c", "expected"),
+    [
+        ("stone", "robot", "crate", True),
+        ("stone", "table", "crate", False),
+        ("table", "robot", "crate", False),
+        ("muffin", "tray", "lamp", True),
+        ("table", "rug", "tray", True),
+        ("lamp", "tray", "muffin", False),
+        ("pin", "table", "crate", False),
+        ("stone", "robot", "desk", False),
+        ("robot", "robot", "crate", False),
+        ("idea", "robot", "crate", False),
+    ],
+)
 def test_between(building: Building, a: str, b: str, c: str, expected: bool) -> None:
     assert building.holds("between", a, b, c) is expected
     assert building.holds("between", a, c, b) is expected
@@ -289,14 +298,17 @@ def test_between(building: Building, a: str, b: str, c: str, expected: bool) -> 
     assert (a in building.names(relations.between(Entity, of_b, of_c))) is expected
 
 
-@pytest.mark.parametrize(("start", "expected"), {
-    "office": "office corridor store cabin1 cabin2 attic",
-    "stool": "office corridor store cabin1 cabin2 attic",
-    "store": "store",
-    "vault": "vault",
-    "cabin2": "office corridor store cabin1 cabin2 attic",
-    "attic": "attic",
-}.items())  # fmt: skip
+@pytest.mark.parametrize(
+    ("start", "expected"),
+    {
+        "office": "office corridor store cabin1 cabin2 attic",
+        "stool": "office corridor store cabin1 cabin2 attic",
+        "store": "store",
+        "vault": "vault",
+        "cabin2": "office corridor store cabin1 cabin2 attic",
+        "attic": "attic",
+    }.items(),
+)
 def test_reachable(building: Building, start: str, expected: str) -> None:
     assert building.names(reachable_from(Room, building.ids[start]), Room) == set(expected.split())
     for goal in ROOMS.split():
@@ -315,9 +327,10 @@ def test_relations_between_two_classes(building: Building) -> None:
     holder = aliased(Object)
     with Session(building.engine) as session:
         pairs = session.execute(
-            select(Object.name, holder.name)
-            .where(on(Object, holder), holder.id.in_(building.ids.values()))
-        ).all()  # fmt: skip
+            select(Object.name, holder.name).where(
+                on(Object, holder), holder.id.in_(building.ids.values())
+            )
+        ).all()
         things = {b: a for b, a in TRUTH["on"].items() if b not in ("office", "corridor", "attic")}
         agents_and_regions = ("robot", "home")
         assert {(row[0], row[1]) for row in pairs} == {
@@ -328,11 +341,14 @@ def test_relations_between_two_classes(building: Building) -> None:
         }
 
 
-def test_relations_hold_within_one_map_only(module_engine: Engine) -> None:
+def test_relations_are_within_one_map_only(module_engine: Engine) -> None:
     first = store(module_engine, f"one{next(MAPS)}", office(Pose()))
     second = store(module_engine, f"two{next(MAPS)}", office(Pose()))
-    crossed = Building(module_engine, {"muffin": first["muffin"], "office": second["office"],
-                                       "tray": second["tray"]}, Pose())  # fmt: skip
+    crossed = Building(
+        module_engine,
+        {"muffin": first["muffin"], "office": second["office"], "tray": second["tray"]},
+        Pose(),
+    )
     for relation in ("in_", "on", "above", "under", "touching", *SIDES):
         for b in ("office", "tray"):
             assert not crossed.holds(relation, "muffin", b)
@@ -357,7 +373,7 @@ def test_contact_within_the_tolerance(module_engine: Engine, gap: float) -> None
 
 
 @pytest.mark.parametrize("lift", [-0.004, 0, 0.003])
-def test_of_two_thin_things_one_is_on_the_other(module_engine: Engine, lift: float) -> None:
+def test_of_two_thin_objects_one_is_on_the_other(module_engine: Engine, lift: float) -> None:
     sheets = [box_mesh((-1, -1, 0), (1, 1, 0.001)), box_mesh((-0.5, -0.5, 0), (0.5, 0.5, 0.006))]
     world = bodies("thin", sheets)
     world.entries[1].pose = Pose(z=lift)
@@ -406,9 +422,11 @@ def test_touching_and_near_agree_with_least_squares(
         # Solids that meet: so do their surfaces, unless one lies inside the other.
         inner = [
             bool((abs(p.inverse().apply(q.apply(corners(h)))) < g).all())
-            for p, q, h, g in ((poses[0], poses[1], half[1], half[0]),
-                               (poses[1], poses[0], half[0], half[1]))
-        ]  # fmt: skip
+            for p, q, h, g in (
+                (poses[0], poses[1], half[1], half[0]),
+                (poses[1], poses[0], half[0], half[1]),
+            )
+        ]
         if not any(inner):
             assert there.holds("near", "body0", "body1", 1e-6)
 
@@ -417,7 +435,7 @@ def corners(half: np.ndarray) -> np.ndarray:
     return np.array(list(itertools.product(*((-h, h) for h in half))))
 
 
-def test_large_meshes_are_told_apart_by_their_surfaces(module_engine: Engine) -> None:
+def test_large_meshes_are_distinguished_by_their_surfaces(module_engine: Engine) -> None:
     """A ball in the hole of a ring: their boxes overlap, their surfaces are 0.5 m apart."""
     ring = trimesh.creation.torus(1, 0.2, major_sections=200, minor_sections=60)
     sphere = trimesh.creation.icosphere(subdivisions=5, radius=0.3)
@@ -459,13 +477,16 @@ def explained(engine: Engine, statement: Select[Any]) -> str:
         return "\n".join(connection.execute(text(f"EXPLAIN {sql}".replace(":", "\\:"))).scalars())
 
 
-@pytest.mark.parametrize("condition", [
-    lambda ids: on(Object, ids["table"]),
-    lambda ids: on(ids["muffin"], Object),
-    lambda ids: in_(Object, ids["crate"]),
-    lambda ids: near(Object, ids["tray"], within=0.3),
-    lambda ids: touching(Object, ids["table"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "condition",
+    [
+        lambda ids: on(Object, ids["table"]),
+        lambda ids: on(ids["muffin"], Object),
+        lambda ids: in_(Object, ids["crate"]),
+        lambda ids: near(Object, ids["tray"], within=0.3),
+        lambda ids: touching(Object, ids["table"]),
+    ],
+)
 def test_operators_ask_the_spatial_index_and_scan_nothing(crowd: Building, condition: Any) -> None:
     statement = select(Object.name).where(condition(crowd.ids))
     plan = explained(crowd.engine, statement)
@@ -504,7 +525,7 @@ def test_every_relation_is_a_function_in_sql_and_in_python(module_engine: Engine
     }
 
 
-def test_what_is_not_an_entity_is_refused(module_engine: Engine) -> None:
+def test_arguments_that_are_not_entities_are_refused(module_engine: Engine) -> None:
     with Session(module_engine) as session:
         of = Map(name=f"refused{next(MAPS)}")
         pending = Object(map=of, name="pending", placement=Placement())

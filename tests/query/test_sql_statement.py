@@ -29,14 +29,23 @@ def test_no_column_is_lost(columns: list[str]) -> None:
 @pytest.mark.parametrize(
     ("said", "expected"),
     [
-        ("'NaN'::float8", "NaN"), ("'-Infinity'::float8", "-Infinity"), ("1.5::numeric", 1.5),
-        ("7::numeric", 7), ("'NaN'::numeric", "NaN"), ("'\\x00ff'::bytea", "\\x00ff"),
-        ("'[1,)'::int4range", "[1,)"), ("'empty'::int4range", "empty"),
-        ("'infinity'::timestamptz", "infinity"), ("'0044-03-15 BC'::date", "0044-03-15 BC"),
-        ("'{1,NULL}'::int[]", [1, None]), ("""'{"a": [1]}'::jsonb""", {"a": [1]}), ("NULL", None),
-        ("true", True), ("array['NaN'::float8]", ["NaN"]),
+        ("'NaN'::float8", "NaN"),
+        ("'-Infinity'::float8", "-Infinity"),
+        ("1.5::numeric", 1.5),
+        ("7::numeric", 7),
+        ("'NaN'::numeric", "NaN"),
+        ("'\\x00ff'::bytea", "\\x00ff"),
+        ("'[1,)'::int4range", "[1,)"),
+        ("'empty'::int4range", "empty"),
+        ("'infinity'::timestamptz", "infinity"),
+        ("'0044-03-15 BC'::date", "0044-03-15 BC"),
+        ("'{1,NULL}'::int[]", [1, None]),
+        ("""'{"a": [1]}'::jsonb""", {"a": [1]}),
+        ("NULL", None),
+        ("true", True),
+        ("array['NaN'::float8]", ["NaN"]),
     ],
-)  # fmt: skip
+)
 def test_every_value_has_a_form_in_json(database: str, said: str, expected: object) -> None:
     def refuse(word: str) -> None:
         raise AssertionError(f"{word} is no JSON")
@@ -59,7 +68,7 @@ def test_brackets_and_colons_are_parts_of_names(database: str, tmp_path: Path) -
 
 @pytest.mark.parametrize("statement", ["COPY entity TO STDOUT", "COPY map (name) FROM STDIN"])
 @pytest.mark.parametrize("write", [["--write"], []])
-def test_what_copies_to_and_fro_is_refused(database: str, statement: str, write: list[str]) -> None:
+def test_copy_statements_are_refused(database: str, statement: str, write: list[str]) -> None:
     with pytest.raises((ValueError, psycopg.Error), match=r"db psql|permission denied|read-only"):
         semmap(database, "sql", statement, *write)
 
@@ -72,10 +81,10 @@ def test_what_copies_to_and_fro_is_refused(database: str, statement: str, write:
         (("ls", "--near", "0,0,0", "--within", "-1"), "within takes metres from 0 on"),
         (("ls", "--box", "5,5,5,0,0,0"), "its lowest corner first, then its highest"),
         (("show", "crate", "--at", "yesterday"), "--at takes an ISO 8601 time"),
-        (("changes", "abc"), "abc is no cursor"),
+        (("changes", "abc"), "abc is not a cursor"),
     ],
 )
-def test_an_odd_question_is_answered_by_what_to_ask(
+def test_invalid_arguments_get_a_hint(
     database: str, tmp_path: Path, words: tuple[str, ...], says: str
 ) -> None:
     semmap(database, "import", box_world(tmp_path, {"crate": (0, 0, 0.4)}))
@@ -83,22 +92,23 @@ def test_an_odd_question_is_answered_by_what_to_ask(
         semmap(database, *words)
 
 
-def test_no_statement_is_said(database: str) -> None:
+def test_an_empty_statement_is_reported(database: str) -> None:
     with pytest.raises(ValueError, match="no statement: give one, or -"):
         semmap(database, "sql", " ;\n")
 
 
-def test_who_only_reads_writes_no_file(engine: Engine, tmp_path: Path) -> None:
+def test_readers_write_no_files(engine: Engine, tmp_path: Path) -> None:
     """The embedded cluster's owner is a superuser, whom a read-only transaction does not hold."""
     file = tmp_path / "written"
     tmp_path.chmod(0o777)
     with engine.connect() as connection:
-        for statement in (f"COPY (SELECT 1) TO '{file}'", "SELECT pg_read_file('/etc/passwd')",
-                          f"COPY (SELECT 1) TO PROGRAM 'touch {file}'"):  # fmt: skip
+        for statement in (
+            f"COPY (SELECT 1) TO '{file}'",
+            "SELECT pg_read_file('/etc/passwd')",
+            f"COPY (SELECT 1) TO PROGRAM 'touch {file}'",
+        ):
             with pytest.raises(Exception, match=r"permission denied|must be superuser"):
                 run_sql(connection, statement, write=False)
             connection.rollback()
-        assert run_sql(connection, "SELECT count(*) FROM face", write=False) == (
-            ["count"], [(0,)]
-        )  # fmt: skip
+        assert run_sql(connection, "SELECT count(*) FROM face", write=False) == (["count"], [(0,)])
     assert not file.exists()

@@ -15,12 +15,24 @@ from semmap.query.statements import kind
 @pytest.mark.parametrize(
     ("statement", "word"),
     [
-        ("select 1", "SELECT"), ("\n\t(( Values (1)))", "VALUES"), ("", ""), ("-- SELECT", ""),
-        ("-- a\rDO 'x'", "DO"), ("/* */SET x = 1", "SET"), ("/* /* */ SELECT */ SET", "SET"),
-        ("/* SELECT", ""), ("*/ SELECT", ""), ("1 SELECT", ""), ("'SELECT'", ""), ('"SELECT"', ""),
-        ("SELECTED", "SELECTED"), ("ſelect", "SELECT"), (";;SHOW x", "SHOW"), ("- - SELECT", ""),
+        ("select 1", "SELECT"),
+        ("\n\t(( Values (1)))", "VALUES"),
+        ("", ""),
+        ("-- SELECT", ""),
+        ("-- a\rDO 'x'", "DO"),
+        ("/* */SET x = 1", "SET"),
+        ("/* /* */ SELECT */ SET", "SET"),
+        ("/* SELECT", ""),
+        ("*/ SELECT", ""),
+        ("1 SELECT", ""),
+        ("'SELECT'", ""),
+        ('"SELECT"', ""),
+        ("SELECTED", "SELECTED"),
+        ("ſelect", "SELECT"),
+        (";;SHOW x", "SHOW"),
+        ("- - SELECT", ""),
     ],
-)  # fmt: skip
+)
 def test_kind(statement: str, word: str) -> None:
     assert kind(statement) == word
 

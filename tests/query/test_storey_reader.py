@@ -77,7 +77,7 @@ def stored(
 # -- the office ---------------------------------------------------------------------------------
 
 
-def test_a_scene_has_what_reaches_into_the_storey(connection: Connection) -> None:
+def test_a_scene_has_all_entities_that_reach_into_the_storey(connection: Connection) -> None:
     assert read_storey_names(connection) == ["floor-1st", "floor-3rd"]
     first, third = (read_scene(connection, name) for name in ("floor-1st", "floor-3rd"))
     assert (first.elevation, third.elevation) == (0.0, 7.0)
@@ -195,7 +195,7 @@ def test_a_map_without_floor_meshes_has_the_floor_on_which_objects_stand(
     assert read_scene(connection, "small").elevation == pytest.approx(1.5)
 
 
-def test_objects_without_geometry_are_told_apart(connection: Connection) -> None:
+def test_objects_without_geometry_are_listed_separately(connection: Connection) -> None:
     stored(connection, Entry("bed1", "object", "bed", pose=Pose(1.0, 1.0, 0.0)))
     (bed,) = read_scene(connection, "small").without_geometry
     assert bed.name == "bed1"

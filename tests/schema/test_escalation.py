@@ -27,16 +27,18 @@ def test_functions_with_their_owners_rights_search_temporary_tables_last(
 ) -> None:
     with module_engine.connect() as connection:
         rows = connection.execute(
-            text("SELECT proname, proconfig FROM pg_proc "
-                 "WHERE pronamespace = 'semmap'::regnamespace AND prosecdef")
-        ).all()  # fmt: skip
+            text(
+                "SELECT proname, proconfig FROM pg_proc "
+                "WHERE pronamespace = 'semmap'::regnamespace AND prosecdef"
+            )
+        ).all()
     assert len(rows) >= 20
     for name, settings in rows:
         path = [s for s in settings or [] if s.startswith("search_path=")]
         assert path == ["search_path=semmap, public, pg_temp"], name
 
 
-def test_only_who_needs_them_executes_functions_with_their_owners_rights(
+def test_functions_with_their_owners_rights_are_granted_sparingly(
     module_engine: Engine,
 ) -> None:
     statement = text(
@@ -96,8 +98,9 @@ def intruder(engine: Engine) -> Iterator[tuple[psycopg.Connection[tuple[object, 
     name = f"intruder_{os.getpid()}"
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
-        connection.execute(text("INSERT INTO entity (map_id, kind, name) "
-                                "SELECT id, 'object', 'mug' FROM map"))  # fmt: skip
+        connection.execute(
+            text("INSERT INTO entity (map_id, kind, name) SELECT id, 'object', 'mug' FROM map")
+        )
         connection.execute(text("INSERT INTO placement (entity_id) SELECT id FROM entity"))
         connection.execute(text(f"CREATE ROLE {name} IN ROLE semmap_robot"))
     url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
@@ -111,10 +114,25 @@ def intruder(engine: Engine) -> Iterator[tuple[psycopg.Connection[tuple[object, 
 
 
 SHADOWED = (
-    "change", "world", "placement", "entity", "placement_history", "entity_history", "object_type",
-    "retention", "model", "chunk", "entity_model", "entity_chunk", "map", "type_closure", "region",
-    "change_pruned", "fresh", "former",
-)  # fmt: skip
+    "change",
+    "world",
+    "placement",
+    "entity",
+    "placement_history",
+    "entity_history",
+    "object_type",
+    "retention",
+    "model",
+    "chunk",
+    "entity_model",
+    "entity_chunk",
+    "map",
+    "type_closure",
+    "region",
+    "change_pruned",
+    "fresh",
+    "former",
+)
 
 
 @pytest.mark.parametrize("shadow", SHADOWED)
@@ -144,7 +162,7 @@ def test_a_temporary_table_does_not_stand_in_for_one_of_the_schema(
     assert found == (False,)
 
 
-def test_a_trigger_function_is_not_attached_to_a_table_of_ones_own(
+def test_a_trigger_function_is_not_attached_to_a_users_table(
     intruder: tuple[psycopg.Connection[tuple[object, ...]], str],
 ) -> None:
     own, _ = intruder

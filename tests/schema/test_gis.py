@@ -58,15 +58,36 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> dict[str, Any]:
 def append(engine: Engine, layer: str, features: list[dict[str, Any]], folder: Path) -> None:
     path = folder / "features.geojson"
     path.write_text(json.dumps({"type": "FeatureCollection", "crs": None, "features": features}))
-    ogr("ogr2ogr", "-append", "-f", "PostgreSQL", dsn(engine), path, "-nln", f"semmap.{layer}",
-        "--config", "PG_USE_COPY", "NO")  # fmt: skip
+    ogr(
+        "ogr2ogr",
+        "-append",
+        "-f",
+        "PostgreSQL",
+        dsn(engine),
+        path,
+        "-nln",
+        f"semmap.{layer}",
+        "--config",
+        "PG_USE_COPY",
+        "NO",
+    )
 
 
 def read(engine: Engine, layer: str, building: str, folder: Path) -> list[dict[str, Any]]:
     path = folder / f"{layer}.geojson"
     path.unlink(missing_ok=True)
-    ogr("ogr2ogr", "-f", "GeoJSON", "-lco", "WRITE_BBOX=NO", path, dsn(engine), f"semmap.{layer}",
-        "-where", f"map = '{building}'")  # fmt: skip
+    ogr(
+        "ogr2ogr",
+        "-f",
+        "GeoJSON",
+        "-lco",
+        "WRITE_BBOX=NO",
+        path,
+        dsn(engine),
+        f"semmap.{layer}",
+        "-where",
+        f"map = '{building}'",
+    )
     features: list[dict[str, Any]] = json.loads(path.read_text())["features"]
     return features
 
@@ -94,10 +115,23 @@ def test_gdal_sees_key_srid_and_type_of_each_layer(engine: Engine) -> None:
 
 
 def test_a_room_drawn_by_gdal_is_a_room(engine: Engine, building: str, tmp_path: Path) -> None:
-    append(engine, "gis_room", [
-        feature(rectangle(0, 0, 4, 3), map=building, storey="first", name="kitchen1", type="room",
-                label="kitchen", floor=0, ceiling=2.5),
-    ], tmp_path)  # fmt: skip
+    append(
+        engine,
+        "gis_room",
+        [
+            feature(
+                rectangle(0, 0, 4, 3),
+                map=building,
+                storey="first",
+                name="kitchen1",
+                type="room",
+                label="kitchen",
+                floor=0,
+                ceiling=2.5,
+            ),
+        ],
+        tmp_path,
+    )
     (room,) = read(engine, "gis_room", building, tmp_path)
     assert room["properties"]["storey"] == "first"
     assert room["geometry"]["type"] == "MultiPolygon"
@@ -117,17 +151,29 @@ def test_a_room_drawn_by_gdal_is_a_room(engine: Engine, building: str, tmp_path:
 def test_a_layer_edited_by_gdal_changes_the_map(
     engine: Engine, building: str, tmp_path: Path
 ) -> None:
-    append(engine, "gis_object", [
-        feature(rectangle(1, 1, 2, 2), map=building, name="box1", type="object", low=0.2, high=0.8),
-        feature(rectangle(5, 1, 6, 2), map=building, name="box2", type="object", low=0, high=1),
-    ], tmp_path)  # fmt: skip
+    append(
+        engine,
+        "gis_object",
+        [
+            feature(
+                rectangle(1, 1, 2, 2), map=building, name="box1", type="object", low=0.2, high=0.8
+            ),
+            feature(rectangle(5, 1, 6, 2), map=building, name="box2", type="object", low=0, high=1),
+        ],
+        tmp_path,
+    )
     edit = (
         "UPDATE semmap.gis_object SET label = 'crate', geom = ST_Translate(geom, 1, 0.5) "
         f"WHERE name = 'box1' AND map = '{building}'"
     )
     ogr("ogrinfo", "-q", dsn(engine), "-sql", edit)
-    ogr("ogrinfo", "-q", dsn(engine), "-sql",
-        f"DELETE FROM semmap.gis_object WHERE name = 'box2' AND map = '{building}'")  # fmt: skip
+    ogr(
+        "ogrinfo",
+        "-q",
+        dsn(engine),
+        "-sql",
+        f"DELETE FROM semmap.gis_object WHERE name = 'box2' AND map = '{building}'",
+    )
     (box,) = read(engine, "gis_object", building, tmp_path)
     assert box["properties"]["label"] == "crate"
     assert box["geometry"]["coordinates"][0][0][0] == [2.0, 1.5]
@@ -148,9 +194,16 @@ def test_a_layer_edited_by_gdal_changes_the_map(
 def test_bad_edits_are_refused_with_a_hint(
     engine: Engine, building: str, tmp_path: Path, change: str, says: str
 ) -> None:
-    append(engine, "gis_room", [
-        feature(rectangle(0, 0, 4, 3), map=building, name="room1", type="room", floor=0, ceiling=2)
-    ], tmp_path)  # fmt: skip
+    append(
+        engine,
+        "gis_room",
+        [
+            feature(
+                rectangle(0, 0, 4, 3), map=building, name="room1", type="room", floor=0, ceiling=2
+            )
+        ],
+        tmp_path,
+    )
     before = read(engine, "gis_room", building, tmp_path)
     with engine.connect() as connection, pytest.raises(DBAPIError, match=says) as refused:
         connection.execute(
@@ -164,9 +217,16 @@ def test_a_georeferenced_map_lies_on_the_earth(
     engine: Engine, building: str, tmp_path: Path
 ) -> None:
     """Osnabrueck's UTM zone; the oracle is GDAL's own transformation."""
-    append(engine, "gis_room", [
-        feature(rectangle(0, 0, 4, 3), map=building, name="room1", type="room", floor=0, ceiling=2)
-    ], tmp_path)  # fmt: skip
+    append(
+        engine,
+        "gis_room",
+        [
+            feature(
+                rectangle(0, 0, 4, 3), map=building, name="room1", type="room", floor=0, ceiling=2
+            )
+        ],
+        tmp_path,
+    )
     with Session(engine) as session:
         of = session.query(Map).filter_by(name=building).one()
         of.crs, of.easting, of.northing, of.height, of.rotation = 32632, 434000, 5792000, 70, 0
@@ -174,39 +234,51 @@ def test_a_georeferenced_map_lies_on_the_earth(
     (room,) = read(engine, "gis_earth", building, tmp_path)
     done = subprocess.run(
         ["gdaltransform", "-s_srs", "EPSG:32632", "-t_srs", "OGC:CRS84"],
-        input="434000 5792000\n434004 5792003\n", capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        input="434000 5792000\n434004 5792003\n",
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     corners = [[float(v) for v in line.split()[:2]] for line in done.stdout.splitlines()]
     ring = room["geometry"]["coordinates"][0][0]
     for corner in corners:
         assert min(abs(p[0] - corner[0]) + abs(p[1] - corner[1]) for p in ring) < 1e-6
 
 
-def test_what_a_door_lets_through_is_edited_in_its_layer(engine: Engine, building: str) -> None:
+def test_limits_of_a_door_are_edited_in_its_layer(engine: Engine, building: str) -> None:
     with engine.begin() as connection:
         connection.execute(text("SELECT set_config('semmap.map', :name, true)"), {"name": building})
         rooms = [
             connection.execute(
-                text("INSERT INTO gis_room (map, name, geom) VALUES (:map, :name, "
-                     "ST_Multi(ST_MakeEnvelope(:x, 0, :x + 3, 3, 0))) RETURNING fid"),
+                text(
+                    "INSERT INTO gis_room (map, name, geom) VALUES (:map, :name, "
+                    "ST_Multi(ST_MakeEnvelope(:x, 0, :x + 3, 3, 0))) RETURNING fid"
+                ),
                 {"map": building, "name": f"side{x}", "x": x},
             ).scalar_one()
             for x in (0, 4)
-        ]  # fmt: skip
+        ]
         door = connection.execute(
-            text("INSERT INTO entity (map_id, kind, name) "
-                 "VALUES (current_map(), 'connector', 'gate') RETURNING id")
-        ).scalar_one()  # fmt: skip
+            text(
+                "INSERT INTO entity (map_id, kind, name) "
+                "VALUES (current_map(), 'connector', 'gate') RETURNING id"
+            )
+        ).scalar_one()
         connection.execute(
-            text("INSERT INTO connector (entity_id, place_a, place_b, pose_a, pose_b) "
-                 "VALUES (:id, :a, :b, '{2,1,0,0,0,0,1}', '{5,1,0,0,0,0,1}')"),
+            text(
+                "INSERT INTO connector (entity_id, place_a, place_b, pose_a, pose_b) "
+                "VALUES (:id, :a, :b, '{2,1,0,0,0,0,1}', '{5,1,0,0,0,0,1}')"
+            ),
             {"id": door, "a": rooms[0], "b": rooms[1]},
-        )  # fmt: skip
+        )
         connection.execute(text("INSERT INTO placement (entity_id) VALUES (:id)"), {"id": door})
         connection.execute(
-            text("UPDATE gis_connector SET height = 1.9, step = 0.03, permissions = 'staff, night' "
-                 "WHERE fid = :id"), {"id": door}
-        )  # fmt: skip
+            text(
+                "UPDATE gis_connector SET height = 1.9, step = 0.03, permissions = 'staff, night' "
+                "WHERE fid = :id"
+            ),
+            {"id": door},
+        )
         row = connection.execute(
             text("SELECT height, step, permissions FROM connector WHERE entity_id = :id"),
             {"id": door},

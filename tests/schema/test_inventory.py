@@ -91,8 +91,11 @@ def by_update(engine: Engine, of: int, x: float, y: float, z: float) -> None:
         "FROM (SELECT planar_pose(:x, :y, 0, :z)) t (pose), "
         "placement q LEFT JOIN world h ON h.entity_id = q.holder_id "
         "WHERE p.entity_id = :of AND q.entity_id = :of",
-        of=of, x=x, y=y, z=z,
-    )  # fmt: skip
+        of=of,
+        x=x,
+        y=y,
+        z=z,
+    )
 
 
 def by_session(engine: Engine, of: int, x: float, y: float, z: float) -> None:
@@ -110,8 +113,10 @@ def by_map_editor(engine: Engine, of: int, x: float, y: float, z: float) -> None
         engine,
         "UPDATE gis_object SET geom = ST_Translate(geom, :x - ST_X(ST_Centroid(geom)), "
         ":y - ST_Y(ST_Centroid(geom))) WHERE fid = :of",
-        of=of, x=x, y=y,
-    )  # fmt: skip
+        of=of,
+        x=x,
+        y=y,
+    )
     by_function(engine, of, x, y, z)
 
 
@@ -186,8 +191,9 @@ def test_stated_holder_stays_until_the_geometry_contradicts_it(
         engine,
         "UPDATE placement SET holder_id = :b, confidence = NULL, relation = 'in' "
         "WHERE entity_id = :a",
-        a=ids["ball"], b=ids["box"],
-    )  # fmt: skip
+        a=ids["ball"],
+        b=ids["box"],
+    )
     by_function(engine, ids["ball"], 4.1, 3, 0.41)
     assert holders(engine)["ball"] == "in box"
     by_function(engine, ids["ball"], 4.1, 3, 1.5)
@@ -206,8 +212,9 @@ def test_setting_a_holder_states_it(engine: Engine, ids: dict[str, int]) -> None
     run(
         engine,
         HELD_IN_PLACE,
-        ball=ids["ball"], holder=ids["kitchen"],
-    )  # fmt: skip
+        ball=ids["ball"],
+        holder=ids["kitchen"],
+    )
     confidence = run(engine, "SELECT confidence FROM placement WHERE entity_id = :i", i=ids["ball"])
     assert confidence == [(None,)]
 
@@ -218,8 +225,9 @@ def test_holder_elsewhere_is_refused(engine: Engine, ids: dict[str, int]) -> Non
         run(
             engine,
             HELD_IN_PLACE,
-            ball=ids["ball"], holder=ids["desk"],
-        )  # fmt: skip
+            ball=ids["ball"],
+            holder=ids["desk"],
+        )
     assert holders(engine) == before
 
 
@@ -241,7 +249,9 @@ def test_contents_of_a_deleted_table_are_derived_again(engine: Engine, ids: dict
     assert no_contradictions(engine)
 
 
-def test_table_pushed_under_an_object_holds_it(engine: Engine, ids: dict[str, int]) -> None:
+def test_a_table_pushed_under_an_object_becomes_its_holder(
+    engine: Engine, ids: dict[str, int]
+) -> None:
     by_function(engine, ids["ball"], 7, 2, 0.4)
     assert holders(engine)["ball"] == "in balcony"
     by_function(engine, ids["box"], 7, 2, 0)
@@ -252,7 +262,9 @@ def test_table_pushed_under_an_object_holds_it(engine: Engine, ids: dict[str, in
     assert no_contradictions(engine)
 
 
-def test_a_room_drawn_later_holds_what_stands_in_it(engine: Engine, ids: dict[str, int]) -> None:
+def test_a_room_drawn_later_becomes_the_holder_of_its_contents(
+    engine: Engine, ids: dict[str, int]
+) -> None:
     by_function(engine, ids["ball"], 12, 2, 0)
     assert holders(engine)["ball"] == "in ground"
     run(
@@ -275,10 +287,15 @@ def box(id_: int, low: tuple[float, ...], size: tuple[float, ...]) -> Item:
 def derived(engine: Engine, name: str, things: list[Item], rooms: list[RoomSpace]) -> list[Holding]:
     """What the database derives for boxes in world coordinates; holders by their index."""
     entries = [
-        room(f"room{r.id}", drawn(*r.outline.bounds, 0, r.high - r.low), holder=None,
-             floor=r.low, ceiling=r.high)
+        room(
+            f"room{r.id}",
+            drawn(*r.outline.bounds, 0, r.high - r.low),  # type: ignore[call-arg]
+            holder=None,
+            floor=r.low,
+            ceiling=r.high,
+        )
         for r in rooms
-    ]  # fmt: skip
+    ]
     for t in things:
         low, high = t.box
         shape = Shape("mesh", box_mesh((0, 0, 0), tuple(high - low)))

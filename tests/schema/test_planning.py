@@ -110,7 +110,7 @@ def test_an_index_on_all_rows_would_be_read_to_plan(kitchens: Engine, index: str
         "entity_chunk WHERE entity_id = 7",
     ],
 )
-def test_a_lookup_by_a_key_goes_by_its_index(kitchens: Engine, lookup: str) -> None:
+def test_a_lookup_by_a_key_uses_its_index(kitchens: Engine, lookup: str) -> None:
     with kitchens.connect() as connection:
         connection.execute(text("SET LOCAL enable_seqscan = off"))
         plan = "\n".join(connection.exec_driver_sql(f"EXPLAIN SELECT * FROM {lookup}").scalars())

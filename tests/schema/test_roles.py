@@ -126,31 +126,153 @@ UNSHAPE = "DELETE FROM entity_model WHERE entity_id = {door}"
 RIGHTS = {
     "semmap_reader": {READ, FIGURE_3},
     "semmap_robot": {
-        READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, KEEP, KEEP_AND_FORGET, PURSUE,
-        SHAPE, MESH, BOUND, LINK, MOVE_TO, MOVE_ITSELF, EXECUTED, NEW_CLASS,
+        READ,
+        FIGURE_3,
+        SEE,
+        SEE_PLACED,
+        MOVE,
+        DESCRIBE,
+        CLOSE,
+        KEEP,
+        KEEP_AND_FORGET,
+        PURSUE,
+        SHAPE,
+        MESH,
+        BOUND,
+        LINK,
+        MOVE_TO,
+        MOVE_ITSELF,
+        EXECUTED,
+        NEW_CLASS,
     },
     "semmap_admin": {
-        READ, FIGURE_3, SEE, SEE_PLACED, MOVE, DESCRIBE, CLOSE, MOVE_ROOM, RENAME, DESCRIBE_ROOM,
-        REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, KEEP, KEEP_AND_FORGET,
-        PURSUE, FORGET_MISSION, DROP, SHAPE, SHAPE_ROOM, MESH, SPOIL_MESH, BOUND, BOUND_ROOM, LINK,
-        LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM, UNSHAPE, THEIR_MISSION, CANCEL_THEIRS,
-        TAKE_THEIRS, FAIL_THEIR_STEP, ADD_THEIR_STEP, FORGET_THEIR_STEP, RENEW_THEIRS, OWN_THEIRS,
-        RELEASE_THEIRS, CLAIM_FOR_THEM, MOVE_THEM, MOVE_ITSELF, BACKDATE, BACKDATE_ENTITY,
-        BACKDATE_MOVE, BACKDATE_EXECUTION, EXECUTED, INTO_ROOM, SEE_ROOM, NEW_CLASS, DELETE_CLASS,
-        SLOW_CLASS, FORGET_HISTORY, SPOIL_UNUSED, DROP_UNUSED,
+        READ,
+        FIGURE_3,
+        SEE,
+        SEE_PLACED,
+        MOVE,
+        DESCRIBE,
+        CLOSE,
+        MOVE_ROOM,
+        RENAME,
+        DESCRIBE_ROOM,
+        REHANG,
+        NEW_ROOM,
+        DELETE,
+        NEW_TYPE,
+        NEW_MAP,
+        KEEP,
+        KEEP_AND_FORGET,
+        PURSUE,
+        FORGET_MISSION,
+        DROP,
+        SHAPE,
+        SHAPE_ROOM,
+        MESH,
+        SPOIL_MESH,
+        BOUND,
+        BOUND_ROOM,
+        LINK,
+        LINK_ROOM,
+        MOVE_TO,
+        MOVE_ROOM_TO,
+        PUT_ROOM,
+        UNSHAPE,
+        THEIR_MISSION,
+        CANCEL_THEIRS,
+        TAKE_THEIRS,
+        FAIL_THEIR_STEP,
+        ADD_THEIR_STEP,
+        FORGET_THEIR_STEP,
+        RENEW_THEIRS,
+        OWN_THEIRS,
+        RELEASE_THEIRS,
+        CLAIM_FOR_THEM,
+        MOVE_THEM,
+        MOVE_ITSELF,
+        BACKDATE,
+        BACKDATE_ENTITY,
+        BACKDATE_MOVE,
+        BACKDATE_EXECUTION,
+        EXECUTED,
+        INTO_ROOM,
+        SEE_ROOM,
+        NEW_CLASS,
+        DELETE_CLASS,
+        SLOW_CLASS,
+        FORGET_HISTORY,
+        SPOIL_UNUSED,
+        DROP_UNUSED,
     },
-}  # fmt: skip
+}
 STATEMENTS = [
-    READ, FIGURE_3, SEE, SEE_PLACED, MOVE, MOVE_ROOM, DESCRIBE, RENAME, DESCRIBE_ROOM, CLOSE,
-    REHANG, NEW_ROOM, DELETE, NEW_TYPE, NEW_MAP, FORGE_WORLD, FORGE_HISTORY, FORGE_CHANGE,
-    RECOMPUTE, TABLE, KEEP, KEEP_AND_FORGET, PURSUE, FORGET_MISSION, DROP, SHAPE, SHAPE_ROOM, MESH,
-    SPOIL_MESH, BOUND, BOUND_ROOM, LINK, LINK_ROOM, MOVE_TO, MOVE_ROOM_TO, PUT_ROOM, UNSHAPE,
-    THEIR_MISSION, CANCEL_THEIRS, TAKE_THEIRS, FAIL_THEIR_STEP, ADD_THEIR_STEP, FORGET_THEIR_STEP,
-    CLAIM_FOR_THEM, RENEW_THEIRS, OWN_THEIRS, RELEASE_THEIRS, MOVE_THEM, MOVE_ITSELF, BACKDATE,
-    BACKDATE_ENTITY, BACKDATE_MOVE, BACKDATE_EXECUTION, EXECUTED, INTO_ROOM, SEE_ROOM, NEW_CLASS,
-    DELETE_CLASS, SLOW_CLASS, FORGE_BY_FUNCTION, DELETE_TYPES, EMPTY_INVENTORY, FORGET_HISTORY,
-    LOCK, SPOIL_UNUSED, DROP_UNUSED,
-]  # fmt: skip
+    READ,
+    FIGURE_3,
+    SEE,
+    SEE_PLACED,
+    MOVE,
+    MOVE_ROOM,
+    DESCRIBE,
+    RENAME,
+    DESCRIBE_ROOM,
+    CLOSE,
+    REHANG,
+    NEW_ROOM,
+    DELETE,
+    NEW_TYPE,
+    NEW_MAP,
+    FORGE_WORLD,
+    FORGE_HISTORY,
+    FORGE_CHANGE,
+    RECOMPUTE,
+    TABLE,
+    KEEP,
+    KEEP_AND_FORGET,
+    PURSUE,
+    FORGET_MISSION,
+    DROP,
+    SHAPE,
+    SHAPE_ROOM,
+    MESH,
+    SPOIL_MESH,
+    BOUND,
+    BOUND_ROOM,
+    LINK,
+    LINK_ROOM,
+    MOVE_TO,
+    MOVE_ROOM_TO,
+    PUT_ROOM,
+    UNSHAPE,
+    THEIR_MISSION,
+    CANCEL_THEIRS,
+    TAKE_THEIRS,
+    FAIL_THEIR_STEP,
+    ADD_THEIR_STEP,
+    FORGET_THEIR_STEP,
+    CLAIM_FOR_THEM,
+    RENEW_THEIRS,
+    OWN_THEIRS,
+    RELEASE_THEIRS,
+    MOVE_THEM,
+    MOVE_ITSELF,
+    BACKDATE,
+    BACKDATE_ENTITY,
+    BACKDATE_MOVE,
+    BACKDATE_EXECUTION,
+    EXECUTED,
+    INTO_ROOM,
+    SEE_ROOM,
+    NEW_CLASS,
+    DELETE_CLASS,
+    SLOW_CLASS,
+    FORGE_BY_FUNCTION,
+    DELETE_TYPES,
+    EMPTY_INVENTORY,
+    FORGET_HISTORY,
+    LOCK,
+    SPOIL_UNUSED,
+    DROP_UNUSED,
+]
 
 
 MODEL = (
@@ -177,8 +299,9 @@ def test_rights(module_engine: Engine, role: str, statement: str) -> None:
         session.add(door)
         session.flush()
         model = session.execute(text(MODEL)).scalar_one()
-        session.execute(text("INSERT INTO entity_model VALUES (:id, :model)"),
-                        {"id": door.id, "model": model})  # fmt: skip
+        session.execute(
+            text("INSERT INTO entity_model VALUES (:id, :model)"), {"id": door.id, "model": model}
+        )
         ids = {"map": of.id, "room": room.id, "mug": mug.id, "door": door.id, "model": model}
         ids |= others(session, of.id, own, other)
         session.execute(text(f"SET LOCAL ROLE {own if role == 'semmap_robot' else role}"))
@@ -202,20 +325,33 @@ def others(session: Session, of: int, own: str, other: str) -> dict[str, int]:
         return int(session.execute(text(statement + " RETURNING id"), values).scalar_one())
 
     ids = {
-        key: made("INSERT INTO entity (map_id, kind, name) VALUES (:of, :kind, :name)",
-                  of=of, kind=kind, name=name)
-        for key, kind, name in [("own", "agent", own), ("other", "agent", other),
-                                ("lost", "object", "lost"), ("gate", "connector", "gate")]
-    }  # fmt: skip
+        key: made(
+            "INSERT INTO entity (map_id, kind, name) VALUES (:of, :kind, :name)",
+            of=of,
+            kind=kind,
+            name=name,
+        )
+        for key, kind, name in [
+            ("own", "agent", own),
+            ("other", "agent", other),
+            ("lost", "object", "lost"),
+            ("gate", "connector", "gate"),
+        ]
+    }
     for key in ("own", "other"):
         session.execute(text(f"INSERT INTO placement (entity_id) VALUES ({ids[key]})"))
     ids["mission"] = made(
         "INSERT INTO mission (map_id, robot_id, goal) VALUES (:of, :other, 'x')",
-        of=of, other=ids["other"],
-    )  # fmt: skip
+        of=of,
+        other=ids["other"],
+    )
     session.execute(
-        text("INSERT INTO mission_step (mission_id, number, action, arguments, command) "
-             "VALUES (:mission, 1, 'x', '{}', '{}')"), ids)  # fmt: skip
+        text(
+            "INSERT INTO mission_step (mission_id, number, action, arguments, command) "
+            "VALUES (:mission, 1, 'x', '{}', '{}')"
+        ),
+        ids,
+    )
     session.execute(text("SELECT claim(:gate, :other, 30)"), ids)
     session.execute(text("INSERT INTO semantic_type (name) VALUES ('kitchen')"))
     session.execute(text("INSERT INTO type_parent VALUES ('kitchen', 'room')"))
@@ -259,7 +395,7 @@ def test_a_reader_and_a_robot_import_nothing(engine: Engine) -> None:
         other.dispose()
 
 
-def test_a_robot_draws_a_region_and_draws_it_anew(engine: Engine) -> None:
+def test_a_robot_draws_a_region_and_redraws_it(engine: Engine) -> None:
     import_file(engine, OFFICE / "office_rooms.geojson", map_name="theirs")
     robot = as_role(engine, "semmap_robot")
     areas = []

@@ -38,9 +38,13 @@ def touched(scene: StoreyScene, square: shapely.Polygon, low: float, high: float
         if thing.kind != "object" or not len(t):
             continue
         near = (
-            (t[:, :, 0].min(1) <= x1) & (t[:, :, 0].max(1) >= x0) & (t[:, :, 1].min(1) <= y1)
-            & (t[:, :, 1].max(1) >= y0) & (t[:, :, 2].min(1) <= high) & (t[:, :, 2].max(1) >= low)
-        )  # fmt: skip
+            (t[:, :, 0].min(1) <= x1)
+            & (t[:, :, 0].max(1) >= x0)
+            & (t[:, :, 1].min(1) <= y1)
+            & (t[:, :, 1].max(1) >= y0)
+            & (t[:, :, 2].min(1) <= high)
+            & (t[:, :, 2].max(1) >= low)
+        )
         for triangle in t[near]:
             if between(triangle, low, high).distance(square) == 0:
                 return True

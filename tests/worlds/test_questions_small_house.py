@@ -41,11 +41,12 @@ def test_which_rooms_hold_chairs(house: str) -> None:
 
 def test_what_is_on_the_kitchen_table(house: str) -> None:
     rows = ask(
-        house, "sql",
+        house,
+        "sql",
         "SELECT e.name, p.relation, p.confidence "
         "FROM placement p JOIN entity e ON e.id = p.entity_id "
         "WHERE p.holder_id = entity_id('KitchenTable_01_001')",
-    )  # fmt: skip
+    )
     assert [(r["name"], r["relation"]) for r in rows] == [("Tableware_01_001", "on")]
     confidence = rows[0]["confidence"]
     assert isinstance(confidence, float)

@@ -13,7 +13,7 @@ from semmap.ingest.world import OUTSIDE
 COUNTS = {
     "hotel": {"storey": 3, "elevator": 2, "doors": 19, "walls": 254, "lanes": 122, "places": 17},
     "clinic": {"storey": 2, "elevator": 4, "doors": 132, "walls": 619, "lanes": 169, "places": 30},
-}  # fmt: skip
+}
 """As the collection's own page states them."""
 
 SELF_JOINING = {"hotel": 0, "clinic": 5}
@@ -81,8 +81,11 @@ def test_each_lift_opens_onto_the_same_side_of_each_level_that_it_serves(buildin
         cabins = [r for r in building.of("room") if r.detail.elevator == lift.name]
         assert [c.holder for c in cabins] == lift.properties["levels"]
         for cabin in cabins:
-            (door,) = [c for c in building.of("connector", "elevator_door")
-                       if cabin.name in c.detail.places]  # fmt: skip
+            (door,) = [
+                c
+                for c in building.of("connector", "elevator_door")
+                if cabin.name in c.detail.places
+            ]
             lobby = building.entries[door.detail.places[0]]
             assert (lobby.holder, lobby.detail.elevator) == (cabin.holder, None)
             offset = building.pose(lift.name).inverse() @ building.pose(cabin.name)
@@ -110,8 +113,11 @@ def test_levels_lie_above_each_other(building):
     """The shafts' outer walls were drawn on each level anew; outlines agree within 0.3 m."""
     grounds = [building.outline(s.name).convex_hull for s in building.of("storey")]
     for ground in grounds[1:]:
-        apart = [side.distance(Point(c)) for side in [grounds[0].exterior]
-                 for c in ground.exterior.coords]  # fmt: skip
+        apart = [
+            side.distance(Point(c))
+            for side in [grounds[0].exterior]
+            for c in ground.exterior.coords
+        ]
         assert np.median(apart) < 0.3
 
 
@@ -139,8 +145,9 @@ def test_lanes_change_rooms_only_through_connectors(building):
         on_the_way = []
         for t in np.linspace(0, 1, 200):
             point = lane.interpolate(t, normalized=True)
-            rooms = [n for n, o in outlines.items()
-                     if building.storey(n) == storey and o.contains(point)]  # fmt: skip
+            rooms = [
+                n for n, o in outlines.items() if building.storey(n) == storey and o.contains(point)
+            ]
             on_the_way += [n for n in rooms if on_the_way[-1:] != [n]]
         for pair in itertools.pairwise(on_the_way):
             assert frozenset(pair) in next_to, link

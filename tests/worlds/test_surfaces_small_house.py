@@ -24,11 +24,21 @@ LABELLED = {
 }
 # What else is level, above 0.2 m2 and bears things: boards, seats, sills, beds, what one walks on.
 ALSO = {
-    "NightStand_01_001", "NightStand_01_002", "TVCabinet_01_001", "KitchenCabinet_01_001",
-    "Bed_01_001", "SofaC_01_001", "CookingBench_01_001", "Rangehood_01_001",
-    "Carpet_01_001", "Carpet_01_002", "FloorB_01_001", "FitnessEquipment_01_001",
-    "HouseWallB_01_001", "RoomWall_01_001",
-}  # fmt: skip
+    "NightStand_01_001",
+    "NightStand_01_002",
+    "TVCabinet_01_001",
+    "KitchenCabinet_01_001",
+    "Bed_01_001",
+    "SofaC_01_001",
+    "CookingBench_01_001",
+    "Rangehood_01_001",
+    "Carpet_01_001",
+    "Carpet_01_002",
+    "FloorB_01_001",
+    "FitnessEquipment_01_001",
+    "HouseWallB_01_001",
+    "RoomWall_01_001",
+}
 
 
 @pytest.fixture(scope="module")

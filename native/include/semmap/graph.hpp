@@ -1,4 +1,4 @@
-// Routes over a directed graph whose weights change while it is asked.
+// Routes over a directed graph whose weights change between and during queries.
 #pragma once
 
 #include <atomic>
@@ -37,7 +37,7 @@ struct Edges {
 // or after. Members throw std::bad_alloc. Nodes and edges that they are given are there.
 class Graph {
   public:
-    // `least` holds what no weight is expected to fall below: bounds are computed with it.
+    // `least` bounds the weight of each edge from below; searches compute their bounds with it.
     Graph(Edges edges, std::vector<double> least, std::uint32_t nodes);
     ~Graph();
 

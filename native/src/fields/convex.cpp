@@ -216,7 +216,7 @@ Vector along(const Vector& from, const Vector& axis, double distance) {
 
 Vector negative(const Vector& v) { return {-v[0], -v[1], -v[2]}; }
 
-// Clips the interval of z of one column by what the quadric holds.
+// Clips the interval of z of one column to the inside of the quadric.
 void clip(const Quadric& q, double x, double y, double& low, double& high) {
     const double dx = x - q.center[0];
     const double dy = y - q.center[1];

@@ -110,7 +110,7 @@ std::vector<Origin> dilated(const std::vector<Origin>& blocks, std::int32_t reac
                 index.number(origin);
             }
             if (static_cast<std::int64_t>(index.origins().size()) > kMostBlocks) {
-                throw BadRegion("so many blocks lie within reach: take a shorter one");
+                throw BadRegion("too many blocks lie within reach: take a shorter reach");
             }
         }
         all = index.origins();

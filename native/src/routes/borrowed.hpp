@@ -1,4 +1,4 @@
-// A search that one asks with.
+// A search that one query uses.
 #pragma once
 
 #include <memory>
@@ -10,7 +10,7 @@
 
 namespace semmap {
 
-// A search that goes back to the others when it is done with.
+// A search that is returned to the pool when the query ends.
 class Graph::Borrowed {
   public:
     explicit Borrowed(const Graph& graph) : graph_(graph) {

@@ -11,7 +11,7 @@
 
 namespace semmap {
 
-// What one search at a time needs. Labels of former searches are known by their number.
+// The memory of one search at a time. The number of a search marks its labels as its own.
 class Search {
   public:
     explicit Search(std::uint32_t nodes) : labels_(nodes) {}

@@ -1,0 +1,1 @@
+"""Representation maps: values by voxel, their operators and their export."""

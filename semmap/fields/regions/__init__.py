@@ -1,0 +1,1 @@
+"""Regions: shapes, their voxels, and measures between them."""

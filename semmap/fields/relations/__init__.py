@@ -1,0 +1,1 @@
+"""Qualitative relations between regions, and their events."""

@@ -1,0 +1,1 @@
+"""Fields in the database, in memory and as events between processes."""

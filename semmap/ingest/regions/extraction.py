@@ -188,7 +188,7 @@ def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
     owner = _owner(connection, entity)
     if owner.kind != "object":
         raise ValueError(
-            f"{owner.name} is no object but {with_article(owner.kind)}: it has no such surfaces"
+            f"{owner.name} is not an object but {with_article(owner.kind)}: it has no such surfaces"
         )
     frame = IDENTITY
     if max(abs(owner.pose.qx), abs(owner.pose.qy)) >= UPRIGHT:
@@ -237,7 +237,7 @@ def find_walkable_floor(
     Parameters
     ----------
     headroom : metres above the floor that have to be free
-    max_step : metres that one steps up or down; what is lower is no obstacle
+    max_step : metres that one steps up or down; lower steps are not obstacles
     max_slope : radians by which the floor may be tilted
 
     Raises
@@ -248,7 +248,7 @@ def find_walkable_floor(
     owner = _owner(connection, room)
     if owner.kind != "room" or owner.footprint is None:
         raise ValueError(
-            f"{owner.name} is no room with an outline but {with_article(owner.kind)}: "
+            f"{owner.name} is not a room with an outline but {with_article(owner.kind)}: "
             "it has no floor"
         )
     height, _ = _heights(connection, owner)

@@ -38,7 +38,8 @@ class Owner:
 class Wanted:
     """The wanted state of a region.
 
-    Its outline, from z `low` to `high`, is in its own frame; its pose is in its holder."""
+    Its outline, from z `low` to `high`, is in its own frame; its pose is in its holder.
+    """
 
     name: str
     type: str
@@ -191,4 +192,5 @@ def _give_outline(connection: Connection, entity: int, region: Wanted) -> None:
 
 
 def with_article(noun: str) -> str:
+    """The noun after its indefinite article: a door, an elevator."""
     return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"

@@ -262,7 +262,7 @@ def test_thin_parts_of_a_mesh() -> None:
         for place in ((0.401, 0.401, 0.35), (-0.403, 0.401, 0.35))
     ]
     table = trimesh.util.concatenate([top, *legs])
-    found = set(map(tuple, voxels_of(Solid(table.vertices, table.faces), 0.1).tolist()))
+    found = set(map(tuple, voxels_of(Solid(table.vertices, table.faces), 0.1).tolist()))  # type: ignore[attr-defined]
     for z in range(7):
         assert (4, 4, z) in found
         assert (-5, 4, z) in found

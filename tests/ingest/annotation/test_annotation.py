@@ -121,7 +121,7 @@ def test_rooms_stand_on_their_storey(write: Write) -> None:
     assert world.notes == []
 
 
-def test_the_only_storey_holds_all(write: Write) -> None:
+def test_the_only_storey_is_the_holder_of_all(write: Write) -> None:
     world = read_annotation(write(LAB, DOOR, HALL, feature(kind="storey", name="s")))
     assert {e.name: e.holder for e in world.entries} == {
         "s": None,
@@ -203,7 +203,7 @@ def test_types_are_words_of_the_tbox(write: Write, said: str, type_: str) -> Non
         ({"kind": "mug"}, None, "object"),
     ],
 )
-def test_the_kind_is_said_or_that_of_the_layer_or_of_the_type(
+def test_the_kind_is_given_or_follows_from_layer_or_type(
     write: Write, properties: dict[str, str], layer: str | None, kind: str
 ) -> None:
     members = {} if layer is None else {"name": layer}
@@ -296,7 +296,7 @@ def test_regions_lie_in_rooms(write: Write) -> None:
 # Doors
 
 
-def test_a_door_joins_what_lies_on_its_sides(write: Write) -> None:
+def test_a_door_joins_the_places_on_its_sides(write: Write) -> None:
     world = read_annotation(write(HALL, DOOR, LAB))
     door = by_name(world)["door"]
     assert isinstance(door.detail, ConnectorDetail)
@@ -311,7 +311,7 @@ def test_a_door_joins_what_lies_on_its_sides(write: Write) -> None:
     assert np.allclose(door.shapes[0].mesh.bounds, [[-0.025, -0.5, 0], [0.025, 0.5, 2.1]])
 
 
-def test_a_door_says_what_it_lets_through(write: Write) -> None:
+def test_limits_of_a_door_are_read(write: Write) -> None:
     said = {"height": 1.9, "step": 0.03, "permissions": "staff, night"}
     drawn = feature(line((4.1, 1), (4.1, 2)), kind="door", name="gate", **said)
     gate = by_name(read_annotation(write(HALL, drawn, LAB)))["gate"]
@@ -360,7 +360,7 @@ def test_a_door_drawn_as_a_point(write: Write) -> None:
     assert door.detail.width == pytest.approx(0.9)
 
 
-def test_what_a_door_says(write: Write) -> None:
+def test_attributes_of_a_door_are_read(write: Write) -> None:
     said = {"state": "locked", "direction": "backward", "behaviour": "open_gate", "colour": "red"}
     drawn = feature(line((4.1, 1), (4.1, 2)), type="fire door", name="d", joins="lab,hall", **said)
     door = by_name(read_annotation(write(LAB, HALL, drawn)))["d"]
@@ -488,7 +488,7 @@ UNUSABLE = [
 
 
 @pytest.mark.parametrize(("bad", "problem"), UNUSABLE)
-def test_what_cannot_be_used_is_left_out_by_name(write: Write, bad: Any, problem: str) -> None:
+def test_unusable_features_are_left_out_and_named(write: Write, bad: Any, problem: str) -> None:
     world = read_annotation(write(LAB, bad, HALL, DOOR))
     assert sorted(e.name for e in world.entries) == ["door", "hall", "lab"]
     (skipped,) = world.skipped
@@ -513,7 +513,7 @@ def test_a_feature_without_storey_in_a_house_of_two(write: Write) -> None:
     assert "storey" in world.skipped[0].problem
 
 
-def test_things_that_hold_each_other_are_left_out(write: Write) -> None:
+def test_entities_in_a_cycle_of_holders_are_left_out(write: Write) -> None:
     world = read_annotation(
         write(
             feature(("Point", [0, 0]), type="box", name="a", holder="b"),
@@ -566,7 +566,7 @@ def test_a_georeference(write: Write) -> None:
         (b'{"type": ' + b"1" * 5000 + b"}", "file"),
     ],
 )
-def test_files_that_are_no_geojson(tmp_path: Path, content: bytes, element: str) -> None:
+def test_files_that_are_not_geojson(tmp_path: Path, content: bytes, element: str) -> None:
     path = tmp_path / "plan.geojson"
     path.write_bytes(content)
     with pytest.raises(WorldError, match=r"plan\.geojson") as caught:
@@ -700,7 +700,7 @@ def geopackage(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_geopackage_says_the_same_as_geojson(geopackage: Path) -> None:
+def test_a_geopackage_gives_the_same_world_as_geojson(geopackage: Path) -> None:
     drawn, packed = read_annotation(OFFICE), read_annotation(geopackage)
     assert packed.skipped == []
     ours = by_name(packed)
@@ -718,7 +718,7 @@ def test_a_geopackage_says_the_same_as_geojson(geopackage: Path) -> None:
         assert [s.mesh.digest() for s in twin.shapes] == [s.mesh.digest() for s in entry.shapes]
 
 
-def test_the_crs_and_styles_of_a_geopackage_are_no_features(geopackage: Path) -> None:
+def test_the_crs_and_styles_of_a_geopackage_are_not_features(geopackage: Path) -> None:
     pyogrio.raw.write(
         geopackage,
         geometry=None,
@@ -777,7 +777,7 @@ def test_unusable_rows_are_named_by_layer_and_row(tmp_path: Path) -> None:
     assert [s.element for s in world.skipped] == ["rooms/2 (b)"]
 
 
-def test_files_that_are_no_geopackage(geopackage: Path) -> None:
+def test_files_that_are_not_geopackages(geopackage: Path) -> None:
     whole = geopackage.read_bytes()
     for content in (
         b"",

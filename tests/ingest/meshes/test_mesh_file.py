@@ -148,7 +148,7 @@ def test_scale_is_for_formats_without_a_unit(tmp_path: Path) -> None:
     assert read_mesh_world(path, scale=0.001).notes == []
 
 
-def _text(text: str) -> Callable[[Path], None]:
+def _text(text: str) -> Callable[[Path], object]:
     return lambda path: path.write_text(text)
 
 

@@ -150,7 +150,7 @@ LARGE: dict[str, tuple[str, Write, str]] = {
 
 
 @pytest.mark.parametrize("case", LARGE)
-def test_what_would_unfold_is_refused(case: str, tmp_path: Path) -> None:
+def test_files_that_would_unfold_are_refused(case: str, tmp_path: Path) -> None:
     name, write, text = LARGE[case]
     write(tmp_path / name)
     assert (tmp_path / name).stat().st_size < 2**21
@@ -158,7 +158,7 @@ def test_what_would_unfold_is_refused(case: str, tmp_path: Path) -> None:
         read_mesh(tmp_path / name)
 
 
-def test_what_unfolds_to_a_few_parts_is_read(tmp_path: Path) -> None:
+def test_files_that_unfold_to_a_few_parts_are_read(tmp_path: Path) -> None:
     three_mf(tmp_path / "a.3mf", doubled(3), 4)
     assert len(read_mesh(tmp_path / "a.3mf").faces) == 2**3
     dae(tmp_path / "a.dae", 3)

@@ -113,7 +113,7 @@ def test_labels_and_synonyms_mean_one_type(records: dict[str, TypeRecord]) -> No
 # The reader
 
 
-def test_a_record_holds_what_the_file_says(turtle: Callable[..., Path]) -> None:
+def test_a_record_has_the_values_of_the_file(turtle: Callable[..., Path]) -> None:
     path = turtle(
         ":Object a owl:Class . :Table a owl:Class ; rdfs:subClassOf :Object ."
         ":Storage a owl:Class ; rdfs:subClassOf :Object ."
@@ -232,7 +232,7 @@ def test_an_ontology_that_cannot_be_trusted(
     assert caught.value.fix
 
 
-def test_files_that_are_no_ontology(tmp_path: Path) -> None:
+def test_files_that_are_not_ontologies(tmp_path: Path) -> None:
     with pytest.raises(WorldError, match="cannot be read"):
         read_tbox([tmp_path / "absent.ttl"])
     for name, content, problem in [

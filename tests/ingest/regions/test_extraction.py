@@ -169,7 +169,7 @@ def test_what_lies_on_its_side_has_the_surfaces_of_that_side(connection: Connect
     assert same(footprint(connection, surface), placed(top, Pose.planar(1, 1, 0.5)))
 
 
-def test_surfaces_that_are_no_more_are_taken_out(connection: Connection) -> None:
+def test_surfaces_that_disappeared_are_deleted(connection: Connection) -> None:
     shelf = join([box_mesh((0, 0, z), (1, 0.3, z + 0.02)) for z in (0.5, 1.0, 1.5)])
     table = named(connection, "table")
     connection.execute(text("DELETE FROM entity_model WHERE entity_id = :id"), {"id": table})
@@ -272,7 +272,7 @@ def test_drawn_regions_stay_where_they_were_drawn(connection: Connection) -> Non
     assert same(footprint(connection, wet), triangle)
 
 
-def test_a_drawn_rooms_floor_is_free_of_its_things(connection: Connection) -> None:
+def test_a_drawn_rooms_floor_excludes_its_objects(connection: Connection) -> None:
     kitchen, table = named(connection, "kitchen"), named(connection, "table")
     region = find_walkable_floor(connection, kitchen)
     assert heights(connection, region) == pytest.approx((0, 0.01))
@@ -339,7 +339,7 @@ def test_a_repeat_changes_nothing_and_a_change_changes_the_same(connection: Conn
     assert ask(connection, "SELECT count(*) FROM model") == models
 
 
-def test_what_somebody_noted_of_a_region_stays(connection: Connection) -> None:
+def test_notes_on_a_region_are_kept(connection: Connection) -> None:
     table = named(connection, "table")
     (surface,) = find_support_surfaces(connection, table)
     connection.execute(
@@ -350,7 +350,7 @@ def test_what_somebody_noted_of_a_region_stays(connection: Connection) -> None:
     assert kept == {"clean": True}
 
 
-def test_a_region_goes_with_its_thing(connection: Connection) -> None:
+def test_a_region_is_deleted_with_its_owner(connection: Connection) -> None:
     table = named(connection, "table")
     find_support_surfaces(connection, table)
     draw_region(connection, map_id(connection), "stays", ROOM)
@@ -362,10 +362,10 @@ def test_a_region_goes_with_its_thing(connection: Connection) -> None:
     assert ask(connection, "SELECT count(*) FROM model") == 0
 
 
-def test_what_cannot_be_is_refused(connection: Connection) -> None:
+def test_impossible_regions_are_refused(connection: Connection) -> None:
     table, kitchen = named(connection, "table"), named(connection, "kitchen")
     home = map_id(connection)
-    with pytest.raises(ValueError, match="kitchen is no object but a room"):
+    with pytest.raises(ValueError, match="kitchen is not an object but a room"):
         find_support_surfaces(connection, kitchen)
     with pytest.raises(LookupError, match=r"no type of region table; it has .*blocked_region"):
         draw_region(connection, home, "wet", ROOM, type="table")

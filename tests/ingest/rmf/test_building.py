@@ -267,7 +267,7 @@ def test_a_room_of_two_places_is_numbered(read):
     ]
 
 
-def test_doors_join_what_lies_beside_them(house):
+def test_doors_join_the_places_beside_them(house):
     inner, front = entry(house, "inner").detail, entry(house, "front").detail
     assert set(inner.places) == {"kitchen", "desk spot"}
     assert front.places == ("kitchen", OUTSIDE)
@@ -292,7 +292,7 @@ def test_connectors_lead_from_the_first_place_to_the_second(house):
 @pytest.mark.parametrize("ends", [(8, 9), (9, 8)])
 def test_an_exterior_door_leads_out_whichever_way_it_was_drawn(read, ends):
     data = building()
-    data["levels"]["G"]["doors"][1] = door(*ends, "front")
+    data["levels"]["G"]["doors"][1] = door(*ends, "front")  # type: ignore[call-arg]
     world = read(data)
     assert entry(world, "front").detail.places == ("kitchen", OUTSIDE)
     ahead = pose(world, "front").apply([(1, 0, 0)])[0]
@@ -424,7 +424,7 @@ def test_another_reference_level_turns_the_whole_map(read):
     assert outline(world, "kitchen").hausdorff_distance(shapely.box(0, -6, 6, 0)) > 1
 
 
-def test_a_level_without_common_fiducials_says_so(read):
+def test_a_level_without_common_fiducials_is_reported(read):
     data = building()
     data["levels"]["U"]["fiducials"] = []
     world = read(data)
@@ -512,7 +512,7 @@ UNUSABLE = {
 
 
 @pytest.mark.parametrize("case", UNUSABLE)
-def test_what_cannot_be_used_is_left_out_and_named(read, case):
+def test_unusable_elements_are_left_out_and_named(read, case):
     damage, element = UNUSABLE[case]
     data = copy.deepcopy(building())
     damage(data)
@@ -584,7 +584,7 @@ def test_a_file_that_cannot_be_trusted_is_refused(read, case):
     assert error.value.fix
 
 
-def test_bytes_that_are_no_text_are_refused(tmp_path):
+def test_bytes_that_are_not_text_are_refused(tmp_path):
     path = tmp_path / "x.yaml"
     path.write_bytes(b"\xff\xfe\x00name")
     with pytest.raises(WorldError, match="not UTF-8"):

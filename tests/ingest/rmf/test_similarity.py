@@ -66,6 +66,6 @@ def test_agrees_with_linear_least_squares(source, data):
         ([(0, 0), (1, 0)], [(5, 5), (5, 5)]),
     ],
 )
-def test_refuses_what_fixes_no_similarity(source, target):
+def test_points_that_fix_no_similarity_are_refused(source, target):
     with pytest.raises(ValueError, match=r"distinct|scale"):
         fit_similarity(source, target)

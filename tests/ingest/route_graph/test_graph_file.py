@@ -99,7 +99,7 @@ def test_a_drawn_graph_becomes_regions_in_rooms_and_links(office: Engine, tmp_pa
     assert len(found) == 4
 
 
-def test_a_repeat_changes_nothing_and_an_edge_taken_out_goes(
+def test_importing_again_is_a_no_op_and_deletes_removed_edges(
     office: Engine, tmp_path: Path
 ) -> None:
     path = write(tmp_path, graph(), storey="floor-1st")
@@ -114,7 +114,7 @@ def test_a_repeat_changes_nothing_and_an_edge_taken_out_goes(
     assert links(office) == {k: v for k, v in before[1].items() if k != gone}
 
 
-def test_the_storey_is_said_by_the_frame_the_node_or_the_file(
+def test_the_storey_is_given_by_the_frame_the_node_or_the_file(
     office: Engine, tmp_path: Path
 ) -> None:
     for number, (frame, more) in enumerate(
@@ -148,7 +148,7 @@ def test_a_graph_alone_makes_a_map(engine: Engine, tmp_path: Path) -> None:
     assert len(links(engine)) == 3
 
 
-def test_annotations_are_told_from_graphs(tmp_path: Path) -> None:
+def test_annotations_are_distinguished_from_graphs(tmp_path: Path) -> None:
     assert not is_route_graph(OFFICE)
     assert is_route_graph(write(tmp_path, graph()))
     line = {"type": "LineString", "coordinates": [[0, 0], [1, 0]]}
@@ -202,7 +202,7 @@ def test_a_bad_file_changes_nothing_and_names_the_feature(
     assert counts(module_engine) == before
 
 
-def test_what_is_no_node_or_edge_is_left_out_by_name(tmp_path: Path) -> None:
+def test_invalid_nodes_and_edges_are_left_out_and_named(tmp_path: Path) -> None:
     room = {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 0]]]}
     other = {"type": "Feature", "geometry": room, "properties": {"kind": "room"}}
     world = read_route_graph(write(tmp_path, [*graph(), other, {"type": "Feature"}]))

@@ -397,7 +397,7 @@ def test_submesh(tmp_path: Path) -> None:
 # Names, types, properties
 
 
-def test_names_are_unique_and_said_so(tmp_path: Path) -> None:
+def test_names_are_made_unique_and_reported(tmp_path: Path) -> None:
     world = read(tmp_path, _at("0 0 0 0 0 0") + _at("1 0 0 0 0 0") + _at("2 0 0 0 0 0"))
     assert [e.name for e in world.entries] == ["m", "m_2", "m_3"]
     assert len(world.notes) == 2
@@ -426,7 +426,7 @@ def test_type_and_properties(tmp_path: Path) -> None:
     }
 
 
-def test_what_is_not_a_thing_is_not_an_entry(tmp_path: Path) -> None:
+def test_elements_that_are_not_objects_make_no_entry(tmp_path: Path) -> None:
     world = read(
         tmp_path,
         f"""<light name="sun" type="directional"/><plugin name="p" filename="x"/><physics/>
@@ -491,8 +491,8 @@ def test_absolute_file_uri(tmp_path: Path) -> None:
 def test_model_path_comes_first_and_the_environment_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for folder, size in (("given", "1 1 1"), ("a/models", "2 2 2"), ("env", "3 3 3")):
-        model_file(tmp_path / folder, "cube", LINK.replace("1 2 3", size))
+    for folder, sides in (("given", "1 1 1"), ("a/models", "2 2 2"), ("env", "3 3 3")):
+        model_file(tmp_path / folder, "cube", LINK.replace("1 2 3", sides))
     monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", str(tmp_path / "env"))
     include = "<include><uri>model://cube</uri></include>"
     (tmp_path / "b").mkdir()
@@ -640,7 +640,7 @@ def test_the_other_geometry_stands_in_for_a_missing_one(tmp_path: Path) -> None:
     assert "geometry is used" in world.notes[0]
 
 
-def test_what_a_shared_file_lacks_is_said_once(tmp_path: Path) -> None:
+def test_defects_of_a_shared_file_are_reported_once(tmp_path: Path) -> None:
     model_file(tmp_path, "m", LINK.replace(BOX.format("1 2 3"), MESH.format("no.dae")))
     world = read(tmp_path, "<include><uri>model://m</uri></include>" * 3)
     assert len(world.entries) == 3

@@ -35,10 +35,10 @@ def robot(connection):
 
 def test_walks_are_read_as_they_were_kept_and_replaced_by_place(connection, ids, robot):
     lab, office = ids["lab1"], ids["office4"]
-    first = [MeasuredTravel(lab, *sorted((ids["door1"], ids["entrance"])), 3.25, 2.5)]
+    first = [MeasuredTravel(lab, *sorted((ids["door1"], ids["entrance"])), 3.25, 2.5)]  # type: ignore[call-arg]
     second = [
-        MeasuredTravel(office, *sorted((ids["door6"], ids["door7"])), 1e-3, np.pi),
-        MeasuredTravel(office, *sorted((ids["door6"], ids["door8"])), 7.0, 0.0),
+        MeasuredTravel(office, *sorted((ids["door6"], ids["door7"])), 1e-3, np.pi),  # type: ignore[call-arg]
+        MeasuredTravel(office, *sorted((ids["door6"], ids["door8"])), 7.0, 0.0),  # type: ignore[call-arg]
     ]
     store_travel_times(connection, robot, first, {lab: "a"})
     store_travel_times(connection, robot, second, {office: "b"})

@@ -85,7 +85,7 @@ def houses(draw, most_things: int = 3) -> House:
     tables = []
     for k in range(draw(st.integers(2, 3))):
         i = draw(st.integers(0, rooms - 1))
-        c = centres[i]
+        centre = centres[i]
         tables.append(
             TaskObject(
                 f"table{k}",
@@ -93,7 +93,7 @@ def houses(draw, most_things: int = 3) -> House:
                 None,
                 f"room{i}",
                 f"room{i}",
-                Pose(c.x + draw(near), c.y + draw(near), c.z + 0.4),
+                Pose(centre.x + draw(near), centre.y + draw(near), centre.z + 0.4),
                 height=0.4,
                 size=(1, 1, 0.8),
             )
@@ -122,23 +122,21 @@ def houses(draw, most_things: int = 3) -> House:
     atoms = [f"on({c.name}, {draw(st.sampled_from(tables)).name})" for c in wanted]
     if draw(st.integers(0, 3)) == 0:
         atoms.append(f"in(robot, room{draw(st.integers(0, rooms - 1))})")
-    moving = {c.name for c in wanted if f"on({c.name}, {c.holder})" not in atoms}
     limits = {}
     for c in cups:
-        under = {c.holder}
-        while any(o.name in under and o.holder not in under for o in cups):
-            under |= {o.holder for o in cups if o.name in under}
+        below = {c.holder}
+        while any(o.name in below and o.holder not in below for o in cups):
+            below |= {o.holder for o in cups if o.name in below}
         goal = any(a.startswith(f"on({c.name},") for a in atoms)
-        limits[c.name] = int(goal) + int(bool(under & ({w.name for w in wanted})))
+        limits[c.name] = int(goal) + int(bool(below & ({w.name for w in wanted})))
     capacity = draw(st.integers(1, 2))
     start = draw(st.integers(0, rooms - 1))
-    c = centres[start]
-    del moving
+    centre = centres[start]
     return House(
         Topology.of(places, connectors),
         RobotClass(capacity=capacity),
         TaskWorld([*tables, *cups]),
-        TaskState(f"room{start}", Pose(c.x + 0.25, c.y, c.z)),
+        TaskState(f"room{start}", Pose(centre.x + 0.25, centre.y, centre.z)),
         " and ".join(atoms),
         limits,
     )

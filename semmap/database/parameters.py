@@ -1,0 +1,98 @@
+"""Which database is meant, how a session with it is opened, and why it cannot be reached."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import psycopg
+from psycopg.conninfo import conninfo_to_dict
+
+from semmap.database.embedded import Cluster
+from semmap.database.error import DatabaseError
+from semmap.database.patience import BUSY_SECONDS
+
+if TYPE_CHECKING:
+    from sqlalchemy import URL
+
+__all__ = ["CONNECT_TIMEOUT", "SETTINGS", "connection_parameters", "lost_folder", "unreachable"]
+
+SETTINGS = {"search_path": "semmap,public", "timezone": "UTC"}
+"""What every session is opened with."""
+
+CONNECT_TIMEOUT = "10"
+"""Seconds after which a server that does not answer is given up."""
+
+FORM = "It has the form postgresql://user:password@host:5432/database"
+
+
+def connection_parameters(
+    url: str | URL | Cluster | None = None, *, create: bool = False
+) -> dict[str, Any]:
+    """libpq's parameters of the database that is meant: `url`, else ``$SEMMAP_DB``, else embedded.
+
+    Parameters
+    ----------
+    url : ``postgresql://user:password@host:port/name``, as psql takes it, or an embedded cluster
+    create : make the embedded cluster if there is none yet; one that is there is started anyway
+
+    Raises
+    ------
+    DatabaseError
+        The URL is not one of a PostgreSQL database, or there is no embedded cluster.
+    """
+    source = "the database URL"
+    if url is None and os.environ.get("SEMMAP_DB"):
+        url, source = os.environ["SEMMAP_DB"], "SEMMAP_DB"
+    if url is None:
+        url = Cluster()
+    if isinstance(url, Cluster):
+        if not (create or url.exists):
+            raise DatabaseError(
+                f"there is no map yet: the embedded database, {url.home}, has not been made. "
+                "semmap import FILE makes it; or name a database: SEMMAP_DB, --db"
+            )
+        return dict(url.parameters(url.start()))
+    text = url if isinstance(url, str) else url.render_as_string(hide_password=False)
+    scheme, colon, rest = text.partition("://")
+    if colon and scheme not in ("postgresql", "postgres", "postgresql+psycopg"):
+        raise DatabaseError(
+            f"{source} names {scheme}, but the map needs PostgreSQL with PostGIS: "
+            "postgresql://user:password@host:5432/database"
+        )
+    if not colon:
+        raise DatabaseError(f"{source} cannot be read: {text}. {FORM}")
+    try:
+        return dict(conninfo_to_dict(f"postgresql://{rest}"))
+    except psycopg.ProgrammingError as error:
+        cause = str(error).strip().splitlines()[0]
+        raise DatabaseError(f"{source} cannot be read: {cause}. {FORM}") from error
+
+
+def unreachable(parameters: dict[str, Any], error: BaseException, busy: bool = False) -> str:
+    """Why there is no connection, and what to do."""
+    where = " ".join(
+        f"{k}={parameters[k]}" for k in ("host", "port", "user", "dbname") if parameters.get(k)
+    )
+    cause = str(error).strip().splitlines()
+    if folder := lost_folder(parameters):
+        hint = f"There is no socket directory {folder}."
+    elif busy:
+        hint = (
+            f"The server is still starting, recovering or stopping after {BUSY_SECONDS:g} s: "
+            "call again later."
+        )
+    else:
+        hint = "Is the server running, and are user, password and database name right?"
+    return (
+        f"no connection to {where or 'the default server'}: {cause[-1] if cause else error}. {hint}"
+    )
+
+
+def lost_folder(parameters: dict[str, Any]) -> str | None:
+    """The folder of the Unix socket, if it does not exist."""
+    host = parameters.get("host")
+    if isinstance(host, str) and host.startswith("/") and not Path(host).exists():
+        return host
+    return None
