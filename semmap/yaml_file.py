@@ -39,7 +39,7 @@ def read_text(path: Path | str, what: str, error: type[Exception]) -> str:
         raise error(f"{path}: cannot be read: {problem}. Name {what}") from None
 
 
-def parse_yaml(said: str, file: str, error: type[Exception]) -> Any:
+def parse_yaml(text: str, file: str, error: type[Exception]) -> Any:
     """Return the content of YAML text; `file` names it in errors.
 
     Raises
@@ -52,8 +52,8 @@ def parse_yaml(said: str, file: str, error: type[Exception]) -> Any:
         return error(f"{file}: is not valid YAML: line {line} {problem}. {fix}")
 
     try:
-        check_structure(said, refused)
-        return yaml.safe_load(said)
+        check_structure(text, refused)
+        return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as problem:
         if isinstance(problem, error):
             raise

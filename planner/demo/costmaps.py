@@ -50,8 +50,8 @@ def robot_demo(
                 continue
             costmap = Costmap(scene, parts, scene_grid(scene, 0.05))
             place = folder if len(storeys) == 1 else folder / file_name(storey.name)
-            said = write_nav2(costmap, place / "costmap")
-            say(f"   {place / 'costmap'}: {len(said['maps'])} maps and nav2_params.yaml")
+            files = write_nav2(costmap, place / "costmap")
+            say(f"   {place / 'costmap'}: {len(files['maps'])} maps and nav2_params.yaml")
             pictures += draw_costmap(costmap, place / "costmap")
             region = blocked_region(costmap, folder)
             pictures += [] if region is None else [region]

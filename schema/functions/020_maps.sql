@@ -5,12 +5,12 @@ RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
 -- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the newest one. Nearly
 -- every statement calls it: PL/pgSQL keeps its plan, and full names need no search_path.
 DECLARE
-    said text := current_setting('semmap.map', true);
+    chosen text := current_setting('semmap.map', true);
 BEGIN
-    IF coalesce(said, '') = '' THEN
+    IF coalesce(chosen, '') = '' THEN
         RETURN (SELECT max(id) FROM semmap.map);
     END IF;
-    RETURN (SELECT id FROM semmap.map WHERE name = said);
+    RETURN (SELECT id FROM semmap.map WHERE name = chosen);
 END $$;
 
 CREATE FUNCTION entity_id(entity_name text)

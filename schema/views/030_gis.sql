@@ -54,7 +54,7 @@ DECLARE
     high double precision := 0.01;
     drawn boolean;
     reshaped boolean;
-    said jsonb;
+    given jsonb;
     old_geom geometry;
 BEGIN
     IF TG_OP = 'DELETE' THEN
@@ -70,7 +70,7 @@ BEGIN
             USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM semantic_type lists them.';
     END IF;
     BEGIN
-        said := coalesce(NULLIF(NEW.properties, ''), '{}')::jsonb;
+        given := coalesce(NULLIF(NEW.properties, ''), '{}')::jsonb;
     EXCEPTION WHEN invalid_text_representation THEN
         RAISE EXCEPTION 'the properties of % are not JSON', NEW.name
             USING ERRCODE = 'check_violation', HINT = 'Write them as an object: {"key": "value"}.';
@@ -85,8 +85,8 @@ BEGIN
             RAISE EXCEPTION 'the line of % follows from its poses', NEW.name
                 USING ERRCODE = 'feature_not_supported', HINT = 'Change its attributes here, its place by an import.';
         END IF;
-        UPDATE entity SET name = NEW.name, type = NEW.type, properties = said
-            WHERE id = OLD.fid AND (name, type, properties) IS DISTINCT FROM (NEW.name, NEW.type, said);
+        UPDATE entity SET name = NEW.name, type = NEW.type, properties = given
+            WHERE id = OLD.fid AND (name, type, properties) IS DISTINCT FROM (NEW.name, NEW.type, given);
         UPDATE connector SET state = NEW.state, direction = NEW.direction, behaviour = NEW.behaviour, width = NEW.width,
                height = NEW.height, step = coalesce(NEW.step, 0),
                permissions = coalesce(regexp_split_to_array(NULLIF(trim(NEW.permissions), ''), '\s*,\s*'), '{}')
@@ -131,7 +131,7 @@ BEGIN
         pose := planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), 0,
                             CASE layer WHEN 'room' THEN 0 ELSE low END);
         INSERT INTO entity (map_id, kind, name, label, type, properties)
-            VALUES (of_map, layer, NEW.name, NEW.label, NEW.type, said) RETURNING id INTO thing;
+            VALUES (of_map, layer, NEW.name, NEW.label, NEW.type, given) RETURNING id INTO thing;
         IF layer = 'room' THEN
             INSERT INTO room (entity_id, floor, ceiling) VALUES (thing, low, NEW.ceiling);
         ELSIF layer = 'region' THEN
@@ -153,8 +153,8 @@ BEGIN
     END IF;
 
     thing := OLD.fid;
-    UPDATE entity SET name = NEW.name, type = NEW.type, label = NEW.label, properties = said
-        WHERE id = thing AND (name, type, label, properties) IS DISTINCT FROM (NEW.name, NEW.type, NEW.label, said);
+    UPDATE entity SET name = NEW.name, type = NEW.type, label = NEW.label, properties = given
+        WHERE id = thing AND (name, type, label, properties) IS DISTINCT FROM (NEW.name, NEW.type, NEW.label, given);
     reshaped := ST_AsBinary(NEW.geom) IS DISTINCT FROM ST_AsBinary(OLD.geom);
     IF layer = 'room' THEN
         IF (NEW.floor, NEW.ceiling) IS DISTINCT FROM (OLD.floor, OLD.ceiling) THEN

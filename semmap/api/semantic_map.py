@@ -397,8 +397,8 @@ class SemanticMap:
                 if not attempts:
                     raise
             except errors.CheckViolation as error:
-                said = (error.diag.message_primary, error.diag.message_hint)
-                raise ValueError(". ".join(filter(None, said))) from error
+                parts = (error.diag.message_primary, error.diag.message_hint)
+                raise ValueError(". ".join(filter(None, parts))) from error
 
     def check_type(self, type: str) -> None:
         """Refuse a semantic type that the map does not have.

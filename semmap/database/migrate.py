@@ -178,14 +178,14 @@ def _place(path: Path, script: bytes, error: psycopg.Error) -> str:
 
 def _message(error: BaseException | None) -> str:
     if isinstance(error, psycopg.Error) and error.diag.message_primary:
-        said = (error.diag.message_primary, error.diag.message_detail, error.diag.message_hint)
-        return ". ".join(part for part in said if part)
+        parts = (error.diag.message_primary, error.diag.message_detail, error.diag.message_hint)
+        return ". ".join(part for part in parts if part)
     return str(error).strip()
 
 
 @contextmanager
 def _transaction(engine: Engine, done: str) -> Iterator[Connection]:
-    """A transaction that changes the schema, alone; its errors said in this package's words."""
+    """A transaction that changes the schema, alone; its errors as DatabaseError."""
     try:
         with engine.begin() as connection:
             connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({LOCK})")

@@ -17,7 +17,7 @@ __all__ = ["Change", "ChangePruned", "EntityHistory", "Import", "PlacementHistor
 
 
 class EntityHistory(Base):
-    """What an entity was said to be, and during which time."""
+    """The former state of an entity, and during which time it was valid."""
 
     __tablename__ = "entity_history"
     __table_args__ = (

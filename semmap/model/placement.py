@@ -22,7 +22,7 @@ class Placement(Base):
     """One row an entity: inventory and frame at once, so that they cannot disagree.
 
     `holder` is None where the map itself holds the entity; `pose` is relative to the holder.
-    `confidence` (0..1) is that of a holder derived from geometry, None where somebody said it.
+    `confidence` (0..1) is that of a holder derived from geometry, None where somebody stated it.
     """
 
     __tablename__ = "placement"

@@ -9,7 +9,7 @@ Where one side is a class and the relation has an index to ask, the condition is
 those that", so that no map is scanned; between two classes, the index is asked once for each row of
 the second.
 
-The frame is the map's unless said otherwise: metres, z up. Surfaces are compared, not boxes
+The frame is the map's unless stated otherwise: metres, z up. Surfaces are compared, not boxes
 (`schema/functions/4*.sql` say how). Relations hold within one map; they are false, never null, for
 an entity without placement and between an entity and itself. Without geometry, an entity is a
 point.
@@ -259,7 +259,7 @@ def _decided(
 ) -> ColumnElement[bool]:
     """The SQL function that decides the relation.
 
-    No entity relates to itself: said once more between columns, it tells SQLAlchemy that they are
+    No entity relates to itself: repeated between columns, it tells SQLAlchemy that they are
     joined.
     """
     function = getattr(func.semmap, _BY_NAME[name].function)
