@@ -10,6 +10,7 @@ import psycopg
 from psycopg import sql
 
 from semmap.api.semantic_map import SemanticMap
+from semmap.database.configuration import READER
 from semmap.database.parameters import connection_parameters
 from semmap.database.session import open_session
 from semmap.query import entity_query
@@ -174,13 +175,17 @@ class Database:
             There is no such map.
         """
         chosen = self.map(name).name
-        row = self.session.execute("SELECT current_database(), current_user").fetchone()
-        assert row is not None
-        self.session.execute(
-            sql.SQL("ALTER ROLE {} IN DATABASE {} SET semmap.map = {}").format(
-                sql.Identifier(row[1]), sql.Identifier(row[0]), sql.Literal(chosen)
+        roles = self.session.execute(
+            "SELECT rolname, current_database() FROM pg_roles WHERE rolname = current_user "
+            "OR rolname = %s AND (SELECT rolsuper FROM pg_roles WHERE rolname = current_user)",
+            (READER,),
+        ).fetchall()
+        for role, database in roles:
+            self.session.execute(
+                sql.SQL("ALTER ROLE {} IN DATABASE {} SET semmap.map = {}").format(
+                    sql.Identifier(role), sql.Identifier(database), sql.Literal(chosen)
+                )
             )
-        )
 
     def show(self, name: str) -> None:
         """Let the session's views show a map."""

@@ -14,6 +14,7 @@ from sqlalchemy import func, select
 
 import semmap
 from semmap.model import Entity, Object, WorldPlacement
+from tests.command_line import semmap as semmap_cli
 from tests.ingest.worlds_by_hand import box_world
 
 
@@ -64,6 +65,8 @@ def test_chosen_map_is_that_of_later_sessions(db: semmap.Database, database: str
     db.use("flat")
     with semmap.connect(database) as later:
         assert later.map().name == "flat"
+    shown = semmap_cli(database, "sql", "SELECT name FROM map WHERE id = current_map()")
+    assert "flat" in shown.stdout, "its login is another one, which only reads"
 
 
 def test_added_entities_have_holders_poses_and_types(flat: semmap.SemanticMap) -> None:
