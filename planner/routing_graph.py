@@ -12,19 +12,20 @@ import math
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from itertools import permutations, product
-from operator import attrgetter
-from typing import Any, NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.duration import Durations
+from planner.edge_penalties import Penalties
 from planner.graph import Graph, PathEnd
+from planner.passages import Passages
+from planner.ride_edges import ride_edges
 from planner.robot_class import RobotClass
 from planner.topology import OUTSIDE, PlaceConnector, PlaceRegion, Topology
 from planner.travel_cost import StraightTravelCost, TravelCost
+from planner.travel_edges import TravelEdges, complete_travel, measure_travel
 from semmap.geometry.pose import Pose
 
 __all__ = ["Edges", "Endpoint", "Penalties", "RoutingGraph", "TravelEdges"]
@@ -32,9 +33,6 @@ __all__ = ["Edges", "Endpoint", "Penalties", "RoutingGraph", "TravelEdges"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Edges = Sequence[int] | Ints
-
-_DECISIVE = attrgetter("state", "type", "behaviour", "permissions", "width", "height", "step")
-"""What decides whether a robot is blocked, except the direction and the slope of a ramp."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,56 +56,6 @@ class Endpoint:
     nodes: Ints
     seconds: Floats
     metres: Floats
-
-
-class TravelEdges(NamedTuple):
-    """Travel edges as arrays, one edge for each direction.
-
-    Attributes
-    ----------
-    tails, heads
-        (n,) int64: from which approach pose to which.
-    seconds, metres
-        (n,) float64; infinite where no path leads.
-    """
-
-    tails: Ints
-    heads: Ints
-    seconds: Floats
-    metres: Floats
-
-    def take(self, which: Any) -> TravelEdges:
-        """Some of the edges, by an index array, a mask or a slice."""
-        return TravelEdges(
-            self.tails[which], self.heads[which], self.seconds[which], self.metres[which]
-        )
-
-
-@dataclass
-class Penalties:
-    """Changes of edges for one query, by number of the edge.
-
-    Attributes
-    ----------
-    seconds
-        Additional cost. It decides which route is chosen, and does not count as duration.
-    blocked
-        Edges that must not be used, each with the reason in words.
-    detours
-        Seconds and metres of travel edges that lead around something.
-    """
-
-    seconds: dict[int, float] = field(default_factory=dict)
-    blocked: dict[int, str] = field(default_factory=dict)
-    detours: dict[int, tuple[float, float]] = field(default_factory=dict)
-
-    def add(self, edges: Iterable[int], seconds: float, reason: str) -> None:
-        """Make edges cost more; infinite seconds block them for this reason."""
-        for edge in edges:
-            if math.isinf(seconds):
-                self.blocked.setdefault(edge, reason)
-            else:
-                self.seconds[edge] = self.seconds.get(edge, 0.0) + seconds
 
 
 class RoutingGraph:
@@ -185,7 +133,8 @@ class RoutingGraph:
         for node, place in enumerate(self.place_of):
             inside.setdefault(place, []).append(node)
         self.nodes = {place: np.array(nodes) for place, nodes in inside.items()}
-        self._cabins = {c: elevator for elevator, all_ in topology.cabins().items() for c in all_}
+        elevators = {c: elevator for elevator, all_ in topology.cabins().items() for c in all_}
+        self._passages = Passages(self.robot, self.durations, elevators)
         self._make_edges(stored)
         self.graph = Graph(*self.arcs, self.seconds, 2 * len(self.poses), least=self._least())
         self.penalties = Penalties()
@@ -206,15 +155,16 @@ class RoutingGraph:
     # -- making the edges: passages first, then travel place by place, then rides ---------------
 
     def _make_edges(self, stored: TravelEdges | None) -> None:
+        passages = self._passages
         count = 2 * len(self.connectors)
         nodes = np.arange(count)
         through = np.repeat([c.metres for c in self.connectors], 2)
-        parts = [TravelEdges(nodes, nodes ^ 1, self._passing(self.connectors, through), through)]
+        parts = [TravelEdges(nodes, nodes ^ 1, passages.seconds(self.connectors, through), through)]
         self.travel_edges: dict[str, slice] = {}
         self.measured: list[str] = []
         at = count
         if stored is not None:
-            block, counts = self._complete(stored)
+            block, counts = complete_travel(stored, self.nodes, self.place_of)
             parts.append(block)
             for place, n in counts.items():
                 self.travel_edges[place] = slice(at, at + n)
@@ -226,32 +176,19 @@ class RoutingGraph:
                 parts.append(travel)
                 self.travel_edges[place] = slice(at, at + len(travel.tails))
                 at += len(travel.tails)
-        self.rides: dict[int, str] = {}
-        parts.append(self._make_rides(at))
+        cabins = self.topology.cabins() if self.robot.rides_elevators else {}
+        rides, elevators = ride_edges(
+            cabins, self.nodes, self.poses, self.durations, self.robot.speed
+        )
+        self.rides = dict(enumerate(elevators, at))
+        parts.append(rides)
         tails, heads, base, metres = (np.concatenate(k) for k in zip(*parts, strict=True))
         self.tails, self.heads = tails.astype(np.int32), heads.astype(np.int32)
         self.base, self.metres = base.astype(np.float64), metres.astype(np.float64)
         self.seconds = self.base.copy()
-        self.seconds[:count][self._blocked(self.connectors)] = math.inf
+        self.seconds[:count][passages.blocked(self.connectors)] = math.inf
         if OUTSIDE in self.travel_edges and not self.robot.outside:
             self.seconds[self.travel_edges[OUTSIDE]] = math.inf
-
-    def _make_rides(self, first: int) -> TravelEdges:
-        """The rides of all elevators; the first one gets this number."""
-        rides: list[tuple[int, int, float, float]] = []
-        if self.robot.rides_elevators:
-            for elevator, cabins in self.topology.cabins().items():
-                for here, there in permutations(cabins, 2):
-                    for a, b in product(self.nodes.get(here, ()), self.nodes.get(there, ())):
-                        p, q = self.poses[a], self.poses[b]
-                        across = math.hypot(p.x - q.x, p.y - q.y)
-                        seconds = self.durations.of_riding(elevator, p.z - q.z)
-                        seconds += across / self.robot.speed
-                        self.rides[first + len(rides)] = elevator
-                        rides.append((int(a), int(b), seconds, across))
-        columns = np.array(rides).reshape(-1, 4).T
-        tails, heads = columns[:2].astype(np.int64)
-        return TravelEdges(tails, heads, columns[2], columns[3])
 
     def _least(self) -> Floats:
         """(E,) lower bounds of the seconds: doors stand open, travel follows straight lines."""
@@ -265,60 +202,10 @@ class RoutingGraph:
         ]
         return least
 
-    def _complete(self, stored: TravelEdges) -> tuple[TravelEdges, dict[str, int]]:
-        """The stored edges of places that lack none, and the number of edges of each."""
-        numbers = {place: i for i, place in enumerate(self.nodes)}
-        of = np.array([numbers[p] for p in self.place_of], np.int64)[stored.tails]
-        order = np.argsort(of, kind="stable")
-        counts = np.bincount(of, minlength=len(numbers))
-        poses = np.array([len(nodes) for nodes in self.nodes.values()])
-        complete = counts == poses * (poses - 1)
-        if OUTSIDE in numbers:
-            complete[numbers[OUTSIDE]] = False
-        block = stored.take(order[complete[of[order]]])
-        return block, {
-            p: n for p, n, c in zip(numbers, counts.tolist(), complete, strict=True) if c
-        }
-
     def _measure(self, place: str) -> TravelEdges:
         nodes = self.nodes[place]
-        poses = [self.poses[n] for n in nodes]
-        others = ~np.eye(len(poses), dtype=bool)
         costs = StraightTravelCost(self.robot.speed) if place == OUTSIDE else self.costs
-        travel = costs.between(place, poses, poses)
-        a, b = (k[others] for k in np.meshgrid(nodes, nodes, indexing="ij"))
-        return TravelEdges(a, b, travel.seconds[others], travel.metres[others])
-
-    def _passing(self, connectors: Sequence[PlaceConnector], metres: Floats) -> Floats:
-        """(2 n,) seconds of passing each connector from either side, over so many metres."""
-        durations, cabins = self.durations, self._cabins
-        found = metres / self.robot.speed
-        for i, connector in enumerate(connectors):
-            if durations.measured:
-                found[2 * i : 2 * i + 2] = durations.of_passing(connector, self.robot.speed)
-            if connector.state != "open":
-                found[2 * i : 2 * i + 2] += durations.of_opening(connector)
-            a, b = connector.places
-            if (a in cabins or b in cabins) and cabins.get(a) != cabins.get(b):
-                for side, there in enumerate((b, a)):  # the elevator has to be called first
-                    if there in cabins:
-                        found[2 * i + side] += durations.of_calling(cabins[there])
-        return found
-
-    def _blocked(self, connectors: Sequence[PlaceConnector]) -> NDArray[np.bool_]:
-        """(2 n,) whether the robot cannot pass each connector from either side."""
-        blocked: list[bool] = []
-        known: dict[tuple[object, ...], bool] = {}  # most doors are alike
-        for c, key in zip(connectors, map(_DECISIVE, connectors), strict=True):
-            answer = known.get(key)
-            if answer is None or c.type == "ramp":
-                answer = known[key] = self.robot.blocking_reason(c) is not None
-            blocked.append(answer)
-        found = np.repeat(np.array(blocked, np.bool_), 2)
-        for i, c in enumerate(connectors):
-            if c.direction != "both":
-                found[2 * i : 2 * i + 2] |= [not c.passes(0), not c.passes(1)]
-        return found
+        return measure_travel(costs, place, nodes, [self.poses[n] for n in nodes])
 
     # -- changes --------------------------------------------------------------------------------
 
@@ -340,8 +227,10 @@ class RoutingGraph:
             self.connectors[number] = connector
             self.topology = self.topology.with_connector(connector)
             edges = np.array([2 * number, 2 * number + 1])
-            self.base[edges] = self._passing([connector], np.repeat(connector.metres, 2))
-            self.seconds[edges] = np.where(self._blocked([connector]), math.inf, self.base[edges])
+            self.base[edges] = self._passages.seconds([connector], np.repeat(connector.metres, 2))
+            self.seconds[edges] = np.where(
+                self._passages.blocked([connector]), math.inf, self.base[edges]
+            )
             self.graph.set_weights(edges, self.seconds[edges])
 
     def change_regions(self, regions: Iterable[PlaceRegion]) -> None:
@@ -396,8 +285,7 @@ class RoutingGraph:
 
     def elevator_to_call(self, node: int) -> str | None:
         """The elevator that must come before the passage from an approach pose can begin."""
-        here, there = (self._cabins.get(self.place_of[n]) for n in (node, node ^ 1))
-        return there if here != there else None
+        return self._passages.elevator_to_call(self.place_of[node], self.place_of[node ^ 1])
 
     def edges_into(self, place: str) -> list[int]:
         """The passages and rides that lead into a place."""

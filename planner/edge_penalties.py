@@ -1,0 +1,36 @@
+"""Changes of the edges of a routing graph for one query."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+__all__ = ["Penalties"]
+
+
+@dataclass
+class Penalties:
+    """Changes of edges for one query, by number of the edge.
+
+    Attributes
+    ----------
+    seconds
+        Additional cost. It decides which route is chosen, and does not count as duration.
+    blocked
+        Edges that must not be used, each with the reason in words.
+    detours
+        Seconds and metres of travel edges that lead around something.
+    """
+
+    seconds: dict[int, float] = field(default_factory=dict)
+    blocked: dict[int, str] = field(default_factory=dict)
+    detours: dict[int, tuple[float, float]] = field(default_factory=dict)
+
+    def add(self, edges: Iterable[int], seconds: float, reason: str) -> None:
+        """Make edges cost more; infinite seconds block them for this reason."""
+        for edge in edges:
+            if math.isinf(seconds):
+                self.blocked.setdefault(edge, reason)
+            else:
+                self.seconds[edge] = self.seconds.get(edge, 0.0) + seconds
