@@ -1,0 +1,218 @@
+"""The reading part of a map: its entities by name, questions, changes, SQL and the ORM."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from datetime import datetime
+from typing import TYPE_CHECKING, Any, cast
+
+from psycopg import errors
+from psycopg.pq import TransactionStatus
+
+from semmap.api.map_entity import MapEntity
+from semmap.query import entity_query
+from semmap.query.entity_query import Near
+
+if TYPE_CHECKING:
+    import psycopg
+    from sqlalchemy.orm import Session
+
+    from semmap.api.database import Database
+    from semmap.api.semantic_map import SemanticMap
+
+__all__ = ["MapQuestions"]
+
+ATTEMPTS = 5
+"""How often a single statement is tried that PostgreSQL ends to resolve a deadlock."""
+
+
+class MapQuestions:
+    """The part of `SemanticMap` that reads.
+
+    Attributes
+    ----------
+    database : Database
+    name : the name of the map
+    """
+
+    def __init__(self, database: Database, name: str) -> None:
+        self.database, self.name = database, name
+
+    def __getitem__(self, name: str) -> MapEntity:
+        """The entity of a name.
+
+        Raises
+        ------
+        LookupError
+            The map has none; the message names those that come near it.
+        """
+        number = entity_query.entity_id(self._session(), name)
+        return MapEntity(cast("SemanticMap", self), number)
+
+    def __contains__(self, name: object) -> bool:
+        return bool(self.execute("SELECT entity_id(%s)", name)[0][0])
+
+    def __iter__(self) -> Iterator[MapEntity]:
+        return iter(self.find())
+
+    def __len__(self) -> int:
+        return int(self.execute("SELECT count(*) FROM entity WHERE map_id = current_map()")[0][0])
+
+    def __repr__(self) -> str:
+        return f"<map {self.name}>"
+
+    # --- questions
+
+    def find(
+        self,
+        type: str | None = None,
+        *,
+        in_: str | None = None,
+        label: str | None = None,
+        where: Mapping[str, Any] | None = None,
+        near: Near | None = None,
+        within: float | None = None,
+        box: Sequence[float] | None = None,
+    ) -> list[MapEntity]:
+        """The entities that meet all conditions; with `near`, the nearest first, else by name.
+
+        Parameters
+        ----------
+        type : a semantic type; its subtypes count
+        in_ : name of an entity that holds them, or holds what holds them
+        label : the property label of the entity or of its type, such as ``kitchen``
+        where : properties and their values
+        near : a point (x, y, z) in the map's frame, metres, or the name of an entity
+        within : metres from `near` to the entity's 3D box
+        box : (x0, y0, z0, x1, y1, z1), metres: the entity's 3D box meets it
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `semmap.query.entity_query.find`.
+        """
+        rows = self.table(
+            type, in_=in_, label=label, where=where, near=near, within=within, box=box
+        )
+        return [self[row["name"]] for row in rows]
+
+    def table(
+        self, type: str | None = None, *, in_: str | None = None, **conditions: Any
+    ) -> list[dict[str, Any]]:
+        """As `find`, but plain rows, as ``semmap ls --json`` prints them."""
+        return entity_query.find(self._session(), type=type, holder=in_, **conditions)
+
+    def describe(self, name: str, at: datetime | None = None) -> dict[str, Any]:
+        """All that the map has of an entity; with `at`, also where it was then."""
+        return entity_query.describe(self._session(), name, at)
+
+    def types(self) -> list[dict[str, Any]]:
+        """The semantic types with their parents, and how many entities of the map are of each."""
+        return entity_query.list_types(self._session())
+
+    def incomplete(self) -> list[dict[str, Any]]:
+        """The entities that lack geometry, type, placement or topology."""
+        return entity_query.list_incomplete(self._session())
+
+    def check(self) -> list[dict[str, Any]]:
+        """Where the map disagrees with itself; empty for a sound map."""
+        return entity_query.contradictions(self._session())
+
+    def changes(
+        self, since: str | None = None, *, follow: bool = False, stop: threading.Event | None = None
+    ) -> Iterator[dict[str, Any]]:
+        """What changed in the map, one change after the other: `what`, `names`, `at`, `cursor`.
+
+        Parameters
+        ----------
+        since : the `cursor` of a change that was seen; by default from now on where `follow`,
+            else all changes that are kept
+        follow : wait for more, until `stop` is set
+
+        Yields
+        ------
+        Dictionaries; an entity that was deleted since has None for its name.
+        """
+        if since is None and follow:
+            since = str(self.execute("SELECT change_cursor()")[0][0])
+        while True:
+            cursor, rows = entity_query.changes_since(self._session(), since)
+            for row in rows:
+                if row["map"] == self.name:
+                    yield self._change(row, cursor)
+            since = cursor
+            if not follow or (stop is not None and stop.is_set()):
+                return
+            self._wait(stop)
+
+    def _change(self, row: dict[str, Any], cursor: str) -> dict[str, Any]:
+        names = dict(
+            self.execute("SELECT id, name FROM entity WHERE id = ANY (%s)", row["entities"])
+        )
+        return {
+            "what": row["what"],
+            "names": [names.get(number) for number in row["entities"]],
+            "at": row["at"],
+            "cursor": cursor,
+        }
+
+    def _wait(self, stop: threading.Event | None, seconds: float = 0.5) -> None:
+        """Wait for the next change; a change between two looks is found at the next one."""
+        session = self._session()
+        session.execute("LISTEN semmap")
+        for _ in session.notifies(timeout=seconds, stop_after=1):
+            return
+
+    # --- for SQL and the ORM
+
+    def execute(self, statement: str, *values: Any) -> list[tuple[Any, ...]]:
+        """The rows of a SQL statement (psycopg's ``%s`` for values); it sees this map.
+
+        A statement that PostgreSQL ends to resolve a deadlock is repeated, outside of transactions.
+
+        Raises
+        ------
+        ValueError
+            The statement breaks a rule of the map; it changed nothing.
+        """
+        session = self._session()
+        attempts = ATTEMPTS if session.info.transaction_status == TransactionStatus.IDLE else 1
+        while True:
+            attempts -= 1
+            try:
+                cursor = session.execute(statement, values or None)
+                return cursor.fetchall() if cursor.description else []
+            except (errors.DeadlockDetected, errors.SerializationFailure):
+                if not attempts:
+                    raise
+            except errors.CheckViolation as error:
+                parts = (error.diag.message_primary, error.diag.message_hint)
+                raise ValueError(". ".join(filter(None, parts))) from error
+
+    def check_type(self, type: str) -> None:
+        """Refuse a semantic type that the map does not have.
+
+        Raises
+        ------
+        LookupError
+            With the types that come near it.
+        """
+        if not self.execute("SELECT 1 FROM semantic_type WHERE name = %s", type):
+            names = [row[0] for row in self.execute("SELECT name FROM semantic_type")]
+            raise LookupError(f"the map has no type {type}{entity_query.similar(type, names)}")
+
+    def transaction(self) -> AbstractContextManager[Any]:
+        """A transaction: all statements in the ``with`` block, or none."""
+        return self._session().transaction()
+
+    def session(self) -> Session:
+        """A SQLAlchemy session that sees this map; use it in a ``with`` block."""
+        from semmap.model.session import map_session
+
+        return map_session(self.database.engine, self.name)
+
+    def _session(self) -> psycopg.Connection[Any]:
+        self.database.show(self.name)
+        return self.database.session
