@@ -18,7 +18,7 @@ demo:
 
 test:
 	@scripts/setup
-	@.venv/bin/python -m pytest -q -n auto --dist loadfile
+	@.venv/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 test-docker:
 	@scripts/setup

@@ -39,6 +39,32 @@ MakeDatabase = Callable[[], URL]
 """Makes a fresh database with an empty, migrated schema, and says its URL."""
 
 
+SLOW = (
+    "schema/test_planning.py",
+    "planner/mission/test_kills.py",
+    "navgrid/test_slabs.py",
+    "model/test_isolation.py",
+    "worlds/",
+    "examples/",
+    "fields/store/",
+    "planner/mission/",
+    "fuzz/",
+    "planner/demo/",
+    "planner/tasks/test_pddl.py",
+)
+"""What takes long, the longest first: the tests of other files fill the end of a parallel run."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the slow files."""
+
+    def rank(item: pytest.Item) -> int:
+        path = item.path.relative_to(ROOT / "tests").as_posix()
+        return next((i for i, slow in enumerate(SLOW) if path.startswith(slow)), len(SLOW))
+
+    items.sort(key=rank)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def home() -> Iterator[Path]:
     """A folder for the cluster of this test run; the user's own is out of reach."""

@@ -470,7 +470,7 @@ def test_regions_by_command(flat: str) -> None:
     [
         (("find", "surfaces", "tabel_1"), "did you mean table_1"),
         (("find", "surfaces", "--type", "tabel"), "did you mean"),
-        (("find", "floor", "table_1"), "no room with an outline but an object"),
+        (("find", "floor", "table_1"), "is not a room with an outline but an object"),
         (("find", "floor", "kitchen", "--headroom", "-1"), "give 0 <= step"),
         (("find", "observation", "kitchen"), "not an object but a room"),
         (("find", "observation", "table_1", "--near", "3", "--far", "2"), "give 0 <= near < far"),
