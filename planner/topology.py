@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import shapely
 
-from planner.suggestions import suggestion
 from semmap.geometry.pose import Pose
+from semmap.suggestions import suggestion
 
 __all__ = [
     "OUTSIDE",
@@ -39,7 +39,7 @@ class UnknownPlaceError(LookupError):
         otherwise = "the map has no rooms: import a world or an annotation that has rooms"
         if known:
             otherwise = f"there are: {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}"
-        super().__init__(f"there is no place named {name}; {suggestion(name, known, otherwise)}")
+        super().__init__(f"there is no place named {name}{suggestion(name, known, otherwise)}")
 
 
 # A map has thousands of places and connectors. Frozen classes would take three times as long to

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable
-from difflib import get_close_matches
 
 __all__ = ["similar_names", "suggestion"]
 
 
 def similar_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:
-    """Return the known names that are spelt like a name, the most similar first.
+    """Return known names that are spelt like a name, the most similar first, or that contain it.
 
     Parameters
     ----------
@@ -19,23 +19,29 @@ def similar_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:
 
     Examples
     --------
-    >>> similar_names("desk", ["disk", "desk1", "table1"])
-    ['desk1', 'disk']
+    >>> similar_names("shelf", ["shelve", "bookshelf2", "table1"])
+    ['shelve', 'bookshelf2']
     """
-    return get_close_matches(name, list(known), n=count)
+    names = sorted(set(known))
+    close = difflib.get_close_matches(name, names, n=count, cutoff=0.5)
+    containing = [k for k in names if name and name.lower() in k.lower() and k not in close]
+    return [*close, *containing[: count - len(close)]]
 
 
-def suggestion(name: str, known: Iterable[str], count: int = 3) -> str:
-    """Return the end of an error about an unknown name; empty without similar names.
+def suggestion(name: str, known: Iterable[str], otherwise: str = "") -> str:
+    """Return the end of an error about an unknown name.
 
     Parameters
     ----------
-    name, known, count : as in `similar_names`
+    name, known : as in `similar_names`
+    otherwise : the end where no known name is similar
 
     Examples
     --------
-    >>> "there is no entity desk" + suggestion("desk", ["disk", "desk1", "table1"])
-    'there is no entity desk; similar names: desk1, disk'
+    >>> "there is no room kichen" + suggestion("kichen", ["kitchen", "hall"])
+    'there is no room kichen; did you mean kitchen?'
     """
-    names = similar_names(name, known, count)
-    return f"; similar names: {', '.join(names)}" if names else ""
+    names = similar_names(name, known)
+    if names:
+        return f"; did you mean {' or '.join(names)}?"
+    return f"; {otherwise}" if otherwise else ""

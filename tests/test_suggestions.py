@@ -13,8 +13,9 @@ KNOWN = ["kitchen", "kitchen2", "bedroom", "bathroom"]
     ("name", "names"),
     [
         ("kichen", ["kitchen", "kitchen2"]),
-        ("bedrom", ["bedroom"]),
-        ("garage", []),
+        ("bedrom", ["bedroom", "bathroom"]),
+        ("cellar", []),
+        ("bath", ["bathroom"]),
     ],
 )
 def test_similar_names_come_in_order(name: str, names: list[str]) -> None:
@@ -23,7 +24,7 @@ def test_similar_names_come_in_order(name: str, names: list[str]) -> None:
 
 
 def test_a_suggestion_ends_an_error() -> None:
-    assert suggestion("kichen", KNOWN) == "; similar names: kitchen, kitchen2"
-    assert suggestion("kichen", KNOWN, 1) == "; similar names: kitchen"
-    assert suggestion("garage", KNOWN) == ""
-    assert suggestion("garage", []) == ""
+    assert suggestion("kichen", KNOWN) == "; did you mean kitchen or kitchen2?"
+    assert suggestion("cellar", KNOWN) == ""
+    assert suggestion("cellar", KNOWN, "semmap ls lists them") == "; semmap ls lists them"
+    assert suggestion("cellar", []) == ""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+from semmap.suggestions import suggestion
 
 __all__ = ["ROBOT", "Atom", "Goal", "GoalError", "Word", "parse_goal"]
 
@@ -156,9 +157,8 @@ class _Reader:
 
     def _checked(self, name: str, words: Sequence[Word]) -> Atom:
         if name not in self.known:
-            near = difflib.get_close_matches(name, self.known, n=1, cutoff=0.4)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(self.known)}"
-            raise GoalError(f"there is no relation {name}; {hint}")
+            hint = suggestion(name, self.known, f"there are {', '.join(self.known)}")
+            raise GoalError(f"there is no relation {name}{hint}")
         if len(words) != self.known[name]:
             raise GoalError(
                 f"{Atom(name, tuple(words))} has {len(words)} arguments; {name} takes "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from planner.tasks.goal import Word
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
+from semmap.suggestions import suggestion
 
 __all__ = ["CARRIERS", "TaskObject", "TaskState", "TaskWorld", "UnknownObjectError"]
 
@@ -31,11 +31,8 @@ class UnknownObjectError(LookupError):
     """A word stands for no entity; the message suggests similar words."""
 
     def __init__(self, word: str, known: Iterable[str], *, what: str = "object or place") -> None:
-        known = sorted(set(known))
-        near = difflib.get_close_matches(word, known, n=3, cutoff=0.5)
-        near += [k for k in known if word.lower() in k.lower() and k not in near][: 3 - len(near)]
-        hint = f"did you mean {' or '.join(near)}?" if near else "semmap ls lists the objects"
-        super().__init__(f"there is no {word}: no {what} has this name, type or label; {hint}")
+        hint = suggestion(word, known, "semmap ls lists the objects")
+        super().__init__(f"there is no {word}: no {what} has this name, type or label{hint}")
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from psycopg.pq import TransactionStatus
 from semmap.api.map_entity import MapEntity
 from semmap.query import entity_query
 from semmap.query.entity_query import Near
+from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
     import psycopg
@@ -201,7 +202,8 @@ class MapQuestions:
         """
         if not self.execute("SELECT 1 FROM semantic_type WHERE name = %s", type):
             names = [row[0] for row in self.execute("SELECT name FROM semantic_type")]
-            raise LookupError(f"the map has no type {type}{entity_query.similar(type, names)}")
+            hint = suggestion(type, names, "semmap types lists them")
+            raise LookupError(f"the map has no type {type}{hint}")
 
     def transaction(self) -> AbstractContextManager[Any]:
         """A transaction: all statements in the ``with`` block, or none."""

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
 import psycopg
 from psycopg.rows import dict_row
 from psycopg.types.json import Jsonb
+
+from semmap.suggestions import suggestion
 
 __all__ = [
     "Near",
@@ -24,7 +25,6 @@ __all__ = [
     "list_maps",
     "list_types",
     "pick_map",
-    "similar",
 ]
 
 Session = psycopg.Connection[Any]
@@ -111,7 +111,9 @@ def entity_id(session: Session, name: str) -> int:
     row = session.execute("SELECT entity_id(%s)", (name,)).fetchone()
     if row is None or row[0] is None:
         names = _column(session, "SELECT name FROM entity WHERE map_id = current_map()")
-        raise LookupError(f"the map has no entity {name}{similar(name, names)}")
+        raise LookupError(
+            f"the map has no entity {name}{suggestion(name, names, 'semmap ls lists them')}"
+        )
     return int(row[0])
 
 
@@ -156,7 +158,9 @@ def find(
     if type is not None:
         types = _column(session, "SELECT name FROM semantic_type")
         if type not in types:
-            raise LookupError(f"the map has no type {type}{similar(type, types)}")
+            raise LookupError(
+                f"the map has no type {type}{suggestion(type, types, 'semmap types lists them')}"
+            )
         conditions.append("e.id IN (SELECT id FROM object WHERE type = %(type)s)")
         values["type"] = type
     if label is not None:
@@ -305,12 +309,6 @@ SETTLE = (
     "THEN NULL ELSE pg_logical_emit_message(true, 'semmap', '') END"
 )
 """Writes what this transaction saw to disk when it commits (`semmap.query.change_feed.settle`)."""
-
-
-def similar(name: str, names: Iterable[str]) -> str:
-    """The end of an error about an unknown name: those that come near it."""
-    close = difflib.get_close_matches(name, list(names), n=3)
-    return f"; did you mean {', '.join(close)}?" if close else "; semmap ls lists what there is"
 
 
 def _rows(session: Session, statement: str, values: Any = None) -> list[Row]:

@@ -399,7 +399,7 @@ def _bounds_of_rooms(
 
 
 def _unknown(what: str, name: str, names: Sequence[str]) -> str:
-    near = suggestion(name, names) or f"; there are: {', '.join(names) or 'none'}"
+    near = suggestion(name, names, f"there are: {', '.join(names) or 'none'}")
     return f"there is no {what} named {name}{near}"
 
 

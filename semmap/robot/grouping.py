@@ -57,7 +57,7 @@ def read_groups(path: Path | str, robot: Robot) -> list[LinkGroup]:
         for pattern in links:
             matched = [link for link in robot.links if fnmatchcase(link, pattern)]
             if not matched:
-                near = suggestion(pattern, robot.links) or f"; it has {', '.join(robot.links)}"
+                near = suggestion(pattern, robot.links, f"it has {', '.join(robot.links)}")
                 raise RobotError(f"{path}: part {name}: {robot.name} has no link {pattern}{near}")
             found += [link for link in matched if link not in taken]
             taken.update(matched)

@@ -119,10 +119,10 @@ def test_a_shut_door_without_a_mesh_is_the_box_of_its_opening(connection: Connec
 
 
 def test_unknown_storeys_and_rooms_are_refused_with_a_suggestion(connection: Connection) -> None:
-    with pytest.raises(LookupError, match="no room named offic4; similar names: office4"):
+    with pytest.raises(LookupError, match="no room named offic4; did you mean office4"):
         read_scene(connection, "floor-3rd", rooms=["offic4"])
     for read in (read_scene, read_storeys):
-        with pytest.raises(LookupError, match="no storey named floor-2nd; similar names: floor-"):
+        with pytest.raises(LookupError, match="no storey named floor-2nd; did you mean floor-"):
             read(connection, "floor-2nd")
 
 

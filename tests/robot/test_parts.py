@@ -122,7 +122,7 @@ def test_groups_by_file(robot: Robot, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("base: [base_lnk]", "no link base_lnk; similar names: base_link"),
+        ("base: [base_lnk]", "no link base_lnk; did you mean base_link"),
         ("base: base_link", "give \\[link, ...\\]"),
         ("base: {links: [base_link], by: inscribed}", "give \\[link, ...\\]"),
         ("base: {links: [base_link], inflate_by: both}", "inscribed or circumscribed"),

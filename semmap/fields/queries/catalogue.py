@@ -22,7 +22,7 @@ from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.fields.regions.region_map import NamedRegionMap
 from semmap.language.names import NameIndex
 from semmap.language.schema import Function, Property
-from semmap.suggestions import similar_names
+from semmap.suggestions import suggestion
 
 __all__ = ["RDF_TYPE", "FieldCatalogue"]
 
@@ -93,8 +93,8 @@ class FieldCatalogue:
         if iri not in self._vocabulary:
             local = iri.replace("#", "/").split("/")[-1]
             known = [each.name for each in self._vocabulary.properties]
-            names = ", ".join(similar_names(local, known) or sorted(known))
-            raise LookupError(f"there is no property {local}; similar names: {names}")
+            hint = suggestion(local, known, f"there are {', '.join(sorted(known))}")
+            raise LookupError(f"there is no property {local}{hint}")
         found = self._vocabulary[iri]
         if self._is_past and self._is_present_only(found):
             raise LookupError(f"only the present of {found.name} is known: leave out the time")

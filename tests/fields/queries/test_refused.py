@@ -14,7 +14,7 @@ from tests.fields.queries.test_query import ANSWERS, STORES
 
 WRONG = {
     # names
-    "SELECT ?v { ?v »:inFeildOfView :human1 }": "similar names: inFieldOfView",
+    "SELECT ?v { ?v »:inFeildOfView :human1 }": "did you mean inFieldOfView",
     "SELECT ?v { ?v a »:mug }": None,
     "SELECT ?v { ?v »a :mug }": "there is no property http://www.w3.org/1999/02/22-rdf-syntax-ns#t",
     "SELECT ?v { ?v :inFieldOfView »:nobody }": "there is no entity and no type nobody",
@@ -88,7 +88,7 @@ WRONG = {
     "SELECT ?v { ?v :free ?b »": "the text ends too early: expected",
     "»": "the text ends too early",
     # STORE
-    "SELECT ?v { ?v :free ?b } STORE »:fre": "similar names: free",
+    "SELECT ?v { ?v :free ?b } STORE »:fre": "did you mean free",
     "SELECT ?v { ?v :free ?b } STORE »:on": "STORE makes a map, but :on is a property of",
     "SELECT »?b { ?v :free ?b } STORE :free": "STORE needs a voxel first, and ?b is an entity",
     "SELECT ?v ?b ?d { ?v :free ?b ; :distanceToPerson ?d } STORE »:free": "STORE needs SELECT",

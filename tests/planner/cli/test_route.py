@@ -84,5 +84,5 @@ def test_grid_takes_a_storey_an_interval_and_a_resolution(commands, folder):
     assert said[0]["resolution"] == 0.1
     assert {p.name for p in folder.iterdir()} == {"map.yaml", "map.pgm", "plan.png"}
     assert "floor-3rd: " in commands.run("grid", *arguments, "--no-picture").stdout
-    with pytest.raises(LookupError, match="no storey named floor-2nd; similar names: floor-"):
+    with pytest.raises(LookupError, match="no storey named floor-2nd; did you mean floor-"):
         commands.run("grid", "-o", folder, "--storey", "floor-2nd")
