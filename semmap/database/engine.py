@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 from psycopg.conninfo import make_conninfo
 from psycopg.errors import ConnectionTimeout
@@ -13,8 +12,14 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
 from semmap.database import revisions
 from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
-from semmap.database.parameters import CONNECT_TIMEOUT, SETTINGS, connection_parameters
-from semmap.database.patience import BUSY_SECONDS, Patience
+from semmap.database.parameters import (
+    CONNECT_TIMEOUT,
+    SETTINGS,
+    connection_parameters,
+    lost_folder,
+    unreachable,
+)
+from semmap.database.patience import Patience
 
 __all__ = ["connect", "database_url", "make_engine"]
 
@@ -110,7 +115,7 @@ def _reach(url: str | URL | Cluster | None) -> tuple[URL, Engine, str | None]:
             return address, engine, revisions.installed_on(engine)
         except OperationalError as error:
             engine.dispose()
-            hopeless = isinstance(error.orig, ConnectionTimeout) or _lost_folder(address)
+            hopeless = isinstance(error.orig, ConnectionTimeout) or lost_folder(_host(address))
             if hopeless or not patience.allows_another(_conninfo(engine)):
                 raise DatabaseError(_unreachable(address, error, patience.busy)) from error
         except BaseException:
@@ -152,23 +157,9 @@ def _options() -> list[str]:
 
 
 def _unreachable(url: URL, error: DBAPIError, busy: bool = False) -> str:
-    where = url.render_as_string(hide_password=True)
-    cause = str(error.orig).strip().splitlines()
-    if folder := _lost_folder(url):
-        hint = f"There is no socket directory {folder}."
-    elif busy:
-        hint = (
-            f"The server is still starting, recovering or stopping after {BUSY_SECONDS:g} s: "
-            "call again later."
-        )
-    else:
-        hint = "Is the server running, and are user, password and database name right?"
-    return f"no connection to {where}: {cause[-1] if cause else error}. {hint}"
+    return unreachable(url.render_as_string(hide_password=True), _host(url), error.orig, busy)
 
 
-def _lost_folder(url: URL) -> str | None:
-    """The folder of the URL's Unix socket, if it does not exist."""
-    host = url.query.get("host", url.host)
-    if isinstance(host, str) and host.startswith("/") and not Path(host).exists():
-        return host
-    return None
+def _host(url: URL) -> object:
+    """The host of a URL, or the folder of its socket."""
+    return url.query.get("host", url.host)

@@ -16,7 +16,14 @@ from semmap.database.patience import BUSY_SECONDS
 if TYPE_CHECKING:
     from sqlalchemy import URL
 
-__all__ = ["CONNECT_TIMEOUT", "SETTINGS", "connection_parameters", "lost_folder", "unreachable"]
+__all__ = [
+    "CONNECT_TIMEOUT",
+    "SETTINGS",
+    "connection_parameters",
+    "describe",
+    "lost_folder",
+    "unreachable",
+]
 
 SETTINGS = {"search_path": "semmap,public", "timezone": "UTC"}
 """What every session is opened with."""
@@ -70,13 +77,24 @@ def connection_parameters(
         raise DatabaseError(f"{source} cannot be read: {cause}. {FORM}") from error
 
 
-def unreachable(parameters: dict[str, Any], error: BaseException, busy: bool = False) -> str:
-    """Why there is no connection, and what to do."""
-    where = " ".join(
-        f"{k}={parameters[k]}" for k in ("host", "port", "user", "dbname") if parameters.get(k)
-    )
+def describe(parameters: dict[str, Any]) -> str:
+    """The database that parameters name, without the password."""
+    named = (k for k in ("host", "port", "user", "dbname") if parameters.get(k))
+    return " ".join(f"{k}={parameters[k]}" for k in named) or "the default server"
+
+
+def unreachable(where: str, host: object, error: object, busy: bool = False) -> str:
+    """Why there is no connection to a database, and what to do.
+
+    Parameters
+    ----------
+    where : the database, as the message names it
+    host : the host or the folder of the socket
+    error : of the driver
+    busy : whether the server starts, recovers or stops
+    """
     cause = str(error).strip().splitlines()
-    if folder := lost_folder(parameters):
+    if folder := lost_folder(host):
         hint = f"There is no socket directory {folder}."
     elif busy:
         hint = (
@@ -85,14 +103,11 @@ def unreachable(parameters: dict[str, Any], error: BaseException, busy: bool = F
         )
     else:
         hint = "Is the server running, and are user, password and database name right?"
-    return (
-        f"no connection to {where or 'the default server'}: {cause[-1] if cause else error}. {hint}"
-    )
+    return f"no connection to {where}: {cause[-1] if cause else error}. {hint}"
 
 
-def lost_folder(parameters: dict[str, Any]) -> str | None:
-    """The folder of the Unix socket, if it does not exist."""
-    host = parameters.get("host")
+def lost_folder(host: object) -> str | None:
+    """The folder of a Unix socket, if it does not exist; None for other hosts."""
     if isinstance(host, str) and host.startswith("/") and not Path(host).exists():
         return host
     return None

@@ -13,6 +13,7 @@ from semmap.database.parameters import (
     CONNECT_TIMEOUT,
     SETTINGS,
     connection_parameters,
+    describe,
     lost_folder,
     unreachable,
 )
@@ -60,8 +61,13 @@ def open_session(
             break
         except psycopg.OperationalError as error:
             hopeless = isinstance(error, psycopg.errors.ConnectionTimeout)
-            if hopeless or lost_folder(parameters) or not patience.allows_another(conninfo):
-                message = unreachable(parameters, error, patience.busy)
+            if (
+                hopeless
+                or lost_folder(parameters.get("host"))
+                or not patience.allows_another(conninfo)
+            ):
+                where, host = describe(parameters), parameters.get("host")
+                message = unreachable(where, host, error, patience.busy)
                 raise DatabaseError(message) from error
     try:
         revisions.check_revision(revisions.installed(session))
