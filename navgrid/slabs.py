@@ -85,22 +85,7 @@ def occupancy(
     about a cell that the surface does not meet. This suffices: a column that no surface meets
     within the interval is inside as a whole or not at all.
     """
-    vertices, faces = _checked_mesh(mesh)
-    ends = _checked_intervals(intervals)
-    _check_size(grid, len(ends))
-    numbers, count = _checked_solid(solid, len(faces))
-    any_filled, filled = _checked_fill(fill, count)
-    return semmap_native.occupancy(
-        vertices,
-        faces,
-        ends,
-        *_frame(grid),
-        numbers,
-        count if filled is None else len(filled),
-        any_filled,
-        filled,
-        _threads(threads, len(faces)),
-    )
+    return semmap_native.occupancy(*_arguments(mesh, intervals, grid, solid, fill, threads, 1))
 
 
 def occupancy_solids(
@@ -121,22 +106,29 @@ def occupancy_solids(
     (len(intervals), rows, columns) int32
         -1 for cells without a solid.
     """
+    bytes_per_cell = np.dtype(np.int32).itemsize
+    arguments = _arguments(mesh, intervals, grid, solid, fill, threads, bytes_per_cell)
+    return semmap_native.occupancy_solids(*arguments)
+
+
+def _arguments(
+    mesh: tuple[ArrayLike, ArrayLike],
+    intervals: Iterable[tuple[float, float]],
+    grid: Grid,
+    solid: ArrayLike | None,
+    fill: bool | ArrayLike | None,
+    threads: int | None,
+    bytes_per_cell: int,
+) -> tuple[Any, ...]:
+    """The checked arguments of the native functions."""
     vertices, faces = _checked_mesh(mesh)
     ends = _checked_intervals(intervals)
-    _check_size(grid, 4 * len(ends))
+    _check_size(grid, bytes_per_cell * len(ends))
     numbers, count = _checked_solid(solid, len(faces))
     any_filled, filled = _checked_fill(fill, count)
-    return semmap_native.occupancy_solids(
-        vertices,
-        faces,
-        ends,
-        *_frame(grid),
-        numbers,
-        count if filled is None else len(filled),
-        any_filled,
-        filled,
-        _threads(threads, len(faces)),
-    )
+    solids = count if filled is None else len(filled)
+    workers = _threads(threads, len(faces))
+    return vertices, faces, ends, *_frame(grid), numbers, solids, any_filled, filled, workers
 
 
 def closed_solids(
