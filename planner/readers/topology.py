@@ -140,38 +140,19 @@ def read_connectors(
     poses = packed["poses"]["value"].astype(np.float64).reshape(-1, 3, 7)
     a, b = (map(Pose._make, _composed(poses[:, 0], poses[:, k]).tolist()) for k in (1, 2))
     return [
-        PlaceConnector(
-            name,
-            (names[place_a], names[place_b]),
-            both,
-            form,
-            direction,
-            state,
-            behaviour,
-            width,
-            height,
-            step,
-            frozenset(permissions or ()),
-            properties or _NO_PROPERTIES,
-            number,
-        )
-        for both, (
-            _,
-            place_a,
-            place_b,
-            name,
-            form,
-            direction,
-            state,
-            behaviour,
-            width,
-            height,
-            step,
-            permissions,
-            properties,
-            number,
-        ) in zip(zip(a, b, strict=True), rows, strict=True)
+        _connector(row, names, poses)
+        for poses, row in zip(zip(a, b, strict=True), rows, strict=True)
     ]
+
+
+def _connector(
+    row: tuple[Any, ...], names: dict[int | None, str], poses: tuple[Pose, Pose]
+) -> PlaceConnector:
+    _, place_a, place_b, name, *details, permissions, properties, number = row
+    fields: list[Any] = [name, (names[place_a], names[place_b]), poses]
+    fields += details  # from form to step, as PlaceConnector has them
+    fields += [frozenset(permissions or ()), properties or _NO_PROPERTIES, number]
+    return PlaceConnector(*fields)
 
 
 def _composed(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
