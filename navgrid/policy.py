@@ -91,7 +91,7 @@ class Policy:
     >>> policy = Policy.parse("layers: {cups: {padding: 0.1}}\nrules: [{type: cup, layer: cups}]")
     >>> policy.layer_of(SceneEntity(1, "mug1", "object", ("mug", "cup", "object")))
     'cups'
-    >>> policy.layer_of(SceneEntity(2, "desk1", "object", ("desk", "object")))
+    >>> policy.layer_of(SceneEntity(2, "table7", "object", ("table", "object")))
     'none'
     """
 

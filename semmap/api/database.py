@@ -44,13 +44,13 @@ def connect(url: str | Cluster | None = None, *, migrate: bool | None = None) ->
     >>> with semmap.connect() as db:
     ...     flat = db.create_map("flat")
     ...     flat.add_room("kitchen", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.6)
-    ...     flat.add_object("desk4", type="table", size=(1.6, 0.8, 0.75), in_="kitchen")
-    ...     mug = flat.add_object("mug7", type="mug", size=(0.08, 0.08, 0.1), on="desk4")
+    ...     flat.add_object("table1", type="table", size=(1.6, 0.8, 0.75), in_="kitchen")
+    ...     mug = flat.add_object("mug1", type="mug", size=(0.08, 0.08, 0.1), on="table1")
     ...     mug.move_to(0.5, 0.5, 0)
-    ...     print(mug.holder, flat["desk4"].contents)
+    ...     print(mug.holder, flat["table1"].contents)
     ...     db.drop_map("flat")
     <room kitchen>
-    <object desk4>
+    <object table1>
     <room kitchen> []
     3
     """

@@ -1,4 +1,4 @@
-"""What follows the map is, after each change, as if it were made anew."""
+"""What follows the map is, after each change, equal to a fresh one."""
 
 import gc
 import threading
@@ -31,7 +31,7 @@ def robot(delivery_robot):
 
 @pytest.fixture(scope="module")
 def changing(make_database, robot):
-    """The office, in a database that tests change: each compares with one made anew."""
+    """The office, in a database that tests change: each compares with one made fresh."""
     engine = connect(make_database())
     for path in office_files():
         import_file(engine, path, map_name="office")
@@ -116,12 +116,12 @@ def edges(graph):
 
 
 def check(live, engine, robot):
-    """The graph is one made anew, and what is kept is of the graph."""
-    anew = LiveTopology(engine, "office", robot)
-    assert edges(live.graph) == edges(anew.graph)
-    assert live.topology.places == anew.topology.places
-    assert live.topology.connectors == anew.topology.connectors
-    assert [r.name for r in live.topology.regions] == [r.name for r in anew.topology.regions]
+    """The graph equals a fresh one, and the stored times are those of the graph."""
+    fresh = LiveTopology(engine, "office", robot)
+    assert edges(live.graph) == edges(fresh.graph)
+    assert live.topology.places == fresh.topology.places
+    assert live.topology.connectors == fresh.topology.connectors
+    assert [r.name for r in live.topology.regions] == [r.name for r in fresh.topology.regions]
     assert live.graph.topology is live.topology
     names = {c.id: c.name for c in live.topology.connectors.values()}
     places = {p.id: p.name for p in live.topology.places.values()}
@@ -294,7 +294,7 @@ def test_things_go_come_and_leave_their_placement(changing, live, robot):
     check(live, changing, robot)
 
 
-def test_a_changed_room_is_read_anew(changing, live, robot):
+def test_a_changed_room_is_read_again(changing, live, robot):
     with committed(changing) as run:
         run(
             "UPDATE entity SET label = 'storage', properties = properties || '{\"avoid\": true}' "

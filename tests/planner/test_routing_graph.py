@@ -276,7 +276,7 @@ def test_of_a_place_with_a_missing_walk_all_are_measured():
 
 @settings(max_examples=40)
 @given(topologies(), robots, seeds, st.data())
-def test_a_changed_connector_is_as_one_made_anew(topology, robot, seed, data):
+def test_a_changed_connector_equals_a_fresh_one(topology, robot, seed, data):
     assume(topology.connectors)
     graph = RoutingGraph(topology, robot, durations=TIMES, costs=Crooked(seed))
     for _ in range(3):
@@ -295,14 +295,14 @@ def test_a_changed_connector_is_as_one_made_anew(topology, robot, seed, data):
 
 @settings(max_examples=40)
 @given(topologies(), robots, seeds, seeds)
-def test_changed_walks_are_as_ones_made_anew(topology, robot, seed, other):
+def test_changed_travel_times_equal_fresh_ones(topology, robot, seed, other):
     walks = Crooked(seed)
     graph = RoutingGraph(topology, robot, durations=TIMES, costs=walks)
     walks.seed = other
     for place in topology.places:
         graph.measure_again(place)
-    anew = RoutingGraph(topology, robot, durations=TIMES, costs=Crooked(other))
-    assert edges_of(graph) == edges_of(anew)
+    fresh = RoutingGraph(topology, robot, durations=TIMES, costs=Crooked(other))
+    assert edges_of(graph) == edges_of(fresh)
 
 
 def test_a_connector_that_joins_other_places_is_refused():

@@ -211,7 +211,7 @@ class EventBus:
                 if subscription.wants(event):
                     try:
                         subscription.callback(event)
-                    except Exception:
+                    except Exception:  # reported; the other subscribers still get the event
                         logger.exception("a subscriber failed at: %s", event)
 
     def _cancel(self, subscription: Subscription) -> None:

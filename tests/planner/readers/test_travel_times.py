@@ -103,7 +103,7 @@ def test_what_changed_since_the_walks_comes_with_the_class(connection, ids, robo
     assert read_robot_class(connection, "tester").unmeasured is None
     store_measured_until(connection, robot, cursor(connection))
     assert read_robot_class(connection, "tester").unmeasured == frozenset()
-    store_measured_until(connection, robot, cursor(connection))  # anew, in place of the former
+    store_measured_until(connection, robot, cursor(connection))  # replaces the former cursor
 
 
 def test_walks_of_a_class_that_changed_are_not_kept(connection, robot):
