@@ -51,7 +51,7 @@ STORE
 :containsObject"""
 """The query of reMap, section 4."""
 
-WANTED = ("kitchenware", "food", "personal_thing", "object")
+WANTED = ("food", "kitchenware", "personal_thing", "object")
 """The types of objects that the people look at, the preferred ones first."""
 
 AROUND = 3.3

@@ -120,7 +120,7 @@ def passage(
             footprints=footprints if made is layered else (),
         )
         for made, name, title in (
-            (layered, "figure9_layered.png", "Figure 9: a way by the layered costmap"),
+            (layered, "figure9_layered.png", "Figure 9: a path on the layered costmap"),
             (single, "figure9_single.png", "The same by a costmap of all the robot's height: none"),
         )
     ]
