@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from typing import Any
 
-__all__ = ["guard_streams", "has_control", "visible"]
+__all__ = ["guard_streams", "has_control", "print_bold", "visible"]
 
 _CONTROL = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # all control characters but tab and line feed
@@ -33,6 +34,13 @@ def visible(text: str) -> str:
 def has_control(text: str) -> bool:
     """Whether a text has control characters."""
     return _CONTROL.search(text) is not None
+
+
+def print_bold(text: str) -> None:
+    """Print a line whose control characters are visible, in bold on a terminal that has styles."""
+    stream = getattr(sys.stdout, "rich_proxied_file", sys.stdout)
+    styled = stream.isatty() and "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
+    stream.write(f"\x1b[1m{visible(text)}\x1b[0m\n" if styled else f"{visible(text)}\n")
 
 
 class SafeStream:

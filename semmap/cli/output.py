@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import sys
+import unicodedata
 from decimal import Decimal
-from functools import partial
+from functools import cache
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
 from psycopg.types.range import Range
 
-from semmap.cli.console import SafeConsole
+from semmap.terminal import print_bold, visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+
+    from semmap.cli.console import SafeConsole
+
+    out: SafeConsole
+    err: SafeConsole
 
 __all__ = [
     "err",
@@ -28,10 +35,29 @@ __all__ = [
     "unique_names",
 ]
 
-# Brackets and colons are parts of names: no markup, no emoji.
-_console = partial(SafeConsole, markup=False, emoji=False, highlight=False, soft_wrap=True)
-out = _console(width=None if sys.stdout.isatty() else 160)  # a file or pipe has no width to fit
-err = _console(stderr=True)
+
+@cache
+def _console(name: str) -> SafeConsole:
+    """A console, made when it is first used: importing rich takes time."""
+    from semmap.cli.console import SafeConsole
+
+    # A file or pipe has no width to fit.
+    width = 160 if name == "out" and not sys.stdout.isatty() else None
+    # Brackets and colons are parts of names: no markup, no emoji.
+    return SafeConsole(
+        stderr=name == "err",
+        width=width,
+        markup=False,
+        emoji=False,
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def __getattr__(name: str) -> SafeConsole:
+    if name in ("out", "err"):
+        return _console(name)
+    raise AttributeError(f"module {__name__} has no attribute {name}")
 
 
 def print_json(value: Any) -> None:
@@ -59,15 +85,47 @@ def show_rows(columns: list[str], rows: Iterable[tuple[Any, ...]], as_json: bool
     if as_json:
         print_json([dict(zip(names, row, strict=True)) for row in rows])
         return
+    cells = [["" if v is None else visible(readable(v)) for v in row] for row in rows]
+    if any("\n" in cell for row in cells for cell in row) or not _print_columns([names, *cells]):
+        _print_folded(names, cells)
+    print(f"{len(rows)} row{'' if len(rows) == 1 else 's'}", file=sys.stderr)
+
+
+def _print_columns(lines: Sequence[Sequence[str]]) -> bool:
+    """Print a line a row; without printing return False if a terminal is too narrow for that."""
+    widths = [max(map(_width, column)) for column in zip(*lines, strict=True)]
+    if sys.stdout.isatty() and sum(widths) + 2 * len(widths) > shutil.get_terminal_size().columns:
+        return False
+    padded = [
+        "  ".join(
+            cell + " " * (width - _width(cell)) for cell, width in zip(line, widths, strict=True)
+        ).rstrip()
+        for line in lines
+    ]
+    print_bold(padded[0])
+    for line in padded[1:]:
+        print(line)
+    return True
+
+
+def _width(text: str) -> int:
+    """The columns of a terminal that a text takes."""
+    if text.isascii():
+        return len(text)
+    wide = sum(unicodedata.east_asian_width(c) in "WF" for c in text)
+    return len(text) + wide - sum(unicodedata.combining(c) > 0 for c in text)
+
+
+def _print_folded(names: Sequence[str], lines: Sequence[Sequence[str]]) -> None:
+    """Print cells as a table that folds its columns to the width of the terminal."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in names:
         table.add_column(name, overflow="fold")
-    for row in rows:
-        table.add_row(*("" if v is None else readable(v) for v in row))
-    out.print(table)
-    err.print(f"{len(rows)} row{'' if len(rows) == 1 else 's'}", style="dim")
+    for line in lines:
+        table.add_row(*line)
+    _console("out").print(table)
 
 
 def unique_names(columns: list[str]) -> list[str]:
