@@ -43,6 +43,9 @@ LEAF = (0.05, 2.1)
 ROOM_HEIGHT, DOOR_WIDTH = 2.5, 0.9
 """Metres, where the map knows none."""
 
+FLAT = 0.1
+"""Metres; what is lower has no height of its own."""
+
 FLOOR_TYPES = ("floor", "ground")
 """Entities of these types carry the floor of a storey without rooms."""
 
@@ -484,8 +487,11 @@ class _Reading:
             carried=row.carried,
         )
         if row.kind == "room":
-            ceiling = row.floor + ROOM_HEIGHT if row.ceiling is None else row.ceiling
-            return replace(entity, floor=pose.z + row.floor, ceiling=pose.z + ceiling)
+            floor = pose.z + row.floor
+            top = row.high if row.ceiling is None else pose.z + row.ceiling
+            return replace(entity, floor=floor, ceiling=_top(floor, top))
+        if row.kind == "region":
+            return replace(entity, floor=row.low, ceiling=_top(row.low, row.high))
         if row.kind == "connector":
             sides = (pose @ Pose(*row.pose_a), pose @ Pose(*row.pose_b))
             door = replace(entity, form=row.form, width=row.width, sides=sides)
@@ -493,6 +499,11 @@ class _Reading:
                 return door
             return replace(door, triangles=_leaf(pose, sides, row.width))
         return entity
+
+
+def _top(floor: float, top: float) -> float:
+    """The z of a room's or region's upper end; of a flat one, at the usual height."""
+    return top if top - floor > FLAT else floor + ROOM_HEIGHT
 
 
 def _supertypes(connection: Connection, names: Iterable[str]) -> dict[str, tuple[str, ...]]:

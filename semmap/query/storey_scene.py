@@ -56,7 +56,7 @@ class SceneEntity:
     storey : str, optional
         The storey that holds it, directly or through its holders.
     floor, ceiling : float, optional
-        For a room, the z of its floor and of its ceiling.
+        For a room, the z of its floor and of its ceiling; for a region, of its lower and upper end.
     form, width, sides : for a connector
         "door", "stairs", ...; the clear width; the poses before and behind it, facing it.
     carried : bool

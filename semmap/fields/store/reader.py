@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
@@ -19,7 +19,7 @@ from semmap.fields.sources.synthetic_scene import VisibleObject
 from semmap.geometry.tin import to_mesh
 from semmap.ingest.ontology.tbox import snake_case
 from semmap.language.names import NameIndex
-from semmap.query.meshes import world_triangles
+from semmap.query.storey_reader import OBJECTS, read_entities
 
 __all__ = [
     "Occupant",
@@ -30,10 +30,6 @@ __all__ = [
     "read_visible_objects",
     "read_zones",
 ]
-
-
-HEIGHT = 2.5
-"""Height in metres of a zone without one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,20 +54,8 @@ class Occupant:
 
 def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> list[Occupant]:
     """Return the objects of the current map that have a mesh; only those of `ids` if given."""
-    rows = connection.execute(
-        text(
-            "SELECT e.id, e.name FROM entity e JOIN world w ON w.entity_id = e.id "
-            "WHERE e.map_id = current_map() AND e.kind = 'object' "
-            "AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY(:ids)) ORDER BY e.id"
-        ),
-        {"ids": None if ids is None else [*ids]},
-    ).all()
-    triangles = world_triangles(connection, [row.id for row in rows])
-    return [
-        Occupant(row.id, row.name, triangles[row.id])
-        for row in rows
-        if len(triangles.get(row.id, ()))
-    ]
+    found = read_entities(connection, ids, kinds=OBJECTS, carried=True)
+    return [Occupant(e.id, e.name, e.triangles) for e in found if len(e.triangles)]
 
 
 def read_names(connection: Connection) -> NameIndex:
@@ -92,51 +76,32 @@ def read_names(connection: Connection) -> NameIndex:
 
 def read_visible_objects(connection: Connection) -> list[VisibleObject]:
     """Return the objects and rooms of the current map that have a mesh, for a synthetic camera."""
-    rows = connection.execute(
-        text(
-            "SELECT id, name, coalesce(type, kind) AS type FROM entity "
-            "WHERE map_id = current_map() AND kind IN ('object', 'room') ORDER BY id"
-        )
-    ).all()
-    triangles = world_triangles(connection, [row.id for row in rows])
-    return [
-        VisibleObject(row.name, row.type, triangles[row.id])
-        for row in rows
-        if len(triangles.get(row.id, ()))
-    ]
+    found = read_entities(connection, kinds=("object", "room"), carried=True)
+    return [VisibleObject(e.name, e.types[0], e.triangles) for e in found if len(e.triangles)]
 
 
 def read_zones(connection: Connection, ids: Iterable[int] | None = None) -> list[Zone]:
     """Return the rooms and regions of the current map that are valid now.
-
-    A room extends from its floor to the top of its box; a zone without a height is `HEIGHT` high.
 
     Parameters
     ----------
     connection : sees the map
     ids : only the zones of these entities; all if not given
     """
-    rows = connection.execute(
-        text(
-            "SELECT e.name, e.kind, ST_AsBinary(w.footprint) AS outline, "
-            "CASE WHEN e.kind = 'room' THEN coalesce(w.pose[3] + r.floor, ST_ZMin(w.box)) "
-            "ELSE ST_ZMin(w.box) END AS low, "
-            "coalesce(w.pose[3] + r.ceiling, ST_ZMax(w.box)) AS high "
-            "FROM entity e JOIN world w ON w.entity_id = e.id "
-            "LEFT JOIN room r ON r.entity_id = e.id LEFT JOIN region g ON g.entity_id = e.id "
-            "WHERE e.map_id = current_map() AND e.kind IN ('room', 'region') "
-            "AND w.footprint IS NOT NULL AND (g.valid IS NULL OR g.valid @> now()) "
-            "AND (CAST(:ids AS bigint[]) IS NULL OR e.id = ANY(:ids)) ORDER BY e.id"
-        ),
-        {"ids": None if ids is None else [*ids]},
+    found = read_entities(
+        connection,
+        ids,
+        kinds=("room", "region"),
+        moment=datetime.now(UTC),
+        triangles=False,
+        carried=True,
     )
-    zones = []
-    for row in rows:
-        outline = shapely.from_wkb(bytes(row.outline))
-        high = row.high if row.high - row.low > 0.1 else row.low + HEIGHT
-        if outline.area > 0:
-            zones.append(Zone(row.name, row.kind, outline, float(row.low), float(high)))
-    return zones
+    return [
+        Zone(e.name, "room" if e.kind == "room" else "region", e.footprint, e.floor, e.ceiling)
+        for e in found
+        if e.footprint is not None and e.footprint.area > 0
+        if e.floor is not None and e.ceiling is not None
+    ]
 
 
 def read_map_vocabulary() -> Vocabulary:
