@@ -27,7 +27,8 @@ test-docker:
 soak:
 	@scripts/setup
 	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py \
-		tests/planner/mission/test_kills.py tests/planner/mission/test_claims.py
+		tests/planner/mission/test_kills.py tests/planner/mission/test_claims.py \
+		tests/model/test_isolation.py
 
 fuzz:
 	@scripts/setup

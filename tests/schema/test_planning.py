@@ -28,9 +28,9 @@ INSERT INTO entity_model (entity_id, model_id)
     SELECT e.id, m.id FROM entity e, model m WHERE e.map_id = current_map() AND e.kind = 'object';
 INSERT INTO placement (entity_id, pose)
     SELECT id, ARRAY[10 * substr(name, 5)::int, 0, 0, 0, 0, 0, 1] FROM entity WHERE type = 'room';
-INSERT INTO placement (entity_id, holder_id)
-    SELECT id, entity_id('room' || 1 + substr(name, 6)::int %% 20)
-    FROM entity WHERE type = 'table';
+INSERT INTO placement (entity_id, holder_id, pose)
+    SELECT id, entity_id('room' || 1 + i %% 20), planar_pose(0, 20.0 * (i / 20))
+    FROM (SELECT id, substr(name, 6)::int AS i FROM entity WHERE type = 'table') t;
 INSERT INTO placement (entity_id, holder_id)
     SELECT id, entity_id('table' || 1 + substr(name, 7)::int %% 400)
     FROM entity WHERE type = 'muffin';
