@@ -1,8 +1,8 @@
 """Transactions beside each other leave `world` as the placements and models say.
 
-Each scenario runs in every order of its steps (three sessions in every second one; `make soak` takes
-all). The oracle is the tree of placements, multiplied
-out in NumPy, and the corners of the models' hulls.
+Each scenario runs in every order of its steps; three sessions in every second order, and in all
+by `make soak`. The oracle is the tree of placements, multiplied out in NumPy, and the corners of
+the models' hulls.
 """
 
 from __future__ import annotations
