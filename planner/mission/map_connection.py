@@ -8,6 +8,8 @@ from typing import Self
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
+from semmap.query.entity_query import pick_map
+
 __all__ = ["MapConnection", "MissionError"]
 
 
@@ -21,12 +23,12 @@ class MapConnection:
     Parameters
     ----------
     map_name
-        By default the newest map.
+        By default the chosen map, else the only one.
 
     Raises
     ------
     MissionError
-        There is no such map.
+        There is no such map, none at all, or several and none is chosen.
     """
 
     def __init__(self, engine: Engine, map_name: str | None = None) -> None:
@@ -75,12 +77,9 @@ class _Transaction:
 
 def _see_map(connection: Connection, name: str | None) -> str:
     """Choose the map of a session; returns its name."""
-    if name is None:
-        name = connection.execute(text("SELECT name FROM map WHERE id = current_map()")).scalar()
-        if name is None:
-            raise MissionError("there is no map: semmap import FILE makes one")
-    known = connection.execute(text("SELECT id FROM map WHERE name = :name"), {"name": name})
-    if known.scalar() is None:
-        raise MissionError(f"there is no map {name}: `semmap maps` lists them")
+    try:
+        name = pick_map(connection.connection.driver_connection, name)  # type: ignore[arg-type]
+    except LookupError as error:
+        raise MissionError(str(error.args[0])) from None
     connection.execute(text("SELECT set_config('semmap.map', :name, false)"), {"name": name})
-    return str(name)
+    return name

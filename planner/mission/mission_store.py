@@ -82,7 +82,7 @@ class MissionStore(MissionList):
     Parameters
     ----------
     map_name
-        By default the newest map.
+        By default the chosen map, else the only one.
     runner
         Name of the process. It keeps its missions as long as it lives.
     """

@@ -36,7 +36,7 @@ def open_feed(source: MapSource, map_name: str | None = None) -> ChangeFeed:
     Parameters
     ----------
     map_name
-        By default the map of a handle, or the newest map of an engine.
+        By default the map of a handle, or the chosen or only map of an engine.
     """
     if isinstance(source, Engine):
         return ChangeFeed(source, map_name, durable=False)

@@ -2,15 +2,27 @@
 
 CREATE FUNCTION current_map()
 RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
--- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the newest one. Nearly
--- every statement calls it: PL/pgSQL keeps its plan, and full names need no search_path.
+-- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the only one; NULL without maps.
+-- Nearly every statement calls it: PL/pgSQL keeps its plan, and full names need no search_path.
 DECLARE
     chosen text := current_setting('semmap.map', true);
+    found integer;
+    maps bigint;
 BEGIN
-    IF coalesce(chosen, '') = '' THEN
-        RETURN (SELECT max(id) FROM semmap.map);
+    IF coalesce(chosen, '') <> '' THEN
+        SELECT id INTO found FROM semmap.map WHERE name = chosen;
+        IF found IS NULL THEN
+            RAISE EXCEPTION 'there is no map %', chosen
+                USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM semmap.map lists them.';
+        END IF;
+        RETURN found;
     END IF;
-    RETURN (SELECT id FROM semmap.map WHERE name = chosen);
+    SELECT count(*), max(id) INTO maps, found FROM (SELECT id FROM semmap.map LIMIT 2) m;
+    IF maps > 1 THEN
+        RAISE EXCEPTION 'there are several maps, and none is chosen'
+            USING ERRCODE = 'no_data_found', HINT = 'Choose one: SET semmap.map = ''office''.';
+    END IF;
+    RETURN found;
 END $$;
 
 CREATE FUNCTION entity_id(entity_name text)

@@ -46,7 +46,7 @@ class VoxelMirror:
     engine : Engine
         Of the database.
     map_name : str, optional
-        The newest map if not given, when changes are read first.
+        If not given, the chosen or only map, when changes are read first.
     voxel_size : float
         Metres.
 
