@@ -122,7 +122,9 @@ class Worker:
                 continue
             if self._memory() > self._baseline + self._most:
                 return "memory"
-            if time.monotonic() > end or self._processor_seconds() > most:
+            if self._processor_seconds() > most:
+                return "hang"
+            if time.monotonic() > end and self._status()[:1] != ["R"]:  # else others compute
                 return "hang"
 
     def _memory(self) -> int:
@@ -133,12 +135,16 @@ class Worker:
         return int(pages) * os.sysconf("SC_PAGESIZE") if self._baseline else 0
 
     def _processor_seconds(self) -> float:
+        user, system = (self._status() or ["0"] * 13)[11:13]
+        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+    def _status(self) -> list[str]:
+        """The state of the process and the numbers after it; none where it is gone."""
         try:
             status = Path(f"/proc/{_of(self._process).pid}/stat").read_text()
         except OSError:
-            return 0.0
-        user, system = status.rpartition(")")[2].split()[11:13]
-        return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+            return []
+        return status.rpartition(")")[2].split()
 
     def _lost(self, outcome: str, seconds: float) -> Result:
         """What is known of a case that did not come back."""
@@ -169,7 +175,7 @@ class Worker:
                     stdout=subprocess.PIPE,
                     stderr=log,
                     cwd=Path(__file__).parents[2],
-                    env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+                    env=environment(),
                 )
             answer = self._answer(120 * SLACK)
             if not isinstance(answer, dict):
@@ -184,6 +190,28 @@ class Worker:
             process.wait()
             for pipe in (process.stdin, process.stdout):
                 _of(pipe).close()
+
+
+def environment() -> dict[str, str]:
+    """The variables of a worker; where it tests sanitized modules, also those of the sanitizers."""
+    made = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    if MODULES in os.environ:
+        libraries = [
+            subprocess.run(
+                ["c++", f"-print-file-name=lib{name}.so"],
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout.strip()
+            for name in ("asan", "ubsan", "stdc++")  # before Python, which is not sanitized
+        ]
+        # OpenVDB is not sanitized either, and shares containers with what is
+        made |= {
+            "LD_PRELOAD": ":".join(libraries),
+            "ASAN_OPTIONS": "detect_leaks=0:detect_container_overflow=0",
+            "UBSAN_OPTIONS": "print_stacktrace=1",
+        }
+    return made
 
 
 def _of(value: Any) -> Any:

@@ -161,8 +161,7 @@ def outcome(connection: Connection, role: str, statement: str) -> str:
         return "" if not done.returns_rows or done.all() else "no row"
     except DBAPIError as error:
         code = getattr(error.orig, "sqlstate", None)
-        assert code is not None, f"{statement}: {error}"
-        return str(code)
+        return str(code)  # "None" where the server did not answer
     finally:
         step.rollback()
 
