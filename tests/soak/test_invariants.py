@@ -32,9 +32,6 @@ WRONG = (
 
 def test_the_checks_find_what_is_wrong(module_engine: Engine, tmp_path: Path) -> None:
     import_file(module_engine, boxes(tmp_path / "boxes.sdf", range(3)), map_name=IMPORTED)
-    mirror = VoxelMirror(module_engine, IMPORTED)
-    mirror.catch_up()
-    mirror.save()
     with module_engine.begin() as connection:
         versions = {signature(connection, IMPORTED)}
         box = connection.exec_driver_sql(
@@ -44,6 +41,9 @@ def test_the_checks_find_what_is_wrong(module_engine: Engine, tmp_path: Path) ->
         ).scalar_one()
         connection.exec_driver_sql("SELECT move_to(%s, 1.0, 3.0, 0)", (box,))
         connection.exec_driver_sql("SELECT move_to(%s, 1.0001, 3.0, 0)", (box,))
+    mirror = VoxelMirror(module_engine, IMPORTED)
+    mirror.catch_up()
+    mirror.save()
     file, poller = tmp_path / f"writer-{box}", tmp_path / "poller"
     file.write_text("1\n2")  # the second line is not there as a whole
     url = module_engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
@@ -63,9 +63,11 @@ def test_the_checks_find_what_is_wrong(module_engine: Engine, tmp_path: Path) ->
 
     file.write_text("1\n2\n")
     with module_engine.begin() as connection:
-        for statement in DAMAGE:
+        connection.exec_driver_sql(DAMAGE[0].format(box=box))
+    assert wrong_mirror(module_engine, IMPORTED) == ["the mirror of box1 is old"]
+    with module_engine.begin() as connection:
+        for statement in DAMAGE[1:]:
             connection.exec_driver_sql(statement.format(box=box))
     found = "\n".join(violations(module_engine, tmp_path, IMPORTED, versions))
     for what in WRONG:
         assert what in found
-    assert wrong_mirror(module_engine, IMPORTED)
