@@ -6,13 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psycopg
+from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine
 
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.query.entity_query import changes_since
 
-__all__ = ["last_line", "signature", "state_of", "violations", "wrong_cursors", "wrong_mirror"]
+__all__ = ["last_line", "signature", "violations", "wrong_cursors", "wrong_mirror"]
 
 NEVER = {
     "world poses that do not follow from the placements": "SELECT name FROM world_mismatch",
@@ -118,11 +120,11 @@ def wrong_mirror(engine: Engine, map_name: str) -> list[str]:
     wrong = [
         name
         for number, name in fresh.names.items()
-        if state_of(stored, number) != state_of(fresh, number)
+        if not np.array_equal(voxels_of(stored, number), voxels_of(fresh, number))
     ]
     return [f"the mirror of {name} is old" for name in wrong[:5]]
 
 
-def state_of(mirror: VoxelMirror, entity: int) -> set[tuple[int, ...]]:
-    """The voxels of an entity."""
-    return set(map(tuple, mirror.regions.voxels(entity).tolist()))
+def voxels_of(mirror: VoxelMirror, entity: int) -> NDArray[np.int64]:
+    """The voxels of an entity in order, each as one number."""
+    return np.sort(mirror.regions.voxels(entity).astype(np.int64) @ [1, 1 << 20, 1 << 40])

@@ -108,6 +108,7 @@ class Soak:
 
     def kill(self, victim: str | None = None) -> str:
         """Kill a process at a random moment, check the map, and start it again."""
+        self._wait_for_writes()
         time.sleep(self._draw.uniform(0, PAUSE))
         chosen = self._draw.choice([None, None, *self._actors])
         actors: dict[str, Actor | None] = {a.name: a for a in self._actors} | {"server": None}
