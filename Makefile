@@ -1,16 +1,19 @@
 # make demo [WORLD=path]   the main job on examples/office, or on your own world
 # make test                the tests, on all cores
 # make test-docker         those that need a Docker engine
-# make soak                readers and writers of fields for ten minutes; missions that are killed
+# make soak                server and clients are killed 50 times, SEMMAP_KILLS=1000 for more; a full disk; readers and
+#                          writers of fields for ten minutes; missions that are killed
+# make growth              100,000 moves of an object; SEMMAP_GROWTH_MOVES=864000 for a day of ten a second
 # make fuzz                damaged and random inputs for all readers, languages and native functions, four minutes;
-#                          SEMMAP_FUZZ_SECONDS=3600 make fuzz for an hour
+#                          SEMMAP_FUZZ_SECONDS=3600 make fuzz for an hour, SEMMAP_FUZZ_CASES=1000000 for so many
+# make fuzz-sanitized      the native functions, built with address and undefined-behaviour sanitizers
 # make explore             the property tests again, with examples that no run has had
 # make lint                ruff, mypy, import-linter, clang-format
 # make bench               the speed tables
 # make clean               what these left
 
 WORLD ?=
-.PHONY: demo test test-docker soak fuzz explore lint bench clean
+.PHONY: demo test test-docker soak growth fuzz fuzz-sanitized explore lint bench clean
 
 demo:
 	@scripts/setup
@@ -26,13 +29,24 @@ test-docker:
 
 soak:
 	@scripts/setup
+	@.venv/bin/python -m tests.soak
 	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py \
 		tests/planner/mission/test_kills.py tests/planner/mission/test_claims.py \
 		tests/model/test_isolation.py
 
+growth:
+	@scripts/setup
+	@.venv/bin/python -m tests.growth
+
 fuzz:
 	@scripts/setup
 	@.venv/bin/python -m tests.fuzz
+
+fuzz-sanitized:
+	@scripts/setup
+	@.venv/bin/pip install -q --disable-pip-version-check --no-deps --upgrade --target build/sanitized \
+		-C build-dir=build/sanitized-tree -C cmake.define.SEMMAP_SANITIZE=ON .
+	@SEMMAP_FUZZ_MODULES=build/sanitized .venv/bin/python -m tests.fuzz --kinds native
 
 explore:
 	@scripts/setup

@@ -104,22 +104,23 @@ CREATE POLICY robot_renews ON reservation FOR UPDATE TO semmap_robot
 CREATE POLICY robot_releases ON reservation FOR DELETE TO semmap_robot USING (is_own_robot(robot_id));
 
 -- An admin may do all of this, and change the T-Box and the building; of the views, it writes only those with triggers.
+-- It does not truncate tables: no history, change or world coordinate would follow.
 DO $$
 DECLARE
     name regclass;
 BEGIN
     FOR name IN SELECT oid FROM pg_class WHERE relnamespace = 'semmap'::regnamespace
                 AND (relkind = 'r' OR relkind = 'v' AND relname IN ('gis_room', 'gis_object', 'gis_region', 'gis_connector')) LOOP
-        EXECUTE format('GRANT INSERT, UPDATE, DELETE, TRUNCATE ON %s TO semmap_admin', name);
+        EXECUTE format('GRANT INSERT, UPDATE, DELETE ON %s TO semmap_admin', name);
     END LOOP;
 END $$;
 GRANT USAGE ON ALL SEQUENCES IN SCHEMA semmap TO semmap_robot, semmap_admin;
 -- Tables that triggers maintain are written by triggers only.
-REVOKE INSERT, UPDATE, DELETE, TRUNCATE ON world, object_type, type_closure, entity_chunk, change, change_pruned,
+REVOKE INSERT, UPDATE, DELETE ON world, object_type, type_closure, entity_chunk, change, change_pruned,
     entity_history, placement_history FROM semmap_admin;
 
--- Functions that write with their owner's rights: triggers call most of them, and a trigger function that
--- everybody may execute could be attached to a user's own table.
+-- Functions that can write are executed by those who need them alone. A trigger function that everybody may
+-- execute could be attached to a user's own table.
 DO $$
 DECLARE
     called record;
@@ -130,8 +131,12 @@ BEGIN
             ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
             ('derive_again', ARRAY['semmap_admin']),
-            ('hold_still', ARRAY['semmap_robot', 'semmap_admin'])) needed (name, roles) ON needed.name = p.proname
-        WHERE p.pronamespace = 'semmap'::regnamespace AND (p.prosecdef OR p.prorettype = 'trigger'::regtype)
+            ('hold_still', ARRAY['semmap_robot', 'semmap_admin']), ('queue_writer', ARRAY['semmap_robot', 'semmap_admin']),
+            ('move_to', ARRAY['semmap_robot', 'semmap_admin']), ('put', ARRAY['semmap_robot', 'semmap_admin']),
+            ('claim', ARRAY['semmap_robot', 'semmap_admin']), ('drawn_model', ARRAY['semmap_robot', 'semmap_admin'])
+        ) needed (name, roles) ON needed.name = p.proname
+        WHERE p.pronamespace = 'semmap'::regnamespace
+          AND (p.provolatile = 'v' OR p.prosecdef OR p.prorettype = 'trigger'::regtype)
     LOOP
         EXECUTE format('REVOKE EXECUTE ON FUNCTION %s FROM PUBLIC, semmap_reader, semmap_robot, semmap_admin', called.name);
         IF called.roles <> '{}' THEN

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -118,5 +119,7 @@ def number_of(term: object) -> float | None:
         return None
     try:
         return float(term.value) if term.value is not None else None
+    except OverflowError:
+        return math.inf if term.value > 0 else -math.inf
     except (TypeError, ValueError):
         return None

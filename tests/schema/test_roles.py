@@ -288,22 +288,7 @@ MODEL = (
 def test_rights(module_engine: Engine, role: str, statement: str) -> None:
     own, other = f"own_{os.getpid()}", f"other_{os.getpid()}"  # roles are the whole server's
     with Session(module_engine) as session:
-        for name in (own, other):
-            session.execute(text(f"CREATE ROLE {name} IN ROLE semmap_robot"))
-        of = new_map(session)
-        room = Room(map=of, name="room", type="room", placement=Placement())
-        session.add(room)
-        session.flush()
-        mug = thing(session, of, "mug", room, Pose(x=1))
-        door = Connector(map=of, name="door", place_a=room, pose_a=Pose(x=-1), pose_b=Pose(x=1))
-        session.add(door)
-        session.flush()
-        model = session.execute(text(MODEL)).scalar_one()
-        session.execute(
-            text("INSERT INTO entity_model VALUES (:id, :model)"), {"id": door.id, "model": model}
-        )
-        ids = {"map": of.id, "room": room.id, "mug": mug.id, "door": door.id, "model": model}
-        ids |= others(session, of.id, own, other)
+        ids = scene(session, own, other)
         session.execute(text(f"SET LOCAL ROLE {own if role == 'semmap_robot' else role}"))
         allowed = True
         try:
@@ -316,6 +301,26 @@ def test_rights(module_engine: Engine, role: str, statement: str) -> None:
             allowed = False
         session.rollback()
     assert allowed == (statement in RIGHTS[role])
+
+
+def scene(session: Session, own: str, other: str) -> dict[str, int]:
+    """A room with a mug and a door, and two robots with their roles: their ids by name."""
+    for name in (own, other):
+        session.execute(text(f"CREATE ROLE {name} IN ROLE semmap_robot"))
+    of = new_map(session)
+    room = Room(map=of, name="room", type="room", placement=Placement())
+    session.add(room)
+    session.flush()
+    mug = thing(session, of, "mug", room, Pose(x=1))
+    door = Connector(map=of, name="door", place_a=room, pose_a=Pose(x=-1), pose_b=Pose(x=1))
+    session.add(door)
+    session.flush()
+    model = session.execute(text(MODEL)).scalar_one()
+    session.execute(
+        text("INSERT INTO entity_model VALUES (:id, :model)"), {"id": door.id, "model": model}
+    )
+    ids = {"map": of.id, "room": room.id, "mug": mug.id, "door": door.id, "model": model}
+    return ids | others(session, of.id, own, other)
 
 
 def others(session: Session, of: int, own: str, other: str) -> dict[str, int]:

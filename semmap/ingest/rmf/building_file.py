@@ -326,7 +326,10 @@ class _Reader:
         if not isinstance(item, list) or len(item) < 2:
             raise Refused("is not [start, end, parameters]", "Write it as such.")
         start, end = (self.reference(i, vertices) for i in item[:2])
-        return Edge(start, end, _params(item[2] if len(item) > 2 else None), element)
+        params = _params(item[2] if len(item) > 2 else None)
+        if isinstance(params.get("graph_idx"), str):
+            raise Refused("parameter graph_idx is not a number", "Write [2, 0] for graph 0.")
+        return Edge(start, end, params, element)
 
     def reference(self, index: object, vertices: list[Vertex | None]) -> int:
         if isinstance(index, bool) or not isinstance(index, int):

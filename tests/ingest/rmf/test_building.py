@@ -487,6 +487,10 @@ UNUSABLE = {
     "a wall without length": (put((*G, "walls", "end"), [3, 3, {}]), "levels/G/walls[14]"),
     "a wall that is a word": (put((*G, "walls", "end"), "wall"), "levels/G/walls[14]"),
     "a lane to nowhere": (put((*G, "lanes", "end"), [0, 99]), "levels/G/lanes[3]"),
+    "a lane of a graph that is a word": (
+        put((*G, "lanes", "end"), [15, 16, {"graph_idx": [1, "first"]}]),
+        "levels/G/lanes[3]",
+    ),
     "a door without length": (put((*G, "doors", "end"), door(5, 5, "x")), "levels/G/doors[2]"),
     "a floor of one line": (
         put((*G, "floors", "end"), {"vertices": [0, 4, 1]}),

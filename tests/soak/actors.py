@@ -1,0 +1,155 @@
+"""The processes that are killed: each works for ever, through restarts of the server.
+
+    python -m tests.soak.actors NAME HOME STATE ...
+
+`HOME` is the folder of the cluster, `STATE` the one in which they store what they have seen.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import psycopg
+from sqlalchemy import Engine
+from sqlalchemy.exc import DBAPIError
+
+from semmap.database import Cluster, DatabaseError, connect
+from semmap.fields.store.voxel_mirror import VoxelMirror
+from semmap.ingest.importer import import_file
+from semmap.query.entity_query import changes_since
+from tests.soak.invariants import last_line
+
+__all__ = ["ACTORS", "COUNTED", "IMPORTED"]
+
+COUNTED = "steps"
+"""The property in which a writer counts its transactions."""
+
+IMPORTED = "imported"
+"""The map that importers write."""
+
+LOST = (psycopg.Error, DBAPIError, DatabaseError)
+
+
+def for_ever(cluster: Cluster, work: Callable[[Engine], None]) -> None:
+    """Repeat some work, and connect again where the server or the transaction was lost."""
+    while True:
+        try:
+            engine = connect(cluster, migrate=False)
+        except LOST:
+            time.sleep(0.05)
+            continue
+        try:
+            while True:
+                work(engine)
+        except LOST:
+            time.sleep(0.02)
+        finally:
+            engine.dispose()
+
+
+def writer(cluster: Cluster, state: Path, *entities: str) -> None:
+    """Move entities and count the moves, each by a thread; store each number after its commit."""
+    threads = [
+        threading.Thread(target=_write, args=(cluster, state, int(entity))) for entity in entities
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def _write(cluster: Cluster, state: Path, entity: int) -> None:
+    draw = Random(entity)
+
+    def work(engine: Engine) -> None:
+        with engine.begin() as connection:
+            number = connection.exec_driver_sql(
+                "UPDATE entity SET properties = properties || jsonb_build_object(%s::text, "
+                "coalesce((properties->>%s)::int, 0) + 1) WHERE id = %s "
+                "RETURNING (properties->>%s)::int",
+                (COUNTED, COUNTED, entity, COUNTED),
+            ).scalar_one()
+            connection.exec_driver_sql(
+                "SELECT move_to(entity_id, pose[1] + %s, pose[2], pose[3]) "
+                "FROM world WHERE entity_id = %s",
+                (draw.choice((-0.01, 0.01)) if number % 2 else 0.0, entity),
+            )
+        with (state / f"writer-{entity}").open("a") as file:
+            file.write(f"{number}\n")
+
+    for_ever(cluster, work)
+
+
+def importer(cluster: Cluster, state: Path, *files: str) -> None:
+    """Import some files in turn, as versions of one file."""
+    del state
+    draw = Random()
+
+    def work(engine: Engine) -> None:
+        import_file(engine, Path(draw.choice(files)), map_name=IMPORTED, source="versions")
+
+    for_ever(cluster, work)
+
+
+def poller(cluster: Cluster, state: Path) -> None:
+    """Store the numbers of all changes, and after them the cursor."""
+    file = state / "poller"
+    if file.exists():  # a line that was not written as a whole
+        text = file.read_text()
+        os.truncate(file, len(text[: text.rfind("\n") + 1]))
+
+    def work(engine: Engine) -> None:
+        last = last_line(file)
+        with engine.begin() as connection:
+            driver: Any = connection.connection.driver_connection
+            cursor, rows = changes_since(driver, json.loads(last)["cursor"] if last else None)
+        with file.open("a") as stored:
+            stored.write(json.dumps({"ids": [row["id"] for row in rows], "cursor": cursor}) + "\n")
+        time.sleep(0.02)
+
+    for_ever(cluster, work)
+
+
+def mirror(cluster: Cluster, state: Path, map_name: str) -> None:
+    """Mirror a map, and store the mirror whenever it has changed."""
+    del state
+
+    def work(engine: Engine) -> None:
+        VoxelMirror.resume(engine, map_name).follow(threading.Event(), save_every=0.2)
+
+    for_ever(cluster, work)
+
+
+def reader(cluster: Cluster, state: Path) -> None:
+    """Look for a state of the map in which world and placements disagree; store what it finds."""
+
+    def work(engine: Engine) -> None:
+        with engine.connect() as connection:
+            wrong = connection.exec_driver_sql("SELECT name FROM world_mismatch LIMIT 5").all()
+        if wrong:
+            with (state / "wrong").open("a") as file:
+                file.write(f"a reader saw a wrong world pose: {wrong}\n")
+        time.sleep(0.05)
+
+    for_ever(cluster, work)
+
+
+ACTORS: dict[str, Callable[..., None]] = {
+    each.__name__: each for each in (writer, importer, poller, mirror, reader)
+}
+
+if __name__ == "__main__":
+    logging.getLogger("sqlalchemy.pool").setLevel(logging.CRITICAL)  # connections are lost here
+    threading.excepthook = lambda failed: (traceback.print_exception(failed.exc_value), os._exit(1))
+    name, home, folder, *arguments = sys.argv[1:]
+    ACTORS[name](Cluster(Path(home)), Path(folder), *arguments)

@@ -1,0 +1,216 @@
+"""The processes that are killed, and the checks after each kill."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+import psycopg
+
+import semmap
+from semmap.database import Cluster, connect
+from semmap.ingest.importer import import_file
+from tests.soak.actors import IMPORTED
+from tests.soak.invariants import (
+    last_line,
+    signature,
+    violations,
+    wrong_cursors,
+    wrong_mirror,
+)
+
+__all__ = ["OFFICE", "Soak", "boxes"]
+
+ROOT = Path(__file__).parents[2]
+OFFICE = [ROOT / "examples/office" / name for name in ("office_rooms.geojson", "office.sdf")]
+MIRRORED = "soaked"
+"""The map that writers change and the mirror follows."""
+
+THREADS = 10
+"""Writers in one process."""
+
+PAUSE = 0.5
+"""Seconds between two kills, at most."""
+
+
+@dataclass
+class Actor:
+    """A process, and how it is started again."""
+
+    name: str
+    arguments: Sequence[object]
+    process: subprocess.Popen[bytes] | None = None
+
+
+class Soak:
+    """A cluster with processes that work on it.
+
+    Parameters
+    ----------
+    cluster : an embedded one, of this object alone
+    folder : for what the processes store
+    worlds : files that make the map
+    seed : which process is killed, and when
+    """
+
+    def __init__(self, cluster: Cluster, folder: Path, worlds: Sequence[Path], seed: int) -> None:
+        self.cluster, self.worlds = cluster, worlds
+        self.state = folder / "state"
+        self.state.mkdir()
+        self.wrong: list[str] = []
+        self.killed: Counter[str] = Counter()
+        self.longest = 0.0
+        self.moves = 0
+        self._actors: list[Actor] = []
+        self._versions: set[str] = set()
+        self._before: list[str] = []
+        self._draw = Random(seed)
+
+    def prepare(self, writers: int, readers: int) -> None:
+        """Import the map and start all processes."""
+        engine = connect(self.cluster)
+        for world in self.worlds:
+            import_file(engine, world, map_name=MIRRORED)
+        files = [boxes(self.state / f"boxes{i}.sdf", range(5 * i, 20 + 5 * i)) for i in range(2)]
+        for file in (*files, *files):
+            import_file(engine, file, map_name=IMPORTED, source="versions")
+            with engine.connect() as connection:
+                self._versions.add(signature(connection, IMPORTED))
+        with engine.connect() as connection:
+            chosen = connection.exec_driver_sql(
+                "SELECT e.id FROM entity e JOIN map m ON m.id = e.map_id AND m.name = %s "
+                "JOIN placement p ON p.entity_id = e.id WHERE e.kind = 'object' "
+                "ORDER BY p.relation = 'on' DESC, e.id LIMIT %s",
+                (MIRRORED, writers),
+            )
+            entities = chosen.scalars().all()
+        engine.dispose()
+        self._before = self._check()
+        self._actors = [
+            *(Actor("writer", entities[i : i + THREADS]) for i in range(0, len(entities), THREADS)),
+            Actor("importer", files),
+            Actor("importer", files),
+            Actor("poller", ()),
+            Actor("mirror", (MIRRORED,)),
+            *(Actor("reader", ()) for _ in range(readers)),
+        ]
+        for actor in self._actors:
+            self._start(actor)
+        self._wait_for_writes()
+
+    def kill(self, victim: str | None = None) -> str:
+        """Kill a process at a random moment, check the map, and start it again."""
+        self._wait_for_writes()
+        time.sleep(self._draw.uniform(0, PAUSE))
+        chosen = self._draw.choice([None, None, *self._actors])
+        actors: dict[str, Actor | None] = {a.name: a for a in self._actors} | {"server": None}
+        actor = actors[victim] if victim else chosen
+        name = "server" if actor is None else actor.name
+        if actor is None:
+            self._kill_server()
+        else:
+            self._end(actor)
+        self.killed[name] += 1
+        start = time.monotonic()
+        engine = connect(self.cluster, migrate=False)  # as the next command does
+        self.longest = max(self.longest, time.monotonic() - start)
+        found = violations(engine, self.state, IMPORTED, self._versions)
+        engine.dispose()
+        found += self._ended()
+        self.wrong += [f"after the kill of the {name}: {each}" for each in found]
+        if actor is not None:
+            self._start(actor)
+        return f"{name}: {'; '.join(found) or 'ok'}"
+
+    def finish(self) -> None:
+        """End all processes, and check what they stored."""
+        self._wait_for_writes()
+        self.wrong += self._ended()
+        self.close()
+        self.moves = sum(int(last_line(file) or 0) for file in self.state.glob("writer-*"))
+        self.wrong += self.look()
+        if (after := self._check()) != self._before:
+            self.wrong.append(f"semmap check: {sorted(set(after) - set(self._before))[:5]}")
+
+    def look(self) -> list[str]:
+        """What is wrong with the map, the stored mirror and the stored cursor."""
+        engine = connect(self.cluster, migrate=False)
+        wrong = violations(engine, self.state, IMPORTED, self._versions)
+        wrong += wrong_mirror(engine, MIRRORED)
+        url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+        with psycopg.connect(url, options="-c search_path=semmap,public") as connection:
+            wrong += wrong_cursors(connection, self.state / "poller")
+        engine.dispose()
+        return wrong
+
+    def close(self) -> None:
+        """End all processes."""
+        for actor in self._actors:
+            self._end(actor)
+
+    def table(self) -> str:
+        """What was killed, and what went wrong."""
+        lines = [f"{name:10}{number:>6} kills" for name, number in sorted(self.killed.items())]
+        lines.append(
+            f"{self.moves:,} committed moves; the next command waited {self.longest:.1f} s at most"
+        )
+        lines += dict.fromkeys(self.wrong) or ["nothing was lost, half done or wrong"]
+        return "\n".join(lines)
+
+    def _ended(self) -> list[str]:
+        """The processes that ended although nobody killed them; they start again."""
+        ended = [a for a in self._actors if a.process and a.process.poll() is not None]
+        for actor in ended:
+            self._start(actor)
+        return [f"the {actor.name} ended by itself" for actor in ended]
+
+    def _check(self) -> list[str]:
+        url = self.cluster.ensure().render_as_string(hide_password=False)
+        with semmap.connect(url) as db:
+            return [str(row) for name in (MIRRORED, IMPORTED) for row in db.map(name).check()]
+
+    def _kill_server(self) -> None:
+        pid = int((self.cluster.data / "postmaster.pid").read_text().split()[0])
+        os.kill(pid, signal.SIGKILL)
+
+    def _start(self, actor: Actor) -> None:
+        command = [sys.executable, "-m", "tests.soak.actors", actor.name, self.cluster.home]
+        actor.process = subprocess.Popen(
+            [str(each) for each in (*command, self.state, *actor.arguments)], cwd=ROOT
+        )
+
+    def _end(self, actor: Actor) -> None:
+        if actor.process is not None:
+            actor.process.kill()
+            actor.process.wait()
+            actor.process = None
+
+    def _wait_for_writes(self) -> None:
+        """Until each process had its time to work."""
+        deadline = time.monotonic() + 120
+        before = {file: last_line(file) for file in self.state.glob("writer-*")}
+        while not (self.state / "poller").exists() or not any(
+            last_line(file) != before.get(file) for file in self.state.glob("writer-*")
+        ):
+            assert time.monotonic() < deadline, "no writer and no poller comes to work"
+            time.sleep(0.1)
+
+
+def boxes(file: Path, numbers: range) -> Path:
+    """A world file of boxes beside each other."""
+    models = "".join(
+        f'<model name="box{i}"><static>true</static><pose>{i} {len(numbers)} 0 0 0 0</pose>'
+        '<link name="l"><visual name="v"><geometry><box><size>0.4 0.4 0.4</size></box></geometry>'
+        "</visual></link></model>"
+        for i in numbers
+    )
+    file.write_text(f'<sdf version="1.7"><world name="boxes">{models}</world></sdf>')
+    return file

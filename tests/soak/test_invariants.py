@@ -1,0 +1,73 @@
+"""The checks of `make soak` find what is wrong, and nothing in a sound map."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import psycopg
+from sqlalchemy import Engine
+
+from semmap.fields.store.voxel_mirror import VoxelMirror
+from semmap.ingest.importer import import_file
+from tests.soak.actors import COUNTED, IMPORTED
+from tests.soak.invariants import signature, violations, wrong_cursors, wrong_mirror
+from tests.soak.kills import boxes
+
+DAMAGE = (
+    "UPDATE world SET pose[1] = 77 WHERE entity_id = {box}",
+    "DELETE FROM object_type WHERE id = {box}",
+    "UPDATE placement_history SET during = tstzrange(lower(during), upper(during) + '1 second')",
+    "DELETE FROM change WHERE what = 'added'",
+)
+WRONG = (
+    "world poses that do not follow",
+    "supertypes that do not follow",
+    "former placements that do not end",
+    "entities without the change that added them",
+    "step 2 was committed, 1 is there",
+    "is no version of its file",
+)
+
+
+def test_the_checks_find_what_is_wrong(module_engine: Engine, tmp_path: Path) -> None:
+    import_file(module_engine, boxes(tmp_path / "boxes.sdf", range(3)), map_name=IMPORTED)
+    with module_engine.begin() as connection:
+        versions = {signature(connection, IMPORTED)}
+        box = connection.exec_driver_sql(
+            "UPDATE entity SET properties = jsonb_build_object(%s::text, 1) "
+            "WHERE name = 'box1' RETURNING id",
+            (COUNTED,),
+        ).scalar_one()
+        connection.exec_driver_sql("SELECT move_to(%s, 1.0, 3.0, 0)", (box,))
+        connection.exec_driver_sql("SELECT move_to(%s, 1.0001, 3.0, 0)", (box,))
+    mirror = VoxelMirror(module_engine, IMPORTED)
+    mirror.catch_up()
+    mirror.save()
+    file, poller = tmp_path / f"writer-{box}", tmp_path / "poller"
+    file.write_text("1\n2")  # the second line is not there as a whole
+    url = module_engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+    with psycopg.connect(url, options="-c search_path=semmap,public") as own:
+        row = own.execute("SELECT array_agg(id), change_cursor() FROM change").fetchone()
+        assert row is not None
+        ids, cursor = row
+        poller.write_text(json.dumps({"ids": ids, "cursor": cursor}) + "\n")
+        assert wrong_cursors(own, poller) == []
+        poller.write_text(json.dumps({"ids": [*ids[2:], ids[2], -1], "cursor": cursor}) + "\n")
+        skipped, twice, unknown = wrong_cursors(own, poller)
+    assert "skipped 2 changes" in skipped
+    assert "1 changes twice" in twice
+    assert "1 changes that were not committed" in unknown
+    assert violations(module_engine, tmp_path, IMPORTED, versions) == []
+    assert wrong_mirror(module_engine, IMPORTED) == []
+
+    file.write_text("1\n2\n")
+    with module_engine.begin() as connection:
+        connection.exec_driver_sql(DAMAGE[0].format(box=box))
+    assert wrong_mirror(module_engine, IMPORTED) == ["the mirror of box1 is old"]
+    with module_engine.begin() as connection:
+        for statement in DAMAGE[1:]:
+            connection.exec_driver_sql(statement.format(box=box))
+    found = "\n".join(violations(module_engine, tmp_path, IMPORTED, versions))
+    for what in WRONG:
+        assert what in found
