@@ -15,7 +15,7 @@ from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.outline import placed_outline
 from semmap.geometry.pose import Pose
 from semmap.ingest.floor_plan import FloorPlan, enclose, rooms_beside
-from semmap.ingest.naming import guess_type, words
+from semmap.ingest.naming import give_type, words
 from semmap.ingest.openings import approach_pose, door_leaf
 from semmap.ingest.rmf.building_file import Edge, LevelPlan, RmfModel
 from semmap.ingest.rmf.building_world import BuildingWorld
@@ -326,17 +326,17 @@ class StoreyEntries:
         own = model.model.rpartition("/")[2]
         yaw = model.yaw + self.drawing.to_map.yaw
         holder, pose = self._held(Pose.planar(float(x), float(y), yaw, model.z))
-        self.world.add(
-            Entry(
-                model.name.rpartition("/")[2],
-                "object",
-                guess_type(own) or "_".join(words(own)) or None,
-                label=own,
-                properties={"model": model.model, "static": model.static},
-                holder=holder,
-                pose=pose,
-            )
+        entry = Entry(
+            model.name.rpartition("/")[2],
+            "object",
+            "_".join(words(own)) or None,
+            label=own,
+            properties={"model": model.model, "static": model.static},
+            holder=holder,
+            pose=pose,
         )
+        give_type(entry, (own,))
+        self.world.add(entry)
 
 
 def _describe_lane(link: WorldLink, lane: Edge) -> None:
