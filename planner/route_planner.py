@@ -303,6 +303,8 @@ class RoutePlanner:
         place, costmaps = entity.place, self.costmaps
         if place is None:
             raise NoBasePoseError(f"no room holds {entity.name}")
+        if costmaps is None and entity.kind == "region" and entity.footprint is None:
+            return [self.graph.endpoint(place, entity.pose)]  # a waypoint: a region without area
         if entity.kind == "room" or costmaps is None:
             return [self.graph.endpoint(place)]
         if entity.kind == "agent" and entity.pose is not None:

@@ -16,6 +16,7 @@ import yaml
 
 from planner.exchange.building_outline import BuildingOutline, Cabin
 from planner.exchange.route_graph import (
+    LEAF,
     ApproachPose,
     ExchangeError,
     Waypoint,
@@ -27,9 +28,6 @@ from planner.routing_graph import RoutingGraph
 from planner.topology import PlaceConnector
 
 __all__ = ["rmf_nav_graph", "write_rmf_nav"]
-
-LEAF = 0.9
-"""Width of a door without one, metres."""
 
 CABIN = 1.5
 """Width and depth of a cabin without outline, metres."""
@@ -66,7 +64,7 @@ def rmf_nav_graph(
     building = building or BuildingOutline()
     speed = routing.robot.speed
     made = with_middles(route_graph(routing, storey=storey), building.outlines, speed)
-    made = around_corners(made, building.outlines, speed)
+    made = around_corners(made, building.outlines, routing.robot)
     levels: dict[str, _Level] = {s: _Level() for s in made.storeys}
     lifts = _lifts(made.nodes, building)
     at: list[tuple[str, int]] = []

@@ -6,13 +6,15 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Literal, TypeAlias
 
 import numpy as np
+import shapely
 from shapely import MultiPolygon, Polygon
 
-from planner.exchange.visibility_graph import corner_paths
+from planner.exchange.visibility_graph import CLEARANCE, corner_paths
+from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.geometry.pose import Pose
@@ -30,6 +32,12 @@ __all__ = [
 
 
 Outline: TypeAlias = Polygon | MultiPolygon
+
+LEAF = 0.9
+"""Width of a door without one, metres."""
+
+JAMB = 0.1
+"""Metres by which a shut door reaches into the wall on each side of its opening."""
 
 
 class ExchangeError(ValueError):
@@ -193,43 +201,76 @@ def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float
     return RouteGraph(tuple(nodes), tuple(moves))
 
 
-def around_corners(made: RouteGraph, outlines: Mapping[str, Outline], speed: float) -> RouteGraph:
-    """The graph with travel through a wall replaced by travel over waypoints at corners.
+def around_corners(
+    made: RouteGraph, outlines: Mapping[str, Outline], robot: RobotClass
+) -> RouteGraph:
+    """The graph with travel that keeps the robot's radius from walls, over waypoints at corners.
 
-    A piece between corners takes its length at `speed`, or more if the travel over it does. Travel
-    that stays inside, and places without outline, are not changed.
+    Where a room is too narrow for the circumscribed radius, the inscribed radius is kept; a
+    pair of nodes that no path with it joins has half of it, and so on. A pair that no path joins at
+    all has no travel. A piece between corners takes its length at the robot's speed, or more if
+    the travel over it does. Places without outline are not changed.
     """
     nodes = list(made.nodes)
-    bent: dict[tuple[int, int], list[int]] = {}
+    clearances = _clearances(robot)
+    bent: dict[tuple[int, int], list[int] | None] = {}
     for place, numbers in _inside(made).items():
         if place not in outlines:
             continue
-        ways = corner_paths(outlines[place], np.array([nodes[n].point[:2] for n in numbers]))
-        used = sorted({c for way in ways.between.values() for c in way})
+        points = np.array([nodes[n].point[:2] for n in numbers])
+        outline = outlines[place].difference(_doors_inside(made, numbers))
+        ways = corner_paths(outline, points, clearances)
         first, z = nodes[numbers[0]], nodes[numbers[0]].point[2]
         at = {}
-        for count, corner in enumerate(used, 1):
-            x, y = ways.corners[corner]
+        for corner, (x, y) in enumerate(ways.corners):
             at[corner] = len(nodes)
-            nodes.append(Waypoint(f"{place}#{count}", place, first.storey, (float(x), float(y), z)))
-        for (i, j), way in ways.between.items():
-            if way:
-                bent[numbers[i], numbers[j]] = [at[c] for c in way]
-                bent[numbers[j], numbers[i]] = [at[c] for c in reversed(way)]
+            name = f"{place}#{corner + 1}"
+            nodes.append(Waypoint(name, place, first.storey, (float(x), float(y), z)))
+        for i, j in combinations(range(len(numbers)), 2):
+            way = ways.between.get((i, j))
+            over = None if way is None else [at[c] for c in way]
+            bent[numbers[i], numbers[j]] = over
+            bent[numbers[j], numbers[i]] = None if over is None else over[::-1]
     moves = []
     legs: dict[tuple[int, int], float] = {}
     for move in made.moves:
-        over = bent.get((move.start, move.end)) if move.kind == "walk" else None
+        over = bent.get((move.start, move.end), []) if move.kind == "walk" else []
         if over is None:
+            continue
+        if not over:
             moves.append(move)
             continue
         steps = list(pairwise([move.start, *over, move.end]))
         metres = [math.dist(nodes[a].point, nodes[b].point) for a, b in steps]
-        pace = max(move.seconds / sum(metres), 1 / speed)
+        pace = max(move.seconds / sum(metres), 1 / robot.speed)
         for step, length in zip(steps, metres, strict=True):
             legs[step] = min(legs.get(step, math.inf), pace * length)
     moves += [Move(a, b, "walk", seconds) for (a, b), seconds in legs.items()]
     return RouteGraph(tuple(nodes), tuple(moves))
+
+
+def _doors_inside(made: RouteGraph, numbers: list[int]) -> shapely.Geometry:
+    """The doors in walls that stand free in a place, as if shut: only a passage leads through."""
+    lines = []
+    for node in (made.nodes[n] for n in numbers):
+        if not isinstance(node, ApproachPose) or node.side == 1:
+            continue
+        connector = node.connector
+        if connector.places[0] == connector.places[1]:
+            (a, b), half = connector.poses, (connector.width or LEAF) / 2 + JAMB
+            x, y, yaw = (a.x + b.x) / 2, (a.y + b.y) / 2, a.yaw
+            dx, dy = -half * math.sin(yaw), half * math.cos(yaw)
+            lines.append(shapely.LineString([(x + dx, y + dy), (x - dx, y - dy)]))
+    return shapely.union_all(lines).buffer(0.01)
+
+
+def _clearances(robot: RobotClass) -> list[float]:
+    """The radii of a robot, the largest first."""
+    if not robot.parts:
+        return [CLEARANCE]
+    radii = {max(p.circumscribed_radius for p in robot.parts)}
+    radii.add(max(p.inscribed_radius for p in robot.parts))
+    return sorted((float(r) for r in radii if r > 0), reverse=True) or [CLEARANCE]
 
 
 def _inside(made: RouteGraph) -> dict[str, list[int]]:

@@ -18,14 +18,15 @@ import networkx as nx
 import pytest
 import shapely
 import yaml
-from shapely import LineString
+from shapely import LineString, Point
 from sqlalchemy import Engine, text
 
 from planner.exchange.nav2_route import nav2_graph
 from planner.exchange.reader import read_building_outline
-from planner.readers.entity_lookup import find_entities
+from planner.readers.entity_lookup import MapLookup, find_entities
 from planner.readers.topology import read_topology
 from planner.route import NoRouteError
+from planner.route_planner import RoutePlanner
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
@@ -40,8 +41,17 @@ NAMED = {"hotel": 17, "clinic": 30}
 CONNECTED = {"hotel": 140, "clinic": 758}
 """Ordered pairs of them that the lanes of one fleet and the lifts connect."""
 
-CROSSED = {"hotel": 6, "clinic": 9}
+CROSSED = {"hotel": 6, "clinic": 13}
 """Doors that lanes lead through."""
+
+NEAR_WALLS = {"hotel": 2, "clinic": 120}
+"""Edges that may be nearer to a wall than 0.3 m, as one of their nodes is."""
+
+WAYPOINTS = {
+    "hotel": ("tinybot_charger", "deliverybot_charger"),
+    "clinic": ("L1_left_nurse_center", "L1_right_nurse_center"),
+}
+"""Two in one room."""
 
 GRAZED = 0.025
 """Metres by which a way may graze a wall: outlines are followed to 2 cm."""
@@ -111,6 +121,7 @@ class Building:
 
     def __init__(self, name: str, lanes: Lanes, engine: Engine) -> None:
         self.name, self.lanes = name, lanes
+        self.lookup = MapLookup(engine.connect)
         with engine.connect() as connection:
             self.topology: Topology = read_topology(connection)
             rows = connection.execute(
@@ -194,9 +205,7 @@ def test_a_lane_through_a_door_leads_to_the_doors_other_place(building: Building
         connector = building.topology.connectors.get(door) or building.topology.connectors.get(
             f"{door}-door"
         )
-        if connector is None:  # its sides are one room
-            assert building.places[start] == building.places[end]
-            continue
+        assert connector is not None
         assert set(connector.places) == {building.places[start], building.places[end]}, door
         crossed.add(door)
     assert len(crossed) == CROSSED[building.name]
@@ -221,6 +230,39 @@ def test_the_route_graph_leads_through_no_wall(building: Building) -> None:
     stands: dict[str, str] = {node["place"]: node["name"] for node in at.values()}
     for a, b in building.pairs(building.lanes.connected()):
         assert nx.has_path(driven, stands[a], stands[b])
+
+
+def test_edges_keep_the_radius_from_walls(building: Building) -> None:
+    """Only the last piece to a node that is nearer to a wall itself comes nearer."""
+    radius = 0.3
+    graph = nav2_graph(RoutingGraph(building.topology), building=building.building)["features"]
+    at = {f["properties"]["id"]: f for f in graph if f["geometry"]["type"] == "Point"}
+    near = lines = 0
+    for feature in (f for f in graph if "startid" in f["properties"]):
+        if feature["properties"]["metadata"]["kind"] != "walk":
+            continue
+        start, end = (at[feature["properties"][key]] for key in ("startid", "endid"))
+        walls = building.walls[start["properties"]["metadata"]["storey"]]
+        ends = [Point(node["geometry"]["coordinates"][:2]) for node in (start, end)]
+        kept = min(radius, *(walls.distance(point) for point in ends))
+        away = walls.distance(LineString(ends))
+        assert away >= kept - 0.01, (start["properties"], end["properties"])
+        near += away < radius - 0.01
+        lines += 1
+    assert near <= NEAR_WALLS[building.name]
+    assert lines > 400
+
+
+def test_waypoints_are_places_to_go(building: Building) -> None:
+    """Two waypoints of one room are as far apart as they are drawn, and not 0 m."""
+    planner = RoutePlanner(RoutingGraph(building.topology), lookup=building.lookup)
+    here = [r for r in building.topology.regions if r.outline.area == 0]
+    assert len(here) >= NAMED[building.name]
+    a, b = (next(r for r in here if r.name == name) for name in WAYPOINTS[building.name])
+    assert a.places == b.places
+    route = planner.route(a.name, b.name)
+    assert route.metres == pytest.approx(a.outline.distance(b.outline), abs=1e-3)
+    assert route.metres > 5
 
 
 def joined(topology: Topology) -> nx.MultiGraph:

@@ -197,23 +197,6 @@ class StoreyEntries:
             self.world.skip(
                 door.element, "touches no room", "Join it to walls that enclose a room."
             )
-        elif left is right:
-            assert left is not None
-            self.world.out.notes.append(
-                f"{door.name}: both sides are {left.name}, so it joins nothing; kept as object"
-            )
-            frame = _frame(door.line, left, right)
-            self.world.add(
-                Entry(
-                    door.name,
-                    "object",
-                    "door",
-                    properties=door.properties,
-                    holder=self.holder,
-                    pose=frame,
-                    shapes=[door_leaf(door.line.length)],
-                )
-            )
         else:
             self._connector(door, left, right, "door", "pass_door")
 

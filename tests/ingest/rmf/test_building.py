@@ -437,12 +437,15 @@ def test_fiducials_that_disagree_say_so(read):
     assert any("fiducials disagree" in note for note in read(data).notes)
 
 
-def test_a_door_within_one_room_stays_as_an_object(read):
+def test_a_door_within_one_room_stays_a_door(read):
     data = building()
     data["levels"]["G"]["vertices"] += [[100, 50, 0, ""], [150, 50, 0, ""]]
     data["levels"]["G"]["doors"].append(door(20, 21, "screen"))
     screen = entry(read(data), "screen")
-    assert (screen.kind, screen.type) == ("object", "door")
+    assert (screen.kind, screen.type) == ("connector", "door")
+    assert screen.detail.places[0] == screen.detail.places[1]
+    (ax, ay, _), (bx, by, _) = (p.translation for p in screen.detail.poses)
+    assert (ax, ay, bx, by) == (-0.6, 0, 0.6, 0)
 
 
 def test_the_same_file_gives_the_same_world(read):
