@@ -12,6 +12,7 @@ import numpy as np
 
 from planner.base_pose import NoBasePoseError, poses_in, poses_to_reach
 from planner.cost_rules import CostRules, avoiding
+from planner.drawn_graph import DrawnGraph, find_drawn_route
 from planner.entity_lookup import EntityLookup, LocatedEntity, NoLookup
 from planner.infeasibility import infeasibility
 from planner.live_topology import LiveTopology
@@ -160,6 +161,24 @@ class RoutePlanner:
             raise ValueError(f"k is {k}; ask for 1 route or more")
         with self._restricted(avoid, at):
             return find_alternatives(self.graph, *self._nearest(start, goal), k)
+
+    def route_on(
+        self,
+        drawn: DrawnGraph,
+        start: Location,
+        goal: Location,
+        *,
+        avoid: Sequence[str] = (),
+        at: datetime | None = None,
+    ) -> Route:
+        """The quickest route on a graph that people drew (`planner.readers.drawn_graph`).
+
+        Parameters and errors are those of `route`. What is to be avoided closes passages, not
+        drawn edges inside of a place.
+        """
+        with self._restricted(avoid, at):
+            ends = self._endpoints(start), self._endpoints(goal)
+            return find_drawn_route(drawn, self.graph, *ends)
 
     def approach(self, entity: str | LocatedEntity, most: int = 12) -> list[Pose]:
         """Free base poses that face an object within the robot's reach, clear ones first.

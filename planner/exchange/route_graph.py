@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import combinations, pairwise
-from typing import Literal, TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from planner.exchange.building_outline import DrawnLane
 from planner.exchange.visibility_graph import CLEARANCE, corner_paths
 from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
@@ -28,6 +29,7 @@ __all__ = [
     "around_corners",
     "route_graph",
     "with_middles",
+    "with_waypoints",
 ]
 
 
@@ -76,13 +78,19 @@ class ApproachPose:
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A point of a place that belongs to no connector: at a corner, or in the middle."""
+    """A point of a place that belongs to no connector: drawn, at a corner, or in the middle.
+
+    `params` are those that Open-RMF gives a drawn one, such as ``is_charger``; `region` is the name
+    of its region.
+    """
 
     name: str
     place: str
     storey: str
     point: tuple[float, float, float]
     elevator: str | None = None
+    params: Mapping[str, Any] = field(default_factory=dict)
+    region: str | None = None
 
 
 @dataclass(frozen=True)
@@ -178,11 +186,60 @@ def route_graph(
     return RouteGraph(tuple(nodes[n] for n in kept), tuple(moves))
 
 
-def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float) -> RouteGraph:
-    """The graph with one more waypoint in each place, named as it and joined with its nodes."""
+PARAMS = {"charging_station": "is_charger", "parking_spot": "is_parking_spot"}
+"""The parameter of Open-RMF that a type of region stands for."""
+
+
+def with_waypoints(
+    made: RouteGraph, topology: Topology, lanes: Sequence[DrawnLane], speed: float
+) -> RouteGraph:
+    """The graph with the waypoints of the map: points, chargers and parking spots.
+
+    Each has its label as name, if that is unique, and is joined with the approach poses of its
+    place; one with drawn lanes, with the nearest of them alone.
+    """
     nodes, moves = list(made.nodes), list(made.moves)
-    for place, numbers in _inside(made).items():
-        if nodes[numbers[0]].elevator is not None:
+    storeys, inside = set(made.storeys), _inside(made)
+    laned = {name for lane in lanes for name in (lane.start, lane.end)}
+    labels = Counter(region.label for region in topology.regions)
+    names = {node.name for node in nodes}
+    for region in topology.regions:
+        place = topology.places[region.places[0]]
+        params = {PARAMS[t]: True for t in region.types if t in PARAMS}
+        if (region.outline.area > 0 and not params) or place.storey not in {*storeys, None}:
+            continue
+        here = inside.get(place.name, [])
+        if not here and region.name not in laned:
+            continue
+        storey = place.storey or nodes[here[0]].storey
+        point = region.outline.representative_point()
+        unique = region.label is not None and labels[region.label] == 1
+        name = region.label if unique and region.label not in names else region.name
+        given = {
+            k: v for k, v in region.properties.items() if isinstance(v, bool | int | float | str)
+        }
+        number, at = len(nodes), (float(point.x), float(point.y), place.floor)
+        nodes.append(
+            Waypoint(str(name), place.name, storey, at, place.elevator, params | given, region.name)
+        )
+        names.add(str(name))
+        near = sorted(here, key=lambda n: math.dist(nodes[n].point[:2], at[:2]))
+        for n in near[:1] if region.name in laned and name != place.name else near:
+            seconds = math.dist(nodes[n].point[:2], at[:2]) / speed
+            moves += [Move(n, number, "walk", seconds), Move(number, n, "walk", seconds)]
+    return RouteGraph(tuple(nodes), tuple(moves))
+
+
+def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float) -> RouteGraph:
+    """The graph with one more waypoint in each place, named as it and joined with its doors.
+
+    A place that has a waypoint of its name keeps that.
+    """
+    nodes, moves = list(made.nodes), list(made.moves)
+    names = {node.name for node in nodes}
+    for place, inside in _inside(made).items():
+        numbers = [n for n in inside if isinstance(nodes[n], ApproachPose)]
+        if place in names or not numbers or nodes[numbers[0]].elevator is not None:
             continue
         points = np.array([nodes[n].point for n in numbers])
         outline = outlines.get(place)
@@ -213,20 +270,27 @@ def around_corners(
     """
     nodes = list(made.nodes)
     clearances = _clearances(robot)
+    driven: dict[str, set[tuple[int, int]]] = {}
+    for move in (m for m in made.moves if m.kind == "walk"):
+        pair = (min(move.start, move.end), max(move.start, move.end))
+        driven.setdefault(nodes[move.start].place, set()).add(pair)
     bent: dict[tuple[int, int], list[int] | None] = {}
-    for place, numbers in _inside(made).items():
+    for place, joined in driven.items():
         if place not in outlines:
             continue
+        numbers = sorted({n for pair in joined for n in pair})
+        index = {n: i for i, n in enumerate(numbers)}
+        pairs = sorted((index[a], index[b]) for a, b in joined)
         points = np.array([nodes[n].point[:2] for n in numbers])
         outline = outlines[place].difference(_doors_inside(made, numbers))
-        ways = corner_paths(outline, points, clearances)
+        ways = corner_paths(outline, points, clearances, pairs)
         first, z = nodes[numbers[0]], nodes[numbers[0]].point[2]
         at = {}
         for corner, (x, y) in enumerate(ways.corners):
             at[corner] = len(nodes)
             name = f"{place}#{corner + 1}"
             nodes.append(Waypoint(name, place, first.storey, (float(x), float(y), z)))
-        for i, j in combinations(range(len(numbers)), 2):
+        for i, j in pairs:
             way = ways.between.get((i, j))
             over = None if way is None else [at[c] for c in way]
             bent[numbers[i], numbers[j]] = over

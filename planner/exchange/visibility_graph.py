@@ -8,7 +8,7 @@ robot's radius, and bend only at its reflex corners (Lozano-Pérez and Wesley, 1
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -51,6 +51,7 @@ def corner_paths(
     outline: Polygon | MultiPolygon,
     points: NDArray[np.float64],
     clearances: Sequence[float] = (CLEARANCE,),
+    pairs: Iterable[tuple[int, int]] | None = None,
 ) -> CornerPaths:
     """The shortest paths between points of a room that keep a distance from its walls.
 
@@ -63,9 +64,12 @@ def corner_paths(
     clearances
         Metres, the largest first. Each pair of points has the first at which a path exists; after
         the last, its half, and so on.
+    pairs
+        The pairs i < j of points to join; by default all.
     """
     points = np.asarray(points, np.float64).reshape(-1, 2)
-    missing = np.array(list(combinations(range(len(points)), 2)), np.int64).reshape(-1, 2)
+    wanted = combinations(range(len(points)), 2) if pairs is None else pairs
+    missing = np.array(list(wanted), np.int64).reshape(-1, 2)
     corners: list[NDArray[np.float64]] = [np.empty((0, 2))]
     between: dict[tuple[int, int], list[int]] = {}
     for clearance in _halved(clearances):
@@ -75,7 +79,7 @@ def corner_paths(
         first = sum(map(len, corners))
         between |= {pair: [first + k for k in way] for pair, way in found.between.items()}
         corners.append(found.corners)
-        missing = np.array([p for p in missing if tuple(p) not in between]).reshape(-1, 2)
+        missing = np.array([p for p in missing.tolist() if tuple(p) not in between]).reshape(-1, 2)
     return _without_unused(np.concatenate(corners), between)
 
 

@@ -8,6 +8,7 @@ drawn, in pixels.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
@@ -23,6 +24,8 @@ from sqlalchemy import Engine, text
 
 from planner.exchange.nav2_route import nav2_graph
 from planner.exchange.reader import read_building_outline
+from planner.exchange.rmf_nav import rmf_nav_graph
+from planner.readers.drawn_graph import read_drawn_graph
 from planner.readers.entity_lookup import MapLookup, find_entities
 from planner.readers.topology import read_topology
 from planner.route import NoRouteError
@@ -52,6 +55,9 @@ WAYPOINTS = {
     "clinic": ("L1_left_nurse_center", "L1_right_nurse_center"),
 }
 """Two in one room."""
+
+NO_NODE = {"hotel": "L1-room3", "clinic": "L1-room1"}
+"""A room without a waypoint."""
 
 GRAZED = 0.025
 """Metres by which a way may graze a wall: outlines are followed to 2 cm."""
@@ -263,6 +269,63 @@ def test_waypoints_are_places_to_go(building: Building) -> None:
     route = planner.route(a.name, b.name)
     assert route.metres == pytest.approx(a.outline.distance(b.outline), abs=1e-3)
     assert route.metres > 5
+
+
+def test_the_rmf_export_has_the_waypoints_and_lanes_of_the_file(building: Building) -> None:
+    """Names, chargers, parking spots and directions as `building.yaml` has them."""
+    graph = RoutingGraph(building.topology)
+    made = rmf_nav_graph(graph, building=building.building)["levels"]
+    chargers = lanes = 0
+    for level, plan in building.lanes.building["levels"].items():
+        vertices = {about["name"]: (x, y, about) for x, y, about in made[level]["vertices"]}
+        number: dict[int, str] = {}
+        given = [vertex[3] for vertex in plan["vertices"]]
+        for i, (_, _, _, name, *params) in enumerate(plan["vertices"]):
+            own = {k: v[1] for k, v in (params[0] if params else {}).items()}
+            known = next((n for n in (name, f"{name}_2") if n in vertices), None)
+            if name and "lift_cabin" not in own:
+                assert known is not None, name
+                about = vertices[known][2]
+                assert about.items() >= {k: v for k, v in own.items() if v != ""}.items()
+                chargers += "is_charger" in about
+            number[i] = known if name and known else f"{level}-waypoint{i}"
+        names = [about["name"] for _, _, about in made[level]["vertices"]]
+        driven = {(names[a], names[b]): about for a, b, about in made[level]["lanes"]}
+        for start, end, params in plan["lanes"]:
+            pair = number[start], number[end]
+            if any(n not in vertices or given.count(n) > 1 for n in pair):
+                continue  # in a cabin, or two vertices have this name
+            assert pair in driven
+            heading = params.get("orientation", [1, ""])[1]
+            assert driven[pair].get("orientation_constraint", "") == heading
+            if params["bidirectional"][1]:
+                assert pair[::-1] in driven
+            lanes += 1
+    assert chargers >= 3
+    assert lanes >= 0.8 * sum(
+        len(plan["lanes"]) for plan in building.lanes.building["levels"].values()
+    )
+
+
+def test_routes_on_the_drawn_graph_are_those_of_its_lanes(building: Building) -> None:
+    """Between waypoints that the lanes join, as far as networkx drives along the lanes."""
+    with building.lookup._snapshot() as connection:
+        drawn = read_drawn_graph(connection, building.topology)
+    planner = RoutePlanner(RoutingGraph(building.topology), lookup=building.lookup)
+    lanes = nx.DiGraph()
+    for edge in drawn.edges:
+        ends = [drawn.nodes[n].point for n in (edge.start, edge.end) if n in drawn.nodes]
+        if len(ends) == 2:
+            lanes.add_edge(edge.start, edge.end, metres=math.dist(*ends))
+    away = dict(nx.all_pairs_dijkstra_path_length(lanes, weight="metres"))
+    named = [r.name for r in building.topology.regions if r.label and r.name in drawn.nodes]
+    pairs = [(a, b) for a, b in itertools.permutations(named, 2) if b in away.get(a, {})]
+    assert len(pairs) > 40
+    for a, b in pairs[::37]:
+        route = planner.route_on(drawn, a, b)
+        assert route.metres == pytest.approx(away[a][b], abs=0.01), (a, b)
+    with pytest.raises(NoRouteError, match="no node in"):
+        planner.route_on(drawn, named[0], NO_NODE[building.name])
 
 
 def joined(topology: Topology) -> nx.MultiGraph:

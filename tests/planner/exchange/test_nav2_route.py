@@ -50,9 +50,9 @@ def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
     assert opens["operations"]["open_door"]["metadata"]["connector"] == "door5"
     doors = [e for *_, e in graph.edges(data=True) if e["metadata"].get("type") == "door"]
     assert len(doors) > 10
-    for door in doors:  # all may be shut when the robot comes
-        state = door["metadata"]["state"]
-        assert door["operations"]["open_door"]["metadata"]["state"] == state
+    for edge in doors:  # all may be shut when the robot comes
+        state = edge["metadata"]["state"]
+        assert edge["operations"]["open_door"]["metadata"]["state"] == state
     (calls,) = graph.get_edge_data(names["edoor1@foyer-1st"], names["edoor1@elevator-1st"]).values()
     assert calls["operations"]["call_elevator"]["metadata"]["elevator"] == "elevator"
     (ride,) = graph.get_edge_data(
