@@ -138,6 +138,7 @@ def print_summary(s: ImportSummary) -> None:
     from rich.text import Text
 
     from semmap.cli.output import out
+    from semmap.ingest.naming import SURE
 
     kinds = ", ".join(f"{n} {kind}{'' if n == 1 else 's'}" for kind, n in s.kinds.items())
     bold = partial(Text, style="bold")
@@ -150,11 +151,10 @@ def print_summary(s: ImportSummary) -> None:
         f"{s.seconds:.1f} s"
     )
     if s.guessed:
-        least = ", ".join(f"{g['name']} {g['type']}" for g in s.guessed[:3])
-        out.print(
-            f"  types guessed from names: {len(s.guessed)}, the least certain {least}; "
-            "list them: semmap ls --guessed"
-        )
+        unsure = [f"{g['name']} {g['type']}" for g in s.guessed if g["confidence"] < SURE]
+        some = f", {len(unsure)} of them uncertain ({', '.join(unsure[:3])})" if unsure else ""
+        text = f"{len(s.guessed)} types guessed from names{some}; to list them: semmap ls --guessed"
+        out.print(f"  {text}")
     for note in s.notes:
         out.print(f"  note: {note}", style="dim")
     if s.skipped:

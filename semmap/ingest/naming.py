@@ -14,7 +14,7 @@ from semmap.geometry.pose import IDENTITY
 from semmap.ingest.ontology.tbox import ontology_files, read_tbox
 from semmap.ingest.world import Entry
 
-__all__ = ["GUESS", "TypeGuess", "give_type", "guess_type", "unique_name", "words"]
+__all__ = ["GUESS", "SURE", "TypeGuess", "give_type", "guess_type", "unique_name", "words"]
 
 GUESS = "type_guess"
 """The property with the type and the confidence of a guess."""
@@ -87,6 +87,10 @@ def words(name: str) -> list[str]:
     name = re.sub(r"\d(st|nd|rd|th)(?![a-z])", "", name)
     found = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
     return [word.lower() for word in found if len(word) > 1]
+
+
+SURE = 0.8
+"""The confidence from which a guess is not called uncertain."""
 
 
 @dataclass(frozen=True)
