@@ -23,8 +23,9 @@ def grid_command(
     map_name: cli.MapName = None,
     storey: Annotated[str | None, typer.Option(help="Only this storey.")] = None,
     interval: Annotated[
-        tuple[float, float], typer.Option(help="Lowest and highest end above the floor, metres.")
-    ] = (0.05, 1.8),
+        str,
+        typer.Option(metavar="LOW,HIGH", help="Lowest and highest end above the floor, metres."),
+    ] = "0.05,1.8",
     increment: Annotated[
         float | None, typer.Option(help="Cut by planes so many metres apart; by default exact.")
     ] = None,
@@ -45,9 +46,11 @@ def grid_command(
     from navgrid.occupancy_grid import storey_grid
     from navgrid.policy import Policy
     from navgrid.terrain import DriveLimits
+    from semmap.number_list import parse_numbers
     from semmap.query.geometry_notes import geometry_notes
     from semmap.query.storey_reader import read_storeys
 
+    low, high = parse_numbers(interval, 2, "--interval LOW,HIGH")
     rules = None if policy is None else Policy.read(policy)
     limits = DriveLimits(max_step, math.radians(max_slope))
     with cli.open_map(map_name) as connection:
@@ -56,7 +59,7 @@ def grid_command(
     grids = [
         storey_grid(
             scene,
-            interval,
+            (low, high),
             resolution,
             increment=increment,
             free_outside=free_outside,
@@ -68,7 +71,7 @@ def grid_command(
     written = []
     for made in grids:
         place = folder if len(grids) == 1 else folder / file_name(made.scene.storey)
-        written.append(write_grid(made, place, interval, picture=picture))
+        written.append(write_grid(made, place, (low, high), picture=picture))
     if json_:
         print(json.dumps(written))
         return

@@ -32,6 +32,9 @@ HEADINGS = 16
 TRIES = 200
 """Number of points of a region that are tried with each heading."""
 
+AT_POINT = 0.3
+"""Metres from a waypoint within which a robot is at it."""
+
 WALLS = "room_geometry"
 """The costmap layer that has the walls."""
 
@@ -106,6 +109,9 @@ def poses_in(
 ) -> list[Pose]:
     """Free poses drawn at random in a region: the turned footprint touches no obstacle.
 
+    In a waypoint, a region that is only a point, the poses are at it or as near as the robot fits,
+    within `AT_POINT`; those with its own heading come first.
+
     Parameters
     ----------
     most
@@ -116,16 +122,21 @@ def poses_in(
     NoBasePoseError
     """
     name, robot = target.name, costmaps.robot
-    if target.place is None or target.footprint is None:
+    outline = target.footprint
+    if outline is None and target.pose is not None:
+        outline = shapely.Point(target.pose.x, target.pose.y)
+    if target.place is None or outline is None:
         raise NoBasePoseError(f"the map does not say in which room {name} is, or has no outline")
+    if outline.area == 0:
+        return [_pose_near(costmaps, target, target.place, outline.centroid)]
     room, costs = costmaps.room(target.place), costmaps.costs(target.place)
     if room is None or costs is None:
         raise NoBasePoseError(f"the map has no outline of {target.place}")
-    free = (costs < INSCRIBED) & area_cells(target.footprint, room.grid)
+    free = (costs < INSCRIBED) & area_cells(outline, room.grid)
     rows, columns = np.nonzero(free)
     cells = np.stack([columns, rows], 1)
     points = np.array(room.grid.origin) + (cells + 0.5) * costmaps.resolution
-    points = points[shapely.covers(target.footprint, shapely.points(points))]
+    points = points[shapely.covers(outline, shapely.points(points))]
     floor = costmaps.topology.places[target.place].floor
     found: list[Pose] = []
     doors = _door_lines(costmaps, target.place)
@@ -141,6 +152,33 @@ def poses_in(
         if found:
             return found
     raise NoBasePoseError(f"{robot.name} finds no free pose in {name}")
+
+
+def _pose_near(
+    costmaps: StoreyCostmaps, target: LocatedEntity, place: str, point: shapely.Point
+) -> Pose:
+    """The free pose nearest to a point, with the heading nearest to that of the target."""
+    room, costs = costmaps.room(place), costmaps.costs(place)
+    if room is None or costs is None:
+        raise NoBasePoseError(f"the map has no outline of {place}")
+    _, points, away = _within_reach(room, costs, point, (0.0, AT_POINT))
+    exact = np.array([[point.x, point.y]])
+    if len(away) and away.min() <= room.grid.resolution:  # the point's own cell is free
+        points = np.concatenate([exact, points[np.argsort(away, kind="stable")]])
+    else:
+        points = points[np.argsort(away, kind="stable")]
+    yaw = 0.0 if target.pose is None else target.pose.yaw
+    turns = sorted(2 * math.pi * np.arange(HEADINGS) / HEADINGS - math.pi, key=abs)
+    floor = costmaps.topology.places[place].floor
+    doors = _door_lines(costmaps, place)
+    for at in points:
+        for turn in turns:
+            heading = math.remainder(yaw + float(turn), 2 * math.pi)
+            if not _touches(costmaps, place, at, heading, doors):
+                return Pose.planar(float(at[0]), float(at[1]), heading, floor)
+    raise NoBasePoseError(
+        f"{costmaps.robot.name} finds no free pose within {AT_POINT} m of {target.name}"
+    )
 
 
 def _refuse_height(costmaps: StoreyCostmaps, target: LocatedEntity, floor: float) -> None:

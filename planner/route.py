@@ -85,9 +85,13 @@ class Route:
     @property
     def doors(self) -> list[RouteStep]:
         """The passages: one step for each connector that the robot passes."""
-        return [
-            s for s in self.transitions if s.connector is not None and s.from_place != s.to_place
-        ]
+        return [s for s in self.transitions if s.connector is not None and _passes(s, s.connector)]
+
+
+def _passes(step: RouteStep, connector: PlaceConnector) -> bool:
+    """Whether a step passes its connector; a door inside one room does not change the place."""
+    inside = connector.places[0] == connector.places[1]
+    return step.from_place != step.to_place or (inside and step.behaviour == connector.behaviour)
 
 
 class NoRouteError(ValueError):

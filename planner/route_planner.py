@@ -12,6 +12,7 @@ import numpy as np
 
 from planner.base_pose import NoBasePoseError, poses_in, poses_to_reach
 from planner.cost_rules import CostRules, avoiding
+from planner.drawn_graph import DrawnGraph, find_drawn_route
 from planner.entity_lookup import EntityLookup, LocatedEntity, NoLookup
 from planner.infeasibility import infeasibility
 from planner.live_topology import LiveTopology
@@ -161,6 +162,24 @@ class RoutePlanner:
         with self._restricted(avoid, at):
             return find_alternatives(self.graph, *self._nearest(start, goal), k)
 
+    def route_on(
+        self,
+        drawn: DrawnGraph,
+        start: Location,
+        goal: Location,
+        *,
+        avoid: Sequence[str] = (),
+        at: datetime | None = None,
+    ) -> Route:
+        """The quickest route on a graph that people drew (`planner.readers.drawn_graph`).
+
+        Parameters and errors are those of `route`. What is to be avoided closes passages, not
+        drawn edges inside of a place.
+        """
+        with self._restricted(avoid, at):
+            ends = self._endpoints(start), self._endpoints(goal)
+            return find_drawn_route(drawn, self.graph, *ends)
+
     def approach(self, entity: str | LocatedEntity, most: int = 12) -> list[Pose]:
         """Free base poses that face an object within the robot's reach, clear ones first.
 
@@ -303,6 +322,8 @@ class RoutePlanner:
         place, costmaps = entity.place, self.costmaps
         if place is None:
             raise NoBasePoseError(f"no room holds {entity.name}")
+        if costmaps is None and entity.kind == "region" and entity.footprint is None:
+            return [self.graph.endpoint(place, entity.pose)]  # a waypoint: a region without area
         if entity.kind == "room" or costmaps is None:
             return [self.graph.endpoint(place)]
         if entity.kind == "agent" and entity.pose is not None:

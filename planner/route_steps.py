@@ -11,7 +11,7 @@ from planner.routing_graph import Edges, Endpoint, RoutingGraph
 from planner.topology import PlaceConnector
 from semmap.geometry.pose import Pose
 
-__all__ = ["steps_along", "turned_around"]
+__all__ = ["make_step", "steps_along", "turned_around"]
 
 
 def steps_along(
@@ -149,6 +149,33 @@ class _Steps:
             frame,
             file,
         )
+
+
+def make_step(
+    graph: RoutingGraph,
+    behaviour: str,
+    here: str,
+    there: str,
+    approach: Pose | None,
+    leave: Pose,
+    seconds: float = 0.0,
+    metres: float = 0.0,
+    *,
+    connector: PlaceConnector | None = None,
+    elevator: str | None = None,
+) -> RouteStep:
+    """A step from one place to another, with the frame and the map to drive on."""
+    return _Steps(graph).step(
+        behaviour,
+        here,
+        there,
+        approach,
+        leave,
+        seconds,
+        metres,
+        connector=connector,
+        elevator=elevator,
+    )
 
 
 def turned_around(pose: Pose) -> Pose:

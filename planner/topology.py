@@ -90,7 +90,8 @@ class PlaceConnector:
     name
         Unique in the map.
     places
-        Names of the two places; the second may be `OUTSIDE`.
+        Names of the two places; the second may be `OUTSIDE`, or the first again for a door in a
+        wall that stands free in a room.
     poses
         The approach poses, one in each place, in the map's frame: there the robot faces the
         connector.
@@ -152,7 +153,7 @@ class PlaceRegion:
     Attributes
     ----------
     outline
-        On the ground, in the map's frame, metres.
+        On the ground, in the map's frame, metres; a point for a waypoint.
     places
         Names of the places that it reaches into.
     label, types, properties
@@ -209,11 +210,6 @@ class Topology:
         for connector in connectors:
             if connector.name in joined:
                 raise TopologyError(f"two connectors are named {connector.name}; rename one")
-            if connector.places[0] == connector.places[1]:
-                raise TopologyError(
-                    f"connector {connector.name} joins {connector.places[0]} with itself; "
-                    "name the place on its other side"
-                )
             for name in connector.places:
                 if name == OUTSIDE:
                     by_name.setdefault(OUTSIDE, Place(OUTSIDE))

@@ -54,6 +54,10 @@ def route_command(
     outside: Annotated[
         bool, typer.Option("--outside", help="The robot may leave the building.")
     ] = False,
+    graph: Annotated[
+        bool,
+        typer.Option("--graph", help="On the drawn graph: imported Nav2 edges or Open-RMF lanes."),
+    ] = False,
     rooms: Annotated[
         bool, typer.Option("--rooms", help="Print only the rooms on the route, with commas.")
     ] = False,
@@ -61,16 +65,23 @@ def route_command(
 ) -> None:
     """Find the quickest route: its doors in order, each with an approach and a leave pose."""
     from planner.cost_rules import CostRules
+    from planner.readers.drawn_graph import read_drawn_graph
     from planner.robot_class import RobotClass
     from planner.route_planner import RoutePlanner
 
+    if graph and count != 1:
+        raise typer.BadParameter("--graph finds one route: leave out -k")
     able = RobotClass(opens=closed, unlocks=locked, outside=outside)
     with _live_topology(map_name, robot or able, quiet=json_ or rooms) as live:
         planner = RoutePlanner.of_live(live, rules=None if rules is None else CostRules.read(rules))
         if robot is not None and (locked or outside or not closed):
             planner.graph = _graph_with_abilities(live, able)
         ends, moment = (_location(start), _location(goal)), at or datetime.now()
-        if count == 1:
+        if graph:
+            with live.snapshot() as connection:
+                drawn = read_drawn_graph(connection, live.topology)
+            found = [planner.route_on(drawn, *ends, avoid=avoid or (), at=moment)]
+        elif count == 1:
             found = [planner.route(*ends, avoid=avoid or (), at=moment)]
         else:
             found = planner.alternatives(*ends, count, avoid=avoid or (), at=moment)

@@ -1,13 +1,14 @@
-"""The outlines of rooms and the cabins of elevators, which route graphs need."""
+"""The outlines of rooms, cabins of elevators and drawn lanes, which route graphs need."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from shapely import MultiPolygon, Polygon
 
-__all__ = ["BuildingOutline", "Cabin"]
+__all__ = ["BuildingOutline", "Cabin", "DrawnLane"]
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,22 @@ class Cabin:
     depth: float
 
 
+@dataclass(frozen=True, eq=False)
+class DrawnLane:
+    """A lane of an Open-RMF building from one waypoint to another, by their names in the map.
+
+    `properties` are those of its link: ``bidirectional``, ``orientation``, ``speed_limit``, ...
+    """
+
+    start: str
+    end: str
+    properties: Mapping[str, Any]
+
+
 @dataclass(frozen=True)
 class BuildingOutline:
-    """Outlines of rooms in the map's frame, by place, and cabins by elevator."""
+    """Outlines of rooms in the map's frame, by place, cabins by elevator, and drawn lanes."""
 
     outlines: Mapping[str, Polygon | MultiPolygon] = field(default_factory=dict)
     cabins: Mapping[str, Cabin] = field(default_factory=dict)
+    lanes: tuple[DrawnLane, ...] = ()

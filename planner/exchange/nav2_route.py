@@ -26,7 +26,7 @@ from planner.exchange.route_graph import (
     route_graph,
 )
 from planner.routing_graph import RoutingGraph
-from planner.topology import Topology
+from planner.topology import PlaceConnector, Topology
 
 __all__ = ["MOST_IDS", "nav2_graph", "nav2_graphs", "write_nav2"]
 
@@ -37,6 +37,7 @@ LEAST_COST = 1e-3
 """Seconds; the planner throws for an edge without cost."""
 
 ROUTE_FRAME = "map"
+"""The frame of a topology without storeys and without a name."""
 
 NO_OPERATION = ("pass_door", "drive_through")
 """Behaviours that need no operation if the connector is open."""
@@ -48,13 +49,14 @@ def nav2_graph(
     storey: str | None = None,
     building: BuildingOutline | None = None,
     frames: Mapping[str, str] | None = None,
-    name: str = "graph",
+    name: str | None = None,
 ) -> dict[str, Any]:
     """The route graph of a building or of one storey as a GeoJSON object.
 
     The `cost` of an edge is its time in seconds. The server's scorers may override it, except for
     rides, whose ends lie above each other. `abs_time_taken` in the metadata is the time for Nav2's
-    TimeScorer. Operations: ``open_door`` if a door is not open, ``call_elevator`` before a cabin is
+    TimeScorer. Operations: ``open_door`` for each door, as it may be shut when the robot comes (its
+    metadata have the state at the time of writing), ``call_elevator`` before a cabin is
     entered, ``use_elevator`` and then ``switch_map`` for a ride, or the behaviour that a connector
     needs. Their metadata name the connector or elevator.
 
@@ -68,16 +70,19 @@ def nav2_graph(
         Outlines: travel leads around their corners, over additional nodes. Without outlines, travel
         is straight, even through a wall.
     frames
-        The frame of each storey; by default ``map`` for a single storey, else ``map_STOREY``.
+        The frame of each storey; by default ``map_STOREY``, as in the parameters that
+        `navgrid.nav2.write_nav2` writes.
+    name
+        Of the map; also the storey of a map without storeys.
 
     Raises
     ------
     ExchangeError
         There is no such storey, it has no edges, or it needs more ids than there are.
     """
-    made = route_graph(routing, storey=storey)
+    made = route_graph(routing, storey=storey, storeyless=name or ROUTE_FRAME)
     if building is not None:
-        made = around_corners(made, building.outlines, routing.robot.speed)
+        made = around_corners(made, building.outlines, routing.robot)
     topology = routing.topology
     what = f"storey {storey}" if storey is not None else "the building"
     if not made.moves:
@@ -103,7 +108,7 @@ def nav2_graph(
         _edge(number, move, made, frame_of)
         for number, move in enumerate(made.moves, len(made.nodes) + 1)
     ]
-    return {"type": "FeatureCollection", "name": name, "features": features}
+    return {"type": "FeatureCollection", "name": name or "graph", "features": features}
 
 
 def nav2_graphs(routing: RoutingGraph, **options: Any) -> dict[str | None, dict[str, Any]]:
@@ -151,8 +156,7 @@ class _TooManyError(ExchangeError):
 
 def _frames(storeys: list[str], given: Mapping[str, str] | None) -> dict[str, str]:
     if given is None:
-        alone = len(storeys) == 1
-        return {storey: ROUTE_FRAME if alone else frame_name(storey) for storey in storeys}
+        return {s: s if s == ROUTE_FRAME else frame_name(s) for s in storeys}
     missing = [storey for storey in storeys if storey not in given]
     if missing:
         raise ExchangeError(f"there is no frame for {', '.join(missing)}; add it to frames")
@@ -250,7 +254,7 @@ def _operations(
                 connector=connector.name,
                 storey=start.storey,
             )
-        elif connector.state != "open" and start.elevator is None:
+        elif start.elevator is None and _may_be_shut(connector):
             found["open_door"] = _operation(
                 "open_door", "ON_ENTER", connector=connector.name, state=connector.state
             )
@@ -259,6 +263,12 @@ def _operations(
                 connector.behaviour, "ON_ENTER", connector=connector.name
             )
     return found
+
+
+def _may_be_shut(connector: PlaceConnector) -> bool:
+    """Whether the robot may find it shut, although it is open now: a door, not an opening."""
+    is_door = connector.type == "door" and connector.behaviour == "pass_door"
+    return is_door or connector.state != "open"
 
 
 def _operation(kind: str, trigger: str, **about: Any) -> dict[str, Any]:

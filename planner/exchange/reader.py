@@ -1,4 +1,4 @@
-"""Reads the outlines of rooms and the cabins of elevators from the current map."""
+"""Reads the outlines of rooms, cabins of elevators and drawn lanes from the current map."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 from sqlalchemy import Connection, text
 
-from planner.exchange.building_outline import BuildingOutline, Cabin
+from planner.exchange.building_outline import BuildingOutline, Cabin, DrawnLane
 from semmap.geometry.pose import Pose
 
 __all__ = ["read_building_outline"]
@@ -24,12 +24,18 @@ FROM object_type o JOIN world w ON w.entity_id = o.id
 WHERE o.map_id = current_map() AND o.type = 'wall' AND w.footprint IS NOT NULL
 """
 
+_LANES = """
+SELECT a.name, b.name, l.properties FROM link l
+JOIN entity a ON a.id = l.from_id JOIN entity b ON b.id = l.to_id
+WHERE a.map_id = current_map() AND l.relation = 'lane' ORDER BY a.name, b.name
+"""
+
 MOST_WALL = 0.3
 """Share of a room above which a footprint is not a wall, but the hull of walls around the room."""
 
 
 def read_building_outline(connection: Connection) -> BuildingOutline:
-    """The outlines of all rooms without walls, and each elevator's cabin on one of its storeys."""
+    """The outlines of all rooms without walls, each elevator's cabin on one storey, and lanes."""
     standing: dict[int | None, list[shapely.Geometry]] = {}
     for row in connection.execute(text(_WALLS)):
         standing.setdefault(row.storey_id, []).append(shapely.from_wkb(bytes(row.outline)))
@@ -43,7 +49,8 @@ def read_building_outline(connection: Connection) -> BuildingOutline:
         outlines[row.name] = _without(outline, walls.get(row.storey_id))
         if row.elevator is not None:
             cabins.setdefault(row.elevator, _cabin(Pose(*row.pose), outline))
-    return BuildingOutline(outlines, cabins)
+    lanes = tuple(DrawnLane(*row) for row in connection.execute(text(_LANES)))
+    return BuildingOutline(outlines, cabins, lanes)
 
 
 def _without(

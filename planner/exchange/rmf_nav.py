@@ -4,32 +4,39 @@ Each storey is a level with vertices ``[x, y, {name, ...}]`` and lanes ``[from, 
 in one direction. A lane through a door has its `door_name`. The approach poses in a cabin become
 one vertex with the name of its `lift`, at the same spot on each level, as the fleet adapter
 requires; it joins the levels by itself. Each place has a vertex of its name, to which tasks go.
+Waypoints of the map are vertices with their parameters (``is_charger``, ``is_parking_spot``, ...),
+and drawn lanes are lanes with theirs.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import shapely
 import yaml
 
-from planner.exchange.building_outline import BuildingOutline, Cabin
+from planner.exchange.building_outline import BuildingOutline, Cabin, DrawnLane
 from planner.exchange.route_graph import (
+    LEAF,
     ApproachPose,
     ExchangeError,
+    RouteGraph,
     Waypoint,
     around_corners,
     route_graph,
     with_middles,
+    with_waypoints,
 )
 from planner.routing_graph import RoutingGraph
 from planner.topology import PlaceConnector
 
 __all__ = ["rmf_nav_graph", "write_rmf_nav"]
 
-LEAF = 0.9
-"""Width of a door without one, metres."""
+REVERSED = {"forward": "backward", "backward": "forward"}
+"""The orientation of a lane in the other direction."""
 
 CABIN = 1.5
 """Width and depth of a cabin without outline, metres."""
@@ -65,36 +72,41 @@ def rmf_nav_graph(
     """
     building = building or BuildingOutline()
     speed = routing.robot.speed
-    made = with_middles(route_graph(routing, storey=storey), building.outlines, speed)
-    made = around_corners(made, building.outlines, speed)
+    made = route_graph(routing, storey=storey)
+    made = with_waypoints(made, routing.topology, building.lanes, speed)
+    made = with_middles(made, building.outlines, speed)
+    made = around_corners(made, building.outlines, routing.robot)
     levels: dict[str, _Level] = {s: _Level() for s in made.storeys}
     lifts = _lifts(made.nodes, building)
     at: list[tuple[str, int]] = []
     for node in made.nodes:
         level = levels[node.storey]
         if node.elevator is None:
-            vertex = level.vertex(node.point, node.name)
+            params = node.params if isinstance(node, Waypoint) else {}
+            vertex = level.vertex(node.point, node.name, **params)
         else:
             cabin = lifts[node.elevator]
             vertex = level.vertex(
                 (cabin.x, cabin.y), f"{node.elevator}@{node.storey}", lift=node.elevator
             )
         at.append((node.storey, vertex))
+    doors = {
+        s.connector.name: _door(s.connector, s.storey)
+        for s in made.nodes
+        if isinstance(s, ApproachPose) and _is_door(s.connector)
+    }
     for move in made.moves:
         (here, a), (there, b) = at[move.start], at[move.end]
         if move.kind == "ride" or a == b or here != there:
             continue
         door = move.connector is not None and _is_door(move.connector)
         levels[here].lane(a, b, **({"door_name": move.connector.name} if door else {}))  # type: ignore[union-attr]
+    _add_drawn_lanes(levels, building.lanes, made, at, doors)
     if not any(level.lanes for level in levels.values()):
         raise ExchangeError("no connector joins two places; add connectors that join the rooms")
     return {
         "building_name": name,
-        "doors": {
-            s.connector.name: _door(s.connector, s.storey)
-            for s in made.nodes
-            if isinstance(s, ApproachPose) and _is_door(s.connector)
-        },
+        "doors": doors,
         "levels": {
             s: {"lanes": level.lanes, "vertices": level.vertices} for s, level in levels.items()
         },
@@ -117,12 +129,53 @@ def write_rmf_nav(routing: RoutingGraph, path: Path | str, **options: Any) -> Pa
     return path
 
 
+def _add_drawn_lanes(
+    levels: Mapping[str, _Level],
+    lanes: Sequence[DrawnLane],
+    made: RouteGraph,
+    at: Sequence[tuple[str, int]],
+    doors: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """Add the lanes that the building's file has, with their properties, in each direction."""
+    found = {n.region: at[i] for i, n in enumerate(made.nodes) if isinstance(n, Waypoint)}
+    shut = {
+        storey: {
+            name: shapely.LineString(door["endpoints"])
+            for name, door in doors.items()
+            if door["map"] == storey
+        }
+        for storey in levels
+    }
+    for lane in lanes:
+        (here, a), (there, b) = (found.get(end, ("", -1)) for end in (lane.start, lane.end))
+        if here != there or a == b:
+            continue
+        level, given = levels[here], lane.properties
+        line = shapely.LineString([level.vertices[n][:2] for n in (a, b)])
+        params = {key: given[key] for key in ("speed_limit", "mutex") if given.get(key)}
+        crossed = [name for name, door in shut[here].items() if door.intersects(line)]
+        if crossed:
+            params["door_name"] = crossed[0]
+        ways = [(a, b, given.get("orientation"))]
+        if given.get("bidirectional", True):
+            ways.append((b, a, REVERSED.get(str(given.get("orientation")))))
+        for start, end, heading in ways:
+            own = {**params, **({"orientation_constraint": heading} if heading else {})}
+            for key, vertex in (("dock_name", end), ("undock_name", start)):
+                dock = level.vertices[vertex][2].get("dock_name")
+                if dock:
+                    own[key] = dock
+            level.lane(start, end, **own)
+
+
 class _Level:
+    """Vertices and lanes of a storey; of two lanes between the same vertices the last counts."""
+
     def __init__(self) -> None:
         self.vertices: list[list[Any]] = []
         self.lanes: list[list[Any]] = []
         self.numbers: dict[str, int] = {}
-        self.drawn: set[tuple[int, int]] = set()
+        self.drawn: dict[tuple[int, int], int] = {}
 
     def vertex(self, point: tuple[float, ...], name: str, **params: Any) -> int:
         """The number of the vertex of a name, which is added if it is missing."""
@@ -132,9 +185,8 @@ class _Level:
         return self.numbers[name]
 
     def lane(self, start: int, end: int, **params: Any) -> None:
-        if (start, end) not in self.drawn:
-            self.drawn.add((start, end))
-            self.lanes.append([start, end, params])
+        number = self.drawn.setdefault((start, end), len(self.lanes))
+        self.lanes[number : number + 1] = [[start, end, params]]
 
 
 def _is_door(connector: PlaceConnector) -> bool:

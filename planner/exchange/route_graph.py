@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import shapely
 from shapely import MultiPolygon, Polygon
 
-from planner.exchange.visibility_graph import corner_paths
+from planner.exchange.building_outline import DrawnLane
+from planner.exchange.visibility_graph import CLEARANCE, corner_paths
+from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, PlaceConnector, Topology
 from semmap.geometry.pose import Pose
@@ -26,10 +29,17 @@ __all__ = [
     "around_corners",
     "route_graph",
     "with_middles",
+    "with_waypoints",
 ]
 
 
 Outline: TypeAlias = Polygon | MultiPolygon
+
+LEAF = 0.9
+"""Width of a door without one, metres."""
+
+JAMB = 0.1
+"""Metres by which a shut door reaches into the wall on each side of its opening."""
 
 
 class ExchangeError(ValueError):
@@ -68,13 +78,19 @@ class ApproachPose:
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A point of a place that belongs to no connector: at a corner, or in the middle."""
+    """A point of a place that belongs to no connector: drawn, at a corner, or in the middle.
+
+    `params` are those that Open-RMF gives a drawn one, such as ``is_charger``; `region` is the name
+    of its region.
+    """
 
     name: str
     place: str
     storey: str
     point: tuple[float, float, float]
     elevator: str | None = None
+    params: Mapping[str, Any] = field(default_factory=dict)
+    region: str | None = None
 
 
 @dataclass(frozen=True)
@@ -170,11 +186,60 @@ def route_graph(
     return RouteGraph(tuple(nodes[n] for n in kept), tuple(moves))
 
 
-def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float) -> RouteGraph:
-    """The graph with one more waypoint in each place, named as it and joined with its nodes."""
+PARAMS = {"charging_station": "is_charger", "parking_spot": "is_parking_spot"}
+"""The parameter of Open-RMF that a type of region stands for."""
+
+
+def with_waypoints(
+    made: RouteGraph, topology: Topology, lanes: Sequence[DrawnLane], speed: float
+) -> RouteGraph:
+    """The graph with the waypoints of the map: points, chargers and parking spots.
+
+    Each has its label as name, if that is unique, and is joined with the approach poses of its
+    place; one with drawn lanes, with the nearest of them alone.
+    """
     nodes, moves = list(made.nodes), list(made.moves)
-    for place, numbers in _inside(made).items():
-        if nodes[numbers[0]].elevator is not None:
+    storeys, inside = set(made.storeys), _inside(made)
+    laned = {name for lane in lanes for name in (lane.start, lane.end)}
+    labels = Counter(region.label for region in topology.regions)
+    names = {node.name for node in nodes}
+    for region in topology.regions:
+        place = topology.places[region.places[0]]
+        params = {PARAMS[t]: True for t in region.types if t in PARAMS}
+        if (region.outline.area > 0 and not params) or place.storey not in {*storeys, None}:
+            continue
+        here = inside.get(place.name, [])
+        if not here and region.name not in laned:
+            continue
+        storey = place.storey or nodes[here[0]].storey
+        point = region.outline.representative_point()
+        unique = region.label is not None and labels[region.label] == 1
+        name = region.label if unique and region.label not in names else region.name
+        given = {
+            k: v for k, v in region.properties.items() if isinstance(v, bool | int | float | str)
+        }
+        number, at = len(nodes), (float(point.x), float(point.y), place.floor)
+        nodes.append(
+            Waypoint(str(name), place.name, storey, at, place.elevator, params | given, region.name)
+        )
+        names.add(str(name))
+        near = sorted(here, key=lambda n: math.dist(nodes[n].point[:2], at[:2]))
+        for n in near[:1] if region.name in laned and name != place.name else near:
+            seconds = math.dist(nodes[n].point[:2], at[:2]) / speed
+            moves += [Move(n, number, "walk", seconds), Move(number, n, "walk", seconds)]
+    return RouteGraph(tuple(nodes), tuple(moves))
+
+
+def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float) -> RouteGraph:
+    """The graph with one more waypoint in each place, named as it and joined with its doors.
+
+    A place that has a waypoint of its name keeps that.
+    """
+    nodes, moves = list(made.nodes), list(made.moves)
+    names = {node.name for node in nodes}
+    for place, inside in _inside(made).items():
+        numbers = [n for n in inside if isinstance(nodes[n], ApproachPose)]
+        if place in names or not numbers or nodes[numbers[0]].elevator is not None:
             continue
         points = np.array([nodes[n].point for n in numbers])
         outline = outlines.get(place)
@@ -193,43 +258,83 @@ def with_middles(made: RouteGraph, outlines: Mapping[str, Outline], speed: float
     return RouteGraph(tuple(nodes), tuple(moves))
 
 
-def around_corners(made: RouteGraph, outlines: Mapping[str, Outline], speed: float) -> RouteGraph:
-    """The graph with travel through a wall replaced by travel over waypoints at corners.
+def around_corners(
+    made: RouteGraph, outlines: Mapping[str, Outline], robot: RobotClass
+) -> RouteGraph:
+    """The graph with travel that keeps the robot's radius from walls, over waypoints at corners.
 
-    A piece between corners takes its length at `speed`, or more if the travel over it does. Travel
-    that stays inside, and places without outline, are not changed.
+    Where a room is too narrow for the circumscribed radius, the inscribed radius is kept; a
+    pair of nodes that no path with it joins has half of it, and so on. A pair that no path joins at
+    all has no travel. A piece between corners takes its length at the robot's speed, or more if
+    the travel over it does. Places without outline are not changed.
     """
     nodes = list(made.nodes)
-    bent: dict[tuple[int, int], list[int]] = {}
-    for place, numbers in _inside(made).items():
+    clearances = _clearances(robot)
+    driven: dict[str, set[tuple[int, int]]] = {}
+    for move in (m for m in made.moves if m.kind == "walk"):
+        pair = (min(move.start, move.end), max(move.start, move.end))
+        driven.setdefault(nodes[move.start].place, set()).add(pair)
+    bent: dict[tuple[int, int], list[int] | None] = {}
+    for place, joined in driven.items():
         if place not in outlines:
             continue
-        ways = corner_paths(outlines[place], np.array([nodes[n].point[:2] for n in numbers]))
-        used = sorted({c for way in ways.between.values() for c in way})
+        numbers = sorted({n for pair in joined for n in pair})
+        index = {n: i for i, n in enumerate(numbers)}
+        pairs = sorted((index[a], index[b]) for a, b in joined)
+        points = np.array([nodes[n].point[:2] for n in numbers])
+        outline = outlines[place].difference(_doors_inside(made, numbers))
+        ways = corner_paths(outline, points, clearances, pairs)
         first, z = nodes[numbers[0]], nodes[numbers[0]].point[2]
         at = {}
-        for count, corner in enumerate(used, 1):
-            x, y = ways.corners[corner]
+        for corner, (x, y) in enumerate(ways.corners):
             at[corner] = len(nodes)
-            nodes.append(Waypoint(f"{place}#{count}", place, first.storey, (float(x), float(y), z)))
-        for (i, j), way in ways.between.items():
-            if way:
-                bent[numbers[i], numbers[j]] = [at[c] for c in way]
-                bent[numbers[j], numbers[i]] = [at[c] for c in reversed(way)]
+            name = f"{place}#{corner + 1}"
+            nodes.append(Waypoint(name, place, first.storey, (float(x), float(y), z)))
+        for i, j in pairs:
+            way = ways.between.get((i, j))
+            over = None if way is None else [at[c] for c in way]
+            bent[numbers[i], numbers[j]] = over
+            bent[numbers[j], numbers[i]] = None if over is None else over[::-1]
     moves = []
     legs: dict[tuple[int, int], float] = {}
     for move in made.moves:
-        over = bent.get((move.start, move.end)) if move.kind == "walk" else None
+        over = bent.get((move.start, move.end), []) if move.kind == "walk" else []
         if over is None:
+            continue
+        if not over:
             moves.append(move)
             continue
         steps = list(pairwise([move.start, *over, move.end]))
         metres = [math.dist(nodes[a].point, nodes[b].point) for a, b in steps]
-        pace = max(move.seconds / sum(metres), 1 / speed)
+        pace = max(move.seconds / sum(metres), 1 / robot.speed)
         for step, length in zip(steps, metres, strict=True):
             legs[step] = min(legs.get(step, math.inf), pace * length)
     moves += [Move(a, b, "walk", seconds) for (a, b), seconds in legs.items()]
     return RouteGraph(tuple(nodes), tuple(moves))
+
+
+def _doors_inside(made: RouteGraph, numbers: list[int]) -> shapely.Geometry:
+    """The doors in walls that stand free in a place, as if shut: only a passage leads through."""
+    lines = []
+    for node in (made.nodes[n] for n in numbers):
+        if not isinstance(node, ApproachPose) or node.side == 1:
+            continue
+        connector = node.connector
+        if connector.places[0] == connector.places[1]:
+            (a, b), half = connector.poses, (connector.width or LEAF) / 2 + JAMB
+            x, y, yaw = (a.x + b.x) / 2, (a.y + b.y) / 2, a.yaw
+            dx, dy = -half * math.sin(yaw), half * math.cos(yaw)
+            lines.append(shapely.LineString([(x + dx, y + dy), (x - dx, y - dy)]))
+    return shapely.union_all(lines).buffer(0.01)
+
+
+def _clearances(robot: RobotClass) -> list[float]:
+    """The radii of a robot, the largest first."""
+    if not robot.parts:
+        return [CLEARANCE]
+    radii = {max(p.circumscribed_radius for p in robot.parts)}
+    radii.add(max(p.inscribed_radius for p in robot.parts))
+    return sorted((float(r) for r in radii if r > 0), reverse=True) or [CLEARANCE]
 
 
 def _inside(made: RouteGraph) -> dict[str, list[int]]:

@@ -37,7 +37,8 @@ SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.place, g.entity_id IS NO
        (SELECT n.name FROM world rw JOIN entity n ON n.id = rw.entity_id
         WHERE h.place IS NULL AND n.kind = 'room' AND n.map_id = e.map_id
           AND rw.storey_id IS NOT DISTINCT FROM coalesce(w.storey_id, rw.storey_id)
-          AND ST_Intersects(rw.footprint, ST_PointOnSurface(w.footprint)) LIMIT 1) AS around
+          AND ST_Intersects(rw.footprint, coalesce(
+              ST_PointOnSurface(w.footprint), ST_Point(w.pose[1], w.pose[2]))) LIMIT 1) AS around
 FROM wanted q JOIN entity e ON e.id = q.id LEFT JOIN world w ON w.entity_id = e.id
 LEFT JOIN held h ON h.id = e.id LEFT JOIN region g ON g.entity_id = e.id
 WHERE e.kind IN ('room', 'object', 'region', 'agent')

@@ -53,7 +53,7 @@ CREATE TABLE room (
 );
 CREATE INDEX room_elevator ON room (elevator_id);
 
--- Two places (no second one: outside) and a pose in each, in the connector's own frame, at which a
+-- Two places (no second one: outside; twice the same: a door inside one room) and a pose in each, in the connector's own frame, at which a
 -- robot stands facing the connector; x of that frame points from place_a to place_b.
 CREATE TABLE connector (
     entity_id bigint PRIMARY KEY REFERENCES entity ON DELETE CASCADE,
@@ -65,8 +65,7 @@ CREATE TABLE connector (
     direction text NOT NULL DEFAULT 'both' CHECK (direction IN ('both', 'forward', 'backward')),
     state     text NOT NULL DEFAULT 'open' CHECK (state IN ('open', 'closed', 'locked')),
     behaviour text NOT NULL DEFAULT 'pass_door',
-    width     double precision CHECK (width > 0),
-    CHECK (place_a <> place_b)
+    width     double precision CHECK (width > 0)
 );
 CREATE INDEX connector_place_a ON connector (place_a);
 CREATE INDEX connector_place_b ON connector (place_b);

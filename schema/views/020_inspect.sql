@@ -29,3 +29,10 @@ CREATE VIEW incomplete AS
         FROM entity e LEFT JOIN placement p ON p.entity_id = e.id
         WHERE e.map_id = current_map()) parts
     WHERE missing <> '{}';
+
+-- Entities whose type an import guessed from a name. A corrected type is not a guess any more.
+CREATE VIEW guessed_type AS
+    SELECT e.id, e.name, e.kind, e.type, CAST(e.properties -> 'type_guess' ->> 'confidence' AS real) AS confidence,
+           e.properties ->> 'model' AS model
+    FROM entity e
+    WHERE e.map_id = current_map() AND e.type = e.properties -> 'type_guess' ->> 'type';

@@ -117,6 +117,10 @@ class MapQuestions:
         """The entities that lack geometry, type, placement or topology."""
         return entity_query.list_incomplete(self._session())
 
+    def guessed_types(self) -> list[dict[str, Any]]:
+        """The entities whose type an import guessed from a name, the least certain first."""
+        return entity_query.list_guessed_types(self._session())
+
     def check(self) -> list[dict[str, Any]]:
         """Where the map disagrees with itself; empty for a sound map."""
         return entity_query.contradictions(self._session())

@@ -41,9 +41,14 @@ class SemanticMap(MapQuestions):
         mesh_as: Literal["object", "room"] = "object",
         strict: bool = False,
         source: str | None = None,
+        model_path: Sequence[str | Path] = (),
+        scale: float = 1.0,
         progress: Progress = lambda stage, done, total: None,
     ) -> ImportSummary:
         """Read a world file into the map, in one transaction; a repeated import updates it.
+
+        `model_path` has folders of SDF models, searched first; `scale` is metres per unit of a mesh
+        file.
 
         Raises
         ------
@@ -60,6 +65,8 @@ class SemanticMap(MapQuestions):
             mesh_as=mesh_as,
             strict=strict,
             source=source,
+            model_path=[Path(folder) for folder in model_path],
+            scale=scale,
             progress=progress,
         )
 

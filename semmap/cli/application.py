@@ -66,6 +66,13 @@ def import_(
     as_: Annotated[str, typer.Option("--as", help="A mesh file is an: object or room.")] = "object",
     strict: Annotated[bool, typer.Option(help="Take nothing if anything is left out.")] = False,
     source: Annotated[str | None, typer.Option(help="Name under which a repeat finds it.")] = None,
+    model_path: Annotated[
+        list[Path] | None,
+        typer.Option("--model-path", help="Folder of SDF models, searched first; repeatable."),
+    ] = None,
+    scale: Annotated[
+        float, typer.Option(help="Metres per unit of a mesh file: 0.001 for millimetres.")
+    ] = 1.0,
     json_: Json = False,
 ) -> None:
     """Read world files into the map: each in one transaction, repeatable."""
@@ -77,6 +84,11 @@ def import_(
 
     if geometry not in ("visual", "collision") or as_ not in ("object", "room"):
         raise typer.BadParameter("--geometry is visual or collision, --as is object or room")
+    if not 0 < scale < math.inf:
+        raise typer.BadParameter(f"--scale is a number above 0, not {scale:g}")
+    for folder in model_path or ():
+        if not folder.is_dir():
+            raise typer.BadParameter(f"--model-path: {folder} is not a folder")
     summaries: list[ImportSummary] = []
     database = engine(migrate=True)
     for path in files:
@@ -96,6 +108,8 @@ def import_(
                     mesh_as="room" if as_ == "room" else "object",
                     strict=strict,
                     source=source,
+                    model_path=model_path or (),
+                    scale=scale,
                     progress=_report(bars),
                 )
             )
@@ -124,6 +138,7 @@ def print_summary(s: ImportSummary) -> None:
     from rich.text import Text
 
     from semmap.cli.output import out
+    from semmap.ingest.naming import SURE
 
     kinds = ", ".join(f"{n} {kind}{'' if n == 1 else 's'}" for kind, n in s.kinds.items())
     bold = partial(Text, style="bold")
@@ -135,6 +150,11 @@ def print_summary(s: ImportSummary) -> None:
         f"{s.models} new meshes, {s.triangles:,} triangles; {s.holders} holders derived; "
         f"{s.seconds:.1f} s"
     )
+    if s.guessed:
+        unsure = [f"{g['name']} {g['type']}" for g in s.guessed if g["confidence"] < SURE]
+        some = f", {len(unsure)} of them uncertain ({', '.join(unsure[:3])})" if unsure else ""
+        text = f"{len(s.guessed)} types guessed from names{some}; to list them: semmap ls --guessed"
+        out.print(f"  {text}")
     for note in s.notes:
         out.print(f"  note: {note}", style="dim")
     if s.skipped:
@@ -188,6 +208,9 @@ def ls(
     within: Annotated[float | None, typer.Option(help="Metres from --near.")] = None,
     box: Annotated[str | None, typer.Option(help="X0,Y0,Z0,X1,Y1,Z1 in the map's frame.")] = None,
     incomplete: Annotated[bool, typer.Option(help="Only what lacks a part.")] = False,
+    guessed: Annotated[
+        bool, typer.Option(help="Only those whose type is guessed from a name, to correct it.")
+    ] = False,
     json_: Json = False,
 ) -> None:
     """List entities: of a type, with properties, in a room or box, near a point."""
@@ -197,6 +220,9 @@ def ls(
         chosen = db.map(map_name)
         if incomplete:
             show_table(chosen.incomplete(), json_, ("name", "kind", "missing"))
+            return
+        if guessed:
+            show_table(chosen.guessed_types(), json_, ("name", "type", "confidence", "model"))
             return
         if within is not None and near is None:
             raise ValueError("--within needs --near: a point X,Y,Z or a name")

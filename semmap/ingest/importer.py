@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from sqlalchemy import Connection, Engine
 
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.meshes.mesh_file import read_mesh_world
+from semmap.ingest.naming import GUESS
 from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.rmf import read_rmf
 from semmap.ingest.route_graph.graph_file import EDGE, is_route_graph, read_route_graph
@@ -33,32 +34,79 @@ MeshAs = Literal["object", "room"]
 MESHES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """The mesh formats that trimesh reads and whose triangles can be counted."""
 
-READERS: tuple[tuple[tuple[str, ...], Callable[[Path, Geometry, MeshAs], World]], ...] = (
-    ((".sdf", ".world"), lambda path, geometry, mesh_as: read_sdf(path, geometry=geometry)),
-    ((".yaml", ".yml"), lambda path, geometry, mesh_as: read_rmf(path)),
-    ((".geojson", ".json", ".gpkg"), lambda path, geometry, mesh_as: _read_features(path)),
-    (MESHES, lambda path, geometry, mesh_as: read_mesh_world(path, as_=mesh_as)),
+
+@dataclass(frozen=True)
+class _Options:
+    """How files are read; each parser takes what concerns it."""
+
+    geometry: Geometry = "visual"
+    mesh_as: MeshAs = "object"
+    model_path: Sequence[Path] = ()
+    scale: float = 1.0
+
+
+READERS: tuple[tuple[tuple[str, ...], Callable[[Path, _Options], World]], ...] = (
+    (
+        (".sdf", ".world"),
+        lambda path, o: read_sdf(path, geometry=o.geometry, model_path=o.model_path),
+    ),
+    ((".yaml", ".yml"), lambda path, o: read_rmf(path)),
+    ((".geojson", ".json", ".gpkg"), lambda path, o: _read_features(path)),
+    (MESHES, lambda path, o: read_mesh_world(path, as_=o.mesh_as, scale=o.scale)),
 )
 """The parsers, by the endings of files."""
 
 
-def read_world(path: Path, geometry: Geometry = "visual", mesh_as: MeshAs = "object") -> World:
+def read_world(
+    path: Path,
+    geometry: Geometry = "visual",
+    mesh_as: MeshAs = "object",
+    *,
+    model_path: Sequence[Path] = (),
+    scale: float = 1.0,
+) -> World:
     """Return the world of a file, read by the parser for its ending.
+
+    Parameters
+    ----------
+    geometry : of SDF models
+    mesh_as : what a mesh file is
+    model_path : folders of SDF models, searched first
+    scale : metres per unit of a mesh file
 
     Raises
     ------
     WorldError
-        The file is missing, its ending is unknown, or it cannot be trusted as a whole.
+        The file is missing, its ending is unknown, it cannot be trusted as a whole, or nothing of
+        it can be used.
     """
     if not path.is_file():
         raise WorldError(path, "file", "is not there", "Check the path.")
+    if scale != 1.0 and path.suffix.lower() not in MESHES:
+        raise WorldError(path, "scale", "is of mesh files only", "Leave it out for this file.")
     for endings, read in READERS:
         if path.suffix.lower() in endings:
-            world = read(path, geometry, mesh_as)
+            world = read(path, _Options(geometry, mesh_as, model_path, scale))
             _check_names(path, world)
+            _check_content(path, world)
             return world
     known = ", ".join(sorted(e for endings, _ in READERS for e in endings))
     raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", f"Known: {known}.")
+
+
+def _check_content(path: Path, world: World) -> None:
+    """Refuse a file of which nothing is left: a map without anything looks like a success."""
+    if world.entries or world.links:
+        return
+    if not world.skipped:
+        raise WorldError(path, "file", "has nothing that a map can hold", "Give another file.")
+    first, more = world.skipped[0], len(world.skipped) - 1
+    raise WorldError(
+        path,
+        first.element,
+        f"{first.problem}{f' (and {more} more)' if more else ''}, so nothing of the file is left",
+        first.fix,
+    )
 
 
 def _check_names(path: Path, world: World) -> None:
@@ -94,6 +142,7 @@ class ImportSummary:
     models: int = 0
     triangles: int = 0
     holders: int = 0
+    guessed: list[dict[str, Any]] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
@@ -112,6 +161,8 @@ def import_file(
     mesh_as: MeshAs = "object",
     strict: bool = False,
     source: str | None = None,
+    model_path: Sequence[Path] = (),
+    scale: float = 1.0,
     progress: Progress = lambda stage, done, total: None,
 ) -> ImportSummary:
     """Import a world file in one transaction.
@@ -121,6 +172,7 @@ def import_file(
     map_name : the map that takes it, made if it is not there; by default the file's own name
     strict : take nothing if anything has to be left out
     source : under which name a repeated import finds its entities again; by default the file's path
+    model_path, scale : as in `read_world`
 
     Raises
     ------
@@ -130,7 +182,7 @@ def import_file(
     """
     start = time.perf_counter()
     progress(f"reading {path.name}", 0, 0)
-    world = read_world(path, geometry, mesh_as)
+    world = read_world(path, geometry, mesh_as, model_path=model_path, scale=scale)
     if strict and world.skipped:
         first = world.skipped[0]
         raise WorldError(
@@ -192,9 +244,18 @@ def _summary(
         models=stored.models,
         triangles=stored.triangles,
         holders=holders,
+        guessed=_guessed(world),
         skipped=world.skipped,
         notes=stored.notes,
     )
+
+
+def _guessed(world: World) -> list[dict[str, Any]]:
+    """The entries whose types are guessed from names, the least certain first."""
+    found = [
+        {"name": e.name, **e.properties[GUESS]} for e in world.entries if GUESS in e.properties
+    ]
+    return sorted(found, key=lambda guess: (guess["confidence"], guess["name"]))
 
 
 def _log(connection: Connection, map_id: int, path: Path, summary: ImportSummary) -> None:

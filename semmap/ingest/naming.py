@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container
+from collections.abc import Container, Iterable
+from dataclasses import dataclass
 from functools import cache
+from itertools import product
 
+import numpy as np
+
+from semmap.geometry.pose import IDENTITY
 from semmap.ingest.ontology.tbox import ontology_files, read_tbox
+from semmap.ingest.world import Entry
 
-__all__ = ["guess_type", "unique_name", "words"]
+__all__ = ["GUESS", "SURE", "TypeGuess", "give_type", "guess_type", "unique_name", "words"]
+
+GUESS = "type_guess"
+"""The property with the type and the confidence of a guess."""
 
 TYPE_WORDS: dict[str, str] = {
     "air_conditioner": "airconditioner, aircon",
@@ -37,33 +46,112 @@ TYPE_WORDS: dict[str, str] = {
 The model of a door is an object, its leaf; the door that a robot passes is a connector."""
 
 
+TRAILING = frozenset(
+    word
+    for words in (
+        "model mesh visual collision object instance copy clone new old static",
+        "left right front back top bottom open closed",
+        "short long tall low high small medium med large big mini round square single double",
+        "wood wooden metal plastic leather steel dark",
+        "black white grey gray red green blue brown yellow",
+    )
+    for word in words.split()
+)
+"""Words after the head of a name that describe it."""
+
+OTHERS = frozenset({("elevator", "car"), ("lift", "car"), ("cable", "car")})
+"""Phrases for which the T-Box's objects have no type, although they have one for the last word."""
+
+SIZES: dict[str, tuple[float, float, float]] = {
+    "floor": (1.0, 0.0, 0.5),
+    "ground": (1.0, 0.0, 0.5),
+    "ceiling": (1.0, 0.0, 0.5),
+    "carpet": (0.3, 0.0, 0.15),
+    "stair_flight": (0.4, 0.3, 10.0),
+    "car": (1.0, 0.9, 2.6),
+    "bus": (1.5, 2.0, 4.5),
+    "truck": (1.2, 1.2, 4.5),
+}
+"""Least width, least and largest height of what robots drive on, and of vehicles, metres.
+
+A wrong guess of the former would take an obstacle off the costmap: a floor is flat, wide and low.
+"""
+
+
 def words(name: str) -> list[str]:
-    """Return the words of a model's name, in lower case, without numbers and single letters.
+    """Return the words of a name, in lower case, without numbers, ordinals and single letters.
 
     >>> words("aws_robomaker_residential_KitchenTable_01")
     ['aws', 'robomaker', 'residential', 'kitchen', 'table']
     """
+    name = re.sub(r"\d(st|nd|rd|th)(?![a-z])", "", name)
     found = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
     return [word.lower() for word in found if len(word) > 1]
 
 
-def guess_type(name: str) -> str | None:
-    """Return the semantic type of a model's name: of its longest known phrase, the last such.
+SURE = 0.8
+"""The confidence from which a guess is not called uncertain."""
+
+
+@dataclass(frozen=True)
+class TypeGuess:
+    """A semantic type that a name suggests.
+
+    `confidence` is 0.9 if the name is nothing but a phrase for the type, 0.8 if it ends in a phrase
+    of several words, 0.6 if only its last word is known. These are ranks, not measured shares.
+    """
+
+    type: str
+    confidence: float
+
+
+def guess_type(name: str) -> TypeGuess | None:
+    """Return the semantic type of a model's name: of the longest known phrase at its end.
 
     Known are the labels and synonyms of the T-Box's objects, and `TYPE_WORDS`. English puts the
-    head of a compound last, so that a `DeskPortrait` is a picture.
+    head of a compound last: a `DeskPortrait` is a picture, and a `floor_2_pump` is not a floor.
+    Words that only describe (`TRAILING`) may follow.
 
-    >>> guess_type("ChairA_01_001"), guess_type("DeskPortraitA_01"), guess_type("Holder_01")
-    ('chair', 'picture', None)
+    >>> guess_type("DeskPortraitA_01"), guess_type("floor_2_pump"), guess_type("chair_left").type
+    (TypeGuess(type='picture', confidence=0.6), None, 'chair')
     """
     phrases = _phrases()
     tokens = words(name)
-    for length in range(max(map(len, phrases)), 0, -1):
-        for start in range(len(tokens) - length, -1, -1):
-            type_ = phrases.get(tuple(tokens[start : start + length]))
-            if type_ is not None:
-                return type_
+    for last in range(len(tokens), 0, -1):
+        for start in range(last):
+            phrase = tuple(tokens[start:last])
+            if phrase in OTHERS:
+                return None
+            if phrase in phrases:
+                alone = start == 0 and last == len(tokens)
+                return TypeGuess(phrases[phrase], 0.9 if alone else 0.8 if len(phrase) > 1 else 0.6)
+        if tokens[last - 1] not in TRAILING:
+            return None
     return None
+
+
+def give_type(entry: Entry, names: Iterable[str]) -> None:
+    """Give an entry the type that the first of some names suggests and its size allows.
+
+    The guess is kept as the property `GUESS`, so that it can be listed and corrected.
+    """
+    guesses = [guess for guess in map(guess_type, names) if guess is not None]
+    type_ = next((guess.type for guess in guesses if _fits(entry, guess.type)), None)
+    if type_ is not None:
+        sure = max(guess.confidence for guess in guesses if guess.type == type_)
+        entry.type = type_
+        entry.properties[GUESS] = {"type": type_, "confidence": sure}
+
+
+def _fits(entry: Entry, type_: str) -> bool:
+    """Return whether the size of an entry's meshes is one that a type can have."""
+    meshes = [shape.mesh for shape in entry.shapes if shape.mesh is not None]
+    if type_ not in SIZES or not meshes:
+        return True
+    corners = np.array([c for mesh in meshes for c in product(*mesh.bounds.T)])
+    x, y, height = np.ptp((entry.pose or IDENTITY).apply(corners), axis=0)
+    least, lowest, highest = SIZES[type_]
+    return bool(min(x, y) >= least and lowest <= height <= highest)
 
 
 @cache

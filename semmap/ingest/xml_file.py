@@ -1,19 +1,37 @@
-"""Untrusted XML files: no entities, no DTD, and errors that name the line and the fix."""
+"""Untrusted XML files: no entities, no DTD, and errors that name the line and the fix.
+
+Gazebo and ROS read XML with TinyXML2, which accepts more than the standard allows. A file that is
+not well-formed only in these ways is read as they read it (see `_as_tinyxml_reads`).
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from functools import partial
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
-from defusedxml.ElementTree import parse
+from defusedxml.ElementTree import fromstring
 
 from semmap.ingest.world import WorldError
 from semmap.limits import TEXT_BYTES
 
 __all__ = ["read_xml"]
+
+TOKEN = re.compile(
+    rb"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)|<\?.*?(?:\?>|\Z)|<[^<>]*>?|[^<]+", re.DOTALL
+)
+"""A comment, a CDATA section, an instruction, a tag, or text; found in linear time."""
+
+BARE = re.compile(rb"&(?!#?\w{1,31};)")
+"""An ampersand that begins no entity."""
+
+PREFIX = re.compile(rb"[</\s]([A-Za-z_][\w.-]*):[A-Za-z_]")
+"""The namespace prefix of an element or an attribute in a tag."""
+
+QUOTED = re.compile(rb"\"[^\"]*\"|'[^']*'")
 
 
 def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
@@ -32,7 +50,7 @@ def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
     """
     try:
         TEXT_BYTES.check(path.stat().st_size, partial(WorldError, path, "file"), "Split the file.")
-        root: Element | None = parse(path, forbid_dtd=True).getroot()
+        root = _parse(path.read_bytes())
     except OSError as error:
         raise WorldError(
             path, "file", f"cannot be read ({error.strerror})", "Check path and permissions."
@@ -56,12 +74,48 @@ def read_xml(path: Path, roots: Collection[str] | None = None) -> Element:
         raise WorldError(
             path, "line 1", f"is not readable XML ({error})", "Save it as UTF-8 XML."
         ) from error
-    if root is None or (roots is not None and root.tag not in roots):
-        found = "nothing" if root is None else f"<{root.tag}>"
+    if roots is not None and root.tag not in roots:
         raise WorldError(
             path,
-            found,
+            f"<{root.tag}>",
             f"is not the expected root, <{'> or <'.join(roots or ())}>",
             "Give a file of this format.",
         )
     return root
+
+
+def _parse(data: bytes) -> Element:
+    """Return the root of an XML text; of a text that is not well-formed, as TinyXML2 reads it."""
+    try:
+        root: Element = fromstring(data, forbid_dtd=True)
+    except ParseError:
+        root = fromstring(_as_tinyxml_reads(data), forbid_dtd=True)
+    return root
+
+
+def _as_tinyxml_reads(data: bytes) -> bytes:
+    """Return a text with what TinyXML2 accepts written as the standard wants it.
+
+    Comments may contain ``--`` and stand before ``<?xml``, a namespace prefix needs no declaration,
+    and an ampersand may stand alone. Lines keep their numbers.
+    """
+    prefixes: set[bytes] = set()
+
+    def rewritten(token: re.Match[bytes]) -> bytes:
+        found = token[0]
+        if found.startswith(b"<!--"):
+            return b"\n" * found.count(b"\n")
+        if found.startswith((b"<!", b"<?")):
+            return found
+        if found.startswith(b"<"):
+            prefixes.update(PREFIX.findall(QUOTED.sub(b"", found)))
+        return BARE.sub(b"&amp;", found)
+
+    text = TOKEN.sub(rewritten, data.removeprefix(b"\xef\xbb\xbf"))
+    before, declaration, after = text.partition(b"<?xml")
+    if declaration and not before.strip():
+        rest, end, after = after.partition(b"?>")
+        text = declaration + rest + end + before + after  # the lines of `before` still count
+    undeclared = sorted(p for p in prefixes - {b"xml", b"xmlns"} if b"xmlns:" + p not in text)
+    declared = b"".join(b' xmlns:%b="%b"' % (p, p) for p in undeclared)
+    return re.sub(rb"<[A-Za-z_][\w.:-]*", lambda tag: tag[0] + declared, text, count=1)

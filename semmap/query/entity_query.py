@@ -21,6 +21,7 @@ __all__ = [
     "describe",
     "entity_id",
     "find",
+    "list_guessed_types",
     "list_incomplete",
     "list_maps",
     "list_types",
@@ -82,6 +83,13 @@ def list_types(session: Session) -> list[Row]:
 def list_incomplete(session: Session) -> list[Row]:
     """The entities that lack geometry, type, placement or topology (Deeken et al., section 3.3)."""
     return _rows(session, "SELECT name, kind, missing FROM incomplete ORDER BY name")
+
+
+def list_guessed_types(session: Session) -> list[Row]:
+    """The entities whose type an import guessed from a name, the least certain first."""
+    return _rows(
+        session, "SELECT name, type, confidence, model FROM guessed_type ORDER BY confidence, name"
+    )
 
 
 def contradictions(session: Session) -> list[Row]:

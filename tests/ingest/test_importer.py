@@ -14,6 +14,7 @@ from sqlalchemy import Engine, text
 
 from semmap.ingest.importer import import_file
 from semmap.ingest.world import WorldError
+from tests.command_line import semmap
 from tests.ingest.worlds_by_hand import box_world, room_features
 
 COUNTS = (
@@ -196,3 +197,90 @@ def test_random_damage_leaves_the_map_as_it_was_or_says_what_it_left_out(
         summary = import_file(engine, path, map_name="damaged")
         assert [s.element for s in summary.skipped if name in s.element]
         assert set(poses(engine, "damaged")) == {"a", "b", "c"} - {name}
+
+
+EMPTY = {
+    "w.sdf": ("<sdf version='1.9'><world name='w'><light name='sun'/></world></sdf>", "nothing"),
+    "p.sdf": (
+        "<sdf version='1.9'><world name='w'><population name='crowd'/></world></sdf>",
+        "population crowd: its geometry exists only when the simulator runs, so nothing of",
+    ),
+    "f.geojson": ('{"type": "FeatureCollection", "features": []}', "nothing"),
+}
+
+
+@pytest.mark.parametrize("name", EMPTY)
+def test_an_import_that_brings_nothing_is_an_error_and_leaves_no_map(
+    engine: Engine, tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / name
+    content, says = EMPTY[name]
+    path.write_text(content)
+    before = counts(engine)
+    with pytest.raises(WorldError, match=says):
+        import_file(engine, path)
+    assert counts(engine) == before
+
+
+PUMP = (
+    "<sdf version='1.9'><model name='{}'><link name='l'><visual name='v'><geometry><box>"
+    "<size>0.4 0.5 0.6</size></box></geometry></visual></link></model></sdf>"
+)
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Path:
+    """A world whose models lie in another folder, as strangers keep theirs; one mesh is missing."""
+    for model in ("floor_2_pump", "floor_1"):
+        (tmp_path / "library" / model).mkdir(parents=True)
+        (tmp_path / "library" / model / "model.sdf").write_text(PUMP.format(model))
+    broken = PUMP.format("Bed_01").replace(
+        "<box><size>0.4 0.5 0.6</size></box>", "<mesh><uri>no.dae</uri></mesh>"
+    )
+    (tmp_path / "library" / "Bed_01").mkdir()
+    (tmp_path / "library" / "Bed_01" / "model.sdf").write_text(broken)
+    path = tmp_path / "ward" / "ward.world"
+    path.parent.mkdir()
+    includes = "".join(
+        f"<include><uri>model://{model}</uri><pose>{x} 2 0 0 0 0</pose></include>"
+        for x, model in enumerate(("floor_2_pump", "floor_1", "Bed_01"), 1)
+    )
+    path.write_text(f"<sdf version='1.9'><world name='ward'>{includes}</world></sdf>")
+    return path
+
+
+def test_model_path_and_the_list_of_guesses(database: str, ward: Path, tmp_path: Path) -> None:
+    words = ("import", ward, "--json")
+    (without,) = json.loads(semmap(database, *words).stdout)
+    assert len(without["skipped"]) == 3
+    assert "--model-path" in without["skipped"][0]["fix"]
+    (done,) = json.loads(semmap(database, *words, "--model-path", tmp_path / "library").stdout)
+    assert [s["element"] for s in done["skipped"]] == [
+        "Bed_01/model.sdf: model Bed_01: link l: visual v"
+    ]
+    guess = {"name": "Bed_01", "type": "bed", "confidence": 0.9}
+    assert done["guessed"] == [guess]
+    listed = json.loads(semmap(database, "ls", "--guessed", "--json").stdout)
+    assert listed == [guess | {"model": "Bed_01"}]
+    found = {row["name"]: row for row in json.loads(semmap(database, "ls", "--json").stdout)}
+    assert found["floor_1"]["type"] is None  # 0.6 m high: not flat
+    assert found["floor_2_pump"]["type"] is None
+    assert [found["Bed_01"][axis] for axis in "xyz"] == [3, 2, 0]  # its mesh is missing
+    correct = "UPDATE gis_object SET type = 'sofa' WHERE name = 'Bed_01'"
+    assert semmap(database, "sql", "--write", correct).exit_code == 0
+    assert json.loads(semmap(database, "ls", "--guessed", "--json").stdout) == []
+
+
+def test_scale_is_metres_per_unit_of_a_mesh_file(database: str, tmp_path: Path) -> None:
+    part = tmp_path / "part.obj"
+    part.write_text(
+        "v 0 0 0\nv 1000 0 0\nv 0 2000 0\nv 0 0 3000\nf 1 3 2\nf 1 4 3\nf 1 2 4\nf 2 3 4\n"
+    )
+    notes = json.loads(semmap(database, "import", part, "--json").stdout)[0]["notes"]
+    assert any("--scale 0.001" in note for note in notes)
+    semmap(database, "import", part, "--scale", "0.001", "--map", "scaled")
+    high = "SELECT ST_ZMax(box) AS high FROM world WHERE entity_id = entity_id('part')"
+    rows = json.loads(semmap(database, "sql", high, "--map", "scaled", "--json").stdout)
+    assert rows == [{"high": pytest.approx(3)}]
+    with pytest.raises(WorldError, match="scale"):
+        semmap(database, "import", box_world(tmp_path, {"a": (0, 0, 0)}), "--scale", "2")

@@ -1,5 +1,7 @@
 import pytest
 
+from planner.route_search import find_route
+from planner.routing_graph import RoutingGraph
 from planner.topology import (
     OUTSIDE,
     Place,
@@ -41,13 +43,24 @@ def test_an_unknown_place_is_answered_with_the_closest_ones():
         (["a", "a"], [], "two places are named a"),
         (["a", "b"], [("d", "a", "b"), ("d", "b", "a")], "two connectors are named d"),
         (["a"], [("d", "a", "b")], "connector d joins b, which is not a place"),
-        (["a"], [("d", "a", "a")], "connector d joins a with itself"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(places, joined, message):
     connectors = [PlaceConnector(n, (a, b), (Pose(), Pose())) for n, a, b in joined]
     with pytest.raises(TopologyError, match=message):
         Topology.of([Place(p) for p in places], connectors)
+
+
+def test_a_door_inside_one_room_is_a_connector():
+    """A wall that stands free in a room: the door is driven through, or driven around."""
+    door = PlaceConnector("d", ("a", "a"), (Pose(0.0, -1.0), Pose(0.0, 1.0)), state="closed")
+    topology = Topology.of([Place("a")], [door])
+    assert [side for _, side in topology.connectors_of("a")] == [0, 1]
+    graph = RoutingGraph(topology)
+    assert sorted(zip(graph.tails, graph.heads, strict=True)) == [(0, 1), (0, 1), (1, 0), (1, 0)]
+    before, behind = (graph.endpoint("a", Pose(0.0, y)) for y in (-2.0, 2.0))
+    route = find_route(graph, before, behind)
+    assert route.metres == 4.0
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ drawn, in pixels.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
@@ -18,14 +19,17 @@ import networkx as nx
 import pytest
 import shapely
 import yaml
-from shapely import LineString
+from shapely import LineString, Point
 from sqlalchemy import Engine, text
 
 from planner.exchange.nav2_route import nav2_graph
 from planner.exchange.reader import read_building_outline
-from planner.readers.entity_lookup import find_entities
+from planner.exchange.rmf_nav import rmf_nav_graph
+from planner.readers.drawn_graph import read_drawn_graph
+from planner.readers.entity_lookup import MapLookup, find_entities
 from planner.readers.topology import read_topology
 from planner.route import NoRouteError
+from planner.route_planner import RoutePlanner
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
@@ -40,8 +44,20 @@ NAMED = {"hotel": 17, "clinic": 30}
 CONNECTED = {"hotel": 140, "clinic": 758}
 """Ordered pairs of them that the lanes of one fleet and the lifts connect."""
 
-CROSSED = {"hotel": 6, "clinic": 9}
+CROSSED = {"hotel": 6, "clinic": 13}
 """Doors that lanes lead through."""
+
+NEAR_WALLS = {"hotel": 2, "clinic": 120}
+"""Edges that may be nearer to a wall than 0.3 m, as one of their nodes is."""
+
+WAYPOINTS = {
+    "hotel": ("tinybot_charger", "deliverybot_charger"),
+    "clinic": ("L1_left_nurse_center", "L1_right_nurse_center"),
+}
+"""Two in one room."""
+
+NO_NODE = {"hotel": "L1-room3", "clinic": "L1-room1"}
+"""A room without a waypoint."""
 
 GRAZED = 0.025
 """Metres by which a way may graze a wall: outlines are followed to 2 cm."""
@@ -111,6 +127,7 @@ class Building:
 
     def __init__(self, name: str, lanes: Lanes, engine: Engine) -> None:
         self.name, self.lanes = name, lanes
+        self.lookup = MapLookup(engine.connect)
         with engine.connect() as connection:
             self.topology: Topology = read_topology(connection)
             rows = connection.execute(
@@ -194,9 +211,7 @@ def test_a_lane_through_a_door_leads_to_the_doors_other_place(building: Building
         connector = building.topology.connectors.get(door) or building.topology.connectors.get(
             f"{door}-door"
         )
-        if connector is None:  # its sides are one room
-            assert building.places[start] == building.places[end]
-            continue
+        assert connector is not None
         assert set(connector.places) == {building.places[start], building.places[end]}, door
         crossed.add(door)
     assert len(crossed) == CROSSED[building.name]
@@ -221,6 +236,96 @@ def test_the_route_graph_leads_through_no_wall(building: Building) -> None:
     stands: dict[str, str] = {node["place"]: node["name"] for node in at.values()}
     for a, b in building.pairs(building.lanes.connected()):
         assert nx.has_path(driven, stands[a], stands[b])
+
+
+def test_edges_keep_the_radius_from_walls(building: Building) -> None:
+    """Only the last piece to a node that is nearer to a wall itself comes nearer."""
+    radius = 0.3
+    graph = nav2_graph(RoutingGraph(building.topology), building=building.building)["features"]
+    at = {f["properties"]["id"]: f for f in graph if f["geometry"]["type"] == "Point"}
+    near = lines = 0
+    for feature in (f for f in graph if "startid" in f["properties"]):
+        if feature["properties"]["metadata"]["kind"] != "walk":
+            continue
+        start, end = (at[feature["properties"][key]] for key in ("startid", "endid"))
+        walls = building.walls[start["properties"]["metadata"]["storey"]]
+        ends = [Point(node["geometry"]["coordinates"][:2]) for node in (start, end)]
+        kept = min(radius, *(walls.distance(point) for point in ends))
+        away = walls.distance(LineString(ends))
+        assert away >= kept - 0.01, (start["properties"], end["properties"])
+        near += away < radius - 0.01
+        lines += 1
+    assert near <= NEAR_WALLS[building.name]
+    assert lines > 400
+
+
+def test_waypoints_are_places_to_go(building: Building) -> None:
+    """Two waypoints of one room are as far apart as they are drawn, and not 0 m."""
+    planner = RoutePlanner(RoutingGraph(building.topology), lookup=building.lookup)
+    here = [r for r in building.topology.regions if r.outline.area == 0]
+    assert len(here) >= NAMED[building.name]
+    a, b = (next(r for r in here if r.name == name) for name in WAYPOINTS[building.name])
+    assert a.places == b.places
+    route = planner.route(a.name, b.name)
+    assert route.metres == pytest.approx(a.outline.distance(b.outline), abs=1e-3)
+    assert route.metres > 5
+
+
+def test_the_rmf_export_has_the_waypoints_and_lanes_of_the_file(building: Building) -> None:
+    """Names, chargers, parking spots and directions as `building.yaml` has them."""
+    graph = RoutingGraph(building.topology)
+    made = rmf_nav_graph(graph, building=building.building)["levels"]
+    chargers = lanes = 0
+    for level, plan in building.lanes.building["levels"].items():
+        vertices = {about["name"]: (x, y, about) for x, y, about in made[level]["vertices"]}
+        number: dict[int, str] = {}
+        given = [vertex[3] for vertex in plan["vertices"]]
+        for i, (_, _, _, name, *params) in enumerate(plan["vertices"]):
+            own = {k: v[1] for k, v in (params[0] if params else {}).items()}
+            known = next((n for n in (name, f"{name}_2") if n in vertices), None)
+            if name and "lift_cabin" not in own:
+                assert known is not None, name
+                about = vertices[known][2]
+                assert about.items() >= {k: v for k, v in own.items() if v != ""}.items()
+                chargers += "is_charger" in about
+            number[i] = known if name and known else f"{level}-waypoint{i}"
+        names = [about["name"] for _, _, about in made[level]["vertices"]]
+        driven = {(names[a], names[b]): about for a, b, about in made[level]["lanes"]}
+        for start, end, params in plan["lanes"]:
+            pair = number[start], number[end]
+            if any(n not in vertices or given.count(n) > 1 for n in pair):
+                continue  # in a cabin, or two vertices have this name
+            assert pair in driven
+            heading = params.get("orientation", [1, ""])[1]
+            assert driven[pair].get("orientation_constraint", "") == heading
+            if params["bidirectional"][1]:
+                assert pair[::-1] in driven
+            lanes += 1
+    assert chargers >= 3
+    assert lanes >= 0.8 * sum(
+        len(plan["lanes"]) for plan in building.lanes.building["levels"].values()
+    )
+
+
+def test_routes_on_the_drawn_graph_are_those_of_its_lanes(building: Building) -> None:
+    """Between waypoints that the lanes join, as far as networkx drives along the lanes."""
+    with building.lookup._snapshot() as connection:
+        drawn = read_drawn_graph(connection, building.topology)
+    planner = RoutePlanner(RoutingGraph(building.topology), lookup=building.lookup)
+    lanes = nx.DiGraph()
+    for edge in drawn.edges:
+        ends = [drawn.nodes[n].point for n in (edge.start, edge.end) if n in drawn.nodes]
+        if len(ends) == 2:
+            lanes.add_edge(edge.start, edge.end, metres=math.dist(*ends))
+    away = dict(nx.all_pairs_dijkstra_path_length(lanes, weight="metres"))
+    named = [r.name for r in building.topology.regions if r.label and r.name in drawn.nodes]
+    pairs = [(a, b) for a, b in itertools.permutations(named, 2) if b in away.get(a, {})]
+    assert len(pairs) > 40
+    for a, b in pairs[::37]:
+        route = planner.route_on(drawn, a, b)
+        assert route.metres == pytest.approx(away[a][b], abs=0.01), (a, b)
+    with pytest.raises(NoRouteError, match="no node in"):
+        planner.route_on(drawn, named[0], NO_NODE[building.name])
 
 
 def joined(topology: Topology) -> nx.MultiGraph:

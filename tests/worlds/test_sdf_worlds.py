@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -76,6 +77,27 @@ def test_small_house_furniture_is_of_the_size_of_furniture(small_house: World) -
 def test_small_house_instances_share_their_meshes(small_house: World) -> None:
     meshes = {id(s.mesh) for e in small_house.entries for s in e.shapes}
     assert len(meshes) == 63
+
+
+def test_small_house_as_other_tools_write_it(small_house: World, tmp_path: Path) -> None:
+    """Poses in the includes, which nests all models, and XML that only Gazebo reads."""
+    text = small_house.source.read_text()
+    nested, count = re.subn(
+        r"</include>\s*<pose[^>]*>([^<]*)</pose>", r"<pose>\1</pose></include>", text
+    )
+    assert count == 88  # one is in a comment
+    lax = nested.replace("<world", "<!-- a -- b --><gz:made_by/><world", 1)
+    path = tmp_path / "house.world"
+    path.write_text(f"<!-- nested -->\n{lax}")
+    models = small_house.source.parents[1] / "models"
+    house = read_sdf(path, model_path=[models])
+    assert house.skipped == []
+    for entry, other in zip(small_house.entries, house.entries, strict=True):
+        assert (other.name, other.type) == (entry.name, entry.type)
+        assert other.pose is not None
+        assert entry.pose is not None
+        np.testing.assert_allclose(other.pose, entry.pose, atol=1e-9)
+    assert len({id(s.mesh) for e in house.entries for s in e.shapes}) == 63
 
 
 def test_small_house_types(small_house: World) -> None:

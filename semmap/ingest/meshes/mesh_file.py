@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.ingest.meshes.mesh_size import check_size
-from semmap.ingest.naming import guess_type
+from semmap.ingest.naming import give_type
 from semmap.ingest.world import Entry, PlaceDetail, Shape, World, WorldError
 from semmap.limits import EXTENT, PARTS, TRIANGLES
 
@@ -136,9 +136,11 @@ def read_mesh_world(
     entry = Entry(
         name,
         kind=as_,
-        type=type_ or guess_type(name) or ("room" if as_ == "room" else None),
+        type=type_ or ("room" if as_ == "room" else None),
         shapes=[Shape("mesh", mesh, uri=path.name)],
     )
+    if type_ is None and as_ == "object":
+        give_type(entry, (name,))
     world = World(name, path, [entry])
     low, high = mesh.bounds
     if as_ == "room":
@@ -150,8 +152,8 @@ def read_mesh_world(
             )
     if (high - low).max() > 200:
         world.notes.append(
-            f"{name} is {(high - low).max():.0f} m long: if the file is in millimetres, read it "
-            "with scale 0.001"
+            f"{name} is {(high - low).max():.0f} m long: if the file is in millimetres, import "
+            "it with --scale 0.001"
         )
     return world
 

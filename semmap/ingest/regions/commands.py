@@ -59,6 +59,8 @@ def find(
     surfaces: where other objects can stand; floor: the walkable floor of a room as it is now;
     observation: the ring around an object from which to observe it.
     """
+    from sqlalchemy.exc import DBAPIError
+
     from semmap.ingest.regions import extraction
 
     if not names and type_ is None:
@@ -79,8 +81,9 @@ def find(
             try:
                 with connection.begin_nested():
                     made = seek[sort](connection, entity)
-            except ValueError as error:  # some of many may have none
-                cli.err.print(f"left out: {error}", style="yellow")
+            except (ValueError, DBAPIError) as error:  # some of many may have none
+                reason = error.orig if isinstance(error, DBAPIError) else error
+                cli.err.print(f"left out: {reason}", style="yellow")
                 continue
             found += made if isinstance(made, list) else [made]
         answer = listed(connection, found)

@@ -49,6 +49,9 @@ __all__ = [
 THIN = 0.01
 """Height of a surface's region above it, metres: objects on the surface touch the region."""
 
+LEAST_AREA = 1e-4
+"""Square metres below which the database takes an outline for none; a sliver is not a surface."""
+
 ROOM_HEIGHT = 2.5
 """Height of a room whose ceiling is unknown, metres."""
 
@@ -196,7 +199,8 @@ def find_support_surfaces(connection: Connection, entity: int) -> list[int]:
     found = []
     for model, height, outline, faces in _surfaces(connection, owner, frame):
         pose, flat = at_its_middle(outline, height)
-        found.append((frame @ pose, flat, model, faces))
+        if flat.area >= LEAST_AREA:
+            found.append((frame @ pose, flat, model, faces))
     kept = [
         keep(
             connection,

@@ -12,6 +12,7 @@ from psycopg.types.json import Jsonb
 from shapely import MultiPolygon, Polygon
 from sqlalchemy import Connection
 
+from semmap.geometry.morphology import polygons
 from semmap.geometry.pose import Pose
 from semmap.ingest.ontology.type_store import load_tbox
 
@@ -54,10 +55,16 @@ class Wanted:
 
 
 def at_its_middle(outline: Outline, height: float) -> tuple[Pose, Outline]:
-    """Return a frame at a point of the outline, parallel to the given one; the outline in it."""
+    """Return a frame at a point of the outline, parallel to the given one; the outline in it.
+
+    A neck as thin as the last digit may cross itself there; it is cut, with what it joins kept.
+    """
     middle = outline.representative_point()
     x, y = round(middle.x, 6), round(middle.y, 6)
-    return Pose(x, y, height), shapely.transform(outline, lambda points: points - (x, y))
+    moved = shapely.transform(outline, lambda points: points - (x, y))
+    if not moved.is_valid:
+        moved = shapely.MultiPolygon([p for p in polygons(shapely.make_valid(moved)) if p.area])
+    return Pose(x, y, height), moved
 
 
 def level_region(

@@ -15,7 +15,7 @@ from semmap.geometry.mesh import prism_mesh
 from semmap.geometry.outline import placed_outline
 from semmap.geometry.pose import Pose
 from semmap.ingest.floor_plan import FloorPlan, enclose, rooms_beside
-from semmap.ingest.naming import guess_type, words
+from semmap.ingest.naming import give_type, words
 from semmap.ingest.openings import approach_pose, door_leaf
 from semmap.ingest.rmf.building_file import Edge, LevelPlan, RmfModel
 from semmap.ingest.rmf.building_world import BuildingWorld
@@ -197,23 +197,6 @@ class StoreyEntries:
             self.world.skip(
                 door.element, "touches no room", "Join it to walls that enclose a room."
             )
-        elif left is right:
-            assert left is not None
-            self.world.out.notes.append(
-                f"{door.name}: both sides are {left.name}, so it joins nothing; kept as object"
-            )
-            frame = _frame(door.line, left, right)
-            self.world.add(
-                Entry(
-                    door.name,
-                    "object",
-                    "door",
-                    properties=door.properties,
-                    holder=self.holder,
-                    pose=frame,
-                    shapes=[door_leaf(door.line.length)],
-                )
-            )
         else:
             self._connector(door, left, right, "door", "pass_door")
 
@@ -326,17 +309,17 @@ class StoreyEntries:
         own = model.model.rpartition("/")[2]
         yaw = model.yaw + self.drawing.to_map.yaw
         holder, pose = self._held(Pose.planar(float(x), float(y), yaw, model.z))
-        self.world.add(
-            Entry(
-                model.name.rpartition("/")[2],
-                "object",
-                guess_type(own) or "_".join(words(own)) or None,
-                label=own,
-                properties={"model": model.model, "static": model.static},
-                holder=holder,
-                pose=pose,
-            )
+        entry = Entry(
+            model.name.rpartition("/")[2],
+            "object",
+            "_".join(words(own)) or None,
+            label=own,
+            properties={"model": model.model, "static": model.static},
+            holder=holder,
+            pose=pose,
         )
+        give_type(entry, (own,))
+        self.world.add(entry)
 
 
 def _describe_lane(link: WorldLink, lane: Edge) -> None:

@@ -16,9 +16,9 @@ from semmap.ingest.naming import unique_name
 from semmap.ingest.sdf.frames import Frames
 from semmap.ingest.sdf.geometries import Geometries
 from semmap.ingest.sdf.resources import Resources, model_name
+from semmap.ingest.sdf.root import read_root
 from semmap.ingest.sdf.values import Unusable, flag, leaving_out, local_pose
 from semmap.ingest.world import Shape, Skipped, World, WorldError
-from semmap.ingest.xml_file import read_xml
 from semmap.limits import EXTENT, NESTING, PARTS, TRIANGLES
 
 __all__ = ["Instance", "Models", "Role", "SdfFile", "SdfModel"]
@@ -26,6 +26,9 @@ __all__ = ["Instance", "Models", "Role", "SdfFile", "SdfModel"]
 Role = Literal["visual", "collision"]
 
 MODEL_FRAME = "__model__"
+
+LIGHTS = ("sun",)
+"""Gazebo's own models that are only a light: not an object, whether or not their file is there."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ class SdfModel:
     """The content of a `<model>`, shared by its instances.
 
     `source` is the name of the model file that it was made from, its own name for an inline model.
+    A model that has nothing but one other model is a wrapper: `wrapped` is that model and its pose.
     """
 
     name: str
@@ -80,6 +84,15 @@ class SdfModel:
     relative_to: str = ""
     static: bool = False
     parts: list[_Part] = field(default_factory=list)
+    wrapped: tuple[SdfModel, Pose] | None = None
+
+    def unwrapped(self) -> tuple[SdfModel, Pose]:
+        """Return the innermost model of nested wrappers, and its pose in this model's frame."""
+        model, pose = self, IDENTITY
+        while model.wrapped is not None:
+            model, inner = model.wrapped
+            pose = pose @ inner
+        return model, pose
 
 
 @dataclass(frozen=True)
@@ -105,7 +118,7 @@ class Models:
     def __init__(self, world: World, resources: Resources) -> None:
         self._world, self._resources = world, resources
         self._geometries = Geometries(resources)
-        self._files: dict[Path, SdfModel] = {}
+        self._files: dict[Path, SdfModel | Unusable | None] = {}
         self._baked: dict[tuple[tuple[int, Pose], ...], Mesh | None] = {}
 
     # Reading
@@ -118,7 +131,9 @@ class Models:
                 continue
             with leaving_out(self._world.skipped):
                 read = self._inline if element.tag == "model" else self._include
-                instance = read(element, source)
+                instance: Instance | None = read(element, source)
+                if instance is None:
+                    continue
                 name = unique_name(instance.name, frames)
                 if name != instance.name:
                     self._world.notes.append(f"{source}another {instance.name} is called {name}")
@@ -134,16 +149,20 @@ class Models:
         model = self._read(element, source)
         return Instance(model.name, model, model.pose, model.relative_to, model.static)
 
-    def _include(self, element: Element, source: SdfFile) -> Instance:
+    def _include(self, element: Element, source: SdfFile) -> Instance | None:
+        """Return the model that an include places; None for a light."""
         uri = (element.findtext("uri") or "").strip()
         given = (element.findtext("name") or "").strip()
         name = model_name(uri)
         where = f"{source}include {given or name}".rstrip()
         if not name:
             raise Unusable(where, "it has no <uri>", "Name the model that it includes.")
+        model: SdfModel | None
         model = SdfModel(name, name, Frames(source.path, f"model {name}", MODEL_FRAME))
         with leaving_out(self._world.skipped):  # without the model, its name and pose are known
             model = self._file(uri, source, where)
+        if model is None:
+            return None
         static = flag(element.findtext("static"))
         pose, relative_to = model.pose, ""
         if element.find("pose") is not None:
@@ -158,8 +177,14 @@ class Models:
             model.static if static is None else static,
         )
 
-    def _file(self, uri: str, source: SdfFile, where: str) -> SdfModel:
-        path = self._resources.model_file(uri, source.path, where)
+    def _file(self, uri: str, source: SdfFile, where: str) -> SdfModel | None:
+        """Return the model of a file, read once; None for a light."""
+        try:
+            path = self._resources.model_file(uri, source.path, where)
+        except Unusable:
+            if model_name(uri) in LIGHTS:
+                return None
+            raise
         key = path.resolve()
         if key in (*source.chain, source.path.resolve()):
             raise WorldError(
@@ -169,14 +194,26 @@ class Models:
                 "Remove one of the includes in the circle.",
             )
         if key not in self._files:
-            root = read_xml(path, ("sdf",))
-            element = root.find("model")
-            if element is None:
-                held = ", ".join(f"<{e.tag}>" for e in root) or "nothing"
-                raise Unusable(where, f"{uri} holds {held}", "Include a file that holds a <model>.")
-            model = self._read(element, source.included(path))
-            self._files[key] = replace(model, source=model_name(uri))
-        return self._files[key]
+            try:
+                self._files[key] = self._included(path, uri, source, where)
+            except WorldError as error:  # one broken model does not cost the world
+                problem = f"{uri} cannot be used: {error.element} {error.problem}"
+                self._files[key] = Unusable(where, problem, error.fix)
+        found = self._files[key]
+        if isinstance(found, Unusable):
+            raise found
+        return found
+
+    def _included(self, path: Path, uri: str, source: SdfFile, where: str) -> SdfModel | None:
+        root = read_root(path)
+        element = root.find("model")
+        if element is None:
+            if root.find("light") is not None:
+                return None
+            held = ", ".join(f"<{e.tag}>" for e in root) or "nothing"
+            raise Unusable(where, f"{uri} holds {held}", "Include a file that holds a <model>.")
+        model = self._read(element, source.included(path))
+        return replace(model, source=model_name(uri))
 
     def _read(self, element: Element, source: SdfFile) -> SdfModel:
         name = element.get("name", "").strip() or "model"
@@ -189,21 +226,26 @@ class Models:
         links = self.add_frames(element, frames, where)
         frames.check()
         parts = self._parts(links, frames, source.path, where)
+        wrapped: tuple[SdfModel, Pose] | None = None
         count = len(parts) + sum(len(n.model.parts) for n in nested)
         PARTS.check(count, refused, "Split it, or nest fewer models.")
         for instance in nested:
             with leaving_out(self._world.skipped):
                 stands = frames.pose(instance.name, f"{where}: model {instance.name}")
                 parts += [replace(p, pose=stands @ p.pose) for p in instance.model.parts]
+                if len(nested) == 1 and not links:
+                    wrapped = (instance.model, stands)
+        static = flag(element.findtext("static"))
         pose, relative_to = local_pose(element, where)
         return SdfModel(
             name,
-            source=nested[0].model.source if len(nested) == 1 and not links else name,
+            source=name if wrapped is None else wrapped[0].source,
             frames=frames,
             pose=_placed(pose, frames, element.get("placement_frame")),
             relative_to=relative_to,
-            static=flag(element.findtext("static")) is True,
+            static=nested[0].static if wrapped and static is None else static is True,
             parts=parts,
+            wrapped=wrapped,
         )
 
     def add_frames(self, scope: Element, frames: Frames, where: str) -> list[tuple[str, Element]]:

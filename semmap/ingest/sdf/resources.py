@@ -73,7 +73,7 @@ class Resources:
             where,
             f"{uri} is not found",
             _other_case(candidates)
-            or "Restore it, or name the folder that holds it as model path.",
+            or "Restore it, or give the folder that holds it with --model-path.",
         )
 
     def model_file(self, uri: str, named_in: Path, where: str) -> Path:

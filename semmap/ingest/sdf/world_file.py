@@ -17,13 +17,13 @@ import numpy as np
 
 from semmap.geometry.pose import Pose
 from semmap.ingest.georeference import utm_crs
-from semmap.ingest.naming import guess_type, unique_name
+from semmap.ingest.naming import give_type, unique_name
 from semmap.ingest.sdf.frames import Frames
 from semmap.ingest.sdf.models import Instance, Models, Role, SdfFile
 from semmap.ingest.sdf.resources import Resources
+from semmap.ingest.sdf.root import read_root
 from semmap.ingest.sdf.values import Unusable, leaving_out, local_pose, numbers
 from semmap.ingest.world import Entry, Skipped, World, WorldError
-from semmap.ingest.xml_file import read_xml
 from semmap.limits import EXTENT
 
 __all__ = ["read_sdf"]
@@ -43,27 +43,28 @@ def read_sdf(path: Path, *, geometry: Role = "visual", model_path: Sequence[Path
 
     Parameters
     ----------
-    path : an SDF file with a `<world>`, or with a single `<model>`
+    path : an SDF file with a `<world>`, or with a single `<model>`; what Gazebo reads is read
     geometry : which surfaces to read, ``visual`` or ``collision``
     model_path : folders of models, searched first (see `resources.Resources`)
 
     Returns
     -------
     World
-        Entries have no holder; their `properties` are ``model`` (the name of the model file) and
-        ``static``. What could not be used is in `skipped`. `georeference` holds latitude_deg,
-        longitude_deg, elevation (metres) and heading_deg where the file states any.
+        Entries have no holder; their `properties` are ``model`` (the name of the model file),
+        ``static`` and ``type_guess`` (see `naming.give_type`). A model that has nothing but another
+        one stands where that one does. What could not be used is in `skipped`. `georeference` holds
+        latitude_deg, longitude_deg, elevation (metres) and heading_deg where the file states any.
 
     Raises
     ------
     WorldError
-        A file of the world is absent or malformed, is not SDF, includes itself, or its frames stand
-        relative to each other in a circle.
+        The file is absent or malformed, is not SDF, includes itself, or its frames stand relative
+        to each other in a circle. An included file with such an error is in `skipped`.
     """
     if geometry not in get_args(Role):
         raise ValueError(f"geometry is visual or collision, not {geometry!r}")
     path = Path(path)
-    root = read_xml(path, ("sdf",))
+    root = read_root(path)
     world = World(path.stem, path)
     scope = _scope(root, world)
     where = f"world {world.name}"
@@ -136,17 +137,19 @@ def _georeference(world: Element) -> dict[str, object] | None:
 
 def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) -> Entry:
     where = f"model {instance.name}"
-    pose = _in_world(frames.pose(instance.name, where), where)
-    shape = models.shape(instance.model, geometry)
+    model, inside = instance.model.unwrapped()
+    pose = _in_world(frames.pose(instance.name, where) @ inside, where)
+    shape = models.shape(model, geometry)
     source = instance.model.source
-    return Entry(
+    entry = Entry(
         instance.name,
         kind="object",
-        type=guess_type(source) or guess_type(instance.name),
         properties={"model": source, "static": instance.static},
         pose=pose,
         shapes=[] if shape is None else [shape],
     )
+    give_type(entry, (source, instance.name))
+    return entry
 
 
 def _actor(element: Element, frames: Frames) -> Entry:

@@ -169,6 +169,40 @@ def test_what_lies_on_its_side_has_the_surfaces_of_that_side(connection: Connect
     assert same(footprint(connection, surface), placed(top, Pose.planar(1, 1, 0.5)))
 
 
+HAIRLINE = [
+    (-7.4978433663368484, 0.29090038254522455),
+    (-6.71950281899473, -0.3369419482697432),
+    (-6.0916604881797625, 0.4413985990723752),
+    (-7.247005105407973, 0.08856365611237266),
+    (-6.870001035521881, 1.0692409298873429),
+]
+"""A valid outline whose neck is so thin that it crosses itself once the outline is moved."""
+
+
+def test_one_sliver_of_a_surface_does_not_end_the_search(connection: Connection) -> None:
+    """One surface with a hairline neck, one that is nothing but a sliver, and a proper one."""
+    table = named(connection, "table")
+    assert shapely.Polygon(HAIRLINE).is_valid
+    outlines = [HAIRLINE, [(0, 0), (1, 0), (1, 1e-6)], [(0, 0), (1, 0), (1, 1)]]
+    find_support_surfaces(connection, table)
+    connection.execute(text("DELETE FROM support_surface"))
+    for number, corners in enumerate(outlines):
+        connection.execute(
+            text(
+                "INSERT INTO support_surface (model_id, number, height, outline, faces) "
+                "SELECT model_id, :number, 0.7, ST_GeomFromWKB(:outline, 0), '{0}' "
+                "FROM entity_model WHERE entity_id = :table"
+            ),
+            {
+                "number": number,
+                "outline": shapely.to_wkb(shapely.Polygon(corners)),
+                "table": table,
+            },
+        )
+    areas = [footprint(connection, r).area for r in find_support_surfaces(connection, table)]
+    assert sorted(areas) == pytest.approx([0.5, shapely.Polygon(HAIRLINE).area], abs=1e-6)
+
+
 def test_surfaces_that_disappeared_are_deleted(connection: Connection) -> None:
     shelf = join([box_mesh((0, 0, z), (1, 0.3, z + 0.02)) for z in (0.5, 1.0, 1.5)])
     table = named(connection, "table")

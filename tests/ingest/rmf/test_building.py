@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from shapely import Point
 
 from semmap.geometry.pose import Pose
-from semmap.ingest.naming import guess_type
 from semmap.ingest.rmf import read_rmf
 from semmap.ingest.rmf.storey_entries import WALL_THICKNESS
 from semmap.ingest.world import OUTSIDE, WorldError
@@ -388,7 +387,7 @@ def test_places_and_lanes(house):
 
 
 def test_furniture_has_its_type_and_turns_with_its_level(house):
-    chairs = [e for e in house.entries if e.type == guess_type("OfficeChair")]
+    chairs = [e for e in house.entries if e.type == "office_chair"]
     assert [c.name for c in chairs] == ["OfficeChair"] + [f"OfficeChair_{n}" for n in (2, 3, 4)]
     assert [c.holder for c in chairs] == ["kitchen", "kitchen", "kitchen_2", "kitchen_2"]
     below, above = pose(house, "OfficeChair"), pose(house, "OfficeChair_3")
@@ -438,12 +437,15 @@ def test_fiducials_that_disagree_say_so(read):
     assert any("fiducials disagree" in note for note in read(data).notes)
 
 
-def test_a_door_within_one_room_stays_as_an_object(read):
+def test_a_door_within_one_room_stays_a_door(read):
     data = building()
     data["levels"]["G"]["vertices"] += [[100, 50, 0, ""], [150, 50, 0, ""]]
     data["levels"]["G"]["doors"].append(door(20, 21, "screen"))
     screen = entry(read(data), "screen")
-    assert (screen.kind, screen.type) == ("object", "door")
+    assert (screen.kind, screen.type) == ("connector", "door")
+    assert screen.detail.places[0] == screen.detail.places[1]
+    (ax, ay, _), (bx, by, _) = (p.translation for p in screen.detail.poses)
+    assert (ax, ay, bx, by) == (-0.6, 0, 0.6, 0)
 
 
 def test_the_same_file_gives_the_same_world(read):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from semmap.geometry.mesh import Mesh
+from semmap.geometry.pose import Pose
 from semmap.ingest.sdf import read_sdf
 from semmap.ingest.world import Entry, World, WorldError
 
@@ -351,11 +352,10 @@ def test_instances_of_a_model_share_its_mesh(tmp_path: Path) -> None:
         """,
     )
     a, b, c = (entry(world, name).shapes[0].mesh for name in "abc")
-    assert a is b
+    assert a is b is c
     assert a is not None
-    assert c is not None
-    np.testing.assert_allclose(c.vertices, a.vertices + np.array((1, 0, 0)))
     assert len(a.faces) == 8
+    assert entry(world, "c").pose == Pose(1, 0, 0)
 
 
 def test_gltf_is_y_up_and_a_dae_up_axis_is_ignored(tmp_path: Path) -> None:
@@ -417,11 +417,13 @@ def test_type_and_properties(tmp_path: Path) -> None:
     )
     found = {e.name: (e.type, e.properties) for e in world.entries}
     table = "acme_KitchenTable_01"
+    guess = {"type_guess": {"type": "kitchen_table", "confidence": 0.8}}
+    lamp = {"type_guess": {"type": "desk_lamp", "confidence": 0.9}}
     assert found == {
-        table: ("kitchen_table", {"model": table, "static": True}),
-        "free": ("kitchen_table", {"model": table, "static": False}),
-        "wrapped": ("kitchen_table", {"model": table, "static": True}),
-        "DeskLamp": ("desk_lamp", {"model": "DeskLamp", "static": True}),
+        table: ("kitchen_table", {"model": table, "static": True, **guess}),
+        "free": ("kitchen_table", {"model": table, "static": False, **guess}),
+        "wrapped": ("kitchen_table", {"model": table, "static": True, **guess}),
+        "DeskLamp": ("desk_lamp", {"model": "DeskLamp", "static": True, **lamp}),
         "x7": (None, {"model": "x7", "static": False}),
     }
 
@@ -689,12 +691,30 @@ def test_a_file_that_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> 
     assert error.value.fix
 
 
-@pytest.mark.parametrize("content", ["", "<sdf", LAUGHS, "<robot/>"])
-def test_an_included_file_that_cannot_be_trusted_is_refused(tmp_path: Path, content: str) -> None:
-    model_file(tmp_path, "m", LINK).write_text(content)
-    with pytest.raises(WorldError) as error:
-        read(tmp_path, "<include><uri>model://m</uri></include>")
-    assert "model.sdf" in str(error.value)
+BROKEN = {
+    "empty": "",
+    "truncated": "<sdf",
+    "bomb": LAUGHS,
+    "another root": "<robot/>",
+    "circle": """<sdf version="1.9"><model name="m"><link name="a"><pose relative_to="b"/></link>
+        <link name="b"><pose relative_to="a"/></link></model></sdf>""",
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_included_model_is_skipped_by_name(tmp_path: Path, case: str) -> None:
+    model_file(tmp_path, "m", LINK).write_text(BROKEN[case])
+    place = "<pose>4 5 6 0 0 0</pose>"
+    world = read(
+        tmp_path,
+        f"<include><name>one</name><uri>model://m</uri>{place}</include>"
+        f"<include><uri>model://m</uri></include>{_at('0 0 0 0 0 0', 'good')}",
+    )
+    (skipped,) = world.skipped
+    assert skipped.element == "include one"
+    assert "model://m cannot be used" in skipped.problem
+    assert [(e.name, len(e.shapes)) for e in world.entries] == [("one", 0), ("m", 0), ("good", 1)]
+    assert entry(world, "one").pose == Pose(4, 5, 6)
 
 
 CIRCLES = {
@@ -716,11 +736,14 @@ def test_circles_of_frames_are_refused(tmp_path: Path, case: str) -> None:
     assert " -> " in str(error.value)
 
 
-def test_circles_of_includes_are_refused(tmp_path: Path) -> None:
+def test_circles_of_includes_are_cut_and_named(tmp_path: Path) -> None:
     for one, other in (("a", "b"), ("b", "a")):
         model_file(tmp_path, one, f"<include><uri>model://{other}</uri></include>")
-    with pytest.raises(WorldError, match="includes this file"):
-        read(tmp_path, "<include><uri>model://a</uri></include>")
+    world = read(tmp_path, "<include><uri>model://a</uri></include>")
+    (skipped,) = world.skipped
+    assert skipped.element == "a/model.sdf: include b"
+    assert "leads back to model.sdf, which includes this file" in skipped.problem
+    assert entry(world, "a").shapes == []
 
 
 def test_endless_nesting_is_refused(tmp_path: Path) -> None:
@@ -728,12 +751,105 @@ def test_endless_nesting_is_refused(tmp_path: Path) -> None:
         read(tmp_path, '<model name="m">' * 2000 + "</model>" * 2000)
 
 
-def test_a_bomb_of_includes_is_refused(tmp_path: Path) -> None:
+def test_a_bomb_of_includes_is_cut_where_it_exceeds_the_limit(tmp_path: Path) -> None:
     """Ten files, each with ten of the next: 10^10 boxes."""
     model_file(tmp_path, "m0", LINK)
     for level in range(1, 10):
         uri = f"<uri>model://m{level - 1}</uri>"
         includes = "".join(f"<include><name>i{n}</name>{uri}</include>" for n in range(10))
         model_file(tmp_path, f"m{level}", includes)
-    with pytest.raises(WorldError, match="has 100,000 parts, the limit is 20,000 parts"):
-        read(tmp_path, "<include><uri>model://m9</uri></include>")
+    world = read(tmp_path, "<include><uri>model://m9</uri></include>")
+    (skipped,) = world.skipped
+    assert skipped.element == "m6/model.sdf: include i0"
+    assert "has 100,000 parts, the limit is 20,000 parts" in skipped.problem
+    assert entry(world, "m9").shapes == []
+
+
+# What Gazebo loads
+
+
+LOADED = {
+    "dashes in a comment": "<sdf version='1.9'><!-- a -- b --->{}</sdf>",
+    "comment before the declaration": "<!----><?xml version='1.0'?><sdf version='1.9'>{}</sdf>",
+    "blank before the declaration": "\n <?xml version='1.0'?>\n<sdf version='1.9'>{}</sdf>",
+    "undeclared prefix": "<sdf version='1.9'>{}<gz:dynamic_detachable gz:kind='x'/></sdf>",
+    "lone ampersand": "<sdf version='1.9'>{}<author>A & B</author></sdf>",
+    "obsolete root": "<gazebo version='1.2'>{}</gazebo>",
+    "byte order mark": "\ufeff<!-- -- --><sdf version='1.9'>{}</sdf>",
+}
+
+
+@pytest.mark.parametrize("case", LOADED)
+def test_what_gazebo_loads_is_read(tmp_path: Path, case: str) -> None:
+    """TinyXML2 reads all of these; strict XML allows none of them."""
+    path = tmp_path / "lax.world"
+    path.write_text(LOADED[case].format(f"<world name='w'>{_at('1 2 3 0 0 0')}</world>"))
+    world = read_sdf(path)
+    assert entry(world, "m").pose == Pose(1, 2, 3)
+    assert len(entry(world, "m").shapes) == 1
+    assert world.skipped == []
+
+
+def test_errors_of_lax_files_name_the_line_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "lax.world"
+    path.write_text("<!-- a\n -- b -->\n<?xml version='1.0'?>\n<sdf>\n<world></wrong></sdf>")
+    with pytest.raises(WorldError, match=r"lax\.world: line 5"):
+        read_sdf(path)
+
+
+def test_the_notation_of_the_obsolete_root(tmp_path: Path) -> None:
+    """SDF 1.0 has attributes for elements of today: unread, all models stand at the origin."""
+    path = tmp_path / "old.world"
+    path.write_text(
+        """<gazebo version="1.0"><world name="w"><model name="crate" static="true">
+        <origin pose="1 2 3 0 0 0"/><link name="l"><visual name="v"><origin pose="0 0 1 0 0 0"/>
+        <geometry><box size="1 2 4"/></geometry></visual></link></model></world></gazebo>"""
+    )
+    world = read_sdf(path)
+    assert world.skipped == []
+    assert entry(world, "crate").properties["static"] is True
+    np.testing.assert_allclose(surface(world, "crate").bounds, [(0.5, 1, 2), (1.5, 3, 6)])
+
+
+def test_a_wrapped_include_has_its_place_and_shares_its_mesh(tmp_path: Path) -> None:
+    """`<model><include><pose/></include></model>`, as Gazebo's editor nests what it groups."""
+    model_file(tmp_path, "desk", LINK)
+    wrapped = "".join(
+        f"""<model name="desk_{n}"><static>true</static><pose>0 0 {n} 0 0 0</pose>
+        <include><uri>model://desk</uri><pose>{n} 2 0 0 0 1.5707963267948966</pose></include>
+        </model>"""
+        for n in range(20)
+    )
+    world = read(tmp_path, wrapped)
+    assert [e.name for e in world.entries] == [f"desk_{n}" for n in range(20)]
+    for n, e in enumerate(world.entries):
+        assert e.pose is not None
+        np.testing.assert_allclose((e.pose.x, e.pose.y, e.pose.z, e.pose.yaw), (n, 2, n, np.pi / 2))
+        assert (e.type, e.properties["model"], e.properties["static"]) == ("desk", "desk", True)
+        np.testing.assert_allclose(surface(world, e.name).bounds.mean(axis=0), (n, 2, n), atol=1e-9)
+    assert len({id(e.shapes[0].mesh) for e in world.entries}) == 1
+
+
+def test_a_wrapped_include_without_its_mesh_keeps_its_place(tmp_path: Path) -> None:
+    model_file(tmp_path, "pump", LINK.replace(BOX.format("1 2 3"), MESH.format("no.dae")))
+    inner = "<include><uri>model://{}</uri><pose>1 2 3 0 0 0</pose></include>"
+    world = read(
+        tmp_path,
+        "".join(f"<model name='{m}_1'>{inner.format(m)}</model>" for m in ("pump", "nowhere")),
+    )
+    assert [(e.name, e.pose, e.shapes) for e in world.entries] == [
+        ("pump_1", Pose(1, 2, 3), []),
+        ("nowhere_1", Pose(1, 2, 3), []),
+    ]
+    assert len(world.skipped) == 2
+
+
+def test_a_sun_is_not_an_object(tmp_path: Path) -> None:
+    """Neither the one of Gazebo's library, which may be missing, nor one beside the world."""
+    include = "<include><uri>model://{}</uri></include>"
+    world = read(tmp_path, include.format("sun") + _at("0 0 0 0 0 0"))
+    assert ([e.name for e in world.entries], world.skipped) == (["m"], [])
+    (tmp_path / "daylight").mkdir()
+    (tmp_path / "daylight" / "model.sdf").write_text("<sdf version='1.9'><light name='l'/></sdf>")
+    world = read(tmp_path, include.format("daylight") + _at("0 0 0 0 0 0"))
+    assert ([e.name for e in world.entries], world.skipped) == (["m"], [])

@@ -78,7 +78,16 @@ def test_grid_writes_a_nav2_map_of_each_storey(commands, folder):
 
 
 def test_grid_takes_a_storey_an_interval_and_a_resolution(commands, folder):
-    arguments = ("-o", folder, "--storey", "floor-3rd", "--interval", 1.0, 1.5, "--resolution", 0.1)
+    arguments = (
+        "-o",
+        folder,
+        "--storey",
+        "floor-3rd",
+        "--interval",
+        "1.0,1.5",
+        "--resolution",
+        0.1,
+    )
     said = json.loads(commands.run("grid", *arguments, "--json").stdout)
     assert len(said) == 1
     assert said[0]["resolution"] == 0.1

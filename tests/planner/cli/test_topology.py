@@ -11,13 +11,19 @@ import yaml
 from PIL import Image
 from sqlalchemy import Engine, text
 
+from navgrid.nav2 import frame_name
 from planner.demo.office import office_files
 from planner.exchange.route_graph import ExchangeError
+from planner.readers.drawn_graph import read_drawn_graph
 from planner.readers.topology import read_topology
+from planner.route_planner import RoutePlanner
+from planner.routing_graph import RoutingGraph
 from semmap.database import connect
 from semmap.ingest.importer import import_file
+from semmap.query.storey_reader import read_storeys
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
+from tests.ingest.worlds_by_hand import room_features
 from tests.planner.exchange.nav2_reader import read
 
 
@@ -101,6 +107,13 @@ def test_the_route_graph_comes_back_as_it_went(
                 "JOIN entity b ON b.id = l.to_id WHERE l.relation IN ('nav2_edge', 'stands_before')"
             )
         ).all()
+        drawn_graph = read_drawn_graph(connection, drawn)
+    planner = RoutePlanner(RoutingGraph(drawn))
+    for start, goal in (("lab1", "office4"), ("office4", "kitchen")):
+        route = planner.route_on(drawn_graph, start, goal)
+        assert [s.connector for s in route.doors] == [
+            s.connector for s in planner.route(start, goal).doors
+        ]
     engine.dispose()
     assert {row.properties["id"] for row in nodes} == set(graph)
     for row in nodes:
@@ -129,3 +142,19 @@ def test_the_route_graph_comes_back_as_it_went(
         if node["metadata"]["place"] != "outside" and "connector" in node["metadata"]
     }
     assert before == expected
+
+
+def test_frames_are_those_of_the_maps_parameters_without_storeys_too(
+    engine: Engine, database: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "flat.geojson"
+    flat = room_features({"hall": (0, 0, 4, 4), "bath": (4, 0, 8, 4)})
+    line = {"type": "LineString", "coordinates": [[4, 1.5], [4, 2.5]]}
+    door = {"type": "Feature", "geometry": line, "properties": {"kind": "door", "name": "d"}}
+    flat["features"].append(door)
+    path.write_text(json.dumps(flat))
+    import_file(engine, path)
+    semmap(database, "topology", "-o", tmp_path / "graph.geojson")
+    frames = {node["frame"] for _, node in read(tmp_path / "graph.geojson").nodes(data=True)}
+    with engine.connect() as connection:
+        assert frames == {frame_name(s.storey) for s in read_storeys(connection)} == {"map_flat"}

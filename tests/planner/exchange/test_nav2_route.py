@@ -48,6 +48,11 @@ def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
     (opens,) = graph.get_edge_data(names["door5@corridor3"], names["door5@foyer-3rd"]).values()
     assert opens["operations"]["open_door"]["trigger"] == "ON_ENTER"
     assert opens["operations"]["open_door"]["metadata"]["connector"] == "door5"
+    doors = [e for *_, e in graph.edges(data=True) if e["metadata"].get("type") == "door"]
+    assert len(doors) > 10
+    for edge in doors:  # all may be shut when the robot comes
+        state = edge["metadata"]["state"]
+        assert edge["operations"]["open_door"]["metadata"]["state"] == state
     (calls,) = graph.get_edge_data(names["edoor1@foyer-1st"], names["edoor1@elevator-1st"]).values()
     assert calls["operations"]["call_elevator"]["metadata"]["elevator"] == "elevator"
     (ride,) = graph.get_edge_data(
@@ -60,7 +65,7 @@ def test_the_office_as_nav2_reads_it(tmp_path: Path) -> None:
 
 def test_one_storey_has_one_frame_and_says_where_its_elevator_leads(tmp_path: Path) -> None:
     graph = written(RoutingGraph(figure_4()), tmp_path, storey="floor-3rd")
-    assert {n["frame"] for n in graph.nodes.values()} == {"map"}
+    assert {n["frame"] for n in graph.nodes.values()} == {"map_floor_3rd"}
     (cabin,) = at(graph, "elevator-3rd")
     switch = graph.nodes[cabin]["operations"]["switch_map"]
     assert switch["trigger"] == "NODE"

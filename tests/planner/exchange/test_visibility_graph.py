@@ -40,6 +40,19 @@ def test_a_column_is_walked_around_and_what_is_apart_has_no_way() -> None:
     assert (0, 1) not in corner_paths(apart, np.array([[0.5, 0.5], [5.5, 0.5]])).between
 
 
+def test_paths_keep_the_clearance_where_there_is_room() -> None:
+    """Two halls joined by a slot of 0.4 m, and a point that is nearer to a wall than 0.3 m."""
+    halls = [shapely.box(0, 0, 4, 4), shapely.box(5, 0, 9, 4), shapely.box(4, 1.8, 5, 2.2)]
+    outline = shapely.union_all(halls)
+    points = np.array([[0.5, 0.5], [3.9, 3.9], [8.0, 0.5], [0.1, 3.0]])
+    ways = corner_paths(outline, points, (0.5, 0.3))
+    assert len(ways.between) == 6
+    inner = shapely.LineString(shapely.get_coordinates(line(ways, points, (0, 1)))[:-1])
+    assert inner.distance(outline.boundary) == pytest.approx(0.5)  # left at the last piece alone
+    assert line(ways, points, (0, 2)).distance(outline.boundary) == pytest.approx(0.15)
+    assert line(ways, points, (0, 3)).length == pytest.approx(2.9)
+
+
 @st.composite
 def rooms(draw: st.DrawFn) -> tuple[shapely.Polygon, np.ndarray]:
     """Rooms of whole metres, one piece, and points in their cells' middles."""
@@ -59,7 +72,7 @@ def test_ways_stay_inside_and_are_not_longer_than_those_of_a_grid(
     room: tuple[shapely.Polygon, np.ndarray],
 ) -> None:
     outline, points = room
-    ways = corner_paths(outline, points, clearance=0.1)
+    ways = corner_paths(outline, points, (0.1,))
     step = 0.25
     cells = _cells(outline, step)
     grid = nx.Graph()
@@ -71,6 +84,7 @@ def test_ways_stay_inside_and_are_not_longer_than_those_of_a_grid(
         way = line(ways, points, (i, j))
         assert outline.buffer(0.021, join_style="mitre").covers(way)
         assert all(a != b for a, b in pairwise(ways.between[i, j]))
+        assert way.distance(outline.boundary) >= 0.1 - 1e-4
         ends = [tuple(int(v) for v in np.floor(points[n] / step)) for n in (i, j)]
         expected = nx.shortest_path_length(grid, *ends, weight="weight")
         assert way.length <= expected + 4 * step
