@@ -13,7 +13,7 @@ import typer
 
 from semmap import cli
 from semmap.fields.service.client import find_service
-from semmap.fields.service.source_commands import add_service_commands
+from semmap.fields.service.commands import add_service_commands
 
 if TYPE_CHECKING:
     from semmap.fields.service.client import ServiceConnection
@@ -136,6 +136,49 @@ def _query_kept_state(
 
 def _note(text: str) -> None:
     print(text, file=sys.stderr)
+
+
+@fields.command("update")
+def update_command(
+    text: Annotated[str | None, typer.Argument(help="INSERT or DELETE in SPARQL.")] = None,
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="Read it from a file.")] = None,
+    voxel_size: VoxelSize = 0.05,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Insert and delete regions of entities; the map keeps them.
+
+    A blank node, or a name that is not in the map, becomes a region of the map.
+    """
+    if (text is None) == (file is None):
+        raise ValueError("give the update as an argument, or a file with it by --file")
+    sparql = str(text) if file is None else file.read_text(encoding="utf-8")
+    with find_service(cli.chosen_url(), map_name, voxel_size) as service:
+        if service is not None:
+            reply = service.ask("update", text=sparql)
+        else:
+            reply = _update_map(sparql, map_name, voxel_size)
+    if json_:
+        print(json.dumps(reply))
+        return
+    for node, name in reply["new"].items():
+        cli.out.print(f"{node} is {name}")
+    cli.out.print(f"changed: {', '.join(reply['changed']) or 'nothing'}")
+
+
+def _update_map(sparql: str, map_name: str | None, voxel_size: float) -> Any:
+    from semmap.fields.queries.mirror_catalogue import mirror_catalogue
+    from semmap.fields.service.kept_answer import show_kept
+    from semmap.fields.service.map_update import update_map
+    from semmap.fields.store.names import read_map_vocabulary, read_names
+
+    vocabulary = read_map_vocabulary()
+    mirror = _current_mirror(map_name, voxel_size)
+    with cli.open_database() as database:
+        cli.show_map(database.session, map_name)
+        show_kept(mirror, database.session, vocabulary)
+        catalogue = mirror_catalogue(mirror, read_names(database.session), vocabulary)
+        return update_map(mirror, catalogue, sparql, database.session)
 
 
 @fields.command()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from datetime import datetime
 from typing import TYPE_CHECKING
 
+from semmap.fields.maps.live_entities import LiveEntities
 from semmap.fields.maps.vocabulary import Vocabulary
-from semmap.fields.regions.live_entities import LiveEntities
 from semmap.fields.store.map_store import load_maps
 from semmap.fields.store.source_history import load_updates
 from semmap.fields.store.statements import Connection

@@ -16,12 +16,13 @@ from typing import Any
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
+from semmap.fields.maps.live_entities import LiveEntities
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.mirror_catalogue import mirror_catalogue
-from semmap.fields.regions.live_entities import LiveEntities
 from semmap.fields.relations.event_bus import EventBus
 from semmap.fields.relations.facts import RelationEvent
 from semmap.fields.relations.tracker import RelationTracker
+from semmap.fields.service.map_update import update_map
 from semmap.fields.service.percept_feeds import Inbox, make_feed
 from semmap.fields.service.percept_json import read_percept
 from semmap.fields.service.query_reply import query_reply
@@ -246,6 +247,10 @@ class FieldService:
                 yield self._hello(given.get("map"))
             case "query":
                 yield query_reply(self.catalogue(), given.pop("text"), self._transaction, **given)
+            case "update":
+                with self._transaction() as connection:
+                    driver = connection.connection.driver_connection
+                    yield update_map(self.mirror, self.catalogue(), given["text"], driver)
             case "at":
                 (found,) = self.mirror.regions.entities_at([given["point"]])
                 yield sorted((self.mirror.names[n], self.mirror.roles[n]) for n in found)

@@ -14,7 +14,7 @@ from semmap_vdb import Int32Grid
 
 __all__ = ["MirrorState", "field_name", "is_current", "load_state", "origin"]
 
-FORMAT = "2"
+FORMAT = "3"
 """Of the state in the database."""
 
 
@@ -30,6 +30,7 @@ class MirrorState:
     views : the agent of each field of view
     left_out : name and reason for each id without voxels: it would have more than limits allow
     zones : what the voxels of rooms and regions were made of, as JSON
+    stated : the ids whose voxels an update stated
     cursor : where the state lies in the history of the map; None for an empty state
     maps : maps of sources
     """
@@ -40,6 +41,7 @@ class MirrorState:
     views: dict[Any, str] = field(default_factory=dict)
     left_out: dict[int, tuple[str, str]] = field(default_factory=dict)
     zones: dict[int, list[Any]] = field(default_factory=dict)
+    stated: set[int] = field(default_factory=set)
     cursor: str | None = None
     maps: MapBuffer = field(default_factory=MapBuffer)
 
@@ -86,6 +88,7 @@ def load_state(connection: Connection, voxel_size: float) -> MirrorState | None:
         {int(number): role for number, role in kept["roles"].items()},
         left_out={int(n): (name, reason) for n, (name, reason) in kept["left_out"].items()},
         zones={int(number): zone for number, zone in kept["zones"].items()},
+        stated=set(kept["stated"]),
         cursor=kept["cursor"],
     )
 

@@ -29,6 +29,7 @@ from semmap.fields.store.reader import (
     read_zone_ids,
     read_zones,
 )
+from semmap.fields.store.stated_voxels import StatedVoxels, read_stated
 from semmap.query.change_feed import ChangeFeed
 from semmap.query.maps import see_map
 
@@ -78,6 +79,7 @@ class VoxelMirror:
         self._left_out: dict[int, tuple[str, str]] = {}  # name and reason by id
         self.maps = MapBuffer()
         self._zones: dict[int, Zone] | None = None  # as they were inserted last
+        self._stated: set[int] = set()
         self._engine = engine
         self._feed = ChangeFeed(engine, map_name)
         self._unsaved = False
@@ -100,6 +102,7 @@ class VoxelMirror:
             mirror.regions, mirror.names = state.regions, state.names
             mirror.roles.update(state.roles)
             mirror._left_out = state.left_out
+            mirror._stated = state.stated
             mirror._zones = {n: Zone.from_json(zone) for n, zone in state.zones.items()}
             mirror._feed.cursor = state.cursor
         return mirror
@@ -121,9 +124,9 @@ class VoxelMirror:
             if self._feed.cursor is None:
                 raise LookupError("the mirror has not read its map yet: call catch_up first")
             grid, sets = self.regions.state()
-            names = {each: name for each, name in self.names.items() if isinstance(each, int)}
+            names = {each: name for each, name in dict(self.names).items() if isinstance(each, int)}
             roles, since = {each: self.roles[each] for each in names}, self._feed.cursor
-            left_out = dict(self._left_out)
+            left_out, stated = dict(self._left_out), sorted(self._stated)
             zones = {number: zone.as_json() for number, zone in (self._zones or {}).items()}
             self._unsaved = False
         try:
@@ -135,6 +138,7 @@ class VoxelMirror:
                     "names": names,
                     "roles": roles,
                     "zones": zones,
+                    "stated": stated,
                     "left_out": left_out,
                 }
                 number = field_store.save(
@@ -168,9 +172,12 @@ class VoxelMirror:
                 occupants = [] if nothing else read_occupants(look.connection, changed)
                 agents = [] if nothing else read_agents(look.connection, changed)
                 zones = self._zones or {}
+                stated: list[StatedVoxels] = []
                 if not nothing:
                     zones = read_zones_by_id(look.connection)
-            stale = self._stale(changed, zones)
+                    stated = read_stated(look.connection, changed, self.regions.voxel_size)
+            stale = self._stale(changed, zones) | {each.id for each in stated}
+            stale |= self._stated & (changed or set())
             regions = self._regions_of(occupants, agents)
             regions |= {n: zone_regions(z, self.regions) for n, z in zones.items() if n in stale}
             roles = {n: zone.kind for n, zone in zones.items()} | {a.id: "agent" for a in agents}
@@ -180,6 +187,10 @@ class VoxelMirror:
                 self.regions.remove(number)
                 for former in (self.names, self.roles, self._left_out):
                     former.pop(number, None)
+            for each in stated:
+                regions[each.id] = [each.points]
+                names[each.id], roles[each.id] = each.name, each.role
+            self._stated = (self._stated - stale) | {each.id for each in stated}
             reasons = self.regions.insert_possible(
                 [(number, region) for number, each in regions.items() for region in each]
             )
@@ -197,7 +208,7 @@ class VoxelMirror:
     def _stale(self, changed: set[int] | None, zones: dict[int, Zone]) -> set[int]:
         """Return the entities whose voxels are to be removed or replaced."""
         if changed is None:
-            own = {each for each in self.names if isinstance(each, int)}
+            own = {each for each in dict(self.names) if isinstance(each, int)}
             return own | self._left_out.keys() | zones.keys()
         former = self._zones or {}
         either = former.keys() | zones.keys()
