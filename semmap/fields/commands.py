@@ -124,13 +124,15 @@ def _query_kept_state(
         newest = show_kept(mirror, database.session, vocabulary)
         seen = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
         _note(f"no service is running: answered from the kept state of the map{seen}")
-        catalogue = mirror_catalogue(mirror, read_names(database.session), vocabulary)
 
         @contextmanager
         def transaction() -> Iterator[Any]:
             with database.session.transaction():
                 yield database.session
 
+        catalogue = mirror_catalogue(
+            mirror, read_names(database.session), vocabulary, open_connection=transaction
+        )
         return query_reply(catalogue, given.pop("text"), transaction, **given)
 
 

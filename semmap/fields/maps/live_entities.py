@@ -99,8 +99,7 @@ class LiveEntities:
         if map.legend:
             wanted = [value for value, name in map.legend.items() if name == agent]
             voxels = voxels[np.isin(values, wanted)]
-        points: NDArray[np.float64] = (voxels + 0.5) * self._regions.voxel_size
-        return points
+        return np.asarray((voxels + 0.5) * self._regions.voxel_size, np.float64)
 
 
 def _entities(map: RepresentationMap) -> Iterator[tuple[str, str | None, Role]]:

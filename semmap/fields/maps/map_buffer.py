@@ -27,11 +27,13 @@ class SourceUpdate:
     maps : all maps of the source
     provides : names of the properties that the source states, also where it has no map of them now:
         a source of gazes that sees nobody states that nobody looks
+    source : its name
     """
 
     time: datetime
     maps: tuple[RepresentationMap, ...]
     provides: frozenset[str] = frozenset()
+    source: str = ""
 
 
 class MapBuffer:
@@ -77,7 +79,7 @@ class MapBuffer:
         now = _aware(time) if time is not None else datetime.now(UTC)
         given = tuple(maps)
         names = frozenset(provides).union(*(_stated_by(each) for each in given))
-        self._put(source, SourceUpdate(now, given, names), span, also_former=True)
+        self._put(source, SourceUpdate(now, given, names, source), span, also_former=True)
 
     def _put(
         self, source: str, update: SourceUpdate, span: timedelta | None, *, also_former: bool
@@ -112,7 +114,7 @@ class MapBuffer:
         """
         if source in self._state:
             now = _aware(time) if time is not None else datetime.now(UTC)
-            self._put(source, SourceUpdate(now, ()), None, also_former=False)
+            self._put(source, SourceUpdate(now, (), source=source), None, also_former=False)
 
     def sources(self) -> list[str]:
         """Return the names of the sources that have maps now."""
@@ -155,6 +157,10 @@ class MapBuffer:
     def newest(self) -> dict[str, SourceUpdate]:
         """Return the newest update of each source, by name."""
         return {source: past[-1] for source, past in self._state.items()}
+
+    def oldest(self) -> dict[str, datetime]:
+        """Return for each source the time of its oldest update that is kept."""
+        return {source: past[0].time for source, past in self._state.items()}
 
     def current(self) -> tuple[SourceUpdate, ...]:
         """Return the newest update of each source."""

@@ -62,6 +62,7 @@ class FieldCatalogue:
     relations : further statements about the present, such as relations between entities
     voxel_size : metres; maps of other lattices are resampled
     farthest : metres up to which `distanceToPerson` is computed
+    past : makes the catalogue of a time; without it, only `maps` are known of the past
     """
 
     functions: Mapping[str, Function] = VOXEL_FUNCTIONS
@@ -76,6 +77,7 @@ class FieldCatalogue:
         relations: Iterable[StatementRelation] = (),
         voxel_size: float = 0.05,
         farthest: float = 3.0,
+        past: Callable[[datetime, datetime], FieldCatalogue] | None = None,
     ) -> None:
         self._vocabulary = vocabulary
         self._maps = maps
@@ -84,6 +86,7 @@ class FieldCatalogue:
         self._relations = {relation.property.name: relation for relation in relations}
         self._lattice = Lattice(voxel_size)
         self._farthest = farthest
+        self._past = past
         self._selected: Callable[[], Iterable[SourceUpdate]] = maps.current
         self._is_past = False
 
@@ -224,10 +227,14 @@ class FieldCatalogue:
 
     def at(self, moment: datetime) -> FieldCatalogue:
         """Return the catalogue as it was at a moment."""
+        if self._past is not None:
+            return self._past(moment, moment)
         return self._in_the_past(lambda: self._maps.updates(moment, moment))
 
     def during(self, begin: datetime, end: datetime) -> FieldCatalogue:
         """Return a catalogue of all maps that were valid at any time in between."""
+        if self._past is not None:
+            return self._past(begin, end)
         return self._in_the_past(lambda: self._maps.updates(begin, end))
 
     def _in_the_past(self, selected: Callable[[], Iterable[SourceUpdate]]) -> FieldCatalogue:

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semmap.fields.queries.statements import Entities, Statements, UnknownError
-from semmap.fields.relations.tracker import RelationTracker
+from semmap.fields.relations.facts import Fact
+from semmap.fields.relations.rules import RelationRule
 from semmap.language.schema import Property
 
-__all__ = ["EntityRelation"]
+__all__ = ["EntityRelation", "Relations"]
+
+
+class Relations(Protocol):
+    """What is true: a `RelationTracker`, or what was true in the past."""
+
+    @property
+    def rules(self) -> tuple[RelationRule, ...]:
+        """The rules of the relations."""
+        ...
+
+    def holding(self, relation: str | None = None) -> Mapping[Fact, Any]:
+        """Return the facts, of one relation if given."""
+        ...
 
 
 class EntityRelation:
@@ -28,7 +43,7 @@ class EntityRelation:
     def __init__(
         self,
         property: Property,
-        tracker: Callable[[], RelationTracker],
+        tracker: Callable[[], Relations],
         unknown: Callable[[], Collection[str]] = tuple,
         missing: Callable[[], str | None] = lambda: None,
     ) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.entity_relation import EntityRelation
+from semmap.fields.queries.past_catalogue import Open, past_catalogue
 from semmap.fields.regions.region_map import NamedRegionMap
 from semmap.fields.relations.rules import RULES
 from semmap.fields.relations.tracker import RelationTracker
@@ -26,6 +27,7 @@ def mirror_catalogue(
     names: NameIndex,
     vocabulary: Vocabulary,
     tracker: Callable[[], RelationTracker] | None = None,
+    open_connection: Open | None = None,
 ) -> FieldCatalogue:
     """Return the catalogue of a mirror.
 
@@ -37,6 +39,8 @@ def mirror_catalogue(
     names : its entities and the semantic types
     vocabulary : the properties
     tracker : returns the relations between the entities, if something else updates them
+    open_connection : opens a connection that sees the map, for its past; without it, only the maps
+        of `mirror` are known of the past
     """
     entity_names: Mapping[Any, Any] = mirror.names
 
@@ -71,4 +75,9 @@ def mirror_catalogue(
             if name in vocabulary
         ],
         voxel_size=mirror.regions.voxel_size,
+        past=(
+            None
+            if open_connection is None
+            else past_catalogue(mirror, names, vocabulary, open_connection)
+        ),
     )

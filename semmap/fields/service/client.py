@@ -6,11 +6,11 @@ import json
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import IO, Any
+from typing import Any
 
 from semmap.fields.service.endpoint import socket_folder
 
-__all__ = ["ServiceConnection", "connect", "find_service"]
+__all__ = ["ServiceConnection", "find_service"]
 
 
 class ServiceConnection:
@@ -21,7 +21,7 @@ class ServiceConnection:
     map_name : the map that it serves
     """
 
-    def __init__(self, stream: IO[bytes], map_name: str = "") -> None:
+    def __init__(self, stream: Any, map_name: str = "") -> None:
         self._stream = stream
         self.map_name = map_name
 
@@ -60,21 +60,6 @@ class ServiceConnection:
             if "error" in reply:
                 raise ValueError(str(reply["error"]))
             yield reply["reply"]
-
-
-@contextmanager
-def connect(path: str) -> Iterator[ServiceConnection]:
-    """Connect with the service on a socket.
-
-    Raises
-    ------
-    OSError
-        No service listens there.
-    """
-    with socket.socket(socket.AF_UNIX) as channel:
-        channel.connect(path)
-        with channel.makefile("rwb") as stream:
-            yield ServiceConnection(stream)
 
 
 @contextmanager

@@ -102,8 +102,9 @@ class FieldService:
         for thread in threads:
             thread.start()
         try:
+            begin = datetime.now(UTC)  # of all recordings
             for each in self.settings.sources:
-                self.start_source(each)
+                self.start_source(each, begin)
             stop.wait()
         finally:
             stop.set()
@@ -168,8 +169,13 @@ class FieldService:
 
     # Sources
 
-    def start_source(self, given: SourceSettings) -> None:
+    def start_source(self, given: SourceSettings, begin: datetime | None = None) -> None:
         """Start a source.
+
+        Parameters
+        ----------
+        given : the source and its percepts
+        begin : when a recording begins, aware; now if not given
 
         Raises
         ------
@@ -177,7 +183,7 @@ class FieldService:
             There is no such source or percept plug-in, a source of that name is running, or an
             option is wrong.
         """
-        feed = make_feed(given.percepts, given.name, self._began)
+        feed = make_feed(given.percepts, given.name, begin)
         options = {"voxel_size": self.mirror.regions.voxel_size} | dict(given.options)
         try:
             source = make_source(given.source, self._vocabulary, **options)
@@ -286,7 +292,11 @@ class FieldService:
                 self._kept = kept
                 self.mirror.maps.put(KEPT, load_maps(connection, self._vocabulary).values())
         return mirror_catalogue(
-            self.mirror, self._names, self._vocabulary, tracker=lambda: self.tracker
+            self.mirror,
+            self._names,
+            self._vocabulary,
+            tracker=lambda: self.tracker,
+            open_connection=self._transaction,
         )
 
     def _hello(self, wanted: str | None) -> dict[str, Any]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+from itertools import zip_longest
 from typing import Any
 
+from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.store import field_store
 from semmap.fields.store.field_store import StoredField
 
-__all__ = ["load_map", "load_maps", "save_map"]
+__all__ = ["load_map", "load_maps", "load_maps_during", "save_map"]
 
 
 def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
@@ -70,6 +73,31 @@ def load_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, Representati
         stored = field_store.load(connection, name)
         if stored.property in vocabulary:
             found[name] = _map(stored, vocabulary)
+    return found
+
+
+def load_maps_during(
+    connection: Any, vocabulary: Vocabulary, begin: datetime, end: datetime
+) -> list[SourceUpdate]:
+    """Return the versions of stored maps that were the newest at any time from `begin` to `end`.
+
+    Parameters
+    ----------
+    connection : sees the map of the database
+    vocabulary : the properties
+    begin, end : aware
+    """
+    found = []
+    for name in field_store.names(connection, stateless=True):
+        versions = field_store.versions(connection, name)
+        until = [each.at for each in versions[1:]]
+        for each, over in zip_longest(versions, until):
+            if each.at <= end and (over is None or over > begin):
+                stored = field_store.load(connection, name, each.version)
+                if stored.property in vocabulary:
+                    made = _map(stored, vocabulary)
+                    provides = frozenset({made.property.name})
+                    found.append(SourceUpdate(each.at, (made,), provides, f"kept {name}"))
     return found
 
 

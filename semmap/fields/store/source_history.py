@@ -130,8 +130,9 @@ def load_updates(
     found: dict[str, list[SourceUpdate]] = {}
     for row in rows:
         maps = list(_maps(connection, vocabulary, row.state["maps"].items(), loaded))
-        update = SourceUpdate(row.at, tuple(maps), frozenset(row.state["provides"]))
-        found.setdefault(row.state["source"], []).append(update)
+        source, provides = row.state["source"], frozenset(row.state["provides"])
+        update = SourceUpdate(row.at, tuple(maps), provides, source)
+        found.setdefault(source, []).append(update)
     return found
 
 

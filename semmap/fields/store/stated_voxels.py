@@ -82,7 +82,7 @@ def read_stated(
         assert isinstance(grid, BoolGrid)
         if abs(grid.voxel_size - voxel_size) > 1e-9:
             grid = grid.resampled(voxel_size, _IDENTITY)
-        points = (grid.read()[0] + 0.5) * voxel_size
+        points = np.asarray((grid.read()[0] + 0.5) * voxel_size, np.float64)
         if row.pose is not None and row.state["pose"] is not None and row.pose != row.state["pose"]:
             moved = Pose(*row.pose) @ Pose(*row.state["pose"]).inverse()
             points = moved.apply(points)

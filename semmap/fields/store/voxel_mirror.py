@@ -180,9 +180,12 @@ class VoxelMirror:
             stale |= self._stated & (changed or set())
             regions = self._regions_of(occupants, agents)
             regions |= {n: zone_regions(z, self.regions) for n, z in zones.items() if n in stale}
-            roles = {n: zone.kind for n, zone in zones.items()} | {a.id: "agent" for a in agents}
+            roles: dict[int, Role] = {n: zone.kind for n, zone in zones.items()}
+            roles |= dict.fromkeys((each.id for each in agents), "agent")
             names = {n: zone.name for n, zone in zones.items()}
-            names |= {each.id: each.name for each in (*occupants, *agents)}
+            names |= {each.id: each.name for each in occupants} | {
+                each.id: each.name for each in agents
+            }
             for number in stale | set(regions):
                 self.regions.remove(number)
                 for former in (self.names, self.roles, self._left_out):
