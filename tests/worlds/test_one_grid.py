@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from sqlalchemy import Engine, text
 
 from semmap.fields.queries import QueryError
+from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.command_line import semmap
 
@@ -25,17 +27,19 @@ def house(module_engine: Engine, worlds: Path) -> Engine:
     return module_engine
 
 
+def url_of(house: Engine) -> str:
+    return house.url.render_as_string(hide_password=False)
+
+
 def run(house: Engine, *words: object) -> Any:
-    url = house.url.render_as_string(hide_password=False)
-    done = semmap(url, "fields", *words, "--json")
+    done = semmap(url_of(house), "fields", *words, "--json")
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout)
 
 
 def refused(house: Engine, query: str) -> str:
-    url = house.url.render_as_string(hide_password=False)
     with pytest.raises(QueryError) as error:
-        semmap(url, "fields", "query", PREFIX + query)
+        semmap(url_of(house), "fields", "query", PREFIX + query)
     return str(error.value)
 
 
@@ -91,6 +95,82 @@ def test_what_nothing_states_is_an_error(house: Engine) -> None:
     ):
         assert "no source provides :" in refused(house, query), query
     assert "no voxels" in refused(house, "ASK { :Refrigerator_01_001 :in <urn:x#kitchen-door> }")
+
+
+def test_updates_are_kept_and_make_entities(house: Engine) -> None:
+    """A region that SPARQL inserts is one for SQL, for other processes, and until it is deleted."""
+    where = (7.15, 1.0, 1.2)
+    text_ = 'INSERT DATA { _:new :occupies "SPHERE(7.15 1.0 1.2 0.15)"^^:region }'
+    made = run(house, "update", PREFIX + text_)
+    name = made["new"]["new"]
+    assert made["changed"] == [name]
+    point = ",".join(map(str, where))
+    assert (name, "region") in {(r["name"], r["kind"]) for r in run(house, "at", point)}
+    assert (name, "kitchen") in rows(house, "SELECT ?z ?r { ?z a :Region ; :in ?r . ?r a :Room }")
+    with house.connect() as connection:
+        box, kitchen = connection.execute(
+            text(
+                "SELECT ST_Area(w.footprint), is_in(e.id, entity_id('kitchen')) FROM entity e "
+                "JOIN world w ON w.entity_id = e.id WHERE e.name = :name AND e.kind = 'region'"
+            ),
+            {"name": name},
+        ).one()
+    assert kitchen
+    assert box == pytest.approx(3.14159 * 0.15**2, rel=0.25)
+    fresh = VoxelMirror(house, "house", 0.05)
+    fresh.catch_up()
+    (number,) = [n for n, known in fresh.names.items() if known == name]
+    centres = (fresh.regions.voxels(number) + 0.5) * 0.05
+    assert (((centres - where) ** 2).sum(axis=1) <= 0.15**2 + 1e-9).all(), "not its outline"
+    assert len(centres) == pytest.approx(4 / 3 * 3.14159 * 3**3, rel=0.1)
+
+    before = run(house, "ls")
+    wrong = f"DELETE WHERE {{ :{name} :occupies ?v }} ; INSERT DATA {{ :x :occupies 'X'^^:region }}"
+    with pytest.raises(QueryError):
+        semmap(url_of(house), "fields", "update", PREFIX + wrong)
+    assert run(house, "ls") == before, "all of it or nothing"
+    run(house, "update", PREFIX + f"DELETE WHERE {{ :{name} :occupies ?v }}")
+    assert name not in {r["name"] for r in run(house, "at", point)}
+    with house.connect() as connection:
+        assert connection.execute(text(f"SELECT entity_id('{name}')")).scalar() is None
+
+    def count() -> int:
+        return int({r["name"]: r["voxels"] for r in run(house, "ls")}["Ball_01_003"])
+
+    whole = count()
+    ball = "{ :Ball_01_003 :occupies ?v"
+    half = f"DELETE {ball} }} WHERE {ball} FILTER(:z(?v) > 0.3) }}"
+    run(house, "update", PREFIX + half)
+    assert 0 < count() < 0.7 * whole
+    kept = count()
+    with house.begin() as connection:
+        connection.execute(text("SELECT move_to(entity_id('Ball_01_003'), -6.0, -4.0, 0.319)"))
+    assert count() == pytest.approx(kept, rel=0.3), "what was deleted moves with the entity"
+
+
+def test_the_past_of_the_map(house: Engine) -> None:
+    with house.connect() as connection:
+        then = connection.execute(text("SELECT clock_timestamp()")).scalar_one()
+    with house.begin() as connection:
+        connection.execute(text("SELECT move_to(entity_id('Ball_01_001'), 7.0, -3.0, 0.319)"))
+    ball = "SELECT ?r { :Ball_01_001 :in ?r }"
+    time = f'"{then.isoformat()}"^^<http://www.w3.org/2001/XMLSchema#dateTime>'
+    now = f'"{datetime.now(UTC).isoformat()}"^^<http://www.w3.org/2001/XMLSchema#dateTime>'
+    assert rows(house, ball) == {("kitchen",)}
+    assert rows(house, f"{ball} AT {time}") == {("balcony",)}
+    assert rows(house, f"{ball} DURING {time} {now}") == {("balcony",), ("kitchen",)}
+    there = "ASK {{ ?v :occupiedBy :Ball_01_001 ; :inRoom :{} }} {} {}"
+    for room, clause, wanted in (
+        ("balcony", f"AT {time}", True),
+        ("kitchen", f"AT {time}", False),
+        ("kitchen", f"DURING {time} {now}", True),
+        ("bedroom", f"DURING {time} {now}", False),
+    ):
+        query = there.format(room, clause, "")
+        assert run(house, "query", PREFIX + query) is wanted, (room, clause)
+    assert "the map begins at" in refused(
+        house, f"{ball} AT {time.replace(str(then.year), '2001', 1)}"
+    )
 
 
 def test_free_space_keeps_away_from_people_of_the_map(house: Engine) -> None:

@@ -17,6 +17,7 @@ from semmap.fields.maps.map_buffer import MapBuffer, SourceUpdate
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.entity_relation import EntityRelation
+from semmap.fields.queries.statements import UnknownError
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap, Role, SpacesOf
 from semmap.fields.relations.facts import Fact
 from semmap.fields.relations.rules import RULES, RelationRule
@@ -181,7 +182,7 @@ def _held(
     begin = states[0][0]
     times = sorted({moment for moment, _ in states} | {max(u.time, begin) for u in updates})
     if len(times) > MOST_STATES:
-        raise LookupError(
+        raise UnknownError(
             f"entities and sources changed {len(times)} times in between: relations are compared "
             f"at up to {MOST_STATES} moments, give a shorter time"
         )
