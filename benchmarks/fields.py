@@ -155,7 +155,8 @@ def sensing() -> list[Row]:
 
 def look_milliseconds(vocabulary: Vocabulary) -> float:
     """The median time from a percept of a gaze to the event that a person sees a book."""
-    regions, names, roles, views = RegionMap(0.05), dict[Any, Any](), dict[Any, Any](), {}
+    regions = RegionMap(0.05)
+    names, roles, views = dict[Any, Any](), dict[Any, Any](), dict[Any, str]()
     for number in range(200):
         x, y = divmod(number, 20)
         regions.insert(number, Box((x, y - 10, 0.8), (0.3, 0.3, 0.3)))

@@ -247,14 +247,14 @@ def _watch_service(service: ServiceConnection, seconds: float | None, json_: boo
     with suppress(KeyboardInterrupt):
         for event in service.replies():
             held = event.pop("held", None)
-            count += held is True
-            if held is False:
-                if not json_:
-                    cli.out.print(f"{count} relations are true; Ctrl-C stops")
-            elif held is None:
-                print(json.dumps(event) if json_ else _sentence(event), flush=True)
-            if seconds is not None and event.get("over"):
+            if "over" in event:
                 return
+            if held is None:
+                print(json.dumps(event) if json_ else _sentence(event), flush=True)
+            elif held:
+                count += 1
+            elif not json_:
+                cli.out.print(f"{count} relations are true; Ctrl-C stops")
 
 
 def _sentence(event: dict[str, Any]) -> str:
@@ -449,10 +449,9 @@ def _kept_space(map_name: str | None, voxel_size: float) -> MirrorState | VoxelM
         from semmap.fields.store.field_store import has_maps
 
         if has_maps(database.session):
-            from semmap.fields.service.kept_answer import show_kept
-            from semmap.fields.store.names import read_map_vocabulary
+            from semmap.fields.service.kept_answer import PlainVocabulary, show_kept
 
-            newest = show_kept(mirror, database.session, read_map_vocabulary())
+            newest = show_kept(mirror, database.session, PlainVocabulary())
             if newest is not None:
                 _note(f"no service is running: sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}")
     return mirror

@@ -154,6 +154,13 @@ def test_queries_ask_the_service_and_say_so(url: str, service: ServiceConnection
         semmap(url, "fields", "query", PREFIX + "SELECT ?v { ?v :distanceToPerson ?d }")
 
 
+def test_watch_ends_after_its_time(url: str, service: ServiceConnection) -> None:
+    done = semmap(url, "fields", "watch", "--seconds", "0.3")
+    assert done.exit_code == 0, done.output
+    assert "reported by the service of house" in done.output
+    assert "relations are true" in done.output
+
+
 def test_the_service_follows_the_map(url: str, service: ServiceConnection) -> None:
     watcher, since = Watcher(url), time.perf_counter()
     done = semmap(url, "sql", "--write", "SELECT move_to(entity_id('Ball_01_001'), 7, -3, 0.2)")
@@ -236,4 +243,4 @@ def test_what_was_seen_is_kept(url: str, server: Server, module_engine: Engine) 
         made = connection.execute(text("SELECT created_at + interval '1 ms' FROM map")).scalar_one()
     early = moment.replace(looking.isoformat(), made.isoformat())
     with pytest.raises(QueryError, match="no source provides"):
-        fields(url, "query", PREFIX + query + "AT" + early)
+        fields(url, "query", PREFIX + "ASK { ?who :sees :Tableware_01_001 } AT" + early)

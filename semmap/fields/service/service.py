@@ -333,10 +333,11 @@ class FieldService:
             end = None if seconds is None else datetime.now(UTC).timestamp() + seconds
             while not self._stop.is_set():
                 if end is not None and datetime.now(UTC).timestamp() >= end:
-                    return
+                    break
                 event_or_none = stream.get(0.2 if end is None else min(0.2, seconds or 0.2))
                 if event_or_none is not None:
                     yield as_json(event_or_none)
+        yield {"over": True}
 
 
 def _parts(fact: Any) -> tuple[Any, Any, Any]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from datetime import datetime
 from itertools import zip_longest
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.store import field_store
 from semmap.fields.store.field_store import StoredField
+
+if TYPE_CHECKING:
+    from semmap.fields.maps.vocabulary import Properties
 
 __all__ = ["load_map", "load_maps", "load_maps_during", "save_map"]
 
@@ -38,7 +40,7 @@ def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
 
 
 def load_map(
-    connection: Any, vocabulary: Vocabulary, name: str, version: int | None = None
+    connection: Any, vocabulary: Properties, name: str, version: int | None = None
 ) -> RepresentationMap:
     """Return a stored map.
 
@@ -63,7 +65,7 @@ def load_map(
     return _map(stored, vocabulary)
 
 
-def load_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, RepresentationMap]:
+def load_maps(connection: Any, vocabulary: Properties) -> dict[str, RepresentationMap]:
     """Return by name the newest versions of all stored maps with a property of the vocabulary.
 
     The state of a mirror is not a map.
@@ -77,7 +79,7 @@ def load_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, Representati
 
 
 def load_maps_during(
-    connection: Any, vocabulary: Vocabulary, begin: datetime, end: datetime
+    connection: Any, vocabulary: Properties, begin: datetime, end: datetime
 ) -> list[SourceUpdate]:
     """Return the versions of stored maps that were the newest at any time from `begin` to `end`.
 
@@ -101,7 +103,7 @@ def load_maps_during(
     return found
 
 
-def _map(stored: StoredField, vocabulary: Vocabulary) -> RepresentationMap:
+def _map(stored: StoredField, vocabulary: Properties) -> RepresentationMap:
     return RepresentationMap(
         vocabulary[stored.property],
         stored.grid,

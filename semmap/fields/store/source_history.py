@@ -8,14 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from semmap.fields.maps.grids import empty_grid
 from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.store import field_store
 from semmap.fields.store.statements import Connection, run
+
+if TYPE_CHECKING:
+    from semmap.fields.maps.vocabulary import Properties
 
 __all__ = ["SourceHistory", "kept_span", "load_updates"]
 
@@ -104,7 +107,7 @@ def kept_span(connection: Connection) -> tuple[datetime, datetime] | None:
 
 def load_updates(
     connection: Connection,
-    vocabulary: Vocabulary,
+    vocabulary: Properties,
     begin: datetime | None = None,
     end: datetime | None = None,
 ) -> dict[str, list[SourceUpdate]]:
@@ -138,7 +141,7 @@ def load_updates(
 
 def _maps(
     connection: Connection,
-    vocabulary: Vocabulary,
+    vocabulary: Properties,
     versions: Iterable[tuple[str, int]],
     loaded: dict[tuple[str, int], RepresentationMap],
 ) -> Iterable[RepresentationMap]:
