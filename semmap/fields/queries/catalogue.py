@@ -171,7 +171,8 @@ class FieldCatalogue:
         people = []
         for name, several in self._occupancy.entities(*BODIES).items():
             type_ = self._names.entities.get(name)
-            if type_ is not None and "person" in self._names.supertypes.get(type_, ()):
+            # An agent of no type, such as an actor of a simulation, is taken for a person.
+            if type_ == "agent" or "person" in self._names.supertypes.get(type_ or "", ()):
                 for each in several:
                     voxels = self._occupancy.regions.voxels(each)
                     grid = BoolGrid(self.voxel_size, False)
