@@ -32,12 +32,8 @@ from semmap.fields.sources.synthetic_scene import (
     VisibleObject,
     standpoints,
 )
-from semmap.fields.store.reader import (
-    read_map_vocabulary,
-    read_names,
-    read_visible_objects,
-    read_zones,
-)
+from semmap.fields.store.names import read_map_vocabulary, read_names
+from semmap.fields.store.reader import read_visible_objects, read_zones
 from semmap.language.names import NameIndex
 
 __all__ = ["PAPERS_QUERY", "arrange_scene", "field_demo", "perceived_maps"]

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from semmap.cli.application import app, main, print_summary
-    from semmap.cli.chosen import choose_map, database, engine, open_database, open_map
+    from semmap.cli.chosen import (
+        choose_map,
+        chosen_url,
+        database,
+        engine,
+        open_database,
+        open_map,
+        show_map,
+    )
     from semmap.cli.options import Json, MapName
     from semmap.cli.output import err, out, print_json, show_rows, show_table
 
@@ -19,6 +27,7 @@ __all__ = [
     "MapName",
     "app",
     "choose_map",
+    "chosen_url",
     "database",
     "engine",
     "err",
@@ -28,13 +37,22 @@ __all__ = [
     "out",
     "print_json",
     "print_summary",
+    "show_map",
     "show_rows",
     "show_table",
 ]
 
 _HOMES = {
     "application": ("app", "main", "print_summary"),
-    "chosen": ("choose_map", "database", "engine", "open_database", "open_map"),
+    "chosen": (
+        "choose_map",
+        "chosen_url",
+        "database",
+        "engine",
+        "open_database",
+        "open_map",
+        "show_map",
+    ),
     "options": ("Json", "MapName"),
     "output": ("err", "out", "print_json", "show_rows", "show_table"),
 }

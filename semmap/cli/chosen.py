@@ -4,16 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 if TYPE_CHECKING:
+    import psycopg
     from sqlalchemy import Connection, Engine
 
     from semmap.api.database import Database
 
-__all__ = ["CliOptions", "choose_map", "database", "engine", "open_database", "open_map"]
+    Session = psycopg.Connection[Any]
+
+__all__ = [
+    "CliOptions",
+    "choose_map",
+    "chosen_url",
+    "database",
+    "engine",
+    "open_database",
+    "open_map",
+    "show_map",
+]
 
 
 class CliOptions:
@@ -21,6 +33,11 @@ class CliOptions:
 
     url: str | None = None
     context: typer.Context | None = None
+
+
+def chosen_url() -> str | None:
+    """The database of the option `--db`; None for that of `SEMMAP_DB`, or the embedded one."""
+    return CliOptions.url
 
 
 @contextmanager
@@ -78,12 +95,16 @@ def choose_map(connection: Connection, name: str | None) -> str:
     typer.BadParameter
         There is no such map, none at all, or several and none is chosen.
     """
+    return show_map(connection.connection.driver_connection, name)  # type: ignore[arg-type]
+
+
+def show_map(session: Session, name: str | None) -> str:
+    """Let a session of psycopg see a map, as `choose_map` does."""
     from semmap.query.entity_query import pick_map
 
-    driver = connection.connection.driver_connection
     try:
-        picked = pick_map(driver, name)  # type: ignore[arg-type]
+        picked = pick_map(session, name)
     except LookupError as error:
         raise typer.BadParameter(str(error)) from None
-    connection.exec_driver_sql("SELECT set_config('semmap.map', %(name)s, false)", {"name": picked})
+    session.execute("SELECT set_config('semmap.map', %s, false)", (picked,))
     return picked

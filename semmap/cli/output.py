@@ -12,12 +12,12 @@ from functools import cache
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
-from psycopg.types.range import Range
-
 from semmap.terminal import print_bold, visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+
+    from psycopg.types.range import Range
 
     from semmap.cli.console import SafeConsole
 
@@ -153,9 +153,15 @@ def plain(value: Any) -> Any:
         return "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, bytes | memoryview):
         return "\\x" + bytes(value).hex()
-    if isinstance(value, Range):
+    if _is_range(value):
         return _range(value)
     return value if isinstance(value, str | int | float | None) else str(value)
+
+
+def _is_range(value: Any) -> bool:
+    """Whether a value is a range; psycopg is not loaded for a command that had no use for it."""
+    loaded = sys.modules.get("psycopg.types.range")
+    return loaded is not None and isinstance(value, loaded.Range)
 
 
 def _range(value: Range[Any]) -> str:

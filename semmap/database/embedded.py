@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from semmap.data_folder import default_home
 from semmap.database import configuration
 from semmap.database.account import Account, caller, server_account
 from semmap.database.error import DatabaseError
@@ -31,21 +32,6 @@ DATABASE = "semmap"
 
 INCLUDES = "include '../semmap.conf'\ninclude_if_exists '../local.conf'\n"
 """The end of ``postgresql.conf``: settings that each start writes, then those of the user."""
-
-
-def default_home() -> Path:
-    """Where the cluster lies: ``$SEMMAP_DATA``, else ``semmap`` in the user's data directory.
-
-    Root's own folders are closed to the user that the server runs as, so root's cluster lies in
-    ``/var/lib/semmap``.
-    """
-    if stated := os.environ.get("SEMMAP_DATA"):
-        return Path(stated).expanduser().absolute()
-    if os.environ.get("XDG_DATA_HOME", "").startswith("/"):
-        return Path(os.environ["XDG_DATA_HOME"]) / "semmap"
-    if os.geteuid() == 0:
-        return Path("/var/lib/semmap")
-    return Path.home() / ".local" / "share" / "semmap"
 
 
 @dataclass(frozen=True)

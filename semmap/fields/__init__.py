@@ -4,24 +4,30 @@ Maps that sources make, operators on maps, regions of entities, relations betwee
 queries. Only the modules in `store` read and write the database.
 """
 
-from semmap.fields.maps.lattice import Lattice
-from semmap.fields.maps.map_buffer import MapBuffer
-from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.regions.measures import Memory, Overlap
-from semmap.fields.regions.region_map import RegionMap
-from semmap.fields.regions.shapes import (
-    Box,
-    Cone,
-    Cylinder,
-    DepthImage,
-    Hull,
-    Region,
-    Solid,
-    Sphere,
-    SurfaceRegion,
-    voxels_of,
-)
-from semmap.language.schema import Property
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from semmap.fields.maps.lattice import Lattice
+    from semmap.fields.maps.map_buffer import MapBuffer
+    from semmap.fields.maps.representation_map import RepresentationMap
+    from semmap.fields.regions.measures import Memory, Overlap
+    from semmap.fields.regions.region_map import RegionMap
+    from semmap.fields.regions.shapes import (
+        Box,
+        Cone,
+        Cylinder,
+        DepthImage,
+        Hull,
+        Region,
+        Solid,
+        Sphere,
+        SurfaceRegion,
+        voxels_of,
+    )
+    from semmap.language.schema import Property
 
 __all__ = [
     "Box",
@@ -42,3 +48,30 @@ __all__ = [
     "SurfaceRegion",
     "voxels_of",
 ]
+
+_HOMES = {
+    "Box": "semmap.fields.regions.shapes",
+    "Cone": "semmap.fields.regions.shapes",
+    "Cylinder": "semmap.fields.regions.shapes",
+    "DepthImage": "semmap.fields.regions.shapes",
+    "Hull": "semmap.fields.regions.shapes",
+    "Lattice": "semmap.fields.maps.lattice",
+    "MapBuffer": "semmap.fields.maps.map_buffer",
+    "Memory": "semmap.fields.regions.measures",
+    "Overlap": "semmap.fields.regions.measures",
+    "Property": "semmap.language.schema",
+    "Region": "semmap.fields.regions.shapes",
+    "RegionMap": "semmap.fields.regions.region_map",
+    "RepresentationMap": "semmap.fields.maps.representation_map",
+    "Solid": "semmap.fields.regions.shapes",
+    "Sphere": "semmap.fields.regions.shapes",
+    "SurfaceRegion": "semmap.fields.regions.shapes",
+    "voxels_of": "semmap.fields.regions.shapes",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name from its module when it is first used: a command loads only what it needs."""
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__} has no attribute {name}")

@@ -3,49 +3,65 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from semmap import cli
+from semmap.fields.service.client import find_service
+from semmap.fields.service.commands import add_service_commands
 
 if TYPE_CHECKING:
-    from semmap.fields.queries import SelectResult, StoreResult
+    from semmap.fields.service.client import ServiceConnection
+    from semmap.fields.store.mirror_state import MirrorState
     from semmap.fields.store.voxel_mirror import VoxelMirror
 
 __all__ = ["fields"]
 
 fields = typer.Typer(no_args_is_help=True, help="What space contains, voxel by voxel.")
 
+add_service_commands(fields)
+
 VoxelSize = Annotated[float, typer.Option(help="Edge of a voxel in metres.")]
 
 
-@fields.command()
+@fields.command(context_settings={"ignore_unknown_options": True})  # a point may begin with -
 def at(
     point: Annotated[str, typer.Argument(help="X,Y,Z in the frame of the map, metres.")],
     voxel_size: VoxelSize = 0.05,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Show which entities have the voxel at a point."""
+    """Show which entities have the voxel at a point: objects, rooms, regions and agents."""
     place = _point(point)
-    mirror = _current_mirror(map_name, voxel_size)
-    (found,) = mirror.regions.entities_at([place])
-    rows = [(mirror.names[n],) for n in sorted(int(str(n)) for n in found)]
-    cli.show_rows(["name"], rows, json_)
+    with find_service(cli.chosen_url(), map_name, voxel_size) as service:
+        if service is not None:
+            rows = service.ask("at", point=place)
+        else:
+            mirror = _kept_space(map_name, voxel_size)
+            (found,) = mirror.regions.entities_at([place])
+            rows = sorted((mirror.names[n], mirror.roles[n]) for n in found)
+    cli.show_rows(["name", "kind"], [tuple(row) for row in rows], json_)
 
 
 @fields.command()
 def ls(voxel_size: VoxelSize = 0.05, map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the entities that have voxels, with their number and volume in cubic metres."""
-    mirror = _current_mirror(map_name, voxel_size)
-    rows: list[tuple[Any, ...]] = []
-    for number, name in sorted(mirror.names.items(), key=lambda item: item[1]):
-        count = mirror.regions.size(number)
-        rows.append((name, count, round(count * voxel_size**3, 6)))
-    cli.show_rows(["name", "voxels", "volume"], rows, json_)
+    with find_service(cli.chosen_url(), map_name, voxel_size) as service:
+        if service is not None:
+            found = service.ask("ls")
+        else:
+            mirror = _kept_space(map_name, voxel_size)
+            found = sorted(
+                (name, mirror.roles[each], mirror.regions.size(each))
+                for each, name in mirror.names.items()
+            )
+    rows = [(name, kind, n, round(n * voxel_size**3, 6)) for name, kind, n in found]
+    cli.show_rows(["name", "kind", "voxels", "volume"], rows, json_)
 
 
 @fields.command("query")
@@ -63,27 +79,108 @@ def query_command(
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Query the fields of the map: occupied and free space, rooms, regions, stored fields."""
+    """Query the fields of the map: occupied and free space, rooms, regions, stored fields.
+
+    What nothing states, such as where people look without a source of gazes, is an error.
+    """
     if (text is None) == (file is None):
         raise ValueError("give the query as an argument, or a file with it by --file")
-    from semmap.fields.queries import SelectResult, query
-    from semmap.fields.queries.mirror_catalogue import mirror_catalogue
-    from semmap.fields.store.map_store import load_maps
-    from semmap.fields.store.reader import read_map_vocabulary, read_names
+    given: dict[str, Any] = {
+        "text": text if file is None else file.read_text(encoding="utf-8"),
+        "limit": None if json_ else limit,
+        "output": None if output is None else str(output.absolute()),
+        "keep": keep_as,
+    }
+    with find_service(cli.chosen_url(), map_name, voxel_size) as service:
+        if service is not None:
+            _note(f"answered by the service of {service.map_name}")
+            reply = service.ask("query", **given)
+        else:
+            reply = _query_kept_state(given, map_name, voxel_size)
+    if json_:
+        shown = {key: value for key, value in reply.items() if key != "total"}
+        print(json.dumps(reply.get("ask", reply.get("store", shown))))
+    elif "ask" in reply:
+        print("yes" if reply["ask"] else "no")
+    elif "store" in reply:
+        _show_stored(reply["store"])
+    else:
+        _show_rows(reply)
 
-    sparql = text if file is None else file.read_text(encoding="utf-8")
+
+def _query_kept_state(
+    given: dict[str, Any], map_name: str | None, voxel_size: float
+) -> dict[str, Any]:
+    """Answer a query from the map and what sources and users kept, without a service."""
+    from semmap.fields.queries.mirror_catalogue import mirror_catalogue
+    from semmap.fields.service.kept_answer import show_kept
+    from semmap.fields.service.query_reply import query_reply
+    from semmap.fields.store.names import read_map_vocabulary, read_names
+
     vocabulary = read_map_vocabulary()
     mirror = _current_mirror(map_name, voxel_size)
-    with cli.open_map(map_name) as connection:
-        names = read_names(connection)
-        mirror.maps.put("kept", load_maps(connection, vocabulary).values())
-    result = query(mirror_catalogue(mirror, names, vocabulary), str(sparql))
-    if isinstance(result, bool):
-        print(json.dumps(result) if json_ else ("yes" if result else "no"))
-    elif isinstance(result, SelectResult):
-        _show_rows(result, limit, json_)
-    else:
-        _store_result(result, output, keep_as, map_name, json_)
+    with cli.open_database() as database:
+        cli.show_map(database.session, map_name)
+        newest = show_kept(mirror, database.session, vocabulary)
+        seen = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
+        _note(f"no service is running: answered from the kept state of the map{seen}")
+
+        @contextmanager
+        def transaction() -> Iterator[Any]:
+            with database.session.transaction():
+                yield database.session
+
+        catalogue = mirror_catalogue(
+            mirror, read_names(database.session), vocabulary, open_connection=transaction
+        )
+        return query_reply(catalogue, given.pop("text"), transaction, **given)
+
+
+def _note(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+@fields.command("update")
+def update_command(
+    text: Annotated[str | None, typer.Argument(help="INSERT or DELETE in SPARQL.")] = None,
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="Read it from a file.")] = None,
+    voxel_size: VoxelSize = 0.05,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Insert and delete regions of entities; the map keeps them.
+
+    A blank node, or a name that is not in the map, becomes a region of the map.
+    """
+    if (text is None) == (file is None):
+        raise ValueError("give the update as an argument, or a file with it by --file")
+    sparql = str(text) if file is None else file.read_text(encoding="utf-8")
+    with find_service(cli.chosen_url(), map_name, voxel_size) as service:
+        if service is not None:
+            reply = service.ask("update", text=sparql)
+        else:
+            reply = _update_map(sparql, map_name, voxel_size)
+    if json_:
+        print(json.dumps(reply))
+        return
+    for node, name in reply["new"].items():
+        cli.out.print(f"{node} is {name}")
+    cli.out.print(f"changed: {', '.join(reply['changed']) or 'nothing'}")
+
+
+def _update_map(sparql: str, map_name: str | None, voxel_size: float) -> Any:
+    from semmap.fields.queries.mirror_catalogue import mirror_catalogue
+    from semmap.fields.service.kept_answer import show_kept
+    from semmap.fields.service.map_update import update_map
+    from semmap.fields.store.names import read_map_vocabulary, read_names
+
+    vocabulary = read_map_vocabulary()
+    mirror = _current_mirror(map_name, voxel_size)
+    with cli.open_database() as database:
+        cli.show_map(database.session, map_name)
+        show_kept(mirror, database.session, vocabulary)
+        catalogue = mirror_catalogue(mirror, read_names(database.session), vocabulary)
+        return update_map(mirror, catalogue, sparql, database.session)
 
 
 @fields.command()
@@ -91,7 +188,7 @@ def kept(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the stored fields with their versions."""
     from semmap.fields.store import field_store
     from semmap.fields.store.map_store import load_maps
-    from semmap.fields.store.reader import read_map_vocabulary
+    from semmap.fields.store.names import read_map_vocabulary
 
     with cli.open_map(map_name) as connection:
         rows = [
@@ -107,7 +204,7 @@ def forget(name: str, map_name: cli.MapName = None) -> None:
     from semmap.fields.store import field_store
 
     with cli.open_map(map_name) as connection:
-        known = field_store.names(connection)
+        known = field_store.names(connection, stateless=True)
         if name not in known:
             raise LookupError(
                 f"there is no field {name} in this map; fields: {', '.join(known) or 'none'}"
@@ -133,6 +230,45 @@ def watch(
 
     Other programs receive them on the channel `semmap_events` of the database.
     """
+    with find_service(cli.chosen_url(), map_name, voxel_size) as service:
+        if service is not None:
+            _note(f"reported by the service of {service.map_name}")
+            _watch_service(service, seconds, json_)
+        else:
+            _note("no service is running: relations of the map alone, without sources")
+            _watch_map(map_name, voxel_size, seconds, save_every, json_)
+
+
+def _watch_service(service: ServiceConnection, seconds: float | None, json_: bool) -> None:
+    from contextlib import suppress
+
+    service.send("watch", seconds=seconds)
+    count = 0
+    with suppress(KeyboardInterrupt):
+        for event in service.replies():
+            held = event.pop("held", None)
+            if "over" in event:
+                return
+            if held is None:
+                print(json.dumps(event) if json_ else _sentence(event), flush=True)
+            elif held:
+                count += 1
+            elif not json_:
+                cli.out.print(f"{count} relations are true; Ctrl-C stops")
+
+
+def _sentence(event: dict[str, Any]) -> str:
+    verb = "begins" if event["event"] == "begin" else "ends"
+    return f"{event['subject']} {event['relation']} {event['object']} {verb}"
+
+
+def _watch_map(
+    map_name: str | None,
+    voxel_size: float,
+    seconds: float | None,
+    save_every: float | None,
+    json_: bool,
+) -> None:
     import threading
 
     from semmap.fields.relations.tracker import RelationTracker
@@ -140,9 +276,11 @@ def watch(
 
     stop = threading.Event()
     engine = cli.engine()
+    with engine.connect() as connection:
+        map_name = cli.choose_map(connection, map_name)
     mirror = _resumed_mirror(engine, map_name, voxel_size)
     names: Mapping[Any, Any] = mirror.names
-    tracker = RelationTracker(mirror.regions, names=names)
+    tracker = RelationTracker(mirror.regions, names=names, views=mirror.views, spaces=mirror.spaces)
     tracker.update(mirror.regions.entities())
     publisher = EventPublisher(engine)
 
@@ -200,60 +338,39 @@ def _point(text: str) -> list[float]:
     return place
 
 
-def _show_rows(result: SelectResult, limit: int, json_: bool) -> None:
-    """Show at most `limit` rows as a table, or all rows as JSON."""
-    from itertools import islice
-
-    if json_:
-        print(json.dumps(result.as_json()))
-        return
-    rows = [tuple(_readable(value) for value in row) for row in islice(result, limit)]
-    cli.show_rows(list(result.names), rows, json_)
-    if len(result) > limit:
-        cli.out.print(f"{len(result) - limit} more rows: use --limit or --json")
+def _show_rows(reply: dict[str, Any]) -> None:
+    rows = [tuple(_readable(value) for value in row) for row in reply["rows"]]
+    cli.show_rows(reply["variables"], rows, False)
+    if reply["total"] > len(rows):
+        cli.out.print(f"{reply['total'] - len(rows)} more rows: use --limit or --json")
 
 
 def _readable(value: Any) -> Any:
-    if isinstance(value, tuple):
+    if isinstance(value, (tuple, list)):
         return " ".join(f"{v:.3f}" for v in value)
     return round(value, 6) if isinstance(value, float) else value
 
 
-def _store_result(
-    result: StoreResult, output: Path | None, name: str | None, map_name: str | None, json_: bool
-) -> None:
-    from semmap.fields.store.map_store import save_map
-
-    summary: dict[str, Any] = {"property": result.property.name, "voxels": len(result)}
-    where = ""
-    if output is not None:
-        result.to_map().write(output)
-        summary["file"] = str(output)
-        where += f", written to {output}"
-    if name is not None:
-        with cli.open_map(map_name) as connection:
-            summary["kept"] = name
-            summary["version"] = save_map(connection, name, result.to_map())
-            connection.commit()
-        where += f", stored as {name}, version {summary['version']}"
-    if json_:
-        print(json.dumps(summary))
-    else:
-        cli.out.print(f"{summary['property']}: {summary['voxels']} voxels{where}")
+def _show_stored(stored: dict[str, Any]) -> None:
+    where = f", written to {stored['file']}" if "file" in stored else ""
+    if "kept" in stored:
+        where += f", stored as {stored['kept']}, version {stored['version']}"
+    cli.out.print(f"{stored['property']}: {stored['voxels']} voxels{where}")
 
 
-def _export_mirror(folder: Path, mirror: VoxelMirror, json_: bool) -> None:
+def _export_mirror(folder: Path, mirror: MirrorState | VoxelMirror, json_: bool) -> None:
     import numpy as np
 
     from semmap.fields.maps.export import write_points
 
     regions = mirror.regions
-    parts = [np.zeros((0, 3), np.int32), *(regions.voxels(n) for n in sorted(mirror.names))]
+    bodies = [n for n in mirror.names if n not in mirror.spaces]
+    parts = [np.zeros((0, 3), np.int32), *(regions.voxels(n) for n in bodies)]
     voxels = np.unique(np.concatenate(parts), axis=0)
     centres = (voxels + 0.5) * regions.voxel_size
     numbers = regions.set_numbers_at(centres)
     sets = {
-        number: sorted(mirror.names[int(str(n))] for n in members)
+        number: sorted(mirror.names[n] for n in members)
         for number, members in regions.sets(numbers).items()
     }
     folder.mkdir(parents=True, exist_ok=True)
@@ -308,19 +425,49 @@ def _export_stored(
         )
 
 
-def _current_mirror(map_name: str | None, voxel_size: float) -> VoxelMirror:
-    """Return a mirror of the present state of a map."""
-    with cli.database() as engine:
-        return _resumed_mirror(engine, map_name, voxel_size)
+def _current_mirror(map_name: str | None, voxel_size: float) -> MirrorState | VoxelMirror:
+    """Return the voxels of the present state of a map.
+
+    They are those of the kept state where the map did not change since. Else they are computed, and
+    kept for the next command.
+    """
+    from semmap.fields.store.mirror_state import is_current, load_state
+
+    with cli.open_database() as database:
+        name = cli.show_map(database.session, map_name)
+        state = load_state(database.session, voxel_size)
+        if state is not None and is_current(database.session, state):
+            return state
+        return _resumed_mirror(database.engine, name, voxel_size)
 
 
-def _resumed_mirror(engine: Any, map_name: str | None, voxel_size: float) -> VoxelMirror:
+def _kept_space(map_name: str | None, voxel_size: float) -> MirrorState | VoxelMirror:
+    """Return the present state of a map, with what sources saw last."""
+    mirror = _current_mirror(map_name, voxel_size)
+    with cli.open_database() as database:
+        cli.show_map(database.session, map_name)
+        from semmap.fields.store.field_store import has_maps
+
+        if has_maps(database.session):
+            from semmap.fields.service.kept_answer import PlainVocabulary, show_kept
+
+            newest = show_kept(mirror, database.session, PlainVocabulary())
+            if newest is not None:
+                _note(f"no service is running: sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}")
+    return mirror
+
+
+def _resumed_mirror(engine: Any, map_name: str, voxel_size: float) -> VoxelMirror:
+    from contextlib import suppress
+
+    from sqlalchemy.exc import DBAPIError
+
     from semmap.fields.store.voxel_mirror import VoxelMirror
 
-    with engine.connect() as connection:
-        cli.choose_map(connection, map_name)  # an unknown map is an error that lists all maps
     mirror = VoxelMirror.resume(engine, map_name, voxel_size)
-    mirror.catch_up()
+    if mirror.catch_up():
+        with suppress(DBAPIError):  # a user who may only read computes them each time
+            mirror.save()
     for name, reason in mirror.left_out.items():
         cli.err.print(f"left out: {name}: {reason}", style="yellow")
     return mirror

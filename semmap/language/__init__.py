@@ -5,10 +5,16 @@ the checked algebra. The back end for fields is `semmap.fields.queries`. The lan
 with the clauses STORE, AT and DURING; it accepts the notation of reMap (section 4), too.
 """
 
-from semmap.language.checker import Checker
-from semmap.language.error import QueryError
-from semmap.language.parser import ParsedText, parse_query, parse_update
-from semmap.language.schema import Function, Property, Schema
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from semmap.language.checker import Checker
+    from semmap.language.error import QueryError
+    from semmap.language.parser import ParsedText, parse_query, parse_update
+    from semmap.language.schema import Function, Property, Schema
 
 __all__ = [
     "Checker",
@@ -20,3 +26,21 @@ __all__ = [
     "parse_query",
     "parse_update",
 ]
+
+_HOMES = {
+    "Checker": "semmap.language.checker",
+    "Function": "semmap.language.schema",
+    "ParsedText": "semmap.language.parser",
+    "Property": "semmap.language.schema",
+    "QueryError": "semmap.language.error",
+    "Schema": "semmap.language.schema",
+    "parse_query": "semmap.language.parser",
+    "parse_update": "semmap.language.parser",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name from its module when it is first used: a command loads only what it needs."""
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__} has no attribute {name}")

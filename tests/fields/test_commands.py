@@ -35,8 +35,10 @@ def run(office: str, *words: object) -> Any:
 
 
 def test_at_lists_the_entities_of_a_voxel(office: str) -> None:
-    assert {r["name"] for r in run(office, "at", "9.2,0.45,7.73")} == {"desk4"}
-    assert run(office, "at", "9.2,2.5,8.5") == []
+    found = run(office, "at", "9.2,0.45,7.73")
+    assert {(r["name"], r["kind"]) for r in found} == {("desk4", "object"), ("office4", "room")}
+    assert {r["name"] for r in run(office, "at", "9.2,2.5,8.5")} == {"office4"}
+    assert run(office, "at", "-5,-2.5,8.5") == []
 
 
 def test_ls_lists_volumes(office: str) -> None:
@@ -53,7 +55,7 @@ def test_export(office: str, tmp_path: Path) -> None:
     assert len(cloud.vertices) == result["voxels"]  # type: ignore[attr-defined]
     sets = json.loads((tmp_path / "sets.json").read_text())
     assert len(sets) == result["sets"]
-    assert ["desk4"] in sets.values()
+    assert ["desk4", "office4"] in sets.values()
     assert (tmp_path / "sets.vdb").stat().st_size > 1000
     low, high = np.asarray(cloud.bounds)
     assert low[2] < 0.1

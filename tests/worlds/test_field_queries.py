@@ -15,13 +15,14 @@ from sqlalchemy import Engine
 
 from planner.demo.fields import PAPERS_QUERY, arrange_scene, perceived_maps
 from semmap.fields.maps.map_buffer import MapBuffer
-from semmap.fields.queries import SelectResult, StoreResult, query
+from semmap.fields.queries import QueryError, SelectResult, StoreResult, query
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
 from semmap.fields.regions.shapes import Cylinder, SurfaceRegion
 from semmap.fields.sources import Segmentation
 from semmap.fields.sources.synthetic_scene import SyntheticScene, VisibleObject
-from semmap.fields.store.reader import read_map_vocabulary, read_names, read_visible_objects
+from semmap.fields.store.names import read_map_vocabulary, read_names
+from semmap.fields.store.reader import read_visible_objects
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
@@ -209,7 +210,11 @@ def test_moments(scene: HouseScene) -> None:
         given = text.replace(
             "STORE", f"{clause}^^<http://www.w3.org/2001/XMLSchema#duration>\nSTORE"
         )
+        if not there:
+            with pytest.raises(QueryError, match="no source provides"):
+                query(catalogue, given, later)
+            continue
         answer = query(catalogue, given, later)
         assert isinstance(answer, StoreResult)
         assert isinstance(full, StoreResult)
-        assert as_set(answer.voxels) == (as_set(full.voxels) if there else set())
+        assert as_set(answer.voxels) == as_set(full.voxels)

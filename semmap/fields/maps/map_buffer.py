@@ -7,8 +7,8 @@ nobody waits for a reader, and no reader sees half of an update.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 
@@ -25,10 +25,15 @@ class SourceUpdate:
     ----------
     time : aware
     maps : all maps of the source
+    provides : names of the properties that the source states, also where it has no map of them now:
+        a source of gazes that sees nobody states that nobody looks
+    source : its name
     """
 
     time: datetime
     maps: tuple[RepresentationMap, ...]
+    provides: frozenset[str] = frozenset()
+    source: str = ""
 
 
 class MapBuffer:
@@ -44,6 +49,7 @@ class MapBuffer:
         self._span = span
         self._state: Mapping[str, tuple[SourceUpdate, ...]] = {}
         self._lock = threading.Lock()  # between writers; readers need none
+        self._listeners: tuple[Callable[[], object], ...] = ()
 
     def put(
         self,
@@ -52,6 +58,7 @@ class MapBuffer:
         time: datetime | None = None,
         *,
         span: timedelta | None = None,
+        provides: Iterable[str] = (),
     ) -> None:
         """Replace the maps of a source.
 
@@ -61,6 +68,8 @@ class MapBuffer:
         maps : all its maps
         time : aware; now if not given
         span : how long they are kept after the next update; the span of the buffer if not given
+        provides : names of the properties that the source states, besides those of its maps, and of
+            its maps since it was withdrawn last
 
         Raises
         ------
@@ -68,9 +77,18 @@ class MapBuffer:
             The time has no time zone, or is before the last update of the source.
         """
         now = _aware(time) if time is not None else datetime.now(UTC)
-        update = SourceUpdate(now, tuple(maps))
+        given = tuple(maps)
+        names = frozenset(provides).union(*(_stated_by(each) for each in given))
+        self._put(source, SourceUpdate(now, given, names, source), span, also_former=True)
+
+    def _put(
+        self, source: str, update: SourceUpdate, span: timedelta | None, *, also_former: bool
+    ) -> None:
+        now = update.time
         with self._lock:
             past = self._state.get(source, ())
+            if also_former and past:
+                update = replace(update, provides=update.provides | past[-1].provides)
             if past and past[-1].time > now:
                 raise ValueError(
                     f"{source}: the maps of {now} are older than those of {past[-1].time}, its "
@@ -82,11 +100,21 @@ class MapBuffer:
                 each for each, following in pairwise((*past, update)) if following.time > oldest
             ]
             self._state = {**self._state, source: (*kept, update)}
+        for wake in self._listeners:
+            wake()
+
+    def on_put(self, wake: Callable[[], object]) -> None:
+        """Call a function after each update of any source, in the thread of that source."""
+        self._listeners = (*self._listeners, wake)
 
     def withdraw(self, source: str, time: datetime | None = None) -> None:
-        """Remove the current maps of a source; the history stays for its span."""
+        """Remove the current maps of a source; the history stays for its span.
+
+        What it provided is unknown from then on.
+        """
         if source in self._state:
-            self.put(source, (), time)
+            now = _aware(time) if time is not None else datetime.now(UTC)
+            self._put(source, SourceUpdate(now, (), source=source), None, also_former=False)
 
     def sources(self) -> list[str]:
         """Return the names of the sources that have maps now."""
@@ -94,7 +122,7 @@ class MapBuffer:
 
     def now(self) -> tuple[RepresentationMap, ...]:
         """Return the current maps of all sources."""
-        return tuple(m for past in self._state.values() for m in past[-1].maps)
+        return tuple(m for each in self.current() for m in each.maps)
 
     def at(self, moment: datetime) -> tuple[RepresentationMap, ...]:
         """Return the maps that were valid at a moment."""
@@ -108,15 +136,35 @@ class MapBuffer:
         ValueError
             A time has no time zone, or the end is before the beginning.
         """
+        return tuple(m for each in self.updates(begin, end) for m in each.maps)
+
+    def updates(self, begin: datetime, end: datetime) -> Iterator[SourceUpdate]:
+        """Yield the updates that were valid at any time from `begin` to `end`, both included.
+
+        Raises
+        ------
+        ValueError
+            As `during`.
+        """
         if _aware(end) < _aware(begin):
             raise ValueError(f"the time ends at {end}, before it begins at {begin}")
-        found: list[RepresentationMap] = []
         for past in self._state.values():
             for i, each in enumerate(past):
                 over = i + 1 < len(past) and past[i + 1].time <= begin
                 if each.time <= end and not over:
-                    found += each.maps
-        return tuple(found)
+                    yield each
+
+    def newest(self) -> dict[str, SourceUpdate]:
+        """Return the newest update of each source, by name."""
+        return {source: past[-1] for source, past in self._state.items()}
+
+    def oldest(self) -> dict[str, datetime]:
+        """Return for each source the time of its oldest update that is kept."""
+        return {source: past[0].time for source, past in self._state.items()}
+
+    def current(self) -> tuple[SourceUpdate, ...]:
+        """Return the newest update of each source."""
+        return tuple(past[-1] for past in self._state.values())
 
     def remembered(self) -> Iterator[RepresentationMap]:
         """Yield all maps that are kept, current and former ones."""
@@ -127,6 +175,12 @@ class MapBuffer:
     def since(self) -> datetime | None:
         """Return the time of the oldest update that is kept; None without updates."""
         return min((past[0].time for past in self._state.values()), default=None)
+
+
+def _stated_by(map: RepresentationMap) -> set[str]:
+    """Return the names of the properties that a map states."""
+    degree = map.property.measure if map.value_type == "float32" else None
+    return {map.property.name} | ({degree} if degree else set())
 
 
 def _aware(time: datetime) -> datetime:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Protocol
 
 from rdflib import OWL, RDF, RDFS, Graph, Namespace, URIRef
 from rdflib.term import Node
@@ -12,9 +13,21 @@ from semmap.ingest.ontology.tbox import snake_case
 from semmap.language.schema import Property
 from semmap.language.terms import local_name
 
-__all__ = ["SEMMAP", "Vocabulary", "read_vocabulary"]
+__all__ = ["SEMMAP", "Properties", "Vocabulary", "read_vocabulary"]
 
 SEMMAP = Namespace("urn:semmap:ontology#")
+
+
+class Properties(Protocol):
+    """Properties by IRI or name: a `Vocabulary`, or what stands for one."""
+
+    def __getitem__(self, name: str) -> Property:
+        """Return the property of an IRI or a name."""
+        ...
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is a property of an IRI or a name."""
+        ...
 
 
 class Vocabulary:

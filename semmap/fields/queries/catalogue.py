@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 
+import numpy as np
+
 from semmap.fields.maps import operators
 from semmap.fields.maps.lattice import Lattice
-from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.maps.map_buffer import MapBuffer, SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.queries.map_relations import (
@@ -17,12 +19,13 @@ from semmap.fields.queries.map_relations import (
     OccupancyRelation,
     TypeRelation,
 )
-from semmap.fields.queries.statements import StatementRelation
+from semmap.fields.queries.statements import StatementRelation, UnknownError
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
-from semmap.fields.regions.region_map import NamedRegionMap
+from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
 from semmap.language.names import NameIndex
 from semmap.language.schema import Function, Property
 from semmap.suggestions import suggestion
+from semmap_vdb import BoolGrid
 
 __all__ = ["RDF_TYPE", "FieldCatalogue"]
 
@@ -34,6 +37,17 @@ RDF_TYPE = Property(
     subject="entity",
     object="entity",
 )
+
+
+_ROLES: Mapping[str, tuple[Role, ...]] = {
+    "occupiedBy": BODIES,
+    "inRoom": ("room",),
+    "inZone": ("region",),
+}
+"""The properties that the region map states, and the roles of the entities that they name."""
+
+_NEEDED = {"freeIn": "inRoom", "distanceToPerson": "containsPerson"}
+"""The property from which another one follows."""
 
 
 class FieldCatalogue:
@@ -48,6 +62,7 @@ class FieldCatalogue:
     relations : further statements about the present, such as relations between entities
     voxel_size : metres; maps of other lattices are resampled
     farthest : metres up to which `distanceToPerson` is computed
+    past : makes the catalogue of a time; without it, only `maps` are known of the past
     """
 
     functions: Mapping[str, Function] = VOXEL_FUNCTIONS
@@ -62,6 +77,7 @@ class FieldCatalogue:
         relations: Iterable[StatementRelation] = (),
         voxel_size: float = 0.05,
         farthest: float = 3.0,
+        past: Callable[[datetime, datetime], FieldCatalogue] | None = None,
     ) -> None:
         self._vocabulary = vocabulary
         self._maps = maps
@@ -70,7 +86,8 @@ class FieldCatalogue:
         self._relations = {relation.property.name: relation for relation in relations}
         self._lattice = Lattice(voxel_size)
         self._farthest = farthest
-        self._selected: Callable[[], Sequence[RepresentationMap]] = maps.now
+        self._past = past
+        self._selected: Callable[[], Iterable[SourceUpdate]] = maps.current
         self._is_past = False
 
     @property
@@ -105,18 +122,27 @@ class FieldCatalogue:
         return [*self._vocabulary.properties, RDF_TYPE]
 
     def relation(self, property: Property) -> StatementRelation:
-        """Return the relation that states a property."""
+        """Return the relation that states a property.
+
+        Raises
+        ------
+        UnknownError
+            Nothing states it: no source provides it, or the map has none of what it is about.
+        """
         if property == RDF_TYPE:
             return TypeRelation(RDF_TYPE, self.types(), self._names.supertypes)
+        updates = tuple(self._selected())
+        self._check_provided(property, updates)
         if property.name in self._relations:
             return self._relations[property.name]
-        if property.name == "occupiedBy":
-            return OccupancyRelation(property, self._occupancy)
-        maps = [each.resampled(self._lattice) for each in self._selected()]
+        maps = [each.resampled(self._lattice) for update in updates for each in update.maps]
+        own = [each for each in maps if each.property == property]
+        if property.name in _ROLES:
+            return OccupancyRelation(property, self._occupancy, _ROLES[property.name], own)
         if property.name == "freeIn":
             rooms = [each for each in maps if each.property.name == "inRoom"]
-            return FreeSpaceRelation(property, rooms, self._occupancy)
-        own = [each for each in maps if each.property == property]
+            in_room = OccupancyRelation(property, self._occupancy, _ROLES["inRoom"], rooms)
+            return FreeSpaceRelation(property, in_room, self._occupancy)
         if property.object != "number":
             return EntityMapRelation(property, own)
         if property.name == "distanceToPerson" and not own:
@@ -132,9 +158,48 @@ class FieldCatalogue:
         self, property: Property, maps: Sequence[RepresentationMap]
     ) -> list[RepresentationMap]:
         people = [each for each in maps if each.property.name == "containsPerson"]
+        people += self._people_of_the_map()
         if not people:
             return []
-        return [operators.distance(operators.union(*people), self._farthest, as_=property)]
+        bodies = operators.union(*(_as_bool(each) for each in people))
+        return [operators.distance(bodies, self._farthest, as_=property)]
+
+    def _people_of_the_map(self) -> list[RepresentationMap]:
+        """Return the bodies of the people that the map itself has."""
+        if self._occupancy is None:
+            return []
+        people = []
+        for name, several in self._occupancy.entities(*BODIES).items():
+            type_ = self._names.entities.get(name)
+            # An agent of no type, such as an actor of a simulation, is taken for a person.
+            if type_ == "agent" or "person" in self._names.supertypes.get(type_ or "", ()):
+                for each in several:
+                    voxels = self._occupancy.regions.voxels(each)
+                    grid = BoolGrid(self.voxel_size, False)
+                    grid.set(voxels, np.ones(len(voxels), np.bool_))
+                    people.append(RepresentationMap(self._vocabulary["containsPerson"], grid))
+        return people
+
+    def _check_provided(self, property: Property, updates: Sequence[SourceUpdate]) -> None:
+        """Check that something states a property, so that no statement means that it is false."""
+        provided = {name for update in updates for name in update.provides}
+        name = _NEEDED.get(property.name, property.name)
+        by_map = self._occupancy is not None and (
+            name in ("occupiedBy", "inZone")
+            or (name == "inRoom" and bool(self._occupancy.entities("room")))
+            or (name == "containsPerson" and bool(self._people_of_the_map()))
+        )
+        if by_map or {name, property.name} & provided or name in self._relations:
+            return
+        if name == "inRoom":
+            raise UnknownError(
+                f"the map has no rooms, so that :{property.name} is unknown. Import rooms: a floor "
+                "plan as GeoJSON, or semmap regions find"
+            )
+        raise UnknownError(
+            f"no source provides :{name}, so that :{property.name} is unknown. Sources provide: "
+            f"{', '.join(sorted(provided)) or 'nothing'}. Start one: semmap fields serve -h"
+        )
 
     # Entities and types
 
@@ -163,13 +228,17 @@ class FieldCatalogue:
 
     def at(self, moment: datetime) -> FieldCatalogue:
         """Return the catalogue as it was at a moment."""
-        return self._in_the_past(lambda: self._maps.at(moment))
+        if self._past is not None:
+            return self._past(moment, moment)
+        return self._in_the_past(lambda: self._maps.updates(moment, moment))
 
     def during(self, begin: datetime, end: datetime) -> FieldCatalogue:
         """Return a catalogue of all maps that were valid at any time in between."""
-        return self._in_the_past(lambda: self._maps.during(begin, end))
+        if self._past is not None:
+            return self._past(begin, end)
+        return self._in_the_past(lambda: self._maps.updates(begin, end))
 
-    def _in_the_past(self, selected: Callable[[], Sequence[RepresentationMap]]) -> FieldCatalogue:
+    def _in_the_past(self, selected: Callable[[], Iterable[SourceUpdate]]) -> FieldCatalogue:
         past = FieldCatalogue(
             self._vocabulary,
             self._maps,
@@ -181,3 +250,10 @@ class FieldCatalogue:
         )
         past._selected, past._is_past = selected, True
         return past
+
+
+def _as_bool(map: RepresentationMap) -> RepresentationMap:
+    """Return where a map has voxels."""
+    return RepresentationMap.lazily(
+        map.property, "bool", map.lattice, lambda box: map.read(box).active(), time=map.time
+    )

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.queries.statements import Entities, Statements
-from semmap.fields.relations.tracker import RelationTracker
+from semmap.fields.queries.statements import Entities, Statements, UnknownError
+from semmap.fields.relations.facts import Fact
+from semmap.fields.relations.rules import RelationRule
 from semmap.language.schema import Property
 
-__all__ = ["EntityRelation"]
+__all__ = ["EntityRelation", "Relations"]
+
+
+class Relations(Protocol):
+    """What is true: a `RelationTracker`, or what was true in the past."""
+
+    @property
+    def rules(self) -> tuple[RelationRule, ...]:
+        """The rules of the relations."""
+        ...
+
+    def holding(self, relation: str | None = None) -> Mapping[Fact, Any]:
+        """Return the facts, of one relation if given."""
+        ...
 
 
 class EntityRelation:
@@ -21,11 +36,21 @@ class EntityRelation:
     ----------
     property : its `name` is that of a rule: `in`, `on`, `touching`, `near` or `sees`
     tracker : returns the relations, named as in facts; called when statements are read
+    unknown : returns the entities that have no voxels, whose relations are therefore unknown
+    missing : returns the property that nothing provides, and without which all is unknown
     """
 
-    def __init__(self, property: Property, tracker: Callable[[], RelationTracker]) -> None:
+    def __init__(
+        self,
+        property: Property,
+        tracker: Callable[[], Relations],
+        unknown: Callable[[], Collection[str]] = tuple,
+        missing: Callable[[], str | None] = lambda: None,
+    ) -> None:
         self.property = property
         self._tracker = tracker
+        self._unknown = unknown
+        self._missing = missing
 
     def statements(
         self,
@@ -40,11 +65,22 @@ class EntityRelation:
         ------
         LookupError
             No rule of the tracker has the name of the property.
+        UnknownError
+            All entities to which a side is limited have no voxels, or what the relation follows
+            from is missing.
         """
         tracker, name = self._tracker(), self.property.name
         known = [rule.name for rule in tracker.rules]
         if name not in known:
             raise LookupError(f"there is no relation {name}; relations: {', '.join(known)}")
+        missing = self._missing()
+        if missing is not None:
+            raise UnknownError(
+                f"no source provides :{missing}, so that :{name} is unknown. Start one: semmap "
+                "fields serve -h"
+            )
+        for side in (subjects, objects):
+            self._check_known(side)
         facts = sorted((str(fact.subject), str(fact.object)) for fact in tracker.holding(name))
         wanted = [
             (subject, object)
@@ -55,3 +91,12 @@ class EntityRelation:
             Entities.from_names(subject for subject, _ in wanted),
             Entities.from_names(object for _, object in wanted),
         )
+
+    def _check_known(self, names: Collection[str] | None) -> None:
+        without = set(self._unknown())
+        if names and without.issuperset(names):
+            shown = ", ".join(sorted(names)[:5])
+            raise UnknownError(
+                f"{shown}: no voxels, so that :{self.property.name} is unknown. Give the entity a "
+                "geometry, or ask for its holder: semmap show NAME"
+            )

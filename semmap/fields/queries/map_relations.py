@@ -11,7 +11,7 @@ from semmap.fields.maps import operators
 from semmap.fields.maps.lattice import VoxelBox
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.queries.statements import Entities, Numbers, Statements, Voxels
-from semmap.fields.regions.region_map import NamedRegionMap
+from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
 from semmap.language.schema import Property
 
@@ -47,6 +47,10 @@ class EntityMapRelation:
         within: Keys | None = None,
     ) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
+        return _by_entity(self.found(objects, within))
+
+    def found(self, objects: Collection[str] | None, within: Keys | None) -> list[tuple[str, Keys]]:
+        """Return entities with the keys of their voxels; an entity may occur more than once."""
         found: list[tuple[str, Keys]] = []
         box = _box_around(within)
         about: dict[tuple[str, str], list[RepresentationMap]] = {}
@@ -66,7 +70,7 @@ class EntityMapRelation:
         # DURING selects many maps about one entity: joined as grids they are sorted only once.
         for (name, _), several in about.items():
             found.append((name, keys_of(_read(operators.union(*several), box)[0])))
-        return _by_entity(found)
+        return found
 
 
 class NumberMapRelation:
@@ -105,17 +109,27 @@ class NumberMapRelation:
 
 
 class OccupancyRelation:
-    """States `voxel occupiedBy entity`, from a region map.
+    """States which entities of a region map have a voxel: `occupiedBy`, `inRoom`, `inZone`.
 
     Parameters
     ----------
     property : what is stated
     occupancy : None states nothing
+    roles : of the entities
+    maps : of that property, which state it, too
     """
 
-    def __init__(self, property: Property, occupancy: NamedRegionMap | None) -> None:
+    def __init__(
+        self,
+        property: Property,
+        occupancy: NamedRegionMap | None,
+        roles: Sequence[Role] = BODIES,
+        maps: Sequence[RepresentationMap] = (),
+    ) -> None:
         self.property = property
         self._occupancy = occupancy
+        self._roles = roles
+        self._maps = EntityMapRelation(property, maps)
 
     def statements(
         self,
@@ -125,16 +139,16 @@ class OccupancyRelation:
         within: Keys | None = None,
     ) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
-        if self._occupancy is None:
-            return _by_entity([])
-        regions = self._occupancy.regions
-        return _by_entity(
-            [
+        found = self._maps.found(objects, within)
+        if self._occupancy is not None:
+            regions = self._occupancy.regions
+            found += [
                 (name, keys_of(regions.voxels(entity)))
-                for name, entity in self._occupancy.entities().items()
+                for name, several in self._occupancy.entities(*self._roles).items()
                 if objects is None or name in objects
+                for entity in several
             ]
-        )
+        return _by_entity(found)
 
 
 class FreeSpaceRelation:
@@ -143,18 +157,15 @@ class FreeSpaceRelation:
     Parameters
     ----------
     property : what is stated
-    rooms : maps of rooms
+    rooms : states `voxel inRoom room`
     occupancy : None for no entities
     """
 
     def __init__(
-        self,
-        property: Property,
-        rooms: Sequence[RepresentationMap],
-        occupancy: NamedRegionMap | None,
+        self, property: Property, rooms: OccupancyRelation, occupancy: NamedRegionMap | None
     ) -> None:
         self.property = property
-        self._rooms = EntityMapRelation(property, rooms)
+        self._rooms = rooms
         self._occupancy = occupancy
 
     def statements(
@@ -170,9 +181,8 @@ class FreeSpaceRelation:
         assert isinstance(rooms, Entities)
         if self._occupancy is None:
             return Statements(voxels, rooms)
-        regions = self._occupancy.regions
-        centres = (voxels_of_keys(voxels.keys) + 0.5) * regions.voxel_size
-        free = regions.set_numbers_at(centres) == 0
+        size = self._occupancy.regions.voxel_size
+        free = ~self._occupancy.occupied((voxels_of_keys(voxels.keys) + 0.5) * size)
         return Statements(Voxels(voxels.keys[free]), Entities(rooms.codes[free], rooms.names))
 
 

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.entity_relation import EntityRelation
+from semmap.fields.queries.past_catalogue import Open, past_catalogue
 from semmap.fields.regions.region_map import NamedRegionMap
 from semmap.fields.relations.rules import RULES
 from semmap.fields.relations.tracker import RelationTracker
-from semmap.fields.store.voxel_mirror import VoxelMirror
+from semmap.fields.store.mirror_state import MirrorState
 from semmap.language.names import NameIndex
+
+if TYPE_CHECKING:
+    from semmap.fields.store.voxel_mirror import VoxelMirror
 
 __all__ = ["mirror_catalogue"]
 
 
 def mirror_catalogue(
-    mirror: VoxelMirror, names: NameIndex, vocabulary: Vocabulary
+    mirror: MirrorState | VoxelMirror,
+    names: NameIndex,
+    vocabulary: Vocabulary,
+    tracker: Callable[[], RelationTracker] | None = None,
+    open_connection: Open | None = None,
 ) -> FieldCatalogue:
     """Return the catalogue of a mirror.
 
@@ -30,24 +38,46 @@ def mirror_catalogue(
     mirror : the voxels and zones of a map
     names : its entities and the semantic types
     vocabulary : the properties
+    tracker : returns the relations between the entities, if something else updates them
+    open_connection : opens a connection that sees the map, for its past; without it, only the maps
+        of `mirror` are known of the past
     """
     entity_names: Mapping[Any, Any] = mirror.names
 
+    occupancy = NamedRegionMap(mirror.regions, mirror.names, mirror.roles)
+
     @cache
-    def tracker() -> RelationTracker:
-        relations = RelationTracker(mirror.regions, names=entity_names)
+    def computed() -> RelationTracker:
+        relations = RelationTracker(
+            mirror.regions, names=entity_names, views=mirror.views, spaces=mirror.spaces
+        )
         relations.update(mirror.regions.entities())
         return relations
+
+    def unknown() -> set[str]:
+        agents = set(mirror.views.values())  # an agent sees by its view, whether seen or not
+        return {*names.entities} - occupancy.entities().keys() - agents
+
+    def missing() -> str | None:
+        provided = {name for update in mirror.maps.current() for name in update.provides}
+        return None if mirror.views or "inFieldOfView" in provided else "inFieldOfView"
 
     return FieldCatalogue(
         vocabulary,
         mirror.maps,
         names,
-        occupancy=NamedRegionMap(mirror.regions, mirror.names),
+        occupancy=occupancy,
         relations=[
-            EntityRelation(vocabulary[rule.name], tracker)
-            for rule in RULES
-            if rule.name in vocabulary
+            EntityRelation(vocabulary[name], tracker or computed, unknown, missing)
+            if name == "sees"
+            else EntityRelation(vocabulary[name], tracker or computed, unknown)
+            for name in dict.fromkeys(rule.name for rule in RULES)
+            if name in vocabulary
         ],
         voxel_size=mirror.regions.voxel_size,
+        past=(
+            None
+            if open_connection is None
+            else past_catalogue(mirror, names, vocabulary, open_connection)
+        ),
     )

@@ -10,7 +10,7 @@ import rdflib
 from semmap.fields.queries.context import Context
 from semmap.fields.queries.evaluate import evaluate
 from semmap.fields.queries.query_result import SelectResult, StoreResult
-from semmap.fields.queries.statements import Catalogue
+from semmap.fields.queries.statements import Catalogue, UnknownError
 from semmap.fields.queries.store_clause import StoreChecker
 from semmap.fields.queries.table import LimitError, unbound
 from semmap.language.checker import Checker
@@ -45,13 +45,14 @@ def query(
     ------
     QueryError
         The text is not SPARQL, names an unknown property or entity, combines kinds that do not
-        fit, or exceeds a limit; with the place in the text.
+        fit, exceeds a limit, or reads what nothing states (no source provides it, or an entity
+        has no voxels); with the place in the text.
     """
     parsed = parse_query(text)
     try:
         past = _at_time(parsed, catalogue, now)
         return _select(parsed, past) if parsed.store is None else _store(parsed, past)
-    except LimitError as error:
+    except (LimitError, UnknownError) as error:
         raise parsed.error(str(error), 0) from None
     except RecursionError:
         raise parsed.error(TOO_DEEP, 0) from None

@@ -23,8 +23,13 @@ __all__ = [
     "StatementColumn",
     "StatementRelation",
     "Statements",
+    "UnknownError",
     "Voxels",
 ]
+
+
+class UnknownError(LookupError):
+    """Nothing states what is queried, so that the answer is neither yes nor no."""
 
 
 @dataclass(frozen=True, eq=False)

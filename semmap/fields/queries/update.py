@@ -19,7 +19,7 @@ from semmap.fields.queries.context import Context
 from semmap.fields.queries.evaluate import evaluate
 from semmap.fields.queries.query_result import UpdateResult
 from semmap.fields.queries.region_catalogue import RegionCatalogue, is_occupies
-from semmap.fields.queries.statements import Catalogue
+from semmap.fields.queries.statements import Catalogue, UnknownError
 from semmap.fields.queries.table import UNIT, LimitError, Table
 from semmap.fields.queries.voxel_functions import centres
 from semmap.fields.regions.region_map import RegionMap
@@ -128,7 +128,7 @@ class _UpdateRun:
         pattern = checker.check(where)
         try:
             return evaluate(pattern, context)
-        except LimitError as error:
+        except (LimitError, UnknownError) as error:
             raise self.parsed.error(str(error), 0) from None
 
     # Changes of the region map

@@ -10,7 +10,7 @@ import os
 import threading
 from collections.abc import Hashable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from semmap.fields.regions.entity_numbers import EntityNumbers
 from semmap.fields.regions.measures import Memory, Neighbour, Overlap, Support
 from semmap.fields.regions.shapes import Region, shape_of
 
-__all__ = ["NamedRegionMap", "RegionMap"]
+__all__ = ["BODIES", "NamedRegionMap", "RegionMap", "Role", "SpacesOf"]
 
 FARTHEST = 1000
 """The largest gap in voxels for which neighbours are searched."""
@@ -307,19 +307,65 @@ class RegionMap:
             self._numbers.release(entity)
 
 
+Role = Literal["object", "agent", "room", "region", "view", "personal space"]
+"""What an entity of a region map is. Only bodies, objects and agents, occupy their voxels."""
+
+BODIES: tuple[Role, ...] = ("object", "agent")
+SPACES: tuple[Role, ...] = ("room", "region", "personal space")
+
+
+class SpacesOf:
+    """The entities whose role is a part of space, always as `roles` has them now.
+
+    Parameters
+    ----------
+    roles : the role of each entity
+    """
+
+    def __init__(self, roles: Mapping[Any, Role]) -> None:
+        self._roles = roles
+
+    def __contains__(self, entity: object) -> bool:
+        """Return whether an entity is a part of space."""
+        return self._roles.get(entity, "object") in SPACES
+
+
 class NamedRegionMap:
-    """A region map and the names of its entities, for queries.
+    """A region map with the names and roles of its entities, for queries.
 
     Parameters
     ----------
     regions : the region map
     names : the name of each entity; `str` of an entity without one
+    roles : the role of each entity; an object without one
     """
 
-    def __init__(self, regions: RegionMap, names: Mapping[Any, str] | None = None) -> None:
+    def __init__(
+        self,
+        regions: RegionMap,
+        names: Mapping[Any, str] | None = None,
+        roles: Mapping[Any, Role] | None = None,
+    ) -> None:
         self.regions = regions
-        self._names = names or {}
+        self._names = {} if names is None else names
+        self._roles = {} if roles is None else roles
 
-    def entities(self) -> dict[str, Any]:
-        """Return the entities that have voxels, by name."""
-        return {self._names.get(each, str(each)): each for each in self.regions.entities()}
+    def entities(self, *roles: Role) -> dict[str, list[Any]]:
+        """Return the entities that have voxels, by name; only those with one of `roles` if given.
+
+        Several entities may have one name: an agent of the map, and its body as a source sees it.
+        """
+        found: dict[str, list[Any]] = {}
+        for each in self.regions.entities():
+            if not roles or self._roles.get(each, "object") in roles:
+                found.setdefault(self._names.get(each, str(each)), []).append(each)
+        return found
+
+    def occupied(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Return at which of (N, 3) points a body is."""
+        numbers, place = np.unique(self.regions.set_numbers_at(points), return_inverse=True)
+        bodies = {each for several in self.entities(*BODIES).values() for each in several}
+        sets = self.regions.sets(numbers)
+        full = np.array([not bodies.isdisjoint(sets[n]) for n in numbers.tolist()], np.bool_)
+        found: NDArray[np.bool_] = full[place] if len(full) else np.zeros(0, np.bool_)
+        return found

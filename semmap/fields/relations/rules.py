@@ -104,8 +104,8 @@ class RelationRule:
 
 
 _BODIES: frozenset[tuple[Kind, Kind]] = frozenset({("body", "body")})
-_INTO: frozenset[tuple[Kind, Kind]] = frozenset({("body", "body"), ("body", "space")})
-_EITHER: frozenset[tuple[Kind, Kind]] = _INTO | {("space", "body")}
+_INTO_SPACE: frozenset[tuple[Kind, Kind]] = frozenset({("body", "space"), ("space", "space")})
+_EITHER: frozenset[tuple[Kind, Kind]] = _BODIES | {("body", "space"), ("space", "body")}
 _VIEWED: frozenset[tuple[Kind, Kind]] = frozenset({("view", "body")})
 
 
@@ -123,7 +123,8 @@ def near_rule(distance: float) -> RelationRule:
 
 
 RULES = (
-    RelationRule("in", "within", 0.9, 0.8, _INTO),
+    RelationRule("in", "within", 0.9, 0.8, _BODIES),
+    RelationRule("in", "within", 0.5, 0.4, _INTO_SPACE),
     RelationRule("on", "supported", 0.1, 0.05, _BODIES),
     RelationRule("touching", "voxels apart", 0.0, 1.0, _BODIES),
     near_rule(0.5),
@@ -131,6 +132,7 @@ RULES = (
 )
 """The rules of all relations.
 
+A body is in a room from half of its voxels on, as in the SQL function `is_in`.
 `on` continues where an entity is shifted up or down by a voxel: see `Support.loose`. `sees` uses
 the field of view alone; occlusion is not computed.
 """

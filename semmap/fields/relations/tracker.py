@@ -44,7 +44,7 @@ class RelationTracker:
         The names of entities in facts; the entity itself where it has none. A name is read when a
         fact begins, since a removed entity may have lost its name when the fact ends.
     rules : iterable of RelationRule
-        At most one rule for each name.
+        At most one rule for each name and pair of kinds.
 
     Notes
     -----
@@ -80,11 +80,13 @@ class RelationTracker:
         self._spaces = spaces
         self._names: Mapping[Any, Hashable] = {} if names is None else names
         self._rank = {rule.name: i for i, rule in enumerate(self.rules)}
-        if len(self._rank) < len(self.rules):
-            raise ValueError("two rules have one name: give each relation one rule")
         self._between: dict[tuple[Kind, Kind], list[RelationRule]] = defaultdict(list)
         for rule in self.rules:
             for kinds in rule.between:
+                if rule.name in (each.name for each in self._between[kinds]):
+                    raise ValueError(
+                        f"{rule.name} has two rules from {kinds[0]} to {kinds[1]}: give one rule"
+                    )
                 self._between[kinds].append(rule)
         self._reach = max((rule.reach(regions.voxel_size) for rule in self.rules), default=0.0)
         # By entities of the map. An agent may have several views: facts are counted.

@@ -1,21 +1,28 @@
 """Sources: they make maps from percepts, each at its own rate (reMap, sections 3.1.1 and 5.1)."""
 
-from semmap.fields.sources.gaze import GazeSource
-from semmap.fields.sources.manager import SourceManager, SourceStatus
-from semmap.fields.sources.percepts import (
-    Gaze,
-    Motion,
-    People,
-    RobotState,
-    Segmentation,
-    Zone,
-    Zones,
-)
-from semmap.fields.sources.personal_space import PersonalSpaceSource
-from semmap.fields.sources.robot_body import RobotBodySource
-from semmap.fields.sources.segmentation import ObjectSource, PeopleSource
-from semmap.fields.sources.source import Source, installed_sources, make_source
-from semmap.fields.sources.zones import ZoneSource
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from semmap.fields.sources.gaze import GazeSource
+    from semmap.fields.sources.manager import SourceManager, SourceStatus
+    from semmap.fields.sources.percepts import (
+        Gaze,
+        Motion,
+        People,
+        RobotState,
+        Segmentation,
+        Zone,
+        Zones,
+    )
+    from semmap.fields.sources.personal_space import PersonalSpaceSource
+    from semmap.fields.sources.robot_body import RobotBodySource
+    from semmap.fields.sources.segmentation import ObjectSource, PeopleSource
+    from semmap.fields.sources.source import Source, installed_sources, make_source
+    from semmap.fields.sources.standing_people import StandingPeopleSource
+    from semmap.fields.sources.zones import ZoneSource
 
 __all__ = [
     "Gaze",
@@ -31,9 +38,39 @@ __all__ = [
     "Source",
     "SourceManager",
     "SourceStatus",
+    "StandingPeopleSource",
     "Zone",
     "ZoneSource",
     "Zones",
     "installed_sources",
     "make_source",
 ]
+
+_HOMES = {
+    "Gaze": "semmap.fields.sources.percepts",
+    "GazeSource": "semmap.fields.sources.gaze",
+    "Motion": "semmap.fields.sources.percepts",
+    "ObjectSource": "semmap.fields.sources.segmentation",
+    "People": "semmap.fields.sources.percepts",
+    "PeopleSource": "semmap.fields.sources.segmentation",
+    "PersonalSpaceSource": "semmap.fields.sources.personal_space",
+    "RobotBodySource": "semmap.fields.sources.robot_body",
+    "RobotState": "semmap.fields.sources.percepts",
+    "Segmentation": "semmap.fields.sources.percepts",
+    "Source": "semmap.fields.sources.source",
+    "SourceManager": "semmap.fields.sources.manager",
+    "SourceStatus": "semmap.fields.sources.manager",
+    "StandingPeopleSource": "semmap.fields.sources.standing_people",
+    "Zone": "semmap.fields.sources.percepts",
+    "ZoneSource": "semmap.fields.sources.zones",
+    "Zones": "semmap.fields.sources.percepts",
+    "installed_sources": "semmap.fields.sources.source",
+    "make_source": "semmap.fields.sources.source",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a name from its module when it is first used: a command loads only what it needs."""
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__} has no attribute {name}")

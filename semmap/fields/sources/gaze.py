@@ -43,6 +43,7 @@ class GazeSource:
         self._angle = angle
         self._reach = positive(reach, "reach")
         self._graded = graded
+        self.provides = ("inFieldOfView", "attention") if graded else ("inFieldOfView",)
 
     def __call__(self, percept: Gaze) -> list[RepresentationMap]:
         """Return a map for each agent."""

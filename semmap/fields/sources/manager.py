@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from time import monotonic
 from typing import Any
@@ -16,9 +16,16 @@ from typing import Any
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.sources.source import Source
 
-__all__ = ["SourceManager", "SourceStatus"]
+__all__ = ["EndOfPercepts", "SourceManager", "SourceStatus"]
+
+PATIENCE = 0.2
+"""Seconds between checks of whether to stop, while a source waits for a percept."""
 
 _log = logging.getLogger(__name__)
+
+
+class EndOfPercepts(Exception):
+    """There will be no more percepts: raised by a function that returns them."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +37,7 @@ class SourceStatus:
     rate : required updates per second
     updates : number of updates
     seconds : duration of the last update
-    error : the error of the last update, if any
+    error : the error of the last update, if any, or why the source has no maps
     """
 
     rate: float
@@ -62,8 +69,12 @@ class SourceManager:
         *,
         rate: float = 10.0,
         span: timedelta | None = None,
+        timeout: float | None = None,
     ) -> None:
         """Start a source.
+
+        If `percepts` has a method `wait(seconds)` that returns when a percept arrives, the source
+        runs at once then, at most `rate` times per second.
 
         Parameters
         ----------
@@ -73,6 +84,8 @@ class SourceManager:
             new maps
         rate : calls of `percepts` per second
         span : how long former maps are kept
+        timeout : seconds without a new percept after which the maps are removed: what the source
+            provides is then unknown; never if not given
 
         Raises
         ------
@@ -84,7 +97,7 @@ class SourceManager:
         with self._lock:
             if name in self._workers:
                 raise ValueError(f"the source {name} is running: deactivate it first")
-            worker = _Worker(name, source, percepts, self.maps, rate, span)
+            worker = _Worker(name, source, percepts, self.maps, rate, span, timeout)
             self._workers[name] = worker
         worker.start()
 
@@ -133,7 +146,11 @@ class _Worker:
         maps: MapBuffer,
         rate: float,
         span: timedelta | None,
+        timeout: float | None,
     ) -> None:
+        self._timeout = timeout
+        self._latest = monotonic()  # when the last percept came
+        self._has_maps = False
         self._name = name
         self._source = source
         self._percepts = percepts
@@ -154,10 +171,30 @@ class _Worker:
 
     def _work(self) -> None:
         due = monotonic()
+        wait = getattr(self._percepts, "wait", None)
         while not self._stop.is_set():
-            self._update()
+            try:
+                self._update()
+            except EndOfPercepts:
+                self._withdraw("the percepts ended")
+                return
             due = max(due + 1 / self.status.rate, monotonic())  # skip the updates that were missed
             self._stop.wait(due - monotonic())
+            if wait is not None:
+                while not self._stop.is_set() and not wait(PATIENCE):
+                    self._check_timeout()
+            else:
+                self._check_timeout()
+
+    def _check_timeout(self) -> None:
+        if self._timeout is not None and monotonic() > self._latest + self._timeout:
+            self._withdraw(f"no percept for {self._timeout:g} s")
+
+    def _withdraw(self, reason: str) -> None:
+        if self._has_maps:
+            self._has_maps = False
+            self._maps.withdraw(self._name)
+            self.status = replace(self.status, error=reason)
 
     def _update(self) -> None:
         begin = monotonic()
@@ -166,9 +203,18 @@ class _Worker:
             percept = self._percepts()
             if percept is None or percept is self._last:
                 return
-            self._last = percept
-            self._maps.put(self._name, self._source(percept), percept.time, span=self._span)
+            self._last, self._latest = percept, monotonic()
+            self._maps.put(
+                self._name,
+                self._source(percept),
+                percept.time,
+                span=self._span,
+                provides=getattr(self._source, "provides", ()),
+            )
             count += 1
+            self._has_maps = True
+        except EndOfPercepts:
+            raise
         except Exception as caught:  # a source continues after an error; its last maps stay
             error = f"{type(caught).__name__}: {caught}"
             if error != self.status.error:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Literal
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon, Polygon, from_wkb, to_wkb
 
 __all__ = ["Gaze", "Motion", "People", "RobotState", "Segmentation", "Zone", "Zones"]
 
@@ -112,6 +112,16 @@ class Zone:
     outline: Polygon | MultiPolygon
     low: float
     high: float
+
+    def as_json(self) -> list[str | float]:
+        """Return the zone as a list for `json.dumps`; see `from_json`."""
+        return [self.name, self.kind, to_wkb(self.outline, hex=True), self.low, self.high]
+
+    @classmethod
+    def from_json(cls, values: Sequence[Any]) -> Zone:
+        """Return the zone of a list of `as_json`."""
+        name, kind, outline, low, high = values
+        return cls(name, kind, from_wkb(outline), low, high)
 
 
 @dataclass(frozen=True, eq=False)

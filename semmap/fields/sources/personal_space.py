@@ -57,6 +57,8 @@ class PersonalSpaceSource:
     least : the smallest value that a voxel gets
     """
 
+    provides = ("inPersonalSpace", "personalSpace")
+
     def __init__(
         self,
         vocabulary: Vocabulary,

@@ -28,6 +28,8 @@ class RobotBodySource:
     voxel_size : metres
     """
 
+    provides = ("containsRobot",)
+
     def __init__(
         self,
         vocabulary: Vocabulary,

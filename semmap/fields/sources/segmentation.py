@@ -26,6 +26,7 @@ class _LabelSource:
         self, vocabulary: Vocabulary, *, voxel_size: float = 0.05, farthest: float = 10.0
     ) -> None:
         self._property = vocabulary[self.property_name]
+        self.provides = (self.property_name,)
         self._voxel_size = positive(voxel_size, "voxel_size")
         self._farthest = positive(farthest, "farthest")
 

@@ -16,7 +16,12 @@ GROUP = "semmap.sources"
 
 
 class Source(Protocol):
-    """Makes maps from a percept. Constructed by ``Class(vocabulary, **options)``."""
+    """Makes maps from a percept. Constructed by ``Class(vocabulary, **options)``.
+
+    A source may have an attribute `provides`, the names of the properties that it states. Where a
+    percept makes no map of one of them, a query answers that there is none; without a source that
+    provides a property, a query on it is an error.
+    """
 
     def __call__(self, percept: Any) -> Iterable[RepresentationMap]:
         """Return the maps of a percept; their number may differ each time."""

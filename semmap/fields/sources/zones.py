@@ -15,7 +15,7 @@ from semmap.fields.sources.percepts import Zone, Zones
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.morphology import polygons
 
-__all__ = ["ZoneSource"]
+__all__ = ["ZoneSource", "prism"]
 
 
 class ZoneSource:
@@ -31,6 +31,8 @@ class ZoneSource:
     left_out : dict
         For each zone without a map the reason: it has more voxels than `semmap.limits` allow.
     """
+
+    provides = ("inRoom", "inZone")
 
     def __init__(self, vocabulary: Vocabulary, *, voxel_size: float = 0.05) -> None:
         self._property = {"room": vocabulary["inRoom"], "region": vocabulary["inZone"]}
@@ -53,7 +55,7 @@ class ZoneSource:
             try:
                 grid = RepresentationMap.of_regions(
                     self._property[zone.kind],
-                    [(region, True) for region in _prism(zone, self._voxel_size)],
+                    [(region, True) for region in prism(zone, self._voxel_size)],
                     self._voxel_size,
                     about=zone.name,
                     time=percept.time,
@@ -66,7 +68,8 @@ class ZoneSource:
         return [each for _, each in known.values() if each is not None]
 
 
-def _prism(zone: Zone, voxel_size: float) -> list[Region]:
+def prism(zone: Zone, voxel_size: float) -> list[Region]:
+    """Return the space of a zone, from its bottom to its top."""
     regions: list[Region] = []
     for polygon in polygons(zone.outline):
         made = extrude_polygon(Polygon(polygon), zone.high - zone.low)

@@ -1,6 +1,7 @@
 """Fields in the database with all their versions; only cubes of voxels that changed are written.
 
-A field belongs to the current map. All changes of a call are part of the transaction of the caller.
+A field belongs to the current map. All changes of a call are part of the transaction of the caller,
+whose connection is one of SQLAlchemy or, for commands that start quickly, of psycopg.
 """
 
 from __future__ import annotations
@@ -12,11 +13,20 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Connection, Row, text
-
 from semmap.fields.maps.grids import GRIDS, Grid, ValueType, value_type_of
+from semmap.fields.store.statements import Connection, run
 
-__all__ = ["StoredField", "VersionSummary", "forget", "load", "names", "prune", "save", "versions"]
+__all__ = [
+    "StoredField",
+    "VersionSummary",
+    "forget",
+    "has_maps",
+    "load",
+    "names",
+    "prune",
+    "save",
+    "versions",
+]
 
 EDGE = 32
 """Edge of the cubes of new fields, in voxels.
@@ -79,6 +89,7 @@ def save(
     about: str | None = None,
     legend: Mapping[int, Any] | None = None,
     state: Mapping[str, Any] | None = None,
+    at: datetime | None = None,
 ) -> int:
     """Store a grid as the newest version of a field.
 
@@ -95,6 +106,7 @@ def save(
     about : the entity that the field is about
     legend : the entities of the values of an int32 grid, as JSON allows
     state : data of the writer, as JSON allows
+    at : from when on the grid is valid, aware; now if not given
 
     Returns
     -------
@@ -121,32 +133,29 @@ def save(
     digests = {at: hashlib.blake2b(b, digest_size=16).digest() for at, b in blocks.items()}
     before = {
         (row.x, row.y, row.z): row.digest
-        for row in connection.execute(
-            text(
-                "SELECT x, y, z, digest FROM field_block WHERE field_id = :field AND until IS NULL"
-            ),
+        for row in run(
+            connection,
+            "SELECT x, y, z, digest FROM field_block WHERE field_id = %(field)s AND until IS NULL",
             {"field": field.id},
         )
     }
     over = [at for at, digest in before.items() if digests.get(at) != digest]
     if over:
-        connection.execute(
-            text(
-                "UPDATE field_block b SET until = :version "
-                "FROM unnest(CAST(:x AS integer[]), CAST(:y AS integer[]), CAST(:z AS integer[])) "
-                "AS o(x, y, z) WHERE b.field_id = :field AND b.until IS NULL "
-                "AND (b.x, b.y, b.z) = (o.x, o.y, o.z)"
-            ),
+        run(
+            connection,
+            "UPDATE field_block b SET until = %(version)s "
+            "FROM unnest(%(x)s::integer[], %(y)s::integer[], %(z)s::integer[]) AS o(x, y, z) "
+            "WHERE b.field_id = %(field)s AND b.until IS NULL "
+            "AND (b.x, b.y, b.z) = (o.x, o.y, o.z)",
             {"field": field.id, "version": version}
             | {axis: [at[i] for at in over] for i, axis in enumerate("xyz")},
         )
     fresh = [at for at, digest in digests.items() if before.get(at) != digest]
     if fresh:
-        connection.execute(
-            text(
-                "INSERT INTO field_block (field_id, x, y, z, since, digest, bytes) "
-                "VALUES (:field, :x, :y, :z, :version, :digest, :bytes)"
-            ),
+        run(
+            connection,
+            "INSERT INTO field_block (field_id, x, y, z, since, digest, bytes) "
+            "VALUES (%(field)s, %(x)s, %(y)s, %(z)s, %(version)s, %(digest)s, %(bytes)s)",
             [
                 {"field": field.id, "version": version}
                 | dict(zip("xyz", at, strict=True))
@@ -154,23 +163,24 @@ def save(
                 for at in fresh
             ],
         )
-    connection.execute(
-        text(
-            "INSERT INTO field_version (field_id, version, background, placement, legend, state) "
-            "VALUES (:field, :version, :background, :placement, CAST(:legend AS jsonb), "
-            "CAST(:state AS jsonb))"
-        ),
+    run(
+        connection,
+        "INSERT INTO field_version (field_id, version, at, background, placement, legend, state) "
+        "VALUES (%(field)s, %(version)s, coalesce(%(at)s, statement_timestamp()), %(background)s, "
+        "%(placement)s, %(legend)s::jsonb, %(state)s::jsonb)",
         {
             "field": field.id,
             "version": version,
+            "at": at,
             "background": float(grid.background),
             "placement": [number for row in grid.placement for number in row],
             "legend": None if legend is None else json.dumps(dict(legend)),
             "state": None if state is None else json.dumps(dict(state)),
         },
     )
-    connection.execute(
-        text("UPDATE field SET version = :version WHERE id = :field"),
+    run(
+        connection,
+        "UPDATE field SET version = %(version)s WHERE id = %(field)s",
         {"field": field.id, "version": version},
     )
     return version
@@ -193,25 +203,26 @@ def load(connection: Connection, name: str, version: int | None = None) -> Store
     while True:
         field = _field(connection, name)
         number = field.version if version is None else version
-        cubes = connection.execute(
-            text(
-                "SELECT x, y, z, bytes FROM field_block WHERE field_id = :field "
-                "AND since <= :version AND (until IS NULL OR until > :version)"
-            ),
+        cubes = run(
+            connection,
+            "SELECT x, y, z, bytes FROM field_block WHERE field_id = %(field)s "
+            "AND since <= %(version)s AND (until IS NULL OR until > %(version)s)",
             {"field": field.id, "version": number},
-        ).all()
+        )
         # Read last: while a version exists, all its cubes exist.
-        row = connection.execute(
-            text("SELECT * FROM field_version WHERE field_id = :field AND version = :version"),
+        rows = run(
+            connection,
+            "SELECT * FROM field_version WHERE field_id = %(field)s AND version = %(version)s",
             {"field": field.id, "version": number},
-        ).one_or_none()
-        if row is not None:
+        )
+        if rows:
             break
         if version is not None:
             there = [str(each.version) for each in versions(connection, name)]
             raise LookupError(
                 f"there is no version {version} of the field {name}; versions: {', '.join(there)}"
             )
+    (row,) = rows
     kind = GRIDS[_value_type(field.value_type)]
     plain = {"bool": bool, "int32": int, "float32": float}[field.value_type]
     grid = kind(field.voxel_size, plain(row.background))
@@ -229,17 +240,25 @@ def names(connection: Connection, *, stateless: bool = False) -> list[str]:
     connection : sees the map
     stateless : only the fields without data of their writer
     """
-    return list(
-        connection.execute(
-            text(
-                "SELECT f.name FROM field f "
-                "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
-                "WHERE f.map_id = current_map() AND NOT (:stateless AND v.state IS NOT NULL) "
-                "ORDER BY f.name"
-            ),
-            {"stateless": stateless},
-        ).scalars()
+    rows = run(
+        connection,
+        "SELECT f.name FROM field f "
+        "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
+        "WHERE f.map_id = current_map() AND NOT (%(stateless)s AND v.state IS NOT NULL) "
+        "ORDER BY f.name",
+        {"stateless": stateless},
     )
+    return [row.name for row in rows]
+
+
+def has_maps(connection: Connection) -> bool:
+    """Return whether the current map has any field besides the states of mirrors."""
+    rows = run(
+        connection,
+        "SELECT EXISTS (SELECT FROM field WHERE map_id = current_map() "
+        "AND name NOT LIKE 'occupied % m') AS so",
+    )
+    return bool(rows[0].so)
 
 
 def versions(connection: Connection, name: str) -> list[VersionSummary]:
@@ -250,13 +269,12 @@ def versions(connection: Connection, name: str) -> list[VersionSummary]:
     LookupError
         There is no such field.
     """
-    rows = connection.execute(
-        text(
-            "SELECT v.version, v.at, count(b.since) AS blocks, "
-            "coalesce(sum(octet_length(b.bytes)), 0) AS bytes FROM field_version v "
-            "LEFT JOIN field_block b ON b.field_id = v.field_id AND b.since = v.version "
-            "WHERE v.field_id = :field GROUP BY v.version, v.at ORDER BY v.version"
-        ),
+    rows = run(
+        connection,
+        "SELECT v.version, v.at, count(b.since) AS blocks, "
+        "coalesce(sum(octet_length(b.bytes)), 0) AS bytes FROM field_version v "
+        "LEFT JOIN field_block b ON b.field_id = v.field_id AND b.since = v.version "
+        "WHERE v.field_id = %(field)s GROUP BY v.version, v.at ORDER BY v.version",
         {"field": _field(connection, name).id},
     )
     return [VersionSummary(row.version, row.at, int(row.blocks), int(row.bytes)) for row in rows]
@@ -287,36 +305,40 @@ def prune(connection: Connection, name: str, keep: int) -> int:
         raise ValueError(f"keep is {keep}: give at least 1; forget deletes the whole field")
     field = _field(connection, name, locked=True)
     oldest = field.version - keep + 1
-    gone = connection.execute(
-        text("DELETE FROM field_version WHERE field_id = :field AND version < :oldest"),
+    gone = run(
+        connection,
+        "DELETE FROM field_version WHERE field_id = %(field)s AND version < %(oldest)s "
+        "RETURNING version",
         {"field": field.id, "oldest": oldest},
     )
-    connection.execute(
-        text("DELETE FROM field_block WHERE field_id = :field AND until <= :oldest"),
+    run(
+        connection,
+        "DELETE FROM field_block WHERE field_id = %(field)s AND until <= %(oldest)s",
         {"field": field.id, "oldest": oldest},
     )
-    return int(gone.rowcount)
+    return len(gone)
 
 
 def forget(connection: Connection, name: str) -> None:
     """Delete a field with all its versions. Does nothing if the field is unknown."""
-    connection.execute(
-        text("DELETE FROM field WHERE map_id = current_map() AND name = :name"), {"name": name}
+    run(
+        connection,
+        "DELETE FROM field WHERE map_id = current_map() AND name = %(name)s",
+        {"name": name},
     )
 
 
 def _field_to_change(
     connection: Connection, name: str, given: tuple[str, str | None, str, float]
-) -> Row[Any]:
+) -> Any:
     """Return the row of a field, new or not, locked until the end of the transaction."""
-    if connection.execute(text("SELECT current_map()")).scalar() is None:
+    if run(connection, "SELECT current_map() AS id", {})[0].id is None:
         raise LookupError("there is no map to store a field for: semmap import FILE makes one")
-    connection.execute(
-        text(
-            "INSERT INTO field (map_id, name, property, about, value_type, voxel_size, edge) "
-            "VALUES (current_map(), :name, :property, :about, :type, :size, :edge) "
-            "ON CONFLICT (map_id, name) DO NOTHING"
-        ),
+    run(
+        connection,
+        "INSERT INTO field (map_id, name, property, about, value_type, voxel_size, edge) "
+        "VALUES (current_map(), %(name)s, %(property)s, %(about)s, %(type)s, %(size)s, %(edge)s) "
+        "ON CONFLICT (map_id, name) DO NOTHING",
         dict(zip(("property", "about", "type", "size"), given, strict=True))
         | {"name": name, "edge": EDGE},
     )
@@ -330,18 +352,17 @@ def _field_to_change(
     return field
 
 
-def _field(connection: Connection, name: str, *, locked: bool = False) -> Row[Any]:
-    field = connection.execute(
-        text(
-            "SELECT * FROM field WHERE map_id = current_map() AND name = :name"
-            + (" FOR UPDATE" if locked else "")
-        ),
+def _field(connection: Connection, name: str, *, locked: bool = False) -> Any:
+    fields = run(
+        connection,
+        "SELECT * FROM field WHERE map_id = current_map() AND name = %(name)s"
+        + (" FOR UPDATE" if locked else ""),
         {"name": name},
-    ).one_or_none()
-    if field is None:
-        known = ", ".join(names(connection)) or "none"
+    )
+    if not fields:
+        known = ", ".join(names(connection, stateless=True)) or "none"
         raise LookupError(f"there is no field {name} in this map; fields: {known}")
-    return field
+    return fields[0]
 
 
 def _described(field: tuple[str, str | None, str, float]) -> str:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from datetime import datetime
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any
 
+from semmap.fields.maps.map_buffer import SourceUpdate
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.store import field_store
 from semmap.fields.store.field_store import StoredField
 
-__all__ = ["load_map", "load_maps", "save_map"]
+if TYPE_CHECKING:
+    from semmap.fields.maps.vocabulary import Properties
+
+__all__ = ["load_map", "load_maps", "load_maps_during", "save_map"]
 
 
 def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
@@ -35,7 +40,7 @@ def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
 
 
 def load_map(
-    connection: Any, vocabulary: Vocabulary, name: str, version: int | None = None
+    connection: Any, vocabulary: Properties, name: str, version: int | None = None
 ) -> RepresentationMap:
     """Return a stored map.
 
@@ -60,7 +65,7 @@ def load_map(
     return _map(stored, vocabulary)
 
 
-def load_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, RepresentationMap]:
+def load_maps(connection: Any, vocabulary: Properties) -> dict[str, RepresentationMap]:
     """Return by name the newest versions of all stored maps with a property of the vocabulary.
 
     The state of a mirror is not a map.
@@ -73,7 +78,32 @@ def load_maps(connection: Any, vocabulary: Vocabulary) -> dict[str, Representati
     return found
 
 
-def _map(stored: StoredField, vocabulary: Vocabulary) -> RepresentationMap:
+def load_maps_during(
+    connection: Any, vocabulary: Properties, begin: datetime, end: datetime
+) -> list[SourceUpdate]:
+    """Return the versions of stored maps that were the newest at any time from `begin` to `end`.
+
+    Parameters
+    ----------
+    connection : sees the map of the database
+    vocabulary : the properties
+    begin, end : aware
+    """
+    found = []
+    for name in field_store.names(connection, stateless=True):
+        versions = field_store.versions(connection, name)
+        until = [each.at for each in versions[1:]]
+        for each, over in zip_longest(versions, until):
+            if each.at <= end and (over is None or over > begin):
+                stored = field_store.load(connection, name, each.version)
+                if stored.property in vocabulary:
+                    made = _map(stored, vocabulary)
+                    provides = frozenset({made.property.name})
+                    found.append(SourceUpdate(each.at, (made,), provides, f"kept {name}"))
+    return found
+
+
+def _map(stored: StoredField, vocabulary: Properties) -> RepresentationMap:
     return RepresentationMap(
         vocabulary[stored.property],
         stored.grid,

@@ -1,4 +1,4 @@
-"""Reads what fields are made of from the database: meshes, names, rooms and regions."""
+"""Reads what fields are made of from the database: meshes, rooms and regions."""
 
 from __future__ import annotations
 
@@ -10,24 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
-from semmap.database.files import schema_folder
-from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
 from semmap.fields.regions.mesh_regions import mesh_parts
 from semmap.fields.regions.shapes import Region
 from semmap.fields.sources.percepts import Zone
 from semmap.fields.sources.synthetic_scene import VisibleObject
 from semmap.geometry.tin import to_mesh
-from semmap.ingest.ontology.tbox import snake_case
-from semmap.language.names import NameIndex
 from semmap.query.storey_reader import OBJECTS, read_entities
 
 __all__ = [
     "Occupant",
-    "read_map_vocabulary",
-    "read_names",
     "read_occupants",
-    "read_server_id",
     "read_visible_objects",
+    "read_zone_ids",
     "read_zones",
 ]
 
@@ -56,22 +50,6 @@ def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> 
     """Return the objects of the current map that have a mesh; only those of `ids` if given."""
     found = read_entities(connection, ids, kinds=OBJECTS, carried=True)
     return [Occupant(e.id, e.name, e.triangles) for e in found if len(e.triangles)]
-
-
-def read_names(connection: Connection) -> NameIndex:
-    """Return the entities of the current map with their types, and the types of the T-Box."""
-    entities = connection.execute(
-        text("SELECT name, coalesce(type, kind) AS type FROM entity WHERE map_id = current_map()")
-    )
-    supertypes: dict[str, set[str]] = {}
-    for sub, super_ in connection.execute(text("SELECT sub, super FROM type_closure")):
-        supertypes.setdefault(sub, set()).add(super_)
-    labels = connection.execute(text("SELECT name, label FROM semantic_type WHERE label <> name"))
-    return NameIndex(
-        {row.name: row.type for row in entities},
-        {sub: frozenset(each) for sub, each in supertypes.items()},
-        {snake_case(row.label): row.name for row in labels},
-    )
 
 
 def read_visible_objects(connection: Connection) -> list[VisibleObject]:
@@ -104,13 +82,12 @@ def read_zones(connection: Connection, ids: Iterable[int] | None = None) -> list
     ]
 
 
-def read_map_vocabulary() -> Vocabulary:
-    """Return the properties that the ontology of semmap declares."""
-    return read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
-
-
-def read_server_id(connection: Connection) -> str:
-    """Return the identifier of the database cluster, in which alone its cursors are valid."""
-    return str(
-        connection.execute(text("SELECT system_identifier FROM pg_control_system()")).scalar_one()
+def read_zone_ids(connection: Connection) -> dict[str, int]:
+    """Return the id of each room and region of the current map, by name."""
+    rows = connection.execute(
+        text(
+            "SELECT name, id FROM entity "
+            "WHERE map_id = current_map() AND kind IN ('room', 'region')"
+        )
     )
+    return {row.name: row.id for row in rows}

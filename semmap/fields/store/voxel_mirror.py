@@ -11,25 +11,27 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from datetime import UTC, datetime
-from importlib.metadata import version
+from typing import Any
 
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
 from semmap.fields.maps.map_buffer import MapBuffer
-from semmap.fields.regions.region_map import RegionMap
-from semmap.fields.sources import Zones, ZoneSource
+from semmap.fields.regions.region_map import RegionMap, Role, SpacesOf
+from semmap.fields.regions.shapes import Region
+from semmap.fields.sources.percepts import Zone
 from semmap.fields.store import field_store
+from semmap.fields.store.agents import StandingAgent, read_agents
+from semmap.fields.store.mirror_state import field_name, load_state, origin
 from semmap.fields.store.reader import (
-    read_map_vocabulary,
+    Occupant,
     read_occupants,
-    read_server_id,
+    read_zone_ids,
     read_zones,
 )
-from semmap.query.change_feed import ChangeFeed, reaches_back
+from semmap.fields.store.stated_voxels import StatedVoxels, read_stated
+from semmap.query.change_feed import ChangeFeed
 from semmap.query.maps import see_map
-from semmap_vdb import Int32Grid
 
 __all__ = ["VoxelMirror"]
 
@@ -39,7 +41,7 @@ OnChange = Callable[[set[int]], None]
 
 
 class VoxelMirror:
-    """The voxels of the entities of a map; the entities are ids.
+    """The voxels of the objects, agents, rooms and regions of a map; the entities are ids.
 
     Parameters
     ----------
@@ -56,21 +58,30 @@ class VoxelMirror:
         May be read at any time. An entity that moves is absent for a moment, and never incomplete.
     names : dict
         The name of each id.
+    roles : dict
+        Whether each id is an object, an agent, a room or a region.
+    spaces : container
+        The ids of rooms, regions and other parts of space.
+    views : dict
+        The agent of each entity that is a field of view.
     maps : MapBuffer
-        The zones: a map for each room and region that is valid.
+        Maps of sources; the mirror itself puts none there.
     """
 
     def __init__(
         self, engine: Engine, map_name: str | None = None, voxel_size: float = 0.05
     ) -> None:
         self.regions = RegionMap(voxel_size)
-        self.names: dict[int, str] = {}
+        self.names: dict[Any, str] = {}
+        self.roles: dict[Any, Role] = {}
+        self.spaces = SpacesOf(self.roles)
+        self.views: dict[Any, str] = {}
         self._left_out: dict[int, tuple[str, str]] = {}  # name and reason by id
         self.maps = MapBuffer()
-        self._zones = ZoneSource(read_map_vocabulary(), voxel_size=voxel_size)
+        self._zones: dict[int, Zone] | None = None  # as they were inserted last
+        self._stated: set[int] = set()
         self._engine = engine
         self._feed = ChangeFeed(engine, map_name)
-        self._has_zones = False
         self._unsaved = False
         self._lock = threading.Lock()  # regions, names and cursor change together
 
@@ -86,23 +97,14 @@ class VoxelMirror:
         """
         mirror = cls(engine, map_name, voxel_size)
         with mirror._feed.snapshot() as connection:
-            try:
-                stored = field_store.load(connection, mirror._field)
-                state = stored.state or {}
-                if state.get("by") != _origin(connection):
-                    return mirror
-                if not reaches_back(connection, state["cursor"]):
-                    return mirror
-                assert isinstance(stored.grid, Int32Grid)
-                mirror.regions = RegionMap.from_state(stored.grid, stored.legend or {})
-            except (LookupError, ValueError):
-                return mirror
-        mirror.names = {int(number): name for number, name in state["names"].items()}
-        mirror._left_out = {
-            int(number): (name, reason)
-            for number, (name, reason) in state.get("left_out", {}).items()
-        }
-        mirror._feed.cursor = state["cursor"]
+            state = load_state(connection, voxel_size)
+        if state is not None:
+            mirror.regions, mirror.names = state.regions, state.names
+            mirror.roles.update(state.roles)
+            mirror._left_out = state.left_out
+            mirror._stated = state.stated
+            mirror._zones = {n: Zone.from_json(zone) for n, zone in state.zones.items()}
+            mirror._feed.cursor = state.cursor
         return mirror
 
     def save(self) -> int:
@@ -122,16 +124,21 @@ class VoxelMirror:
             if self._feed.cursor is None:
                 raise LookupError("the mirror has not read its map yet: call catch_up first")
             grid, sets = self.regions.state()
-            names, since = dict(self.names), self._feed.cursor
-            left_out = dict(self._left_out)
+            names = {each: name for each, name in dict(self.names).items() if isinstance(each, int)}
+            roles, since = {each: self.roles[each] for each in names}, self._feed.cursor
+            left_out, stated = dict(self._left_out), sorted(self._stated)
+            zones = {number: zone.as_json() for number, zone in (self._zones or {}).items()}
             self._unsaved = False
         try:
             with self._engine.begin() as connection:
                 self._feed.map_name = see_map(connection, self._feed.map_name)
                 state = {
-                    "by": _origin(connection),
+                    "by": origin(connection),
                     "cursor": since,
                     "names": names,
+                    "roles": roles,
+                    "zones": zones,
+                    "stated": stated,
                     "left_out": left_out,
                 }
                 number = field_store.save(
@@ -146,7 +153,7 @@ class VoxelMirror:
     @property
     def left_out(self) -> dict[str, str]:
         """For each entity without voxels the reason: it would have more than limits allow."""
-        return dict(self._left_out.values()) | self._zones.left_out
+        return dict(self._left_out.values())
 
     def catch_up(self) -> set[int]:
         """Read what changed since the last call; at the first call, the whole map.
@@ -161,32 +168,61 @@ class VoxelMirror:
         with self._lock:
             with self._feed.look() as look:
                 changed = None if look.changed is None else set(look.changed)
-                nothing = changed is not None and not changed
+                nothing = changed is not None and not changed and self._zones is not None
                 occupants = [] if nothing else read_occupants(look.connection, changed)
-                zones = None if nothing and self._has_zones else tuple(read_zones(look.connection))
-            size = self.regions.voxel_size
-            regions = {each.id: each.regions(size) for each in occupants}
-            gone = set(self.names) - set(regions) if changed is None else changed - set(regions)
-            for number in gone | set(regions):
+                agents = [] if nothing else read_agents(look.connection, changed)
+                zones = self._zones or {}
+                stated: list[StatedVoxels] = []
+                if not nothing:
+                    zones = read_zones_by_id(look.connection)
+                    stated = read_stated(look.connection, changed, self.regions.voxel_size)
+            stale = self._stale(changed, zones) | {each.id for each in stated}
+            stale |= self._stated & (changed or set())
+            regions = self._regions_of(occupants, agents)
+            regions |= {n: zone_regions(z, self.regions) for n, z in zones.items() if n in stale}
+            roles: dict[int, Role] = {n: zone.kind for n, zone in zones.items()}
+            roles |= dict.fromkeys((each.id for each in agents), "agent")
+            names = {n: zone.name for n, zone in zones.items()}
+            names |= {each.id: each.name for each in occupants} | {
+                each.id: each.name for each in agents
+            }
+            for number in stale | set(regions):
                 self.regions.remove(number)
-                self.names.pop(number, None)
-                self._left_out.pop(number, None)
+                for former in (self.names, self.roles, self._left_out):
+                    former.pop(number, None)
+            for each in stated:
+                regions[each.id] = [each.points]
+                names[each.id], roles[each.id] = each.name, each.role
+            self._stated = (self._stated - stale) | {each.id for each in stated}
             reasons = self.regions.insert_possible(
                 [(number, region) for number, each in regions.items() for region in each]
             )
-            for each in occupants:
-                if each.id in reasons:
-                    self._left_out[each.id] = (each.name, reasons[each.id])
+            for number in regions:
+                if number in reasons:
+                    self._left_out[number] = (names[number], reasons[number])
                 else:
-                    self.names[each.id] = each.name
-            if zones is not None:
-                drawn = self._zones(Zones(zones, datetime.now(UTC)))  # unchanged zones are reused
-                if drawn != list(self.maps.now()):
-                    self.maps.put("zones", drawn)
-                self._has_zones = True
+                    self.names[number] = names[number]
+                    self.roles[number] = roles.get(number, "object")
+            self._zones = zones
             self._feed.take_in(look)
             self._unsaved = self._unsaved or not nothing
-            return gone | set(regions)
+            return stale | set(regions)
+
+    def _stale(self, changed: set[int] | None, zones: dict[int, Zone]) -> set[int]:
+        """Return the entities whose voxels are to be removed or replaced."""
+        if changed is None:
+            own = {each for each in dict(self.names) if isinstance(each, int)}
+            return own | self._left_out.keys() | zones.keys()
+        former = self._zones or {}
+        either = former.keys() | zones.keys()
+        return (changed - either) | {n for n in either if former.get(n) != zones.get(n)}
+
+    def _regions_of(
+        self, occupants: list[Occupant], agents: list[StandingAgent]
+    ) -> dict[int, list[Region]]:
+        size = self.regions.voxel_size
+        regions = {each.id: each.regions(size) for each in occupants}
+        return regions | {each.id: [each.body] for each in agents}
 
     def follow(
         self,
@@ -228,9 +264,17 @@ class VoxelMirror:
 
     @property
     def _field(self) -> str:
-        return f"occupied {self.regions.voxel_size} m"
+        return field_name(self.regions.voxel_size)
 
 
-def _origin(connection: Connection) -> list[str]:
-    """Return release and server: the state of another release may have other voxels of a mesh."""
-    return [version("semmap"), read_server_id(connection)]
+def read_zones_by_id(connection: Connection) -> dict[int, Zone]:
+    """Return the rooms and regions of the current map that are valid now, by their ids."""
+    number = read_zone_ids(connection)
+    return {number[zone.name]: zone for zone in read_zones(connection)}
+
+
+def zone_regions(zone: Zone, regions: RegionMap) -> list[Region]:
+    """Return the prism of a zone."""
+    from semmap.fields.sources.zones import prism  # it loads what only a changed zone needs
+
+    return prism(zone, regions.voxel_size)

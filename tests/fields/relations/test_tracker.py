@@ -76,17 +76,18 @@ class Model:
             if a not in VIEWS or b not in BODIES or VIEWS[a] == b:
                 return False
             return Fraction(len(of_a & of_b), len(of_b)) >= Fraction(1, 10 if standing else 5)
-        if a in VIEWS or b in VIEWS or (a in SPACES and b in SPACES):
+        if a in VIEWS or b in VIEWS:
+            return False
+        if name == "in" and (b in SPACES or a not in SPACES):
+            share = Fraction(len(of_a & of_b), len(of_a))
+            begins, ends = (5, 4) if b in SPACES else (9, 8)
+            return share >= Fraction(ends if standing else begins, 10)
+        if a in SPACES and b in SPACES:
             return False
         if name == "near":
             squared = Fraction(6, 5) ** 2 * 4 if standing else 4  # (1 m / 0.5 m)^2
             return gap(of_a, of_b) <= squared
-        if a in SPACES:
-            return False
-        if name == "in":
-            share = Fraction(len(of_a & of_b), len(of_a))
-            return share >= Fraction(8 if standing else 9, 10)
-        if b in SPACES:
+        if a in SPACES or b in SPACES:
             return False
         if name == "touching":
             return gap(of_a, of_b) <= (1 if standing else 0)

@@ -16,6 +16,7 @@ from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.regions.shapes import Box, Sphere
 from semmap.fields.sources import SourceManager
+from semmap.fields.sources.manager import EndOfPercepts
 from semmap.language.schema import Property
 
 SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "entity", measure="attention")
@@ -182,3 +183,54 @@ def test_readers_never_see_half_of_an_update() -> None:
     assert errors == [None] * 4
     assert min(reads) > 10
     assert min(updates) >= 0.5 * 30 * SECONDS / 4  # a shared machine; none starves
+
+
+def test_an_unknown_follows_when_percepts_stop() -> None:
+    """What a source provides is known from its first percept to its timeout or its end."""
+
+    def provided() -> frozenset[str]:
+        return frozenset().union(*(update.provides for update in maps.current()))
+
+    maps, percepts = MapBuffer(), [Percept(0)]
+    with SourceManager(maps) as manager:
+        manager.activate("spheres", spheres, lambda: percepts[-1], rate=100, timeout=0.2)
+        wait_for(lambda: provided() == {"sees"})
+        wait_for(lambda: provided() == frozenset())
+        assert "no percept for 0.2 s" in str(manager.status()["spheres"].error)
+        percepts.append(Percept(1))
+        wait_for(lambda: provided() == {"sees"})
+
+        def ending() -> Percept:
+            if manager.status()["ending"].updates:
+                raise EndOfPercepts
+            return percepts[0]
+
+        manager.activate("ending", lambda _: [], ending, rate=100)
+        wait_for(lambda: manager.status()["ending"].error == "the percepts ended")
+
+
+def test_a_percept_that_arrives_wakes_its_source() -> None:
+    """The source does not wait for its next turn."""
+
+    class Box1:
+        def __init__(self) -> None:
+            self.newest: Percept | None = None
+            self.arrived = threading.Event()
+
+        def __call__(self) -> Percept | None:
+            self.arrived.clear()
+            return self.newest
+
+        def wait(self, seconds: float) -> bool:
+            return self.arrived.wait(seconds)
+
+    maps, inbox, woken = MapBuffer(), Box1(), threading.Event()
+    maps.on_put(woken.set)
+    with SourceManager(maps) as manager:
+        manager.activate("spheres", spheres, inbox, rate=2)
+        time.sleep(0.6)
+        begin = time.monotonic()
+        inbox.newest = Percept(0)
+        inbox.arrived.set()
+        assert woken.wait(5)
+        assert time.monotonic() - begin < 0.4

@@ -1,0 +1,111 @@
+"""Puts what sources see on the grid of the map: views, people, personal spaces, robots, zones.
+
+So that one voxel has the set {book, field of view, room, zone}. Source: "VDB-based Spatially
+Grounded Semantics for Interactive Robots", section III; there, too, plug-ins write to one grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.fields.maps.lattice import Lattice
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.regions.region_map import RegionMap, Role
+
+__all__ = ["ROLES", "LiveEntities"]
+
+ROLES: dict[str, tuple[Role, str]] = {
+    "inFieldOfView": ("view", "{}_view"),
+    "inPersonalSpace": ("personal space", "{}_personal_space"),
+    "containsPerson": ("agent", "{}"),
+    "containsRobot": ("agent", "{}"),
+    "inRoom": ("room", "{}"),
+    "inZone": ("region", "{}"),
+}
+"""For each property the role and the name of the entity that a map of it shows.
+
+The objects that sources see are types, not entities of the map: they are not on the grid.
+"""
+
+
+class LiveEntities:
+    """The entities that maps of sources show, on a region map.
+
+    Parameters
+    ----------
+    regions, names, roles, views : as those of a `VoxelMirror`; they are changed
+    """
+
+    def __init__(
+        self,
+        regions: RegionMap,
+        names: dict[Any, str],
+        roles: dict[Any, Role],
+        views: dict[Any, str],
+    ) -> None:
+        self._regions = regions
+        self._names = names
+        self._roles = roles
+        self._views = views
+        self._shown: dict[str, tuple[tuple[int, str | None], ...]] = {}
+        self._kept: tuple[RepresentationMap, ...] = ()
+
+    def update(self, maps: Sequence[RepresentationMap]) -> set[str]:
+        """Show maps in place of the former ones.
+
+        Returns
+        -------
+        set of str
+            The entities that changed. Those whose maps are the same objects as before did not.
+        """
+        wanted: dict[str, list[tuple[RepresentationMap, str | None, Role]]] = {}
+        for each in maps:
+            for entity, agent, role in _entities(each):
+                wanted.setdefault(entity, []).append((each, agent, role))
+        changed = set(self._shown) - set(wanted)
+        for entity in changed:
+            self._regions.remove(entity)
+            del self._shown[entity]
+        # Names and roles stay until the tracker has ended the relations of what is gone.
+        for entity, shown in wanted.items():
+            key = tuple((id(each), agent) for each, agent, _ in shown)
+            if self._shown.get(entity) == key:
+                continue
+            _, agent, role = shown[0]
+            self._names[entity], self._roles[entity] = entity, role
+            if role == "view" and agent is not None:
+                self._views[entity] = agent
+            points = [self._points(each, agent) for each, agent, _ in shown]
+            self._regions.move(entity, np.concatenate(points))
+            self._shown[entity] = key
+            changed.add(entity)
+        self._kept = tuple(maps)  # an id is unique while its map is alive
+        return changed
+
+    def forget(self, entities: set[str]) -> None:
+        """Forget names and roles of entities that are gone, after their relations ended."""
+        for entity in entities - set(self._shown):
+            for each in (self._names, self._roles, self._views):
+                each.pop(entity, None)
+
+    def _points(self, map: RepresentationMap, agent: str | None) -> NDArray[np.float64]:
+        """Return the centres of the voxels that show an entity."""
+        placed = map.resampled(Lattice(self._regions.voxel_size))
+        voxels, values = placed.grid.read()
+        if map.legend:
+            wanted = [value for value, name in map.legend.items() if name == agent]
+            voxels = voxels[np.isin(values, wanted)]
+        return np.asarray((voxels + 0.5) * self._regions.voxel_size, np.float64)
+
+
+def _entities(map: RepresentationMap) -> Iterator[tuple[str, str | None, Role]]:
+    """Yield the entities of a map: name, whom it is about, role."""
+    if map.property.name in ROLES:
+        role, form = ROLES[map.property.name]
+        about = map.legend.values() if map.legend else ([map.about] if map.about else [])
+        for agent in dict.fromkeys(about):
+            yield form.format(agent), agent, role

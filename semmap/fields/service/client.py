@@ -1,0 +1,93 @@
+"""The client of the service: requests and replies are lines of JSON on a Unix socket."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from semmap.fields.service.endpoint import socket_folder
+
+__all__ = ["ServiceConnection", "find_service"]
+
+
+class ServiceConnection:
+    """A connection with a service.
+
+    Attributes
+    ----------
+    map_name : the map that it serves
+    """
+
+    def __init__(self, stream: Any, map_name: str = "") -> None:
+        self._stream = stream
+        self.map_name = map_name
+
+    def ask(self, action: str, **arguments: Any) -> Any:
+        """Return the reply to a request.
+
+        Raises
+        ------
+        ValueError
+            The service refuses the request; the message says why.
+        ConnectionError
+            The service ended.
+        """
+        self.send(action, **arguments)
+        return self.receive()
+
+    def send(self, action: str, **arguments: Any) -> None:
+        """Send a request."""
+        self._stream.write(json.dumps({"do": action} | arguments).encode() + b"\n")
+        self._stream.flush()
+
+    def receive(self) -> Any:
+        """Return the next reply; raises as `ask`."""
+        line = self._stream.readline()
+        if not line:
+            raise ConnectionError("the service ended before it replied: start it again")
+        reply = json.loads(line)
+        if "error" in reply:
+            raise ValueError(str(reply["error"]))
+        return reply["reply"]
+
+    def replies(self) -> Iterator[Any]:
+        """Yield replies until the service ends."""
+        while line := self._stream.readline():
+            reply = json.loads(line)
+            if "error" in reply:
+                raise ValueError(str(reply["error"]))
+            yield reply["reply"]
+
+
+@contextmanager
+def find_service(
+    url: str | None, map_name: str | None, voxel_size: float | None = None
+) -> Iterator[ServiceConnection | None]:
+    """Connect with the service of a map, or give None if none is running.
+
+    Parameters
+    ----------
+    url : of the database; `SEMMAP_DB` or the embedded database if not given
+    map_name : the map; if not given, the one that commands use
+    voxel_size : only a service with voxels of this size, metres
+    """
+    folder = socket_folder(url)
+    paths = sorted(folder.glob("*.sock")) if folder.is_dir() else []
+    for path in paths:
+        with socket.socket(socket.AF_UNIX) as channel:
+            try:
+                channel.connect(str(path))
+            except OSError:
+                continue  # left behind by a service that was killed
+            with channel.makefile("rwb") as stream:
+                found = ServiceConnection(stream)
+                hello = found.ask("hello", map=map_name)
+                same = voxel_size is None or abs(hello["voxel_size"] - voxel_size) < 1e-9
+                if hello["is_meant"] and same:
+                    found.map_name = hello["map"]
+                    yield found
+                    return
+    yield None

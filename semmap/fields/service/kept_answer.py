@@ -1,0 +1,56 @@
+"""What sources and users kept, on the grid of a mirror: for commands without a service."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from semmap.fields.maps.live_entities import ROLES, LiveEntities
+from semmap.fields.store.map_store import load_maps
+from semmap.fields.store.source_history import load_updates
+from semmap.fields.store.statements import Connection
+from semmap.language.schema import Property
+
+if TYPE_CHECKING:
+    from semmap.fields.maps.vocabulary import Properties
+    from semmap.fields.store.mirror_state import MirrorState
+    from semmap.fields.store.voxel_mirror import VoxelMirror
+
+__all__ = ["PlainVocabulary", "show_kept"]
+
+
+class PlainVocabulary:
+    """The properties whose maps are shown on the grid, without reading the ontology."""
+
+    def __getitem__(self, iri: str) -> Property:
+        """Return a property of voxels."""
+        name = _local(iri)
+        return Property(iri, name, None, None, "voxel", "entity", measure="degree")
+
+    def __contains__(self, iri: object) -> bool:
+        """Return whether maps of this property show entities."""
+        return _local(str(iri)) in ROLES
+
+
+def _local(iri: str) -> str:
+    return iri.replace("#", "/").split("/")[-1]
+
+
+def show_kept(
+    mirror: MirrorState | VoxelMirror, connection: Connection, vocabulary: Properties
+) -> datetime | None:
+    """Put the maps that were kept last into the buffer of a mirror, and on its grid.
+
+    Returns
+    -------
+    datetime or None
+        When sources last kept one; None if they kept none.
+    """
+    newest = None
+    for source, updates in load_updates(connection, vocabulary).items():
+        for each in updates:
+            mirror.maps.put(source, each.maps, each.time, provides=each.provides)
+            newest = each.time if newest is None else max(newest, each.time)
+    mirror.maps.put("kept", load_maps(connection, vocabulary).values())
+    LiveEntities(mirror.regions, mirror.names, mirror.roles, mirror.views).update(mirror.maps.now())
+    return newest

@@ -1,0 +1,67 @@
+"""The result of a query as JSON, for the command line and the socket."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from semmap.fields.queries import SelectResult, StoreResult, query
+from semmap.fields.queries.statements import Catalogue
+from semmap.fields.store.map_store import save_map
+from semmap.fields.store.statements import Connection
+
+__all__ = ["query_reply"]
+
+Open = Callable[[], AbstractContextManager[Connection]]
+
+
+def query_reply(
+    catalogue: Catalogue,
+    text: str,
+    open_transaction: Open,
+    *,
+    limit: int | None = None,
+    output: str | None = None,
+    keep: str | None = None,
+) -> dict[str, Any]:
+    """Answer a query.
+
+    Parameters
+    ----------
+    catalogue : what the query reads
+    text : SPARQL
+    open_transaction : opens a transaction that sees the map, for `keep`
+    limit : the most rows; all if not given
+    output : file for the map of STORE
+    keep : name under which the map of STORE is stored
+
+    Returns
+    -------
+    dict
+        ``{"ask": bool}``, ``{"variables": [...], "rows": [...], "total": int}``, or ``{"store":
+        {...}}`` with property, voxels, file, kept and version.
+    """
+    result = query(catalogue, text)
+    if isinstance(result, bool):
+        return {"ask": result}
+    if isinstance(result, SelectResult):
+        rows = [list(row) for row in islice(result, limit)]
+        return {"variables": list(result.names), "rows": rows, "total": len(result)}
+    return {"store": _stored(result, open_transaction, output, keep)}
+
+
+def _stored(
+    result: StoreResult, open_transaction: Open, output: str | None, keep: str | None
+) -> dict[str, Any]:
+    summary: dict[str, Any] = {"property": result.property.name, "voxels": len(result)}
+    if output is not None:
+        result.to_map().write(Path(output))
+        summary["file"] = output
+    if keep is not None:
+        with open_transaction() as connection:
+            summary["kept"] = keep
+            summary["version"] = save_map(connection, keep, result.to_map())
+    return summary

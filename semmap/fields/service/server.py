@@ -1,0 +1,70 @@
+"""The server: a thread for each connection on a Unix socket, which answers lines of JSON."""
+
+from __future__ import annotations
+
+import json
+import socketserver
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+__all__ = ["LONGEST", "serve_socket"]
+
+LONGEST = 256 * 2**20
+"""The most bytes of a request: an image of 20 megapixels with its labels."""
+
+Answer = Callable[[dict[str, Any]], Iterator[Any]]
+"""Yields the replies to a request; mostly one."""
+
+
+class _Handler(socketserver.StreamRequestHandler):
+    server: _Server
+
+    def handle(self) -> None:
+        with suppress(OSError):  # the client went away
+            while line := self.rfile.readline(LONGEST):
+                for reply in self._replies(line):
+                    self.wfile.write(json.dumps(reply).encode() + b"\n")
+
+    def _replies(self, line: bytes) -> Iterator[dict[str, Any]]:
+        try:
+            request = json.loads(line)
+            if not isinstance(request, dict):
+                raise ValueError('a request is an object: {"do": ..., ...}')
+            for reply in self.server.answer(request):
+                yield {"reply": reply}
+        except Exception as error:  # a wrong request ends neither the connection nor the service
+            text = error.args[0] if isinstance(error, LookupError) and error.args else error
+            yield {"error": str(text) or type(error).__name__}
+
+
+class _Server(socketserver.ThreadingUnixStreamServer):
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, path: str, answer: Answer) -> None:
+        self.answer = answer
+        super().__init__(path, _Handler)
+
+
+def serve_socket(path: Path, answer: Answer, stop: threading.Event) -> None:
+    """Answer requests on a socket until `stop` is set.
+
+    Parameters
+    ----------
+    path : of the socket; one that nobody listens on is replaced
+    answer : yields the replies to a request, in the thread of its connection
+    stop : ends the call
+    """
+    with suppress(FileNotFoundError):
+        path.unlink()
+    with _Server(str(path), answer) as server:
+        path.chmod(0o600)
+        thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
+        thread.start()
+        stop.wait()
+        server.shutdown()
+    with suppress(FileNotFoundError):
+        path.unlink()

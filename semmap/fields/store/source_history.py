@@ -1,0 +1,160 @@
+"""What sources saw, kept in the database: their newest maps and the former ones.
+
+A record is a version of the field `source NAME`: the time, the properties that the source provided,
+and the versions of the fields that hold its maps. A map that did not change has no new version.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from semmap.fields.maps.grids import empty_grid
+from semmap.fields.maps.lattice import Lattice
+from semmap.fields.maps.map_buffer import SourceUpdate
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.store import field_store
+from semmap.fields.store.statements import Connection, run
+
+if TYPE_CHECKING:
+    from semmap.fields.maps.vocabulary import Properties
+
+__all__ = ["SourceHistory", "kept_span", "load_updates"]
+
+RECORD = "urn:semmap:ontology#provides"
+"""The property of records; no map has it."""
+
+
+class SourceHistory:
+    """Keeps the updates of sources; for one thread.
+
+    Parameters
+    ----------
+    keep : number of updates of a source that are kept
+    """
+
+    def __init__(self, keep: int) -> None:
+        self._keep = keep
+        self._newest: dict[str, SourceUpdate] = {}
+        self._versions: dict[str, tuple[RepresentationMap, int]] = {}
+
+    def save(self, connection: Connection, updates: dict[str, SourceUpdate]) -> int:
+        """Keep the newest update of each source that has a new one.
+
+        Parameters
+        ----------
+        connection : sees the map; the caller commits
+        updates : by source
+
+        Returns
+        -------
+        int
+            Number of updates that were kept.
+        """
+        fresh = {n: each for n, each in updates.items() if self._newest.get(n) is not each}
+        for source, update in fresh.items():
+            fields: dict[str, int] = {}
+            for map in update.maps:
+                name = " ".join(filter(None, (source, map.property.name, map.about)))
+                while name in fields:
+                    name += " +"
+                fields[name] = self._save_map(connection, name, map, update.time)
+            field_store.save(
+                connection,
+                f"source {source}",
+                empty_grid("bool", Lattice(1.0)),
+                property=RECORD,
+                state={"source": source, "provides": sorted(update.provides), "maps": fields},
+                at=update.time,
+            )
+            field_store.prune(connection, f"source {source}", self._keep)
+            for name in fields:
+                field_store.prune(connection, name, self._keep)
+            self._newest[source] = update
+        return len(fresh)
+
+    def _save_map(
+        self, connection: Connection, name: str, map: RepresentationMap, time: datetime
+    ) -> int:
+        before = self._versions.get(name)
+        if before is not None and before[0] is map:
+            return before[1]
+        number = field_store.save(
+            connection,
+            name,
+            map.grid,
+            property=map.property.iri,
+            about=map.about,
+            legend=map.legend or None,
+            state={"of": "source"},
+            at=time,
+        )
+        self._versions[name] = (map, number)
+        return number
+
+
+def kept_span(connection: Connection) -> tuple[datetime, datetime] | None:
+    """Return the times of the oldest and the newest update that are kept; None without any."""
+    (row,) = run(
+        connection,
+        "SELECT min(v.at) AS first, max(v.at) AS last FROM field_version v "
+        "JOIN field f ON f.id = v.field_id WHERE f.map_id = current_map() AND f.property = %(p)s",
+        {"p": RECORD},
+    )
+    return None if row.first is None else (row.first, row.last)
+
+
+def load_updates(
+    connection: Connection,
+    vocabulary: Properties,
+    begin: datetime | None = None,
+    end: datetime | None = None,
+) -> dict[str, list[SourceUpdate]]:
+    """Return the kept updates of each source, the oldest first.
+
+    Parameters
+    ----------
+    connection : sees the map
+    vocabulary : the properties; maps of others are left out
+    begin, end : those that were valid at any time in between; the newest ones if not given
+    """
+    rows = run(
+        connection,
+        "SELECT * FROM (SELECT f.name, v.at, v.state, "
+        "lead(v.at) OVER (PARTITION BY f.id ORDER BY v.version) AS until "
+        "FROM field f JOIN field_version v ON v.field_id = f.id "
+        "WHERE f.map_id = current_map() AND f.property = %(record)s) each "
+        "WHERE CASE WHEN %(begin)s::timestamptz IS NULL THEN until IS NULL ELSE "
+        "at <= %(end)s::timestamptz AND (until IS NULL OR until > %(begin)s) END ORDER BY at",
+        {"record": RECORD, "begin": begin, "end": end},
+    )
+    loaded: dict[tuple[str, int], RepresentationMap] = {}
+    found: dict[str, list[SourceUpdate]] = {}
+    for row in rows:
+        maps = list(_maps(connection, vocabulary, row.state["maps"].items(), loaded))
+        source, provides = row.state["source"], frozenset(row.state["provides"])
+        update = SourceUpdate(row.at, tuple(maps), provides, source)
+        found.setdefault(source, []).append(update)
+    return found
+
+
+def _maps(
+    connection: Connection,
+    vocabulary: Properties,
+    versions: Iterable[tuple[str, int]],
+    loaded: dict[tuple[str, int], RepresentationMap],
+) -> Iterable[RepresentationMap]:
+    for name, number in versions:
+        if (name, number) not in loaded:
+            stored = field_store.load(connection, name, number)
+            if stored.property not in vocabulary:
+                continue
+            loaded[name, number] = RepresentationMap(
+                vocabulary[stored.property],
+                stored.grid,
+                about=stored.about,
+                legend=stored.legend,
+                time=stored.at,
+            )
+        yield loaded[name, number]

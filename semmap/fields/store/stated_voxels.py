@@ -1,0 +1,179 @@
+"""Voxels that an update gave to entities, or took from them: kept until their geometry changes.
+
+They are a field `voxels of NAME`, valid for the geometry that the entity had then, and move with
+its pose. A name that the map does not have becomes a region of the map, so that the ID of an
+inserted region is that of an entity (the region-of-space server of "VDB-based Spatially Grounded
+Semantics for Interactive Robots", section IV).
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psycopg
+from numpy.typing import NDArray
+
+from semmap.fields.regions.region_map import Role
+from semmap.fields.store import field_store
+from semmap.fields.store.statements import Connection, run
+from semmap.geometry.pose import Pose
+from semmap_vdb import BoolGrid
+
+__all__ = ["StatedVoxels", "read_stated", "save_stated"]
+
+OCCUPIES = "urn:semmap:ontology#occupies"
+
+MODELS = "coalesce((SELECT array_agg(m.model_id ORDER BY m.model_id) FROM entity_model m WHERE "
+
+_IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+
+
+@dataclass(frozen=True, eq=False)
+class StatedVoxels:
+    """The voxels of an entity in place of those of its geometry.
+
+    Attributes
+    ----------
+    id : of the entity
+    name : of the entity
+    role : of the entity
+    points : (N, 3) centres of the voxels in the frame of the map, metres
+    """
+
+    id: int
+    name: str
+    role: Role
+    points: NDArray[np.float64]
+
+
+def read_stated(
+    connection: Connection, ids: Iterable[int] | None, voxel_size: float
+) -> list[StatedVoxels]:
+    """Return the entities of the current map with stated voxels.
+
+    Parameters
+    ----------
+    connection : sees the map
+    ids : only these; all if not given
+    voxel_size : metres; voxels of another size are resampled
+    """
+    rows = run(
+        connection,
+        "SELECT e.id, e.name, e.kind, w.pose, f.name AS field, v.state, "
+        + MODELS
+        + "m.entity_id = e.id), '{}') AS models FROM field f "
+        "JOIN field_version v ON v.field_id = f.id AND v.version = f.version "
+        "JOIN entity e ON e.map_id = f.map_id AND e.name = f.about "
+        "LEFT JOIN world w ON w.entity_id = e.id "
+        "WHERE f.map_id = current_map() AND f.property = %(occupies)s "
+        "AND (%(ids)s::bigint[] IS NULL OR e.id = ANY(%(ids)s))",
+        {"occupies": OCCUPIES, "ids": None if ids is None else [*ids]},
+    )
+    found = []
+    for row in rows:
+        if row.state["models"] != row.models:
+            continue
+        grid = field_store.load(connection, row.field).grid
+        assert isinstance(grid, BoolGrid)
+        if abs(grid.voxel_size - voxel_size) > 1e-9:
+            grid = grid.resampled(voxel_size, _IDENTITY)
+        points = np.asarray((grid.read()[0] + 0.5) * voxel_size, np.float64)
+        if row.pose is not None and row.state["pose"] is not None and row.pose != row.state["pose"]:
+            moved = Pose(*row.pose) @ Pose(*row.state["pose"]).inverse()
+            points = moved.apply(points)
+        found.append(StatedVoxels(row.id, row.name, _role(row.kind), points))
+    return found
+
+
+def save_stated(
+    session: psycopg.Connection[Any], name: str, voxels: NDArray[np.int32], voxel_size: float
+) -> None:
+    """State the voxels of an entity.
+
+    An unknown entity becomes a region of the map; a region that was made so and has no voxels any
+    more is deleted.
+
+    Parameters
+    ----------
+    session : sees the map; the caller commits
+    name : of the entity
+    voxels : (N, 3) all its voxels
+    voxel_size : metres
+    """
+    field = f"voxels of {name}"
+    known = run(session, "SELECT entity_id(%(name)s) AS id", {"name": name})[0].id
+    kept = run(
+        session,
+        "SELECT (v.state->>'made')::boolean AS made FROM field f JOIN field_version v "
+        "ON v.field_id = f.id AND v.version = f.version "
+        "WHERE f.map_id = current_map() AND f.name = %(name)s",
+        {"name": field},
+    )
+    made = known is None or (bool(kept) and kept[0].made)
+    if not len(voxels) and made:
+        field_store.forget(session, field)
+        run(session, "DELETE FROM entity WHERE id = %(id)s", {"id": known})
+        return
+    if known is None:
+        _make_region(session, name, voxels, voxel_size)
+    (row,) = run(
+        session,
+        "SELECT e.id, w.pose, " + MODELS + "m.entity_id = e.id), '{}') AS models "
+        "FROM entity e LEFT JOIN world w ON w.entity_id = e.id WHERE e.id = entity_id(%(name)s)",
+        {"name": name},
+    )
+    grid = BoolGrid(voxel_size, False)
+    grid.set(voxels, np.ones(len(voxels), np.bool_))
+    version = field_store.save(
+        session,
+        field,
+        grid,
+        property=OCCUPIES,
+        about=name,
+        state={"pose": row.pose, "models": row.models, "made": made},
+    )
+    run(  # this announces the change to all that follow the map
+        session,
+        "UPDATE entity SET properties = properties || jsonb_build_object('voxels', "
+        "%(version)s::integer) WHERE id = %(id)s",
+        {"version": version, "id": row.id},
+    )
+
+
+def _make_region(
+    session: psycopg.Connection[Any], name: str, voxels: NDArray[np.int32], voxel_size: float
+) -> None:
+    """Add a region with the outline of voxels, from their bottom to their top."""
+    import shapely
+
+    from semmap.geometry.mesh import prism_mesh
+    from semmap.ingest.store.world_store import store_world
+    from semmap.ingest.world import Entry, Shape, World
+
+    low = np.unique(voxels[:, :2], axis=0) * voxel_size
+    outline = shapely.union_all(shapely.box(*low.T, *(low + voxel_size).T), grid_size=1e-6)
+    bottom, top = voxels[:, 2].min() * voxel_size, (voxels[:, 2].max() + 1) * voxel_size
+    middle = outline.representative_point()
+    local = shapely.transform(outline, lambda xy: xy - [middle.x, middle.y])
+    shape = Shape("polygon", prism_mesh(local, 0.0, float(top - bottom)), outline=local)
+    pose = Pose(float(middle.x), float(middle.y), float(bottom))
+    entry = Entry(name, "region", pose=pose, shapes=[shape])
+    (row,) = run(session, "SELECT m.id, m.name FROM map m WHERE m.id = current_map()")
+    source = f"semmap.fields/{uuid.uuid4()}"
+    store_world(session, row.id, World(row.name, Path(), [entry]), source)
+    run(
+        session,
+        "UPDATE entity SET source = NULL, digest = NULL WHERE id = entity_id(%(name)s)",
+        {"name": name},
+    )
+
+
+def _role(kind: str) -> Role:
+    if kind in ("agent", "room", "region"):
+        return kind  # type: ignore[return-value]
+    return "object"

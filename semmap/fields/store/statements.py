@@ -1,0 +1,38 @@
+"""Runs statements on connections of SQLAlchemy and of psycopg.
+
+A command that does not load SQLAlchemy answers sooner.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import psycopg
+from psycopg.rows import namedtuple_row
+
+if TYPE_CHECKING:
+    import sqlalchemy
+
+__all__ = ["Connection", "run"]
+
+Connection: TypeAlias = "sqlalchemy.Connection | psycopg.Connection[Any]"
+
+
+def run(connection: Connection, statement: str, parameters: Any = None) -> list[Any]:
+    """Return the rows of a statement, whose columns are attributes.
+
+    Parameters
+    ----------
+    connection : the caller commits
+    statement : with parameters as `%(name)s`
+    parameters : a mapping, or a list of mappings for each of which the statement runs
+    """
+    if not isinstance(connection, psycopg.Connection):
+        result = connection.exec_driver_sql(statement, parameters or None)
+        return list(result) if result.returns_rows else []
+    with connection.cursor(row_factory=namedtuple_row) as cursor:
+        if isinstance(parameters, list):
+            cursor.executemany(statement, parameters)
+        else:
+            cursor.execute(statement, parameters or None)
+        return cursor.fetchall() if cursor.description else []

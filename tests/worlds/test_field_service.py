@@ -1,0 +1,246 @@
+"""The service on the small house: a person looks at the tableware, and everybody is told."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import Engine, text
+
+from semmap.fields.queries import QueryError
+from semmap.fields.service.client import ServiceConnection, find_service
+from semmap.ingest.importer import import_file
+from tests.command_line import semmap
+
+ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
+PREFIX = "PREFIX : <urn:semmap:ontology#> "
+LOOK = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [7.153, 0.983, 0.85]}}}
+AWAY = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [6.5, -1.0, 4.0]}}}
+MAIN = "from semmap.cli import main; main()"
+SEEN = ("sees", "human1", "Tableware_01_001")
+
+
+@pytest.fixture(scope="module")
+def url(module_engine: Engine, worlds: Path) -> str:
+    """The URL of a database that holds the house and its rooms."""
+    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
+        import_file(module_engine, path, map_name="house")
+    return module_engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+
+
+class Server:
+    """`semmap fields serve` as a process."""
+
+    def __init__(self, url: str, *options: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", MAIN, "--db", url, "fields", "serve", *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=os.environ | {"SEMMAP_DB": ""},
+        )
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line.startswith("serving house on"), line + self.process.stdout.read()
+
+    def stop(self) -> str:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        return self.process.communicate(timeout=30)[0]
+
+
+@pytest.fixture(scope="module")
+def server(url: str) -> Iterator[Server]:
+    server = Server(url, "--source", "gaze=socket", "--rate", "gaze=50")
+    yield server
+    server.stop()
+
+
+def fields(url: str, *words: object) -> Any:
+    done = semmap(url, "fields", *words, "--json")
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def send(url: str, source: str, percept: object) -> None:
+    assert semmap(url, "fields", "send", source, json.dumps(percept)).exit_code == 0
+
+
+def eventually(ask: Any, wanted: Any, seconds: float = 10) -> None:
+    end = time.monotonic() + seconds
+    while ask() != wanted:
+        assert time.monotonic() < end, (ask(), wanted)
+        time.sleep(0.05)
+
+
+class Watcher:
+    """Receives the events of a service in a thread, with the time at which each arrived."""
+
+    def __init__(self, url: str) -> None:
+        self.events: list[tuple[float, dict[str, Any]]] = []
+        self.held: list[dict[str, Any]] = []
+        self._ready = threading.Event()
+        threading.Thread(target=self._listen, args=(url,), daemon=True).start()
+        assert self._ready.wait(20)
+
+    def _listen(self, url: str) -> None:
+        with find_service(url, "house") as service:
+            assert service is not None
+            service.send("watch")
+            for event in service.replies():
+                held = event.pop("held", None)
+                if held:
+                    self.held.append(event)
+                elif held is False:
+                    self._ready.set()
+                else:
+                    self.events.append((time.perf_counter(), event))
+
+    def seconds_until(self, began: bool, fact: tuple[str, str, str], since: float) -> float:
+        wanted = ("begin" if began else "end", *fact)
+        end = time.monotonic() + 10
+        while time.monotonic() < end:
+            for at, e in list(self.events):
+                if at > since and (e["event"], e["relation"], e["subject"], e["object"]) == wanted:
+                    return at - since
+            time.sleep(0.001)
+        raise AssertionError(f"{wanted} was not reported: {self.events}")
+
+
+@pytest.fixture
+def service(url: str, server: Server) -> Iterator[ServiceConnection]:
+    with find_service(url, "house") as found:
+        assert found is not None
+        yield found
+
+
+def test_a_look_is_announced_within_a_tenth_of_a_second(
+    url: str, service: ServiceConnection
+) -> None:
+    watcher = Watcher(url)
+    assert ("in", "Refrigerator_01_001", "kitchen") in {
+        (e["relation"], e["subject"], e["object"]) for e in watcher.held
+    }
+    delays = []
+    for _ in range(7):
+        for percept, began in ((LOOK, True), (AWAY, False)):
+            time.sleep(0.1)
+            since = time.perf_counter()
+            service.ask("percept", name="gaze", percept=percept)
+            delays.append(watcher.seconds_until(began, SEEN, since))
+    assert statistics.median(delays) < 0.1, delays
+
+
+def test_queries_ask_the_service_and_say_so(url: str, service: ServiceConnection) -> None:
+    service.ask("percept", name="gaze", percept=LOOK)
+    query = PREFIX + "ASK { :human1 :sees :Tableware_01_001 }"
+    eventually(lambda: fields(url, "query", query), True)
+    done = semmap(url, "fields", "query", query)
+    assert "answered by the service of house" in done.output
+    found = {row["name"] for row in fields(url, "at", "7.153,0.983,0.85")}
+    assert {"human1_view", "kitchen", "Tableware_01_001"} <= found
+    with pytest.raises(ValueError, match="no source provides :containsPerson"):
+        semmap(url, "fields", "query", PREFIX + "SELECT ?v { ?v :distanceToPerson ?d }")
+
+
+def test_watch_ends_after_its_time(url: str, service: ServiceConnection) -> None:
+    done = semmap(url, "fields", "watch", "--seconds", "0.3")
+    assert done.exit_code == 0, done.output
+    assert "reported by the service of house" in done.output
+    assert "relations are true" in done.output
+
+
+def test_the_service_follows_the_map(url: str, service: ServiceConnection) -> None:
+    watcher, since = Watcher(url), time.perf_counter()
+    done = semmap(url, "sql", "--write", "SELECT move_to(entity_id('Ball_01_001'), 7, -3, 0.2)")
+    assert done.exit_code == 0, done.output
+    watcher.seconds_until(True, ("in", "Ball_01_001", "kitchen"), since)
+    watcher.seconds_until(False, ("in", "Ball_01_001", "balcony"), since)
+
+
+def test_sources_start_and_stop_at_run_time(
+    url: str, service: ServiceConnection, tmp_path: Path
+) -> None:
+    """A recording of a person on the way from the kitchen to the balcony, who then leaves."""
+    lines = [
+        {"time": f"2026-01-01T12:00:0{i}Z", "people": {"anna": {"x": x, "y": y}}}
+        for i, (x, y) in enumerate([(7.0, -3.0), (1.0, 4.9)])
+    ]
+    lines.append({"time": "2026-01-01T12:00:02Z", "people": {}})
+    (tmp_path / "walk.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    watcher, since = Watcher(url), time.perf_counter()
+    start = ("fields", "source", "start", "walk", "--source", "standing_people", "--timeout", "0")
+    assert semmap(url, *start, "--from", f"recording:{tmp_path}").exit_code == 0
+    for began, room in ((True, "kitchen"), (False, "kitchen"), (True, "balcony")):
+        watcher.seconds_until(began, ("in", "anna", room), since)
+    watcher.seconds_until(False, ("in", "anna", "balcony"), since)
+    rows = {row["name"]: row for row in fields(url, "source", "ls")}
+    assert rows["walk"]["provides"] in ([], ["containsPerson"])
+    assert rows["gaze"]["error"] is None
+    semmap(url, "fields", "source", "stop", "walk")
+    assert "walk" not in {row["name"] for row in fields(url, "source", "ls")}
+    with pytest.raises(ValueError, match="walk is not running"):
+        semmap(url, "fields", "source", "stop", "walk")
+    with pytest.raises(ValueError, match="there is no source nose"):
+        semmap(url, "fields", "source", "start", "nose")
+    with pytest.raises(ValueError, match="not a pose"):
+        semmap(url, "fields", "send", "gaze", '{"poses": {"human1": [1, 2]}}')
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("at", "7.153,0.983,0.85"),
+        ("ls",),
+        ("query", PREFIX + "ASK { :Refrigerator_01_001 :in :kitchen }"),
+    ],
+)
+def test_a_command_takes_half_a_second_of_processor_time(
+    url: str, server: Server, words: tuple[str, ...]
+) -> None:
+    """With a service, the best of three; other processes make each of them slower."""
+    assert min(processor_seconds(url, *words) for _ in range(3)) < 0.5
+
+
+def processor_seconds(url: str, *words: str) -> float:
+    before = os.times()
+    command = [sys.executable, "-c", MAIN, "--db", url, "fields", *words]
+    subprocess.run(command, check=True, capture_output=True)
+    after = os.times()
+    return after.children_user + after.children_system - before[2] - before[3]
+
+
+def test_what_was_seen_is_kept(url: str, server: Server, module_engine: Engine) -> None:
+    """The last test: it stops the service."""
+    send(url, "gaze", LOOK)
+    query = "ASK { :human1 :sees :Tableware_01_001 }"
+    eventually(lambda: fields(url, "query", PREFIX + query), True)
+    time.sleep(1.5)
+    looking = datetime.now().astimezone()
+    send(url, "gaze", AWAY)
+    eventually(lambda: fields(url, "query", PREFIX + query), False)
+    time.sleep(1.5)
+    server.stop()
+    done = semmap(url, "fields", "query", PREFIX + query)
+    assert "no service is running: answered from the kept state" in done.output
+    assert done.stdout.strip().endswith("no")
+    there = "ASK { ?v :inFieldOfView :human1 ; :occupiedBy :Tableware_01_001 } AT"
+    moment = f'"{looking.isoformat()}"^^<http://www.w3.org/2001/XMLSchema#dateTime>'
+    assert fields(url, "query", PREFIX + there + moment) is True
+    assert fields(url, "query", PREFIX + query + "AT" + moment) is True
+    with module_engine.connect() as connection:
+        made = connection.execute(text("SELECT created_at + interval '1 ms' FROM map")).scalar_one()
+    early = moment.replace(looking.isoformat(), made.isoformat())
+    with pytest.raises(QueryError, match="no source provides"):
+        fields(url, "query", PREFIX + "ASK { ?who :sees :Tableware_01_001 } AT" + early)
