@@ -123,8 +123,8 @@ WHERE p.entity_id = :robot AND w.entity_id = entity_id(:place)
 """
 
 _HOLD = """
-UPDATE placement SET holder_id = :robot, relation = 'in', confidence = NULL, pose = :pose
-WHERE entity_id = entity_id(:item)
+UPDATE placement p SET holder_id = :robot, relation = 'in', confidence = NULL, pose = :pose
+FROM entity e WHERE e.map_id = current_map() AND e.name = :item AND p.entity_id = e.id
   AND (holder_id, pose) IS DISTINCT FROM (CAST(:robot AS bigint), CAST(:pose AS float8[]))
 """
 
@@ -152,8 +152,9 @@ WHERE p.holder_id = :robot AND e.kind = 'object'
 _LOSE = "SELECT put(entity_id(:item), entity_id(:place), 'in', 0)"
 
 _DOOR = """
-UPDATE connector SET state = :state, seen_at = clock_timestamp()
-WHERE entity_id = entity_id(:name) AND (state <> :state OR :state = 'locked')
+UPDATE connector c SET state = :state, seen_at = clock_timestamp()
+FROM entity e WHERE e.map_id = current_map() AND e.name = :name AND c.entity_id = e.id
+AND (state <> :state OR :state = 'locked')
 """
 
 _EXECUTED = """
@@ -161,7 +162,7 @@ INSERT INTO execution (robot_class_id, behaviour, entity_id, seconds, height, su
 SELECT (SELECT c.id FROM robot_class c JOIN entity r ON r.id = :robot
         WHERE c.name = r.properties->>'robot_class'),
        :behaviour, id, :seconds, :height, :succeeded
-FROM entity WHERE id = entity_id(:subject)
+FROM entity WHERE map_id = current_map() AND name = :subject
 """
 
 _TARGET = """

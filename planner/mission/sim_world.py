@@ -144,7 +144,7 @@ class SimWorld:
     # -- doors and elevators --------------------------------------------------------------------
 
     def door(self, name: str) -> str:
-        """TakenMission, closed, locked, or ajar: opened by a robot, to be shut behind it."""
+        """Open, closed, locked, or ajar: opened by a robot, to be shut behind it."""
         row = self._file.execute("SELECT * FROM door WHERE name = ?", (name,)).fetchone()
         if row is None:
             raise LookupError(f"there is no door {name} in the simulated world")

@@ -14,10 +14,18 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_id(entity_name text)
-RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE AS $$
--- The id of the entity of that name in the current map.
-SELECT id FROM semmap.entity WHERE map_id = semmap.current_map() AND name = entity_name
-$$;
+RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+-- The id of the entity of that name in the current map; an error if there is none, so that a misspelt name
+-- does not read as false or as an empty list.
+DECLARE
+    found_id bigint := (SELECT id FROM semmap.entity WHERE map_id = semmap.current_map() AND name = entity_name);
+BEGIN
+    IF found_id IS NULL AND entity_name IS NOT NULL THEN
+        RAISE EXCEPTION 'the map has no entity named %', entity_name
+            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM entity lists them; SET semmap.map chooses the map.';
+    END IF;
+    RETURN found_id;
+END $$;
 
 CREATE FUNCTION drop_map(map_name text)
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
