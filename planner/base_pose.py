@@ -69,7 +69,7 @@ def poses_to_reach(costmaps: StoreyCostmaps, target: LocatedEntity, most: int = 
     if not len(free):
         raise NoBasePoseError(
             f"{robot.name} finds no free place within {robot.reach[1]:.2f} m of {target.name} in "
-            f"{target.place}"
+            f"{target.place}{robot.folding_hint}"
         )
     middle = shape.centroid
     towards = np.array([middle.x, middle.y]) - points
@@ -95,7 +95,7 @@ def poses_to_reach(costmaps: StoreyCostmaps, target: LocatedEntity, most: int = 
     if not found:
         raise NoBasePoseError(
             f"{robot.name} cannot face {target.name} anywhere within reach: its footprint would "
-            "touch an obstacle, or a wall is between"
+            f"touch an obstacle, or a wall is between{robot.folding_hint}"
         )
     return found
 

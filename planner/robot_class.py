@@ -118,6 +118,17 @@ class RobotClass:
             return f"{name} needs the permission {wanted}"
         return self._misfit(connector) if self.parts else None
 
+    @property
+    def folding_hint(self) -> str:
+        """A sentence on another joint state, if a part reaches far beyond the base; else empty."""
+        if not self.parts:
+            return ""
+        widest = max(self.parts, key=lambda part: part.circumscribed_radius)
+        if widest.circumscribed_radius < 1.5 * self.parts[0].circumscribed_radius:
+            return ""
+        reach = widest.circumscribed_radius
+        return f"; its {widest.name} reaches {reach:.2f} m around it: {OTHER_STATE}"
+
     @cached_property
     def _sizes(self) -> list[tuple[str, float, float]]:
         """Name, width and top of each part; a robot passes forwards, along its x axis."""

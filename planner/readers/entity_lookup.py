@@ -33,7 +33,9 @@ WITH RECURSIVE wanted AS (
     FROM up u JOIN room r ON r.entity_id = u.at JOIN entity e ON e.id = u.at ORDER BY u.id, u.depth
 )
 SELECT e.id, e.name, e.kind, e.type, e.label, w.pose, h.place, g.entity_id IS NOT NULL AS is_region,
-       ST_AsBinary(w.footprint) AS footprint, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
+       ST_AsBinary(coalesce(w.footprint, CASE WHEN g.entity_id IS NOT NULL THEN
+           ST_Buffer(ST_MakePoint(w.pose[1], w.pose[2]), 0.25) END)) AS footprint,
+       ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
        (SELECT n.name FROM world rw JOIN entity n ON n.id = rw.entity_id
         WHERE h.place IS NULL AND n.kind = 'room' AND n.map_id = e.map_id
           AND rw.storey_id IS NOT DISTINCT FROM coalesce(w.storey_id, rw.storey_id)

@@ -43,9 +43,11 @@ _NO_PROPERTIES: Mapping[str, Any] = {}
 """Shared by all entities without properties."""
 
 _REGIONS = """
-SELECT e.id, e.name, e.label, e.type, e.properties, ST_AsBinary(w.footprint) AS footprint,
+SELECT e.id, e.name, e.label, e.type, e.properties,
+       ST_AsBinary(coalesce(w.footprint, ST_Buffer(ST_MakePoint(w.pose[1], w.pose[2]), 0.25)))
+           AS footprint,
        NULLIF(lower(g.valid), '-infinity') AS since, NULLIF(upper(g.valid), 'infinity') AS until,
-       g.origin = 'drawn' AND w.footprint IS NOT NULL AND coalesce(g.valid @> now(), true)
+       g.origin = 'drawn' AND w.pose IS NOT NULL AND coalesce(g.valid @> now(), true)
            AS valid_now
 FROM region g JOIN entity e ON e.id = g.entity_id LEFT JOIN world w ON w.entity_id = e.id
 WHERE e.map_id = (SELECT current_map()) ORDER BY e.name
@@ -53,7 +55,8 @@ WHERE e.map_id = (SELECT current_map()) ORDER BY e.name
 
 _REACHED = """
 SELECT w.entity_id, array_agg(n.name ORDER BY n.name)
-FROM world w JOIN world rw ON ST_Intersects(rw.footprint, w.footprint)
+FROM world w JOIN world rw
+     ON ST_Intersects(rw.footprint, coalesce(w.footprint, ST_MakePoint(w.pose[1], w.pose[2])))
      AND (w.storey_id IS NULL OR rw.storey_id IS NOT DISTINCT FROM w.storey_id)
 JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = current_map()
 WHERE w.entity_id = ANY (:ids) GROUP BY w.entity_id
@@ -88,6 +91,8 @@ def read_places(connection: Connection) -> list[Place]:
 
 def read_regions(connection: Connection) -> tuple[list[PlaceRegion], dict[int, list[datetime]]]:
     """The regions that are drawn on the current map and valid now.
+
+    A region without an outline, such as a waypoint, is a disc of 0.25 m around its pose.
 
     Returns
     -------

@@ -42,11 +42,13 @@ def pick_map(session: Session, name: str | None = None) -> str:
     LookupError
         There is no such map, none at all, or several and none is chosen.
     """
-    known = _column(session, "SELECT name FROM map ORDER BY id")
+    known = _column(session, "SELECT name FROM map WHERE copy_of IS NULL ORDER BY id")
     if not known:
         raise LookupError("there is no map yet: semmap import FILE makes one")
     if name is None:
         name = _column(session, "SELECT current_setting('semmap.map', true)")[0] or None
+    if name is not None and name not in known:
+        known += _column(session, "SELECT name FROM map WHERE copy_of IS NOT NULL ORDER BY id")
     if name is None and len(known) > 1:
         raise LookupError(
             f"there are several maps: {', '.join(known)}. Name one (--map, SEMMAP_MAP), "
@@ -58,12 +60,15 @@ def pick_map(session: Session, name: str | None = None) -> str:
 
 
 def list_maps(session: Session) -> list[Row]:
-    """The maps of the database, the oldest first, and how many entities each has."""
+    """The maps of the database, the oldest first, and how many entities each has.
+
+    Copies, in which simulated runs take place, are left out.
+    """
     return _rows(
         session,
         "SELECT m.name, count(e.id) AS entities, count(*) FILTER (WHERE e.kind = 'room') AS rooms, "
         "m.crs, m.created_at FROM map m LEFT JOIN entity e ON e.map_id = m.id "
-        "GROUP BY m.id ORDER BY m.id",
+        "WHERE m.copy_of IS NULL GROUP BY m.id ORDER BY m.id",
     )
 
 

@@ -1,33 +1,49 @@
-"""Routes, deleted rooms and questions about names, in the small house and the hotel."""
+"""Routes, missions, deleted rooms and questions about names, in the small house and the hotel."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import shapely
 from sqlalchemy import Engine, text
 from sqlalchemy.exc import DBAPIError
 
+import semmap
 from navgrid.occupancy_grid import storey_grid
 from planner.base_pose import NoBasePoseError
 from planner.live_topology import LiveTopology
+from planner.mission import Command, MissionResult, MissionStore, Runner
+from planner.mission.sim_robot import SimulatedRobot
+from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.mission.sim_world import SimWorld
+from planner.mission.simulation_map import simulation_map
 from planner.readers.robot_class import store_robot_class
 from planner.readers.topology import read_topology
 from planner.robot_class import RobotClass
 from planner.route_planner import RoutePlanner
-from planner.topology import UnknownPlaceError
+from planner.route_search import find_route
+from planner.routing_graph import RoutingGraph
+from planner.task_planner import TaskPlanner
+from planner.tasks import parse_goal
+from planner.tasks.reader import read_world
+from planner.topology import OUTSIDE, UnknownPlaceError
 from semmap.database import connect
 from semmap.ingest.importer import import_file
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
-from tests.command_line import semmap
+from tests.command_line import semmap as semmap_command
 from tests.conftest import MakeDatabase
 from tests.robot.robots import real_robot
 
+SEMMAP = Path(sys.executable).parent / "semmap"
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
 
@@ -139,7 +155,7 @@ def test_an_unknown_name_is_an_error(engine: Engine, url: str) -> None:
             with pytest.raises(DBAPIError, match="no entity named"):
                 connection.execute(text(f"SELECT {question}"))
     with pytest.raises(LookupError, match="was not in the map at 2020-01-01"):
-        semmap(url, "show", "Ball_01_001", "--map", "house", "--at", "2020-01-01")
+        semmap_command(url, "show", "Ball_01_001", "--map", "house", "--at", "2020-01-01")
 
 
 def test_pgrouting_is_there_and_finds_the_routes_of_the_documents(
@@ -162,6 +178,223 @@ def test_pgrouting_is_there_and_finds_the_routes_of_the_documents(
     with engine.begin() as connection:
         store_robot_class(connection, tiago)
     LiveTopology(engine, "house", "tiago")
-    printed = semmap(url, "sql", "--map", "house", statement, "--json").stdout
+    printed = semmap_command(url, "sql", "--map", "house", statement, "--json").stdout
     assert "bedroom-door" in printed
     assert "kitchen-door" in printed
+
+
+def test_the_simulated_robot_passes_every_connector_of_the_hotel(
+    engine: Engine, tmp_path: Path
+) -> None:
+    with MissionStore(engine, "hotel") as store:
+        topology = store.topology()
+    graph = RoutingGraph(topology)
+    passed = set()
+    with closing(SimWorld.make(tmp_path / "world", topology)) as world:
+        robot = SimulatedRobot("robot", world, topology, speed=1e6)
+        for connector in topology.connectors.values():
+            if OUTSIDE in connector.places:
+                continue
+            start, goal = connector.places
+            commands = [
+                Command(s.behaviour, (connector.name,), s, seconds=s.seconds)
+                for s in find_route(graph, graph.endpoint(start), graph.endpoint(goal)).steps
+            ]
+            first = commands[0].step
+            assert first is not None
+            world.put_robot("robot", start, first.approach or first.leave)
+            for command in commands:
+                running = getattr(robot, command.behaviour)(command)
+                while (outcome := running.poll()) is None:
+                    pass
+                assert outcome.succeeded, (connector.name, outcome)
+            assert world.robot("robot")[0] == goal
+            passed.add(connector.behaviour)
+    assert {"pass_door", "drive_through"} <= passed
+
+
+class Building:
+    """A copy of a map in which TIAGo, its arm folded, carries out goals."""
+
+    def __init__(self, engine: Engine, name: str, folder: Path) -> None:
+        self.live = LiveTopology(engine, name, "folded")
+        self.store = MissionStore(engine, name, "test")
+        self.file = folder / "world"
+
+    def add_robot(self, place: str) -> None:
+        self.store.add_robot("robot", place, entry_pose(self.live.topology, place), "folded")
+        self.world = open_world(self.file, self.store, self.live.topology, "robot")
+
+    def reach(self, goal: str) -> MissionResult:
+        robot = simulated_robot(self.live, self.world, "robot", speed=1e6)
+        runner = Runner(self.store, robot, TaskPlanner(self.live), speed=1e6, tick=0)
+        return runner.run(self.store.add("robot", goal))
+
+    def contradictions(self) -> list[Any]:
+        """Where the inventory of the map disagrees with its geometry."""
+        with self.live.snapshot() as connection:
+            own = "SELECT name FROM inventory_contradiction WHERE map = :name"
+            return list(connection.execute(text(own), {"name": self.store.map_name}).scalars())
+
+    def close(self) -> None:
+        self.world.close()
+        self.store.close()
+
+
+@pytest.fixture
+def building(engine: Engine, tmp_path: Path) -> Iterator[Callable[..., Building]]:
+    """Opens a copy of a map with a mug, and with tables in rooms of buildings without shapes."""
+    FOLDED = {
+        "arm_1_joint": 0.2,
+        "arm_2_joint": -1.34,
+        "arm_3_joint": -0.2,
+        "arm_4_joint": 1.94,
+        "arm_5_joint": -1.57,
+        "arm_6_joint": 1.37,
+    }
+    parts = robot_parts(load_robot(real_robot("tiago")), FOLDED)
+    with engine.begin() as connection:
+        store_robot_class(connection, RobotClass("folded", tuple(parts), speed=0.5))
+    with ExitStack() as opened:
+
+        def open_copy(original: str, mug: tuple[str, tuple[float, ...]], tables: Sequence[str]):
+            name = opened.enter_context(simulation_map(engine, original))
+            with semmap.connect(engine.url.render_as_string(hide_password=False)) as database:
+                edited = database.map(name)
+                for room in tables:
+                    middle = tuple(edited[room].describe()["pose"][:3])
+                    size = (1.2, 0.6, 0.72)
+                    edited.add_object(f"table in {room}", type="table", size=size, pose=middle)
+                on, pose = mug
+                edited.add_object("mug1", type="mug", size=(0.08, 0.08, 0.1), on=on, pose=pose)
+            made = Building(engine, name, tmp_path)
+            opened.callback(made.close)
+            return made
+
+        yield open_copy
+
+
+def test_tiago_fetches_a_mug_from_any_room_to_any_table_of_the_small_house(
+    engine: Engine, building: Callable[..., Building]
+) -> None:
+    before = state_of(engine, "house")
+    house = building("house", ("KitchenTable_01_001", (6.55, 0.7, 0.801351)), [])
+    house.add_robot("bedroom")
+    rooms = set()
+    for table in (
+        "CoffeeTable_01_001",
+        "ReadingDesk_01_001",
+        "KitchenTable_01_001",
+        "BalconyTable_01_001",
+        "NightStand_01_001",
+        "TVCabinet_01_001",
+        "CookingBench_01_001",
+        "NightStand_01_002",
+        "ShoeRack_01_001",
+    ):
+        assert house.reach(f"on(mug1, {table})").state == "done", table
+        place, seen = house.world.objects()["mug1"]
+        assert seen.holder == table
+        rooms.add(place)
+        robot_at, pose = house.world.robot("robot")
+        assert robot_at == place
+        assert math.dist((pose.x, pose.y), (seen.pose.x, seen.pose.y)) < 1.5
+        assert house.store.robot("robot") == (place, pytest.approx(pose))
+    assert rooms == {"bedroom", "kitchen", "living-room", "balcony"}
+    assert house.reach("in(robot, kitchen) and in(mug1, balcony)").state == "done"
+    assert house.world.robot("robot")[0] == "kitchen"
+    assert state_of(engine, "house") == before, "a simulated run changes no map"
+    assert house.contradictions() == []
+
+
+def test_tiago_carries_a_mug_through_the_storeys_of_the_hotel(
+    building: Callable[..., Building],
+) -> None:
+    tables = ("restaurant", "L2-room1", "L3-room13")
+    hotel = building("hotel", ("table in restaurant", (13.24, -13.24, 0.72)), tables)
+    hotel.add_robot("lobby")
+    for place in (*tables[1:], tables[0]):
+        assert hotel.reach(f'on(mug1, "table in {place}")').state == "done"
+        assert hotel.world.objects()["mug1"][0] == place
+    floor = hotel.reach("in(mug1, shop)")
+    assert floor.state == "done", floor
+    spot = hotel.world.objects()["mug1"][1].pose
+    for connector, side in hotel.live.topology.connectors_of("shop"):
+        passage = shapely.LineString([p[:2] for p in connector.poses])
+        assert passage.distance(shapely.Point(spot.x, spot.y)) > 0.6, connector.name
+        assert connector.places[side] == "shop"
+    assert hotel.reach("on(mug1, CoffeeTable_3)").reason == (
+        "CoffeeTable_3 has no shape in the map; add one to put mug1 on it"
+    )
+    waypoint = next(r for r in hotel.live.topology.regions if r.name == "L1-waypoint100")
+    assert hotel.reach("in(robot, L1-waypoint100)").state == "done"
+    _, pose = hotel.world.robot("robot")
+    assert shapely.covers(waypoint.outline, shapely.Point(pose.x, pose.y))
+    assert hotel.reach("in(robot, L1-waypoint100)").state == "done"  # it is there already
+
+
+def test_what_can_be_carried_follows_from_type_size_and_mass(engine: Engine) -> None:
+    said = {}
+    with engine.connect() as connection:
+        for name in ("house", "hotel"):
+            connection.execute(text("SELECT set_config('semmap.map', :n, true)"), {"n": name})
+            world = read_world(
+                connection, parse_goal("on(object, table)"), read_topology(connection), (0.0, 1.6)
+            )
+            for item in world.objects.values():
+                assert item.properties.get("static", True)  # kept, and not what decides
+                said[name, item.name] = item.obstacle((0.0, 1.6))
+    light = {"Tablet_01_001", "Vase_01_001", "SeasoningBox_01_001", "DeskPortraitA_02"}
+    assert {n for n in light if said["house", n] is None} == light
+    assert "is a sofa" in (said["house", "SofaC_01_001"] or "")
+    assert "is a wall" in (said["house", "HouseWallB_01_001"] or "")
+    assert "m wide" in (said["house", "TV_01_001"] or "")
+    assert any(why is None for (name, _), why in said.items() if name == "hotel")
+    assert "not in the T-Box" in (said["hotel", "DigitalKiosk"] or "")
+
+
+def test_a_run_on_the_command_line_changes_a_map_only_if_it_shall(
+    engine: Engine, url: str, tmp_path: Path
+) -> None:
+    before, shared = state_of(engine, "house"), tmp_path / "shared"
+    goal = "in(Tablet_01_001, bedroom)"
+    words = ["--from", "bedroom", "--simulate", "--map", "house", "--speed", "100000"]
+    runs = {"one": goal, "two": "in(Vase_01_001, kitchen) and in(robot, living-room)"}
+    processes = [
+        subprocess.Popen(
+            [SEMMAP, "--db", url, "run", wanted, *words, "--world", shared, "--agent", name],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for name, wanted in runs.items()
+    ]
+    printed = [process.communicate(timeout=120)[0] for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], printed
+    assert "house is unchanged (--apply changes it)" in printed[0]
+    assert state_of(engine, "house") == before
+    with closing(SimWorld(shared)) as world:
+        place, seen = world.objects()["Tablet_01_001"]
+        assert (place, world.objects()["Vase_01_001"][0]) == ("bedroom", "kitchen")
+        assert [world.robot(name)[1].z for name in runs] == [0.0, 0.0]  # on the floor
+    assert semmap_command(url, "missions", "--map", "house").exit_code == 0
+    own = ("--apply", "--world", tmp_path / "own")
+    assert semmap_command(url, "run", goal, *words, *own).exit_code == 0
+    after = state_of(engine, "house")
+    assert after["Tablet_01_001"] != before["Tablet_01_001"]
+    assert seen.holder == after["Tablet_01_001"][0]
+
+
+def state_of(engine: Engine, name: str) -> dict[str, tuple[str | None, tuple[float, ...]]]:
+    """The holder and pose of everything in a map."""
+    with engine.connect() as connection:
+        rows = connection.execute(
+            text(
+                "SELECT e.name, h.name AS holder, w.pose FROM entity e "
+                "JOIN map m ON m.id = e.map_id LEFT JOIN placement p ON p.entity_id = e.id "
+                "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
+                "WHERE m.name = :name"
+            ),
+            {"name": name},
+        )
+        return {row.name: (row.holder, tuple(row.pose or ())) for row in rows}
