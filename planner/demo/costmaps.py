@@ -107,5 +107,5 @@ def _passage_in(
         and "building_element" not in o.types
     ]
     view = replace(storey, rooms=[room], objects=objects)
-    drawn = passage(layered, single, found.start, found.goal, found.between, view, meshes, folder)
+    drawn = passage(layered, single, found.start, found.goal, view, meshes, folder)
     return [] if drawn is None else drawn.pictures

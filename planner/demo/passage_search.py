@@ -20,11 +20,10 @@ SMALLEST = 0.1
 
 
 class HiddenPassage(NamedTuple):
-    """Two points, (x, y) in metres, that only the layered costmap joins, and one between them."""
+    """Two points, (x, y) in metres, that only the layered costmap joins."""
 
     start: Point
     goal: Point
-    between: Point
 
 
 def find_passage(
@@ -55,8 +54,8 @@ def find_passage(
 
 def _ends(
     area: NDArray[np.bool_], joined: NDArray[np.int32], apart: NDArray[np.int32], resolution: float
-) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]] | None:
-    """Start, goal and a cell between them, for an area that only the layered costmap has."""
+) -> tuple[tuple[int, int], tuple[int, int]] | None:
+    """The cells of start and goal, for an area that only the layered costmap has."""
     inside = joined[area][0]
     sizes = np.bincount(apart[joined == inside])
     sizes[0] = 0
@@ -64,11 +63,9 @@ def _ends(
     if not parts:
         return None
     away = np.asarray(distance_transform_edt(~area))
-    middle = _deepest(area)
     start = _nearest(apart == parts[0], away)
     others = [n for n in parts[1:] if away[apart == n].min() < 2]
-    goal = _deepest(apart == others[0]) if others else middle
-    return start, goal, middle
+    return start, _deepest(apart == others[0] if others else area)
 
 
 def _deepest(cells: NDArray[np.bool_]) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from sqlalchemy.exc import DBAPIError
 import semmap
 from navgrid.occupancy_grid import storey_grid
 from planner.base_pose import NoBasePoseError
+from planner.demo.choices import DemoChoices, choose, figure_3
 from planner.live_topology import LiveTopology
 from planner.mission import Command, MissionResult, MissionStore, Runner
 from planner.mission.sim_robot import SimulatedRobot
@@ -37,6 +38,7 @@ from planner.tasks.reader import read_world
 from planner.topology import OUTSIDE, UnknownPlaceError
 from semmap.database import connect
 from semmap.ingest.importer import import_file
+from semmap.query.sql_statement import run_sql
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap as semmap_command
@@ -278,7 +280,7 @@ def test_tiago_fetches_a_mug_from_any_room_to_any_table_of_the_small_house(
     engine: Engine, building: Callable[..., Building]
 ) -> None:
     before = state_of(engine, "house")
-    house = building("house", ("KitchenTable_01_001", (6.55, 0.7, 0.801351)), [])
+    house = building("house", ("KitchenTable_01_001", (5.75, 0.83, 0.801351)), [])
     house.add_robot("bedroom")
     rooms = set()
     for table in (
@@ -402,3 +404,17 @@ def state_of(engine: Engine, name: str) -> dict[str, tuple[str | None, tuple[flo
             {"name": name},
         )
         return {row.name: (row.holder, tuple(row.pose or ())) for row in rows}
+
+
+def test_the_demo_chooses_what_a_world_has(engine: Engine) -> None:
+    with engine.connect() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', 'house', true)"))
+        house = choose(connection, DemoChoices())
+        _, rows = run_sql(connection, figure_3(house), write=False)
+        connection.execute(text("SELECT set_config('semmap.map', 'hotel', true)"))
+        hotel = choose(connection, DemoChoices())
+    assert house.type == "picture"  # three of them stand on the most furnished table
+    assert "CoffeeTable_01_001" in {row[1] for row in rows}
+    assert house.place in ("living-room", "bedroom")
+    assert "KitchenTable_01_001" in house.onto
+    assert hotel.type is None  # no object has a shape there
