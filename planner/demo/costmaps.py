@@ -7,13 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from navgrid.area import area_cells
 from navgrid.costmap import Costmap
 from navgrid.costmap_output import draw_costmap
 from navgrid.grid import scene_grid
-from navgrid.inflation import INSCRIBED
+from navgrid.inflation import INSCRIBED, UNKNOWN
 from navgrid.map_file import file_name
 from navgrid.nav2 import write_nav2
 from planner.demo.demo_robot import DemoRobot
@@ -95,8 +93,9 @@ def _passage_in(
     grid = scene_grid(scene, 0.025)
     layered, single = (Costmap(scene, parts, grid) for parts in (robot.parts, [robot.whole]))
     outside = ~area_cells(room.outline, grid)
-    costs = [np.where(outside, 255, made.master) for made in (layered, single)]
-    found = find_passage(*costs, grid)
+    for made in (layered, single):
+        made.master[outside] = UNKNOWN
+    found = find_passage(layered.master, single.master, grid)
     if found is None:
         return []
     objects = [

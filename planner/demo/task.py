@@ -7,8 +7,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection
-
 from planner.demo.choices import DemoChoices
 from planner.live_topology import LiveTopology
 from planner.mission.mission_store import MissionError, MissionStore
@@ -37,7 +35,7 @@ def task_demo(
     robot: RobotClass,
     folder: Path,
     say: Callable[..., Any],
-    then: Callable[[Connection], None],
+    then: Callable[[Any], None],
 ) -> MissionResult | None:
     """Let a robot bring the chosen object to a table, in a copy of the map.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from navgrid.options import joints_of, parts_of
@@ -25,11 +26,12 @@ def test_a_state_by_its_name(tmp_path: Path, folder: str) -> None:
     urdf = by_hand(tmp_path / "robot" / "urdf")
     (tmp_path / folder / "by_hand.srdf").write_text(SRDF)
     assert joints_of(urdf, "folded") == {"shoulder": 1.5, "lift": 0.1}
-    reach = {
-        state: max(p.circumscribed_radius for p in parts_of(urdf, state))
-        for state in ("folded", "stretched")
-    }
-    assert reach["folded"] < reach["stretched"]
+    by_name, by_joints = (
+        parts_of(urdf, state) for state in ("folded", '{"shoulder": 1.5, "lift": 0.1}')
+    )
+    assert [p.interval for p in by_name] == [p.interval for p in by_joints]
+    assert max(np.ptp(p.footprint[:, 1]) for p in by_name) > 0.7  # the arm points to the left
+    assert max(np.ptp(p.footprint[:, 1]) for p in parts_of(urdf, "stretched")) < 0.6
     with pytest.raises(ValueError, match="the SRDF has folded, stretched"):
         joints_of(urdf, "tucked")
 
