@@ -352,6 +352,7 @@ def test_what_can_be_carried_follows_from_type_size_and_mass(engine: Engine) -> 
     assert "is a sofa" in (said["house", "SofaC_01_001"] or "")
     assert "is a wall" in (said["house", "HouseWallB_01_001"] or "")
     assert "m wide" in (said["house", "TV_01_001"] or "")
+    assert "weighs 80 kg" in (said["house", "Dumbbell_01_001"] or "")
     assert any(why is None for (name, _), why in said.items() if name == "hotel")
     assert "not in the T-Box" in (said["hotel", "DigitalKiosk"] or "")
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -71,6 +74,7 @@ class SdfModel:
     """The content of a `<model>`, shared by its instances.
 
     `source` is the name of the model file that it was made from, its own name for an inline model.
+    `mass` is that of its links, kilograms, where they state one.
     """
 
     name: str
@@ -80,6 +84,7 @@ class SdfModel:
     relative_to: str = ""
     static: bool = False
     parts: list[_Part] = field(default_factory=list)
+    mass: float | None = None
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,17 @@ class Instance:
     pose: Pose
     relative_to: str
     static: bool
+
+
+def _mass(model: Element, nested: Sequence[Instance]) -> float | None:
+    """Return the mass that the links of a model and its inner models state; None if none does."""
+    masses = [i.model.mass for i in nested if i.model.mass is not None]
+    for stated in model.iterfind("link/inertial/mass"):
+        with suppress(ValueError):
+            mass = float(stated.text or "")
+            if 0 < mass < math.inf:
+                masses.append(mass)
+    return sum(masses) if masses else None
 
 
 class Models:
@@ -204,6 +220,7 @@ class Models:
             relative_to=relative_to,
             static=flag(element.findtext("static")) is True,
             parts=parts,
+            mass=_mass(element, nested),
         )
 
     def add_frames(self, scope: Element, frames: Frames, where: str) -> list[tuple[str, Element]]:

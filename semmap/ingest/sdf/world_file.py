@@ -138,12 +138,13 @@ def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) 
     where = f"model {instance.name}"
     pose = _in_world(frames.pose(instance.name, where), where)
     shape = models.shape(instance.model, geometry)
-    source = instance.model.source
+    source, mass = instance.model.source, instance.model.mass
+    properties = {"model": source, "static": instance.static}
     return Entry(
         instance.name,
         kind="object",
         type=guess_type(source) or guess_type(instance.name),
-        properties={"model": source, "static": instance.static},
+        properties=properties if mass is None else {**properties, "mass": mass},
         pose=pose,
         shapes=[] if shape is None else [shape],
     )

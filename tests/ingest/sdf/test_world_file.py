@@ -737,3 +737,28 @@ def test_a_bomb_of_includes_is_refused(tmp_path: Path) -> None:
         model_file(tmp_path, f"m{level}", includes)
     with pytest.raises(WorldError, match="has 100,000 parts, the limit is 20,000 parts"):
         read(tmp_path, "<include><uri>model://m9</uri></include>")
+
+
+@pytest.mark.parametrize(
+    ("stated", "mass"),
+    [
+        ("<inertial><mass>0.4</mass></inertial>", 0.4),
+        ("", None),
+        ("<inertial/>", None),
+        ("<inertial><mass>nan</mass></inertial>", None),
+    ],
+)
+def test_the_mass_that_links_state(tmp_path: Path, stated: str, mass: float | None) -> None:
+    link = f"<link name='{{}}'>{stated}{BOX}</link>"
+    world = tmp_path / "w.sdf"
+    world.write_text(
+        f"<sdf version='1.9'><world name='w'><model name='m'>{link.format('a')}"
+        f"<model name='inner'>{link.format('b')}</model></model></world></sdf>"
+    )
+    (entry,) = read_sdf(world).entries
+    expected = None if mass is None else pytest.approx(2 * mass)
+    assert entry.properties.get("mass") == expected
+    assert entry.properties["static"] is False
+
+
+BOX = "<visual name='v'><geometry><box><size>1 1 1</size></box></geometry></visual>"
