@@ -419,3 +419,27 @@ def test_the_demo_chooses_what_a_world_has(engine: Engine) -> None:
     assert house.place in ("living-room", "bedroom")
     assert "KitchenTable_01_001" in house.onto
     assert hotel.type is None  # no object has a shape there
+
+
+def test_a_copy_of_a_map_is_as_the_map_and_hidden(engine: Engine, url: str) -> None:
+    with simulation_map(engine, "hotel") as name, simulation_map(engine, "hotel") as second:
+        assert name != second  # another run takes place
+        topologies = []
+        for each in ("hotel", name):
+            with engine.connect() as connection:
+                connection.execute(text("SELECT set_config('semmap.map', :n, true)"), {"n": each})
+                topologies.append(read_topology(connection))
+        ours, copied = topologies
+        assert {n: replace(p, id=None) for n, p in ours.places.items()} == {
+            n: replace(p, id=None) for n, p in copied.places.items()
+        }
+        assert {n: replace(c, id=None) for n, c in ours.connectors.items()} == {
+            n: replace(c, id=None) for n, c in copied.connectors.items()
+        }
+        assert [r.name for r in ours.regions] == [r.name for r in copied.regions]
+        assert state_of(engine, name) == state_of(engine, "hotel")
+        with semmap.connect(url) as database:
+            assert database.maps == ["house", "hotel"]
+            assert len(database.map(name)) == len(database.map("hotel"))
+    with simulation_map(engine, "hotel") as again:
+        assert again == name  # it is replaced, since its run has ended
