@@ -20,13 +20,17 @@ __all__ = [
     "PolicyFile",
     "State",
     "Urdf",
+    "joints_of",
     "moment_of",
     "parts_of",
 ]
 
 Urdf = Annotated[Path, typer.Option("--robot", help="The robot's URDF.")]
 State = Annotated[
-    str | None, typer.Option(help='Joint positions as JSON, {"arm_1_joint": 0.5}, or a file.')
+    str | None,
+    typer.Option(
+        help='Joint positions as JSON, {"arm_1_joint": 0.5}, a file, or a state of its SRDF.'
+    ),
 ]
 Parts = Annotated[
     Path | None, typer.Option(help="YAML that groups links into parts; by default found.")
@@ -56,7 +60,8 @@ def parts_of(robot: Path, state: str | None = None, parts: Path | None = None) -
     ----------
     robot : the URDF
     state : str, optional
-        Joint positions as JSON, or the name of a file that holds them.
+        Joint positions as JSON, the name of a file that holds them, or that of a state in the
+        SRDF of the robot.
     parts : Path, optional
         YAML that groups links into parts.
 
@@ -67,17 +72,33 @@ def parts_of(robot: Path, state: str | None = None, parts: Path | None = None) -
     """
     from semmap.robot import load_robot, robot_parts  # loads trimesh
 
-    return robot_parts(load_robot(robot), {} if state is None else _joints(state), parts)
+    return robot_parts(load_robot(robot), joints_of(robot, state), parts)
 
 
-def _joints(state: str) -> dict[str, float]:
+def joints_of(robot: Path, state: str | None) -> dict[str, float]:
+    """Return the joint positions that an option describes, as for `parts_of`.
+
+    Raises
+    ------
+    ValueError
+        The state is neither JSON of numbers, nor a file of it, nor in the robot's SRDF.
+    """
+    if state is None:
+        return {}
     text = state
     if not state.lstrip().startswith("{"):
+        from semmap.robot.srdf import read_states
+
+        named = read_states(robot)
+        if state in named:
+            return named[state]
         try:
             text = Path(state).read_text("utf-8")
         except OSError as error:
+            known = f"; the SRDF has {', '.join(sorted(named))}" if named else ""
             raise ValueError(
                 f'--state {state}: is neither JSON nor a file ({error}); give {{"joint": number}}'
+                f"{known}"
             ) from None
     try:
         joints = json.loads(text)

@@ -72,7 +72,7 @@ def poses_to_reach(costmaps: StoreyCostmaps, target: LocatedEntity, most: int = 
     if not len(free):
         raise NoBasePoseError(
             f"{robot.name} finds no free place within {robot.reach[1]:.2f} m of {target.name} in "
-            f"{target.place}"
+            f"{target.place}{robot.folding_hint}"
         )
     middle = shape.centroid
     towards = np.array([middle.x, middle.y]) - points
@@ -86,8 +86,7 @@ def poses_to_reach(costmaps: StoreyCostmaps, target: LocatedEntity, most: int = 
     for i in np.lexsort((np.round(away, 3), price)):
         if int(sector[i]) in taken:
             continue
-        part = shapely.intersection(shape, shapely.Point(points[i]).buffer(robot.reach[1])).centroid
-        heading = math.atan2(part.y - points[i, 1], part.x - points[i, 0])
+        heading = _heading_to(points[i], shape, robot.reach[1])
         if _touches(costmaps, target.place, points[i], heading, doors):
             continue
         if _is_behind_wall(walls, room, points[i], shape):
@@ -99,7 +98,7 @@ def poses_to_reach(costmaps: StoreyCostmaps, target: LocatedEntity, most: int = 
     if not found:
         raise NoBasePoseError(
             f"{robot.name} cannot face {target.name} anywhere within reach: its footprint would "
-            "touch an obstacle, or a wall is between"
+            f"touch an obstacle, or a wall is between{robot.folding_hint}"
         )
     return found
 
@@ -209,6 +208,15 @@ def _within_reach(
     away = shapely.distance(shapely.points(points), shape)
     fits = (away >= near) & (away <= far)
     return cells[fits], points[fits], away[fits]
+
+
+def _heading_to(point: NDArray[np.float64], shape: shapely.Geometry, reach: float) -> float:
+    """The heading from a point to the middle of the part of a shape that is within reach."""
+    base = shapely.Point(point)
+    part = shapely.intersection(shape, base.buffer(reach)).centroid
+    if part.is_empty:  # the buffer is a polygon inside the circle: only the nearest point is left
+        part = shapely.get_point(shapely.shortest_line(base, shape), 1)
+    return math.atan2(part.y - point[1], part.x - point[0])
 
 
 def _walls(costmaps: StoreyCostmaps, place: str) -> NDArray[np.bool_]:

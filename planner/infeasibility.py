@@ -30,7 +30,8 @@ def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
     message = f"no route from {start.place} to {goal.place}"
     if start.place == goal.place and start.pose is not None and goal.pose is not None:
         a, b = (f"({p.x:.2f}, {p.y:.2f})" for p in (start.pose, goal.pose))
-        return f"{message}: {robot.name} finds no path in {start.place} from {a} to {b}"
+        hint = robot.folding_hint
+        return f"{message}: {robot.name} finds no path in {start.place} from {a} to {b}{hint}"
     for place in (start.place, goal.place):
         if not len(graph.nodes.get(place, ())):
             return f"{message}: {place} has no door; add a connector that joins it"
@@ -48,7 +49,8 @@ def infeasibility(graph: RoutingGraph, start: Endpoint, goal: Endpoint) -> str:
         ride = "" if robot.rides_elevators else " without an elevator (behaviour use_elevator)"
         return f"{message}: nothing joins them{ride}; add the connector that is missing"
     reasons = dict.fromkeys(blocked[int(e)][0] for e in path[1] if int(e) in blocked)
-    return f"{message}: {'; '.join(reasons)}"
+    hint = robot.folding_hint if any(" finds no path " in reason for reason in reasons) else ""
+    return f"{message}: {'; '.join(reasons)}{hint}"
 
 
 def _blocked_edges(graph: RoutingGraph) -> dict[int, tuple[str, float]]:

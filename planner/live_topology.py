@@ -111,6 +111,13 @@ class LiveTopology:
         return self._feed.snapshot()
 
     @property
+    def map_name(self) -> str:
+        """The name of the map."""
+        name = self._feed.map_name
+        assert name is not None  # known from the first look on
+        return name
+
+    @property
     def topology(self) -> Topology:
         """The topology, as of the last look at the map."""
         return self.graph.topology

@@ -14,6 +14,8 @@ from semmap.robot import Part
 
 __all__ = ["RobotClass"]
 
+OTHER_STATE = "if its joints can fold it, add the robot again with --state (semmap robot add)"
+
 
 @dataclass(frozen=True)
 class RobotClass:
@@ -116,22 +118,34 @@ class RobotClass:
             return f"{name} needs the permission {wanted}"
         return self._misfit(connector) if self.parts else None
 
+    @property
+    def folding_hint(self) -> str:
+        """A sentence on another joint state, if a part reaches far beyond the base; else empty."""
+        if not self.parts:
+            return ""
+        widest = max(self.parts, key=lambda part: part.circumscribed_radius)
+        if widest.circumscribed_radius < 1.5 * self.parts[0].circumscribed_radius:
+            return ""
+        reach = widest.circumscribed_radius
+        return f"; its {widest.name} reaches {reach:.2f} m around it: {OTHER_STATE}"
+
     @cached_property
     def _sizes(self) -> list[tuple[str, float, float]]:
         """Name, width and top of each part; a robot passes forwards, along its x axis."""
         return [(p.name, float(np.ptp(p.footprint[:, 1])), p.interval[1]) for p in self.parts]
 
     def _misfit(self, connector: PlaceConnector) -> str | None:
-        for name, width, top in self._sizes:
+        for number, (name, width, top) in enumerate(self._sizes):
+            hint = f"; {OTHER_STATE}" if number else ""  # the base, which is first, has one state
             if connector.width is not None and width > connector.width:
                 return (
                     f"the {name} does not fit through {connector.name}: it is {width:.2f} m "
-                    f"wide, the opening {connector.width:.2f} m"
+                    f"wide, the opening {connector.width:.2f} m{hint}"
                 )
             if connector.height is not None and top > connector.height:
                 return (
                     f"the {name} does not fit under {connector.name}: it reaches to "
-                    f"{top:.2f} m, the opening to {connector.height:.2f} m"
+                    f"{top:.2f} m, the opening to {connector.height:.2f} m{hint}"
                 )
         limits = self.drive_limits
         if connector.step > limits.max_step:

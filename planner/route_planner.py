@@ -128,7 +128,8 @@ class RoutePlanner:
         start, goal
             If several entities have the label or type of the goal, the nearest one counts.
         avoid
-            Names, labels or types of places, connectors and regions that the route must not use.
+            Names, labels or types of places, connectors and regions, and names of elevators, that
+            the route must not use.
         at
             The moment of the route, in local time, for rules that have hours.
 
@@ -218,10 +219,12 @@ class RoutePlanner:
     @contextmanager
     def _restricted(self, avoid: Sequence[str], at: datetime | None) -> Iterator[None]:
         """Apply rules, and what is to be avoided, to the graph and the costmaps."""
+        cabins = self.graph.topology.cabins()
         for name in avoid:
-            if not self._is_known(name):
-                raise UnknownPlaceError(name, self._names())
-        rules = (*self.rules.rules, *avoiding(avoid))
+            if name not in cabins and not self._is_known(name):
+                raise UnknownPlaceError(name, [*self._names(), *cabins])
+        avoided = [place for name in avoid for place in (cabins.get(name) or [name])]
+        rules = (*self.rules.rules, *avoiding(avoided))
         graph, costmaps = self.graph, self.costmaps
         with graph.lock, ExitStack() as restrictions:  # no other thread sees them
             found = penalties(graph, rules, at, costmaps=costmaps)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from sqlalchemy import Connection
 
-from planner.base_pose import NoBasePoseError, poses_to_reach
+from planner.base_pose import poses_in, poses_to_reach
+from planner.entity_lookup import LocatedEntity
+from planner.floor_spot import floor_spot
 from planner.live_topology import LiveTopology
 from planner.plan import Plan
 from planner.readers.entity_lookup import find_entities
@@ -18,9 +21,10 @@ from planner.tasks.goal import Goal, parse_goal
 from planner.tasks.problem import Problem
 from planner.tasks.problem_builder import build_problem
 from planner.tasks.reader import read_state, read_world
-from planner.tasks.sites import ApproachPoseOf
+from planner.tasks.sites import ApproachPoseOf, Target
 from planner.tasks.solver import PATIENCE, find_plan
-from planner.tasks.world import TaskObject, TaskState, TaskWorld
+from planner.tasks.world import TaskState, TaskWorld
+from planner.topology import Place, PlaceRegion
 from semmap.geometry.pose import Pose
 
 __all__ = ["Task", "TaskPlanner", "plan_task"]
@@ -81,7 +85,7 @@ class Task:
     domain
         Additional actions.
     approach_pose
-        Where the robot's base stands for an object; None: before the object.
+        Where the robot's base stands; None: before objects, in the middle of regions.
     """
 
     graph: RoutingGraph
@@ -201,20 +205,24 @@ class TaskPlanner:
 
 
 def _approach_poses(connection: Connection, live: LiveTopology) -> ApproachPoseOf | None:
-    """Finds approach poses of objects on the costmaps; None for a robot without shape."""
+    """Finds base poses on the costmaps; None for a robot without shape."""
     costmaps = live.costmaps
     if costmaps is None:
         return None
-    found: dict[str, Pose | None] = {}
+    found: dict[tuple[str, tuple[str, ...]], Pose] = {}
 
-    def approach_pose(of: TaskObject) -> Pose | None:
-        if of.name not in found:
-            entity = next(iter(find_entities(connection, of.name)), None)
-            try:
-                poses = [] if entity is None else poses_to_reach(costmaps, entity)
-            except NoBasePoseError:
-                poses = []
-            found[of.name] = poses[0] if poses else of.pose
-        return found[of.name]
+    def poses(of: Target) -> list[Pose]:
+        if isinstance(of, PlaceRegion):
+            region = LocatedEntity(of.name, "region", of.places[0], footprint=of.outline)
+            return poses_in(costmaps, region, np.random.default_rng(0))
+        if isinstance(of, Place):
+            return poses_to_reach(costmaps, floor_spot(costmaps, of.name))
+        return poses_to_reach(costmaps, find_entities(connection, of.name)[0])
+
+    def approach_pose(of: Target) -> Pose:
+        key = (of.name, of.places if isinstance(of, PlaceRegion) else ())
+        if key not in found:
+            found[key] = poses(of)[0]
+        return found[key]
 
     return approach_pose

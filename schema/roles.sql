@@ -128,7 +128,7 @@ BEGIN
     FOR called IN
         SELECT p.oid::regprocedure AS name, coalesce(needed.roles, '{}') AS roles
         FROM pg_proc p LEFT JOIN (VALUES
-            ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
+            ('copy_map', ARRAY['semmap_admin']), ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
             ('derive_again', ARRAY['semmap_admin']),
             ('hold_still', ARRAY['semmap_robot', 'semmap_admin']), ('queue_writer', ARRAY['semmap_robot', 'semmap_admin']),

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from navgrid.options import Parts, State
+
 __all__ = ["demo_command"]
 
 
@@ -16,12 +18,20 @@ def demo_command(
     ] = None,
     start: Annotated[str | None, typer.Option("--from", help="Room to start in.")] = None,
     goal: Annotated[str | None, typer.Option("--to", help="Room to go to.")] = None,
+    urdf: Annotated[
+        Path | None,
+        typer.Option("--robot", help="The robot's URDF; by default that of the example office."),
+    ] = None,
+    state: State = None,
+    parts: Parts = None,
     folder: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for maps and pictures.")
     ] = Path("out/demo"),
 ) -> None:
-    """Import a world, query it, write its grids, find a route, and draw all of it."""
+    """Import a world, query it, write its grids, find a route, drive a task, and draw it all."""
+    from planner.demo.demo_robot import DemoRobot
     from planner.demo.run import run_demo
     from semmap import cli
 
-    run_demo(world or [], folder, start=start, goal=goal, say=cli.out.print)
+    robot = None if urdf is None else DemoRobot(urdf, state, parts)
+    run_demo(world or [], folder, start=start, goal=goal, robot=robot, say=cli.out.print)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ import typer
 from semmap import cli
 
 if TYPE_CHECKING:
-    from planner.mission.mission_store import MissionStore
+    from planner.mission.mission_list import MissionList
     from planner.mission.runner import MissionEvent, MissionResult
 
 __all__ = ["missions_command", "run_command"]
@@ -48,6 +48,10 @@ def run_command(
         Path | None,
         typer.Option(help="File with the state of the simulation; several robots may share it."),
     ] = None,
+    apply: Annotated[
+        bool,
+        typer.Option("--apply", help="Write what happens into the map; by default into a copy."),
+    ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue a mission whose process has ended.")
     ] = False,
@@ -71,20 +75,30 @@ def run_command(
 
     from planner.live_topology import LiveTopology
     from planner.mission.failures import FailureRule
+    from planner.mission.mission_list import MissionList
     from planner.mission.mission_store import MissionStore
     from planner.mission.runner import Runner
     from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+    from planner.mission.simulation_map import simulation_map
     from planner.task_planner import TaskPlanner
     from planner.tasks.domain_file import read_domain
+    from planner.tasks.goal import parse_goal
 
     rules = [FailureRule.parse(text) for text in fail or ()]
     domain = None if domain_file is None else read_domain(domain_file)
+    if goal is not None:
+        parse_goal(goal, () if domain is None else domain.relations)
     process = f"{socket.gethostname()} {os.getpid()}"
-    with cli.database() as engine, MissionStore(engine, map_name, process) as store:
-        number = _resumed(store, mission) if resume else None
-        if number is not None:
-            robot = store.robot_of(number)
-        live = LiveTopology(engine, store.map_name, robot_class)
+    with cli.database() as engine, ExitStack() as opened_here:
+        with MissionList(engine, map_name) as missions:
+            original = happens_in = missions.map_name
+            number = _resumed(missions, mission) if resume else None
+            if number is not None:
+                robot, happens_in = missions.robot_of(number), missions.map_of(number)
+        if not (apply or resume):
+            happens_in = opened_here.enter_context(simulation_map(engine, original, world))
+        store = opened_here.enter_context(MissionStore(engine, happens_in, process))
+        live = LiveTopology(engine, happens_in, robot_class)
         planner = TaskPlanner(live, domain)
         if start is not None:
             if number is not None:
@@ -93,9 +107,8 @@ def run_command(
             store.add_robot(robot, start, entry_pose(live.topology, start), robot_class)
         if number is None:
             assert goal is not None
-            planner.check(goal)
             number = store.add(robot, goal)
-        file = world or _WORLDS / f"{store.map_name}-{number}.sqlite"
+        file = world or _WORLDS / f"{original}-{number}.sqlite"
         opened = open_world(file, store, live.topology, robot, rules, resume=resume)
         with closing(opened) as sim_world:
             runner = Runner(
@@ -109,7 +122,9 @@ def run_command(
             result = runner.run(number)
         steps = store.steps(number)
     if json_:
-        print(json.dumps(_result_as_json(result, steps, file), default=str))
+        print(json.dumps(_result_as_json(result, steps, file) | {"map": happens_in}, default=str))
+    elif happens_in != original:
+        cli.out.print(f"in {happens_in}; {original} is unchanged (--apply changes it)", style="dim")
     if result.state != "done":
         raise typer.Exit(1)
 
@@ -183,13 +198,13 @@ def _readable(value: Any) -> str:
     return f"{value:%Y-%m-%d %H:%M:%S}" if hasattr(value, "strftime") else str(value)
 
 
-def _resumed(store: MissionStore, mission: int | None) -> int:
+def _resumed(missions: MissionList, mission: int | None) -> int:
     """The number of the mission to resume."""
-    from planner.mission.mission_store import MissionError
+    from planner.mission.map_connection import MissionError
 
     if mission is not None:
         return mission
-    unfinished = store.unfinished()
+    unfinished = missions.unfinished()
     if not unfinished:
         raise MissionError("there is no mission to resume: `semmap missions` lists them")
     return unfinished[0]

@@ -82,22 +82,23 @@ def passage(
     single: Costmap,
     start: Point,
     goal: Point,
-    at: Point,
     view: StoreyView,
     meshes: Mapping[str, Mesh],
     folder: Path,
 ) -> Passage | None:
-    """Figure 9: the robot where its base is under the tables and its arm above them.
+    """Figure 9: the robot where its parts pass below and above what is in the way of the whole.
 
     `single` is of the robot as one part of all its height. None where the layered costmap knows no
-    way from start to goal, or that one knows it as well. The robot is drawn where it is nearest
-    to `at`.
+    way from start to goal, or that one knows it as well. The robot is drawn in the middle of the
+    part of the way that the other costmap blocks.
     """
     way = _way(layered, start, goal)
     if way is None or _way(single, start, goal) is not None:
         return None
-    near = int(np.argmin(np.linalg.norm(_dense(way) - at, axis=1)))
     points = _dense(way)
+    costs = np.array([single.master[single.grid.cell(*point)] for point in points])
+    blocked = np.flatnonzero(costs >= INSCRIBED)
+    near = int(blocked[len(blocked) // 2])
     ahead = points[min(near + 1, len(points) - 1)] - points[max(near - 1, 0)]
     pose = Pose.planar(
         float(points[near][0]),
@@ -136,7 +137,7 @@ def passage(
             cut=1.0,
             azimuth=-68,
             elevation=24,
-            title="Figure 9: base under the tables, arm above, pole between them",
+            title="Figure 9: the robot where only the layered costmap has a way",
             width=1800,
         )
     )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from navgrid.options import parts_of
+from planner.demo.demo_robot import DemoRobot
 from planner.robot_class import RobotClass
 
-__all__ = ["delivery_robot", "office_files", "office_folder"]
+__all__ = ["delivery_robot", "demo_robot", "office_files", "office_folder"]
 
 
 def office_folder() -> Path:
@@ -32,8 +32,13 @@ def office_files() -> list[Path]:
     return [folder / "office.sdf", folder / "office_rooms.geojson"]
 
 
-def delivery_robot(name: str = "delivery") -> RobotClass:
+def demo_robot() -> DemoRobot:
     """The robot of the example building: a base, an arm and a pole, 0.8 m/s."""
     folder = office_folder()
-    parts = parts_of(folder / "delivery_robot.urdf", None, folder / "delivery_robot_parts.yaml")
-    return RobotClass(name, tuple(parts), speed=0.8)
+    groups = folder / "delivery_robot_parts.yaml"
+    return DemoRobot(folder / "delivery_robot.urdf", groups=groups)
+
+
+def delivery_robot(name: str = "delivery") -> RobotClass:
+    """Robots of its shape."""
+    return demo_robot().robot_class(name)

@@ -2,77 +2,130 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from planner.demo.office import delivery_robot
+from planner.demo.choices import DemoChoices
 from planner.live_topology import LiveTopology
-from planner.mission.mission_store import MissionStore
+from planner.mission.mission_store import MissionError, MissionStore
 from planner.mission.runner import MissionEvent, MissionResult, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.mission.simulation_map import simulation_map
 from planner.plan import Plan
 from planner.readers.robot_class import store_robot_class
+from planner.robot_class import RobotClass
 from planner.task_planner import TaskPlanner
+from planner.topology import OUTSIDE, Topology
 from semmap import cli
 
-__all__ = ["put_back", "task_demo"]
+__all__ = ["task_demo"]
 
-GOAL, START, TIMES = "on(muffin, desk1)", "lab1", 60.0
-"""What the robot shall do, where it begins, and how much faster than real it does."""
+TIMES = 60.0
+"""How much faster than real the robot's clock runs."""
 
-_BACK = """
-UPDATE placement p SET holder_id = h.holder_id, pose = h.pose, relation = h.relation
-FROM entity e, entity d, placement_history h
-WHERE e.id = p.entity_id AND e.map_id = current_map() AND e.name = 'muffin1'
-  AND d.map_id = e.map_id AND d.name = 'desk4' AND h.entity_id = e.id AND h.holder_id = d.id
-  AND p.holder_id <> d.id
-  AND lower(h.during) = (SELECT max(lower(l.during)) FROM placement_history l
-                         WHERE l.entity_id = e.id AND l.holder_id = d.id)
-"""
-"""To where the example has the muffin, and so the README, and whoever runs this next."""
+MOST = 6
+"""Number of tasks that are tried until one has a plan."""
 
 
-def task_demo(map_name: str, folder: Path, say: Callable[..., Any]) -> MissionResult:
-    """Let the delivery robot bring a muffin to desk1, and tell what it does."""
-    robot = delivery_robot()
-    with cli.database() as engine:
+def task_demo(
+    map_name: str,
+    choices: DemoChoices,
+    robot: RobotClass,
+    folder: Path,
+    say: Callable[..., Any],
+    then: Callable[[Any], None],
+) -> MissionResult | None:
+    """Let a robot bring the chosen object to a table, in a copy of the map.
+
+    Without an object, or a plan for it, the robot drives to another room. None if that is
+    impossible as well.
+
+    Parameters
+    ----------
+    then
+        Called with a connection to the copy after the run.
+    """
+    with cli.database() as engine, simulation_map(engine, map_name) as copy:
         with engine.begin() as connection:
-            cli.choose_map(connection, map_name)
             store_robot_class(connection, robot)
-        live = LiveTopology(engine, map_name, robot.name)
+        live = LiveTopology(engine, copy, robot.name)
         planner = TaskPlanner(live)
-
-        def plan(*arguments: Any, **options: Any) -> Plan:
-            found = planner(*arguments, **options)
-            if found.actions:  # none where it is reached
-                say(f"   {GOAL}: " + " · ".join(map(str, found.actions)))
-            return found
-
-        def on_event(event: MissionEvent) -> None:
-            if event.kind == "failed":
-                say(f"   {event.command or 'it'} failed: {event.message}")
-
-        file = folder / "simulation.sqlite"
-        file.unlink(missing_ok=True)
-        with MissionStore(engine, map_name, "demo") as store:
-            store.add_robot("robot", START, entry_pose(live.topology, START), robot.name)
-            with closing(open_world(file, store, live.topology, "robot")) as world:
-                body = simulated_robot(live, world, "robot", speed=TIMES)
-                runner = Runner(store, body, plan, speed=TIMES, tick=1 / TIMES, on_event=on_event)
-                result = runner.run(store.add("robot", GOAL))
-                steps = store.steps(result.mission)
-        say(f"   {result.state}: {len(steps)} steps by a simulated robot{_because(result)}")
-        return result
-
-
-def put_back(map_name: str) -> bool:
-    """Put the muffin on desk4 again, if a robot took it away; whether one did."""
-    with cli.database() as engine, engine.begin() as connection:
-        cli.choose_map(connection, map_name)
-        return connection.exec_driver_sql(_BACK).rowcount > 0
+        reasons: list[str] = []
+        for start, goal in _tasks(live.topology, choices):
+            if len(reasons) == MOST:
+                break
+            try:
+                with live.snapshot() as connection:
+                    planner.task(connection, goal, start).plan()
+            except (ValueError, LookupError) as error:
+                reasons.append(f"{goal} from {start}: {error}")
+                continue
+            for reason in reasons:
+                say(f"   {reason}")
+            result = _drive(engine, live, planner, start, goal, folder, say)
+            with engine.connect() as connection:
+                cli.choose_map(connection, copy)
+                then(connection)
+            return result
+    for reason in reasons:
+        say(f"   {reason}")
+    say("   none: the map has no rooms that doors join, or this robot reaches no other one")
+    return None
 
 
-def _because(result: MissionResult) -> str:
-    return f": {result.reason}" if result.reason else ""
+def _tasks(topology: Topology, choices: DemoChoices) -> Iterator[tuple[str, str]]:
+    """Starts and goals in the order in which they are tried."""
+    rooms = [
+        name
+        for name, place in topology.places.items()
+        if name != OUTSIDE and place.elevator is None and topology.connectors_of(name)
+    ]
+    starts = [choices.start] if choices.start in rooms else []
+    starts += [name for name in rooms if name not in (choices.place, *starts)]
+    goals = [f'on("{choices.type}", "{name}")' for name in choices.onto if choices.type]
+    for goal in goals:
+        yield from ((start, goal) for start in starts[:1])
+    for start in starts[:2]:
+        yield from ((start, f'in(robot, "{room}")') for room in reversed(rooms) if room != start)
+
+
+def _drive(
+    engine: Any,
+    live: LiveTopology,
+    planner: TaskPlanner,
+    start: str,
+    goal: str,
+    folder: Path,
+    say: Callable[..., Any],
+) -> MissionResult:
+    name = live.graph.robot.name
+
+    def plan(*arguments: Any, **options: Any) -> Plan:
+        found = planner(*arguments, **options)
+        if found.actions:  # none if the goal is reached
+            said = goal.replace('"', "")
+            say(f"   {said}: " + " · ".join(map(str, found.actions)))
+        return found
+
+    def on_event(event: MissionEvent) -> None:
+        if event.kind == "failed":
+            say(f"   {event.command or 'it'} failed: {event.message}")
+
+    file = folder / "simulation.sqlite"
+    file.unlink(missing_ok=True)
+    with MissionStore(engine, live.map_name, "demo") as store:
+        try:
+            pose = entry_pose(live.topology, start)
+        except MissionError as error:
+            return MissionResult(0, "failed", str(error))
+        store.add_robot("robot", start, pose, name)
+        with closing(open_world(file, store, live.topology, "robot")) as world:
+            body = simulated_robot(live, world, "robot", speed=TIMES)
+            runner = Runner(store, body, plan, speed=TIMES, tick=1 / TIMES, on_event=on_event)
+            result = runner.run(store.add("robot", goal))
+            steps = store.steps(result.mission)
+    reason = f": {result.reason}" if result.reason else ""
+    say(f"   {result.state}: {len(steps)} steps by a simulated robot{reason}")
+    return result

@@ -122,7 +122,7 @@ class Behaviours(Protocol):
         ...
 
     def open_door(self, command: Command) -> RunningBehaviour:
-        """TakenMission `command.step.connector`, before which it stands."""
+        """Open `command.step.connector`, before which it stands."""
         ...
 
     def pass_door(self, command: Command) -> RunningBehaviour:

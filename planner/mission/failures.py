@@ -12,6 +12,8 @@ BEHAVIOURS = (
     "open_door",
     "unlock_door",
     "pass_door",
+    "drive_through",
+    "climb_stairs",
     "call_elevator",
     "use_elevator",
     "switch_map",

@@ -14,7 +14,7 @@ __all__ = ["MissionList", "read_mission"]
 
 
 class MissionList(MapConnection):
-    """The missions of one map, with their steps, on a connection that stays open."""
+    """The missions of one map and of its simulations, on a connection that stays open."""
 
     def add(self, robot: str, goal: str) -> int:
         """Add a waiting mission; returns its number.
@@ -42,6 +42,16 @@ class MissionList(MapConnection):
         """
         with self._begin() as connection:
             return str(read_mission(connection, mission).robot)
+
+    def map_of(self, mission: int) -> str:
+        """The name of the map of a mission: this map, or a copy of it for simulated runs.
+
+        Raises
+        ------
+        MissionError
+        """
+        with self._begin() as connection:
+            return str(read_mission(connection, mission).map)
 
     def unfinished(self) -> list[int]:
         """The numbers of the missions that run or wait, the oldest first."""
@@ -107,26 +117,29 @@ WHERE map_id = current_map() AND name = :robot AND kind = 'agent' RETURNING id
 """
 
 _MISSION = """
-SELECT m.goal, m.state, m.reason, m.runner, m.robot_id, e.name AS robot
-FROM mission m JOIN entity e ON e.id = m.robot_id
-WHERE m.id = :mission AND m.map_id = current_map()
+SELECT m.goal, m.state, m.reason, m.runner, m.robot_id, e.name AS robot, k.name AS map
+FROM mission m JOIN entity e ON e.id = m.robot_id JOIN map k ON k.id = m.map_id
+WHERE m.id = :mission AND current_map() IN (k.id, k.copy_of)
 """
 
 _UNFINISHED = """
-SELECT id FROM mission WHERE map_id = current_map() AND state IN ('running', 'waiting')
-ORDER BY state, id
+SELECT m.id FROM mission m JOIN map k ON k.id = m.map_id AND current_map() IN (k.id, k.copy_of)
+WHERE m.state IN ('running', 'waiting') ORDER BY m.state, m.id
 """
 
 _MISSIONS = """
 SELECT m.id, e.name AS robot, m.goal, m.state, m.reason, m.created_at, m.heartbeat, m.ended_at,
        count(*) FILTER (WHERE s.state = 'done') AS done,
        count(*) FILTER (WHERE s.state = 'failed') AS failed,
-       count(*) FILTER (WHERE s.state IN ('planned', 'started')) AS planned
+       count(*) FILTER (WHERE s.state IN ('planned', 'started')) AS planned,
+       k.copy_of IS NOT NULL AS simulated
 FROM mission m JOIN entity e ON e.id = m.robot_id LEFT JOIN mission_step s ON s.mission_id = m.id
-WHERE m.map_id = current_map() GROUP BY m.id, e.name ORDER BY m.id DESC
+     JOIN map k ON k.id = m.map_id AND current_map() IN (k.id, k.copy_of)
+GROUP BY m.id, e.name, k.copy_of ORDER BY m.id DESC
 """
 
 _CANCEL = """
-UPDATE mission SET state = 'cancelled', reason = 'on request', ended_at = clock_timestamp()
-WHERE id = :mission AND map_id = current_map() AND state IN ('waiting', 'running')
+UPDATE mission m SET state = 'cancelled', reason = 'on request', ended_at = clock_timestamp()
+FROM map k WHERE m.id = :mission AND k.id = m.map_id AND current_map() IN (k.id, k.copy_of)
+AND m.state IN ('waiting', 'running')
 """

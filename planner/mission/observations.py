@@ -27,6 +27,13 @@ __all__ = [
 ]
 
 
+PASSAGE = 0.6
+"""Metres around the passage of a connector that stay free of objects on the floor."""
+
+AHEAD = 0.5
+"""Metres before the robot's origin at which it puts objects on the floor."""
+
+
 @dataclass(frozen=True)
 class ObjectRow:
     """An object that holds no other, with its place and pose."""
@@ -84,29 +91,34 @@ def write_execution(connection: Connection, robot: int, command: Command, outcom
 def find_placement(connection: Connection, item: str, target: str, towards: Pose) -> Pose | None:
     """The free pose on a target that is nearest to another pose; None if there is none.
 
-    The pose is on the top of the target's box, clear of the objects on it; in a room, it is on the
-    floor in front of the robot.
+    The pose is on the largest level surface of the target, or else on the top of its box, clear of
+    the objects on it; in a room, it is on the floor before the robot, apart from its connectors and
+    the objects there.
     """
     row = connection.execute(text(_TARGET), {"name": target}).one_or_none()
     size = connection.execute(text(_SIZE), {"name": item}).one_or_none()
     if row is None or size is None:
         return None
-    if row.kind == "room":
-        ahead = towards @ Pose(0.5, 0.0, 0.0)
-        return Pose.planar(ahead.x, ahead.y, 0.0, row.floor + size.above)
     if row.footprint is None:
         return None
-    held = connection.execute(text(_ON_TARGET), {"target": row.id, "item": item}).scalars()
+    is_room = row.kind == "room"
+    where = {"target": row.id, "item": item}
+    rows = connection.execute(text(_ON_FLOOR if is_room else _ON_TARGET), where).scalars()
+    occupied = [shapely.from_wkb(bytes(k)) for k in rows]
+    if is_room:
+        ways = connection.execute(text(_PASSAGES), where).all()
+        occupied += [shapely.LineString([w.a[:2], w.b[:2]]).buffer(PASSAGE) for w in ways]
+        towards @= Pose(AHEAD, 0.0, 0.0)
     found = find_free_spot(
         shapely.from_wkb(bytes(row.footprint)),
-        [shapely.from_wkb(bytes(k)) for k in held],
+        occupied,
         max(size.radius, 0.01),
         (towards.x, towards.y),
     )
     if found is None:
         return None
     yaw = math.remainder(Pose(*size.pose).yaw, math.tau)
-    return Pose.planar(found[0], found[1], yaw, row.top + size.above)
+    return Pose.planar(found[0], found[1], yaw, (row.floor if is_room else row.top) + size.above)
 
 
 def read_objects(connection: Connection) -> list[ObjectRow]:
@@ -123,8 +135,8 @@ WHERE p.entity_id = :robot AND w.entity_id = entity_id(:place)
 """
 
 _HOLD = """
-UPDATE placement SET holder_id = :robot, relation = 'in', confidence = NULL, pose = :pose
-WHERE entity_id = entity_id(:item)
+UPDATE placement p SET holder_id = :robot, relation = 'in', confidence = NULL, pose = :pose
+FROM entity e WHERE e.map_id = current_map() AND e.name = :item AND p.entity_id = e.id
   AND (holder_id, pose) IS DISTINCT FROM (CAST(:robot AS bigint), CAST(:pose AS float8[]))
 """
 
@@ -152,8 +164,9 @@ WHERE p.holder_id = :robot AND e.kind = 'object'
 _LOSE = "SELECT put(entity_id(:item), entity_id(:place), 'in', 0)"
 
 _DOOR = """
-UPDATE connector SET state = :state, seen_at = clock_timestamp()
-WHERE entity_id = entity_id(:name) AND (state <> :state OR :state = 'locked')
+UPDATE connector c SET state = :state, seen_at = clock_timestamp()
+FROM entity e WHERE e.map_id = current_map() AND e.name = :name AND c.entity_id = e.id
+AND (state <> :state OR :state = 'locked')
 """
 
 _EXECUTED = """
@@ -161,13 +174,20 @@ INSERT INTO execution (robot_class_id, behaviour, entity_id, seconds, height, su
 SELECT (SELECT c.id FROM robot_class c JOIN entity r ON r.id = :robot
         WHERE c.name = r.properties->>'robot_class'),
        :behaviour, id, :seconds, :height, :succeeded
-FROM entity WHERE id = entity_id(:subject)
+FROM entity WHERE map_id = current_map() AND name = :subject
 """
 
 _TARGET = """
-SELECT e.id, e.kind, ST_ZMax(w.box) AS top, ST_AsBinary(w.footprint) AS footprint,
+SELECT e.id, e.kind, coalesce(w.pose[3] + s.height, ST_ZMax(w.box)) AS top,
+       ST_AsBinary(coalesce(ST_Translate(ST_Rotate(s.outline, pose_yaw(w.pose), 0, 0),
+                                         w.pose[1], w.pose[2]), w.footprint)) AS footprint,
        w.pose[3] + coalesce(r.floor, 0) AS floor
 FROM entity e JOIN world w ON w.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
+LEFT JOIN LATERAL (
+    SELECT k.height, k.outline FROM entity_model m JOIN support_surface k ON k.model_id = m.model_id
+    WHERE m.entity_id = e.id AND e.kind = 'object' AND k.outline IS NOT NULL
+      AND abs(w.pose[4]) < 1e-3 AND abs(w.pose[5]) < 1e-3
+    ORDER BY ST_Area(k.outline) DESC LIMIT 1) s ON true
 WHERE e.map_id = current_map() AND e.name = :name
 """
 
@@ -182,6 +202,21 @@ WHERE e.map_id = current_map() AND e.name = :name
 _ON_TARGET = """
 SELECT ST_AsBinary(w.footprint) FROM placement p JOIN world w ON w.entity_id = p.entity_id
 WHERE p.holder_id = :target AND w.footprint IS NOT NULL AND p.entity_id <> entity_id(:item)
+"""
+
+# What stands on the floor, or less than a metre above it, except carpets and the building.
+_ON_FLOOR = """
+SELECT ST_AsBinary(w.footprint) FROM room r
+     JOIN world h ON h.entity_id = r.entity_id
+     JOIN world w ON w.map_id = h.map_id AND w.box && h.box AND w.footprint IS NOT NULL
+     JOIN entity e ON e.id = w.entity_id AND e.kind = 'object' AND NOT is_building_part(e.type)
+WHERE r.entity_id = :target AND e.name <> :item
+  AND ST_ZMin(w.box) < h.pose[3] + r.floor + 1.0 AND ST_ZMax(w.box) > h.pose[3] + r.floor + 0.03
+"""
+
+_PASSAGES = """
+SELECT pose_compose(w.pose, c.pose_a) AS a, pose_compose(w.pose, c.pose_b) AS b
+FROM connector c JOIN world w ON w.entity_id = c.entity_id WHERE :target IN (c.place_a, c.place_b)
 """
 
 _THINGS = """

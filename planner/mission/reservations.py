@@ -47,10 +47,13 @@ def renew_claims(connection: Connection, robot: int, seconds: float) -> frozense
 
 
 _CLAIM = """
-SELECT claim(id, :robot, :seconds) FROM entity WHERE id = entity_id(:name)
+SELECT claim(id, :robot, :seconds) FROM entity WHERE map_id = current_map() AND name = :name
 """
 
-_RELEASE = "DELETE FROM reservation WHERE resource_id = entity_id(:name) AND robot_id = :robot"
+_RELEASE = """
+DELETE FROM reservation r USING entity e
+WHERE e.map_id = current_map() AND e.name = :name AND r.resource_id = e.id AND r.robot_id = :robot
+"""
 
 _RELEASE_ALL = "DELETE FROM reservation WHERE robot_id = :robot"
 

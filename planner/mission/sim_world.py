@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +47,28 @@ class SimWorld:
     ) -> SimWorld:
         """A new world: doors and elevators as in the map, objects in their places.
 
+        Another process never sees an unfinished file. If another one makes the file at the same
+        time, the first one stays.
+
         Parameters
         ----------
         objects
             Name, place and pose of each object.
         """
+        draft = path.with_name(f"{path.name}.{os.getpid()}")
+        with closing(cls._made(draft, topology, objects)):
+            pass
+        with suppress(FileExistsError):
+            os.link(draft, path)
+        draft.unlink()
+        world = cls(path)
+        world.add_rules(rules)
+        return world
+
+    @classmethod
+    def _made(
+        cls, path: Path, topology: Topology, objects: Iterable[tuple[str, str, Sighting]]
+    ) -> SimWorld:
         path.unlink(missing_ok=True)
         world = cls(path)
         cabins = {c: lift for lift, inside in topology.cabins().items() for c in inside}
@@ -65,7 +83,6 @@ class SimWorld:
                 file.execute("INSERT INTO elevator VALUES (?, ?, NULL)", (lift, inside[0]))
             for name, place, seen in objects:
                 world.put_object(name, place, seen)
-        world.add_rules(rules)
         return world
 
     def close(self) -> None:
@@ -144,7 +161,7 @@ class SimWorld:
     # -- doors and elevators --------------------------------------------------------------------
 
     def door(self, name: str) -> str:
-        """TakenMission, closed, locked, or ajar: opened by a robot, to be shut behind it."""
+        """Open, closed, locked, or ajar: opened by a robot, to be shut behind it."""
         row = self._file.execute("SELECT * FROM door WHERE name = ?", (name,)).fetchone()
         if row is None:
             raise LookupError(f"there is no door {name} in the simulated world")

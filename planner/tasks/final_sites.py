@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import cached_property
 
+import shapely
+
 from planner.tasks.goal import ROBOT
 from planner.tasks.problem import NoPlanError
 from planner.tasks.problem_draft import ProblemDraft
@@ -21,12 +23,12 @@ class FinalSites:
 
     @cached_property
     def all(self) -> list[tuple[int, str]]:
-        """The numbers of the sites, each with its place.
+        """The numbers of the sites, each with its place or region.
 
         Raises
         ------
         NoPlanError
-            The robot reaches none of the places.
+            The robot reaches none of them.
         """
         problem, sites = self.draft.problem, self.draft.sites
         ends: list[tuple[int, str]] = []
@@ -34,14 +36,29 @@ class FinalSites:
         for atom in problem.goal.atoms:
             if atom.relation != "in" or atom.words[0].text != ROBOT:
                 continue
-            for place in problem.regions[atom.words[1]]:
-                if place == OUTSIDE:
+            for name in problem.regions[atom.words[1]]:
+                if name == OUTSIDE:
                     continue
-                number = sites.at(place, None)
-                if place != problem.state.place and not sites.is_reachable(number):
-                    reasons.append(sites.unreachable_reason(number, place))
-                    continue
-                ends.append((number, place))
+                for number in self._sites(name):
+                    here = number == 0 or name == problem.state.place
+                    if here or sites.is_reachable(number):
+                        ends.append((number, name))
+                    else:
+                        reasons.append(sites.unreachable_reason(number, name))
             if not ends:
-                raise NoPlanError(join_reasons(reasons))
+                raise NoPlanError(join_reasons(reasons) or f"{atom}: the robot fits nowhere there")
         return ends
+
+    def _sites(self, name: str) -> list[int]:
+        """The site of a place, or those of a region; where the robot is, if it is there already."""
+        state, sites = self.draft.problem.state, self.draft.sites
+        topology = sites.graph.topology
+        if name in topology.places:
+            return [sites.at(name, None)]
+        region = next(r for r in topology.regions if r.name == name)
+        inside = (
+            state.place in region.places
+            and state.pose is not None
+            and shapely.covers(region.outline, shapely.Point(state.pose.x, state.pose.y))
+        )
+        return [*([0] if inside else []), *sites.of_region(region)]

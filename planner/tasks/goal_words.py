@@ -60,6 +60,13 @@ def _find_entities(problem: Problem, world: TaskWorld, topology: Topology) -> No
                         else f"{atom}: {word} is a place, no object"
                     )
                 problem.regions[word] = names
+            elif kind == "region":
+                if atom.relation != "in" or atom.words[0].text != ROBOT:
+                    raise GoalError(
+                        f"{atom}: {word} is a region, where only the robot can go; name the room, "
+                        "or an object in it"
+                    )
+                problem.regions[word] = names
             else:
                 problem.candidates[word] = names
 

@@ -63,6 +63,7 @@ def expand_plan(
         elif event.kind == "finish":
             assert event.site is not None
             there, names, shown, seconds = event.site, (), (), 0.0
+            end = next(name for number, name in problem.finals if number == there)
         else:
             assert event.operator is not None
             operator = event.operator
@@ -74,7 +75,7 @@ def expand_plan(
         here = there
         if event.kind == "finish":
             if drive:
-                actions.append(Action("navigate", (problem.sites[here].place,), _sum(drive), drive))
+                actions.append(Action("navigate", (end,), _sum(drive), drive))
             continue
         name = event.operator.name if event.operator else event.kind
         actions.append(

@@ -52,7 +52,7 @@ class Problem:
     differ
         Pairs of words that stand for different objects.
     regions
-        The places that each word of the goal may stand for.
+        The places, or regions of places, that each word of the goal may stand for.
     limits
         Maximum pickups of each movable object.
     takes
@@ -70,7 +70,7 @@ class Problem:
     seconds
         (n, n) float64 between sites; infinite without a route.
     finals
-        Sites at which the robot may end, each with the place that it reaches there.
+        Sites at which the robot may end, each with the place or region that it reaches there.
     operators, facts
         Of a domain file.
     slots

@@ -14,6 +14,9 @@ from semmap.geometry.pose import Pose
 
 __all__ = ["read_state", "read_world"]
 
+_UNCLASSIFIED = frozenset({"object", "entity"})
+"""The supertypes of a type that the T-Box does not have."""
+
 # By indexes alone: on (map, name), on (type, id) and on the holder. What a word means; in rooms
 # that are named, what stands there; up to the room, what those stand on; and what stands on them.
 _THINGS = """
@@ -161,7 +164,7 @@ def _task_object(
     if row.x0 is not None:
         size = (row.x1 - row.x0, row.y1 - row.y0, row.z1 - row.z0)
         height, top = (row.z0 + row.z1) / 2 - floor, row.z1 - floor
-    surface, surface_height = float("inf"), top
+    surface, surface_height = float("inf") if row.ground is not None else 0.0, top
     if row.looked:
         levels = [(row.pose[2] - floor + z, area) for z, area in row.levels or ()]
         within = [level for level in levels if heights[0] <= level[0] <= heights[1]]
@@ -175,11 +178,11 @@ def _task_object(
         row.label,
         row.holder if row.holder_kind != "agent" else None,
         place,
-        None if row.pose is None else Pose(*row.pose),
+        None if row.pose is None else Pose(*row.pose)._replace(z=floor + height),
         height=height,
         size=size,
         weight=float(weight) if isinstance(weight, int | float) else None,
-        fixed=bool(properties.get("static", False)),
+        classified=not _UNCLASSIFIED.issuperset(types.get(row.type, ())[1:]),
         graspable=properties.get("graspable"),
         surface=surface,
         surface_height=surface_height,

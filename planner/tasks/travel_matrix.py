@@ -21,9 +21,9 @@ def add_travel_times(draft: ProblemDraft) -> None:
     problem.spots = {name: renumbered[i] for name, i in problem.spots.items()}
     problem.finals = [(renumbered[i], place) for i, place in problem.finals]
     ends = {number for number, _ in problem.finals} - {*problem.spots.values()}
-    starts = [i for i in range(len(used)) if i not in ends]
-    # no drive leads back to the start, unless an object is there
-    goals = [i for i in range(len(used)) if i > 0 or i in problem.spots.values()]
+    starts = [i for i in range(len(used)) if i == 0 or i not in ends]
+    # no drive leads back to the start, unless an object is there or the robot may end there
+    goals = [i for i in range(len(used)) if i > 0 or i in ends or i in problem.spots.values()]
     problem.seconds = np.full((len(used), len(used)), math.inf)
     if goals:
         problem.seconds[np.ix_(starts, goals)] = seconds_between(

@@ -23,8 +23,9 @@ LONGEST = 0.6
 """Highest second-longest side of an object that a robot lifts, metres."""
 
 _FIXED_TYPES = frozenset(
-    {"furniture", "appliance", "building_element", "fixture", "vehicle", "agent"}
+    {"furniture", "appliance", "building_element", "connector", "fixture", "vehicle", "agent"}
 )
+"""Types of objects that no robot carries, whatever their size."""
 
 
 class UnknownObjectError(LookupError):
@@ -52,7 +53,7 @@ class TaskObject:
     place
         Name of the room in which it is.
     pose
-        In the map's frame.
+        In the map's frame; its z is that of the object's middle.
     approach_pose
         Base pose at which the robot reaches it; None: at `pose`.
     height
@@ -61,8 +62,8 @@ class TaskObject:
         Of its box, metres; (0, 0, 0) if unknown.
     weight
         Kilograms, if known.
-    fixed
-        Whether it cannot be moved (``static`` in SDF).
+    classified
+        Whether the T-Box says what it is.
     graspable
         Given by a property; None: determined by type, size and weight.
     surface
@@ -83,7 +84,7 @@ class TaskObject:
     height: float = 0.8
     size: tuple[float, float, float] = (0.0, 0.0, 0.0)
     weight: float | None = None
-    fixed: bool = False
+    classified: bool = True
     graspable: bool | None = None
     surface: float = float("inf")
     surface_height: float = 0.75
@@ -105,11 +106,13 @@ class TaskObject:
         if self.graspable is False:
             return f"{self.name} is not graspable (its property `graspable` says so)"
         if self.graspable is None:
-            if self.fixed:
-                return f"{self.name} is fixed; a robot cannot move it"
-            kind = next((t for t in self.types if t in _FIXED_TYPES), None)
-            if kind is not None:
-                return f"{self.name} is {_article(kind)}; a robot does not carry it"
+            if not _FIXED_TYPES.isdisjoint(self.types):
+                return f"{self.name} is {_article(self.types[0])}; a robot does not carry it"
+            if not (self.classified or any(self.size)):
+                return (
+                    f"{self.name} may be too large: its type is not in the T-Box, and it has no "
+                    "shape; add one of them, or give it the property `graspable`"
+                )
             if sorted(self.size)[1] > LONGEST:
                 return (
                     f"{self.name} is {sorted(self.size)[1]:.2f} m wide; the robot lifts objects up "
@@ -121,6 +124,8 @@ class TaskObject:
 
     def unsuitable(self, item: TaskObject, heights: tuple[float, float]) -> str | None:
         """Why such a robot cannot put an object on it; else None."""
+        if self.surface <= 0.0 and not any(self.size):
+            return f"{self.name} has no shape in the map; add one to put {item.name} on it"
         if self.surface <= 0.0:
             return f"{self.name} has no level surface to put {item.name} on"
         if item.ground > self.surface:
@@ -184,7 +189,9 @@ class TaskWorld:
         return self._by_word.get(word.text, [])
 
     def find(self, word: Word, topology: Topology) -> tuple[str, list[str]]:
-        """The entities that a word stands for; a name has priority over a type or a label.
+        """The entities that a word stands for, and their kind: item, place or region.
+
+        A name has priority over a type or a label.
 
         Raises
         ------
@@ -196,6 +203,8 @@ class TaskWorld:
                 return "item", [text]
             if text in topology.places:
                 return "place", [text]
+            if any(r.name == text for r in topology.regions):
+                return "region", [text]
         items = self.of_kind(word)
         if items:
             return "item", items
@@ -204,6 +213,10 @@ class TaskWorld:
         ]
         if places:
             return "place", places
+        regions = [r.name for r in topology.regions if text == r.label or text in r.types]
+        if regions:
+            return "region", regions
         words = [*self.objects, *self._by_word, *topology.places, *self.known]
         words += [w for p in topology.places.values() for w in (p.type, p.label) if w]
+        words += [w for r in topology.regions for w in (r.name, r.label) if w]
         raise UnknownObjectError(text, words)

@@ -26,10 +26,70 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_id(entity_name text)
-RETURNS bigint LANGUAGE sql STABLE PARALLEL SAFE AS $$
--- The id of the entity of that name in the current map.
-SELECT id FROM semmap.entity WHERE map_id = semmap.current_map() AND name = entity_name
-$$;
+RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+-- The id of the entity of that name in the current map; an error if there is none, so that a misspelt name
+-- does not read as false or as an empty list.
+DECLARE
+    found_id bigint := (SELECT id FROM semmap.entity WHERE map_id = semmap.current_map() AND name = entity_name);
+BEGIN
+    IF found_id IS NULL AND entity_name IS NOT NULL THEN
+        RAISE EXCEPTION 'the map has no entity named %', entity_name
+            USING ERRCODE = 'no_data_found', HINT = '`semmap ls` lists the names; SET semmap.map chooses the map.';
+    END IF;
+    RETURN found_id;
+END $$;
+
+CREATE FUNCTION copy_map(map_name text, copy_name text)
+RETURNS integer LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Copies a map without its history, missions and fields, for a simulated run; returns the id of the copy. Copies
+-- share the meshes. They are deleted with their map. For admins (roles.sql).
+DECLARE
+    original map := (SELECT m FROM map m WHERE name = map_name);
+    copied integer;
+BEGIN
+    IF original.id IS NULL THEN
+        RAISE EXCEPTION 'there is no map named %', map_name
+            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM map lists them.';
+    END IF;
+    PERFORM set_config('semmap.deriving', 'off', true);
+    INSERT INTO map (name, crs, easting, northing, height, rotation, copy_of)
+        VALUES (copy_name, original.crs, original.easting, original.northing, original.height, original.rotation,
+                original.id)
+        RETURNING id INTO copied;
+    INSERT INTO entity (map_id, kind, name, label, type, properties, front)
+        SELECT copied, kind, name, label, type, properties, front FROM entity WHERE map_id = original.id;
+    CREATE TABLE pg_temp.twin AS
+        SELECT o.id AS old, n.id AS new FROM entity o JOIN entity n ON n.map_id = copied AND n.name = o.name
+        WHERE o.map_id = original.id;
+    CREATE UNIQUE INDEX ON pg_temp.twin (old);
+    ANALYZE pg_temp.twin;
+    INSERT INTO storey (entity_id, elevation, height)
+        SELECT t.new, s.elevation, s.height FROM storey s JOIN pg_temp.twin t ON t.old = s.entity_id;
+    INSERT INTO elevator (entity_id) SELECT t.new FROM elevator e JOIN pg_temp.twin t ON t.old = e.entity_id;
+    INSERT INTO room (entity_id, floor, ceiling, elevator_id)
+        SELECT t.new, r.floor, r.ceiling, l.new
+        FROM room r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin l ON l.old = r.elevator_id;
+    INSERT INTO connector (entity_id, form, place_a, place_b, pose_a, pose_b, direction, state, behaviour, width,
+                           height, step, permissions, seen_at)
+        SELECT t.new, c.form, a.new, b.new, c.pose_a, c.pose_b, c.direction, c.state, c.behaviour, c.width,
+               c.height, c.step, c.permissions, c.seen_at
+        FROM connector c JOIN pg_temp.twin t ON t.old = c.entity_id JOIN pg_temp.twin a ON a.old = c.place_a
+        LEFT JOIN pg_temp.twin b ON b.old = c.place_b;
+    INSERT INTO link (from_id, relation, to_id, properties)
+        SELECT a.new, l.relation, b.new, l.properties
+        FROM link l JOIN pg_temp.twin a ON a.old = l.from_id JOIN pg_temp.twin b ON b.old = l.to_id;
+    INSERT INTO placement (entity_id, holder_id, pose, relation, confidence)
+        SELECT t.new, h.new, p.pose, p.relation, p.confidence
+        FROM placement p JOIN pg_temp.twin t ON t.old = p.entity_id LEFT JOIN pg_temp.twin h ON h.old = p.holder_id;
+    INSERT INTO entity_model (entity_id, model_id, role)
+        SELECT t.new, m.model_id, m.role FROM entity_model m JOIN pg_temp.twin t ON t.old = m.entity_id;
+    INSERT INTO region (entity_id, of_id, model_id, faces, origin, valid)
+        SELECT t.new, o.new, r.model_id, r.faces, r.origin, r.valid
+        FROM region r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin o ON o.old = r.of_id;
+    DROP TABLE pg_temp.twin;
+    PERFORM set_config('semmap.deriving', '', true);
+    RETURN copied;
+END $$;
 
 CREATE FUNCTION drop_map(map_name text)
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
@@ -44,6 +104,7 @@ BEGIN
         RAISE EXCEPTION 'there is no map named %', map_name
             USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM map lists them.';
     END IF;
+    PERFORM drop_map(c.name) FROM map c WHERE c.copy_of = gone;
     PERFORM set_config('semmap.dropping', 'on', true);
     DELETE FROM world WHERE map_id = gone;
     DELETE FROM placement p USING entity e WHERE e.id = p.entity_id AND e.map_id = gone;

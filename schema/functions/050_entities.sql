@@ -59,6 +59,8 @@ END $$;
 
 CREATE FUNCTION entity_deleted()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+DECLARE
+    emptied bigint[] := string_to_array(nullif(current_setting('semmap.emptied', true), ''), ',')::bigint[];
 BEGIN
     DELETE FROM object_type t USING former o WHERE t.id = o.id;
     INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during, ended)
@@ -68,20 +70,45 @@ BEGIN
     INSERT INTO change (map_id, what, entities)
         SELECT o.map_id, 'removed', array_agg(o.id ORDER BY o.id)
         FROM former o GROUP BY o.map_id;
+    IF emptied IS NOT NULL THEN
+        PERFORM set_config('semmap.emptied', '', true);
+        IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN
+            PERFORM derive_again(emptied);
+        END IF;
+    END IF;
     RETURN NULL;
 END $$;
 
 CREATE FUNCTION entity_empties()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- When an entity is deleted, its contents get its holder and keep their world poses.
+-- When an entity is deleted, its contents get its holder and keep their world poses. Their holders are derived
+-- by entity_deleted: here the entity is still there, and the geometry would show it as their holder.
+DECLARE
+    deriving text := coalesce(current_setting('semmap.deriving', true), '');
+    emptied bigint[];
 BEGIN
     IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
-        UPDATE placement p
-        SET holder_id = h.holder_id, pose = pose_compose(h.pose, p.pose), relation = 'in'
-        FROM placement h
-        WHERE p.holder_id = OLD.id AND h.entity_id = OLD.id;
+        PERFORM set_config('semmap.deriving', 'off', true);
+        WITH contents AS (
+            UPDATE placement p
+            SET holder_id = h.holder_id, pose = pose_compose(h.pose, p.pose), relation = 'in'
+            FROM placement h
+            WHERE p.holder_id = OLD.id AND h.entity_id = OLD.id
+            RETURNING p.entity_id)
+        SELECT array_agg(entity_id) INTO emptied FROM contents;
+        PERFORM set_config('semmap.deriving', deriving, true);
+        PERFORM set_config('semmap.emptied',
+            concat_ws(',', nullif(current_setting('semmap.emptied', true), ''), array_to_string(emptied, ',')), true);
     END IF;
     RETURN OLD;
+END $$;
+
+CREATE FUNCTION connector_gone()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- A connector is deleted with a place that it joins: its row by the foreign key, its entity here.
+BEGIN
+    DELETE FROM entity e USING former o WHERE e.id = o.entity_id;
+    RETURN NULL;
 END $$;
 
 CREATE FUNCTION properties_changed()
@@ -110,3 +137,5 @@ CREATE TRIGGER region_changed AFTER UPDATE ON region REFERENCING NEW TABLE AS fr
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
 CREATE TRIGGER connector_changed AFTER UPDATE ON connector REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
+CREATE TRIGGER connector_gone AFTER DELETE ON connector REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION connector_gone();

@@ -11,6 +11,7 @@ CREATE TABLE map (
     northing   double precision,
     height     double precision,
     rotation   double precision,                               -- of the map's x axis from east, radians
+    copy_of    integer REFERENCES map ON DELETE CASCADE,       -- the map that a simulated run has copied
     CHECK (num_nulls(crs, easting, northing, height, rotation) IN (0, 5))
 );
 

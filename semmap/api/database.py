@@ -115,8 +115,10 @@ class Database:
 
     @property
     def maps(self) -> list[str]:
-        """The names of the maps, the oldest first."""
-        rows = self.session.execute("SELECT name FROM map ORDER BY id").fetchall()
+        """The names of the maps, the oldest first, without copies for simulated runs."""
+        rows = self.session.execute(
+            "SELECT name FROM map WHERE copy_of IS NULL ORDER BY id"
+        ).fetchall()
         return [row[0] for row in rows]
 
     def map(self, name: str | None = None) -> SemanticMap:

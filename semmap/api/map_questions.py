@@ -53,7 +53,8 @@ class MapQuestions:
         return MapEntity(cast("SemanticMap", self), number)
 
     def __contains__(self, name: object) -> bool:
-        return bool(self.execute("SELECT entity_id(%s)", name)[0][0])
+        known = "SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map() AND name = %s)"
+        return bool(self.execute(known, name)[0][0])
 
     def __iter__(self) -> Iterator[MapEntity]:
         return iter(self.find())

@@ -301,7 +301,7 @@ def _has_one_map(connection: Connection) -> bool:
     return bool(
         connection.exec_driver_sql(
             "SELECT count(*) = 1 OR coalesce(current_setting('semmap.map', true), '') <> '' "
-            "AND count(*) > 0 FROM map"
+            "AND count(*) > 0 FROM map WHERE copy_of IS NULL"
         ).scalar()
     )
 

@@ -54,10 +54,12 @@ BEGIN
         UNION ALL
         SELECT format('DROP VIEW IF EXISTS %s CASCADE', oid::regclass)
         FROM pg_class WHERE relnamespace = 'semmap'::regnamespace AND relkind = 'v'
+          AND oid NOT IN (SELECT objid FROM pg_depend WHERE deptype = 'e')  -- of an extension
         UNION ALL
         SELECT format('DROP %s IF EXISTS %s CASCADE',
                       CASE prokind WHEN 'a' THEN 'AGGREGATE' ELSE 'FUNCTION' END, oid::regprocedure)
-        FROM pg_proc WHERE pronamespace = 'semmap'::regnamespace)
+        FROM pg_proc WHERE pronamespace = 'semmap'::regnamespace
+          AND oid NOT IN (SELECT objid FROM pg_depend WHERE deptype = 'e'))
     LOOP
         EXECUTE statement;
     END LOOP;

@@ -63,6 +63,7 @@ class Map(Base):
     northing: Mapped[float | None]
     height: Mapped[float | None]
     rotation: Mapped[float | None]
+    copy_of: Mapped[int | None] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"))
 
     entities: Mapped[list[Entity]] = relationship(viewonly=True)
 

@@ -43,11 +43,13 @@ def pick_map(session: Session, name: str | None = None) -> str:
     LookupError
         There is no such map, none at all, or several and none is chosen.
     """
-    known = _column(session, "SELECT name FROM map ORDER BY id")
+    known = _column(session, "SELECT name FROM map WHERE copy_of IS NULL ORDER BY id")
     if not known:
         raise LookupError("there is no map yet: semmap import FILE makes one")
     if name is None:
         name = _column(session, "SELECT current_setting('semmap.map', true)")[0] or None
+    if name is not None and name not in known:
+        known += _column(session, "SELECT name FROM map WHERE copy_of IS NOT NULL ORDER BY id")
     if name is None and len(known) > 1:
         raise LookupError(
             f"there are several maps: {', '.join(known)}. Name one (--map, SEMMAP_MAP), "
@@ -59,12 +61,15 @@ def pick_map(session: Session, name: str | None = None) -> str:
 
 
 def list_maps(session: Session) -> list[Row]:
-    """The maps of the database, the oldest first, and how many entities each has."""
+    """The maps of the database, the oldest first, and how many entities each has.
+
+    Copies, in which simulated runs take place, are left out.
+    """
     return _rows(
         session,
         "SELECT m.name, count(e.id) AS entities, count(*) FILTER (WHERE e.kind = 'room') AS rooms, "
         "m.crs, m.created_at FROM map m LEFT JOIN entity e ON e.map_id = m.id "
-        "GROUP BY m.id ORDER BY m.id",
+        "WHERE m.copy_of IS NULL GROUP BY m.id ORDER BY m.id",
     )
 
 
@@ -116,8 +121,10 @@ def entity_id(session: Session, name: str) -> int:
     LookupError
         The map has none of this name; the message names those that come near it.
     """
-    row = session.execute("SELECT entity_id(%s)", (name,)).fetchone()
-    if row is None or row[0] is None:
+    row = session.execute(
+        "SELECT id FROM entity WHERE map_id = current_map() AND name = %s", (name,)
+    ).fetchone()
+    if row is None:
         names = _column(session, "SELECT name FROM entity WHERE map_id = current_map()")
         raise LookupError(
             f"the map has no entity {name}{suggestion(name, names, 'semmap ls lists them')}"
@@ -280,8 +287,27 @@ def describe(session: Session, name: str, at: datetime | None = None) -> Row:
             "%(at)s) p LEFT JOIN entity e ON e.id = p.holder_id) AS holder",
             {"id": number, "at": at},
         )
+        if then[0]["pose"] is None and at < (first := _first_version(session, number)):
+            raise LookupError(
+                f"{name} was not in the map at {at.isoformat()}: the first version that the map "
+                f"has of it is of {first.isoformat()}"
+            )
         known["then"] = {"at": at.isoformat()} | then[0]
     return known
+
+
+def _first_version(session: Session, number: int) -> datetime:
+    """The beginning of the first version of an entity that the map still has."""
+    row = session.execute(
+        "SELECT least(e.since, p.since, (SELECT min(lower(during)) FROM entity_history "
+        "WHERE entity_id = e.id), (SELECT min(lower(during)) FROM placement_history "
+        "WHERE entity_id = e.id)) FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
+        "WHERE e.id = %s",
+        (number,),
+    ).fetchone()
+    assert row is not None
+    first: datetime = row[0]
+    return first
 
 
 def changes_since(session: Session, since: str | None) -> tuple[str, list[Row]]:

@@ -44,7 +44,7 @@ def routed(make_database):
     engine = connect(make_database())
     try:
         with engine.begin() as connection:
-            connection.execute(text("CREATE EXTENSION pgrouting SCHEMA public"))
+            connection.execute(text("CREATE EXTENSION IF NOT EXISTS pgrouting SCHEMA public"))
     except DBAPIError as error:
         engine.dispose()
         pytest.skip(f"the server has no pgRouting: {error.orig}")

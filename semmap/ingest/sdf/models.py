@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -75,6 +78,7 @@ class SdfModel:
 
     `source` is the name of the model file that it was made from, its own name for an inline model.
     A model that has nothing but one other model is a wrapper: `wrapped` is that model and its pose.
+    `mass` is that of its links, kilograms, where they state one.
     """
 
     name: str
@@ -85,6 +89,7 @@ class SdfModel:
     static: bool = False
     parts: list[_Part] = field(default_factory=list)
     wrapped: tuple[SdfModel, Pose] | None = None
+    mass: float | None = None
 
     def unwrapped(self) -> tuple[SdfModel, Pose]:
         """Return the innermost model of nested wrappers, and its pose in this model's frame."""
@@ -104,6 +109,17 @@ class Instance:
     pose: Pose
     relative_to: str
     static: bool
+
+
+def _mass(model: Element, nested: Sequence[Instance]) -> float | None:
+    """Return the mass that the links of a model and its inner models state; None if none does."""
+    masses = [i.model.mass for i in nested if i.model.mass is not None]
+    for stated in model.iterfind("link/inertial/mass"):
+        with suppress(ValueError):
+            mass = float(stated.text or "")
+            if 0 < mass < math.inf:
+                masses.append(mass)
+    return sum(masses) if masses else None
 
 
 class Models:
@@ -246,6 +262,7 @@ class Models:
             static=nested[0].static if wrapped and static is None else static is True,
             parts=parts,
             wrapped=wrapped,
+            mass=_mass(element, nested),
         )
 
     def add_frames(self, scope: Element, frames: Frames, where: str) -> list[tuple[str, Element]]:

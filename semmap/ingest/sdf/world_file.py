@@ -140,11 +140,12 @@ def _object(instance: Instance, frames: Frames, models: Models, geometry: Role) 
     model, inside = instance.model.unwrapped()
     pose = _in_world(frames.pose(instance.name, where) @ inside, where)
     shape = models.shape(model, geometry)
-    source = instance.model.source
+    source, mass = instance.model.source, instance.model.mass
+    properties = {"model": source, "static": instance.static}
     entry = Entry(
         instance.name,
         kind="object",
-        properties={"model": source, "static": instance.static},
+        properties=properties if mass is None else {**properties, "mass": mass},
         pose=pose,
         shapes=[] if shape is None else [shape],
     )

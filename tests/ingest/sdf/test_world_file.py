@@ -853,3 +853,22 @@ def test_a_sun_is_not_an_object(tmp_path: Path) -> None:
     (tmp_path / "daylight" / "model.sdf").write_text("<sdf version='1.9'><light name='l'/></sdf>")
     world = read(tmp_path, include.format("daylight") + _at("0 0 0 0 0 0"))
     assert ([e.name for e in world.entries], world.skipped) == (["m"], [])
+
+
+@pytest.mark.parametrize(
+    ("stated", "mass"),
+    [
+        ("<inertial><mass>0.4</mass></inertial>", 0.4),
+        ("", None),
+        ("<inertial/>", None),
+        ("<inertial><mass>nan</mass></inertial>", None),
+    ],
+)
+def test_the_mass_that_links_state(tmp_path: Path, stated: str, mass: float | None) -> None:
+    shape = "<visual name='v'><geometry><box><size>1 1 1</size></box></geometry></visual>"
+    link = f"<link name='{{}}'>{stated}{shape}</link>"
+    model = f"<model name='m'>{link.format('a')}<model name='n'>{link.format('b')}</model></model>"
+    world = read(tmp_path, model)
+    expected = None if mass is None else pytest.approx(2 * mass)
+    assert entry(world, "m").properties.get("mass") == expected
+    assert entry(world, "m").properties["static"] is False

@@ -23,7 +23,8 @@ class Commands:
         return semmap(self.url, *arguments)
 
     def simulate(self, *arguments: object) -> Result:
-        return self.run("run", *arguments, "--simulate", "--speed", 100000, "--world", self.world)
+        words = ("--simulate", "--apply", "--speed", 100000, "--world", self.world)
+        return self.run("run", *arguments, *words)
 
 
 @pytest.fixture

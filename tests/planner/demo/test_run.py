@@ -4,6 +4,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from planner.demo import run as demo
+from planner.demo.choices import DemoChoices, figure_3
 from semmap import cli
 from semmap.cli.chosen import CliOptions
 from semmap.draw.palette import PATH
@@ -70,7 +71,8 @@ def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
     assert before == ["office4", "desk4"]
     assert after == ["lab2", "desk1"]
     with cli.open_map("office") as connection:  # the README's commands come next: desk4 again
-        _, ((room, table, _),) = sql_statement.run_sql(connection, demo.FIGURE_3, write=False)
+        asked = figure_3(DemoChoices("muffin", "table"))
+        _, ((room, table, _),) = sql_statement.run_sql(connection, asked, write=False)
     assert (room, table) == ("office4", "desk4")
     assert (folder / "floor-3rd" / "map.pgm").is_file()
 

@@ -69,6 +69,7 @@ class World:
             self.topology = store.topology()
             objects = [(t.name, t.place, t.seen) for t in store.objects() if "muffin" in t.name]
         self.objects = objects
+        self.file.unlink(missing_ok=True)
         self.world = SimWorld.make(self.file, self.topology, objects)
         self.add_robot("robot", "lab1", START)
 

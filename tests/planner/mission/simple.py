@@ -22,7 +22,7 @@ LEFT JOIN entity h ON h.id = p.holder_id
 LEFT JOIN LATERAL (SELECT k.id, k.name FROM holders_of(ARRAY[e.id]) o
                    JOIN entity k ON k.id = o AND k.kind = 'room' LIMIT 1) r ON true
 LEFT JOIN world rw ON rw.entity_id = r.id
-WHERE e.id = entity_id(:name)
+WHERE e.map_id = current_map() AND e.name = :name
 """
 INSTANCES = """
 SELECT o.label FROM object_type o WHERE o.map_id = current_map() AND o.type = :type ORDER BY o.label

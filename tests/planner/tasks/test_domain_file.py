@@ -14,7 +14,7 @@ TIDY = Path(__file__).parents[3] / "examples" / "office" / "tidy.yaml"
 
 
 def garden(**plant: object) -> TaskWorld:
-    fixed = {"fixed": True, "height": 0.4}
+    fixed = {"graspable": False, "height": 0.4}
     return TaskWorld(
         [
             TaskObject(

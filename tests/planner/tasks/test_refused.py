@@ -47,7 +47,7 @@ def world(**changed: dict[str, object]) -> TaskWorld:
         ),
         ("on(muffin, desk1)", {"muffin1": {"weight": 20.0}}, {}, NoPlanError, "weighs 20 kg"),
         ("on(muffin, desk1)", {"muffin1": {"graspable": False}}, {}, NoPlanError, "not graspable"),
-        ("on(desk4, desk1)", {}, {}, NoPlanError, "desk4 is fixed"),
+        ("on(desk4, desk1)", {}, {}, NoPlanError, "desk4 is a desk; a robot does not carry it"),
         ("on(muffin, desk1)", {"desk1": {"surface": 0.0}}, {}, NoPlanError, "no level surface"),
         ("on(muffin, desk1)", {"desk1": {"surface": 0.001}}, {}, NoPlanError, "desk1 is full"),
         (

@@ -38,7 +38,6 @@ def office_world() -> TaskWorld:
                 place="office4",
                 pose=Pose(6.8, 9, 6.4 + 0.37),
                 height=0.37,
-                fixed=True,
             ),
             TaskObject(
                 "desk1",
@@ -47,7 +46,6 @@ def office_world() -> TaskWorld:
                 place="lab2",
                 pose=Pose(2, 1, 6.4 + 0.37),
                 height=0.37,
-                fixed=True,
             ),
             TaskObject(
                 "muffin1",

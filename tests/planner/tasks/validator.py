@@ -263,7 +263,7 @@ class _Replay:
             return f"{above[0]} stands on {name}"
         if not self.robot.heights[0] <= item.height <= self.robot.heights[1]:
             return f"{name} is {item.height} m high"
-        if item.graspable is False or (item.fixed and not item.graspable):
+        if item.graspable is False:
             return f"{name} cannot be lifted"
         why = self._walk_to(action.at)
         if why is not None:

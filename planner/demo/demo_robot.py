@@ -1,0 +1,64 @@
+"""The robot of the demo: that of the example building, or one that the user names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from navgrid.options import joints_of
+from planner.robot_class import RobotClass
+from semmap.geometry.mesh import Mesh
+from semmap.robot import LinkGroup, Part, load_robot, robot_parts
+from semmap.robot.urdf import Robot
+
+__all__ = ["DemoRobot"]
+
+
+@dataclass(frozen=True)
+class DemoRobot:
+    """A robot in a joint state.
+
+    Parameters
+    ----------
+    urdf
+        Its file.
+    state
+        Joint positions: JSON, or the name of a file or of an SRDF state.
+    groups
+        YAML that groups its links into parts.
+    speed
+        Metres a second.
+    """
+
+    urdf: Path
+    state: str | None = None
+    groups: Path | None = None
+    speed: float = 0.8
+
+    @cached_property
+    def _loaded(self) -> tuple[Robot, Mapping[str, float]]:
+        return load_robot(self.urdf), joints_of(self.urdf, self.state)
+
+    @cached_property
+    def parts(self) -> list[Part]:
+        """Its parts (Deeken et al., section 4.3)."""
+        robot, state = self._loaded
+        return robot_parts(robot, state, self.groups)
+
+    @cached_property
+    def whole(self) -> Part:
+        """All of it as one part."""
+        robot, state = self._loaded
+        return robot_parts(robot, state, [LinkGroup("robot", robot.links)])[0]
+
+    @cached_property
+    def meshes(self) -> Mapping[str, Mesh]:
+        """The meshes of its links in this state."""
+        robot, state = self._loaded
+        return robot.link_meshes(state)
+
+    def robot_class(self, name: str) -> RobotClass:
+        """Robots of its shape."""
+        return RobotClass(name, tuple(self.parts), speed=self.speed)

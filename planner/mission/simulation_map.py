@@ -1,0 +1,88 @@
+"""The copy of a map in which a simulated run takes place: the map itself does not change."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
+
+from sqlalchemy import Connection, Engine, text
+
+__all__ = ["simulation_map"]
+
+KEY = 0x73696D75
+"""Upper half of the keys of locks on copies. A lock is released when its process dies."""
+
+
+@contextmanager
+def simulation_map(engine: Engine, map_name: str, world: Path | None = None) -> Iterator[str]:
+    """The name of a copy of a map, for one simulated run.
+
+    Without a world file, the copy of an earlier run that has ended is replaced, so that one remains
+    to look at. With a world file, the copy belongs to the file: runs that share it share the copy.
+
+    Parameters
+    ----------
+    world
+        File with the state of the simulated world; a copy from before it was made is replaced.
+    """
+    with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        if world is None:
+            names = (f"{map_name} (simulated{f' {n}' if n > 1 else ''})" for n in count(1))
+            name = next(n for n in names if _take_over(connection, map_name, n))
+        else:
+            digest = hashlib.sha256(str(world.resolve()).encode()).hexdigest()[:8]
+            name = f"{map_name} (simulated in {world.name}, {digest})"
+            _share(connection, map_name, name, world)
+        try:
+            yield name
+        finally:
+            connection.execute(text("SELECT pg_advisory_unlock_all()"))
+
+
+def _take_over(connection: Connection, map_name: str, name: str) -> bool:
+    """Copy a map for this process alone; False if another process or mission needs the copy."""
+    if not connection.execute(text(_TRY_LOCK), {"key": KEY, "name": name}).scalar():
+        return False
+    if connection.execute(text(_UNFINISHED), {"name": name}).scalar():
+        connection.execute(text(_UNLOCK), {"key": KEY, "name": name})
+        return False
+    _copy(connection, map_name, name)
+    return True
+
+
+def _share(connection: Connection, map_name: str, name: str, world: Path) -> None:
+    """Copy a map for all processes that use a world file, unless one of them did."""
+    alone = connection.execute(text(_TRY_LOCK), {"key": KEY, "name": name}).scalar()
+    if alone and not (world.is_file() and _exists(connection, name)):
+        _copy(connection, map_name, name)
+    connection.execute(text(_SHARED_LOCK), {"key": KEY, "name": name})
+    if alone:
+        connection.execute(text(_UNLOCK), {"key": KEY, "name": name})
+
+
+def _copy(connection: Connection, map_name: str, name: str) -> None:
+    if _exists(connection, name):
+        connection.execute(text("SELECT drop_map(:name)"), {"name": name})
+    connection.execute(text("SELECT copy_map(:map, :name)"), {"map": map_name, "name": name})
+
+
+def _exists(connection: Connection, name: str) -> bool:
+    found = connection.execute(text("SELECT 1 FROM map WHERE name = :name"), {"name": name})
+    return found.scalar() is not None
+
+
+_ID = "(CAST(:key AS bigint) << 32) # (hashtext(:name) & 2147483647)"
+
+_TRY_LOCK = f"SELECT pg_try_advisory_lock({_ID})"
+
+_SHARED_LOCK = f"SELECT pg_advisory_lock_shared({_ID})"
+
+_UNLOCK = f"SELECT pg_advisory_unlock({_ID})"
+
+_UNFINISHED = """
+SELECT EXISTS (SELECT FROM mission s JOIN map m ON m.id = s.map_id
+               WHERE m.name = :name AND s.state IN ('waiting', 'running'))
+"""

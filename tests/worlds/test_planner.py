@@ -1,0 +1,445 @@
+"""Routes, missions, deleted rooms and questions about names, in the small house and the hotel."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import shapely
+from sqlalchemy import Engine, text
+from sqlalchemy.exc import DBAPIError
+
+import semmap
+from navgrid.occupancy_grid import storey_grid
+from planner.base_pose import NoBasePoseError
+from planner.demo.choices import DemoChoices, choose, figure_3
+from planner.live_topology import LiveTopology
+from planner.mission import Command, MissionResult, MissionStore, Runner
+from planner.mission.sim_robot import SimulatedRobot
+from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
+from planner.mission.sim_world import SimWorld
+from planner.mission.simulation_map import simulation_map
+from planner.readers.robot_class import store_robot_class
+from planner.readers.topology import read_topology
+from planner.robot_class import RobotClass
+from planner.route_planner import RoutePlanner
+from planner.route_search import find_route
+from planner.routing_graph import RoutingGraph
+from planner.task_planner import TaskPlanner
+from planner.tasks import parse_goal
+from planner.tasks.reader import read_world
+from planner.topology import OUTSIDE, UnknownPlaceError
+from semmap.database import connect
+from semmap.ingest.importer import import_file
+from semmap.query.sql_statement import run_sql
+from semmap.query.storey_reader import read_storeys
+from semmap.robot import load_robot, robot_parts
+from tests.command_line import semmap as semmap_command
+from tests.conftest import MakeDatabase
+from tests.robot.robots import real_robot
+
+SEMMAP = Path(sys.executable).parent / "semmap"
+ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
+
+
+@pytest.fixture(scope="module")
+def engine(make_database: MakeDatabase, worlds: Path) -> Iterator[Engine]:
+    """A database that holds the small house and the hotel."""
+    engine = connect(make_database())
+    house = worlds / "small_house" / "worlds" / "small_house.world"
+    for path in (house, ROOMS):
+        import_file(engine, path, map_name="house")
+    import_file(engine, worlds / "rmf" / "hotel" / "hotel.building.yaml", map_name="hotel")
+    yield engine
+    engine.dispose()
+
+
+@pytest.fixture(scope="module")
+def url(engine: Engine) -> str:
+    return engine.url.render_as_string(hide_password=False)
+
+
+@pytest.fixture(scope="module")
+def tiago() -> RobotClass:
+    return RobotClass("tiago", tuple(robot_parts(load_robot(real_robot("tiago")), {})), speed=0.5)
+
+
+def test_tiago_faces_everything_within_reach_in_the_small_house(
+    engine: Engine, tiago: RobotClass
+) -> None:
+    planner = RoutePlanner.of_live(LiveTopology(engine, "house", replace(tiago, reach=(0.2, 1.2))))
+    reached = 0
+    for name in ("TV_02_001", "RoomWall_01_001", "FoldingDoor_01_002", "Bed_01_001"):
+        try:
+            poses = planner.approach(name)
+        except NoBasePoseError:
+            continue
+        (entity,) = planner.lookup.find(name)
+        for pose in poses:
+            base = shapely.Point(pose.x, pose.y)
+            assert entity.footprint is not None
+            assert 0.19 < shapely.distance(base, entity.footprint) < 1.21
+            ahead = shapely.Point(
+                pose.x + 1.3 * math.cos(pose.yaw), pose.y + 1.3 * math.sin(pose.yaw)
+            )
+            look = shapely.LineString([base, ahead])
+            assert shapely.distance(look, entity.footprint) < 0.35
+        reached += bool(poses)
+    assert reached >= 3
+
+
+def test_a_deleted_room_takes_its_connectors_along(engine: Engine) -> None:
+    with engine.connect() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', 'house', true)"))
+        held = "SELECT e.name FROM placement p JOIN entity e ON e.id = p.entity_id "
+        balls = connection.execute(
+            text(held + "WHERE p.holder_id = entity_id('balcony')")
+        ).scalars()
+        names = [*balls]
+        assert "Ball_01_001" in names
+        connection.execute(text("DELETE FROM entity WHERE id = entity_id('balcony')"))
+        topology = read_topology(connection)
+        assert {*topology.places} == {"bedroom", "kitchen", "living-room", "outside"}
+        assert {*topology.connectors} == {"bedroom-door", "kitchen-door", "front-door"}
+        kinds = "SELECT count(*) FROM entity WHERE map_id = current_map() AND kind = 'connector'"
+        assert connection.execute(text(kinds)).scalar() == 3
+        (scene,) = read_storeys(connection)
+        assert (storey_grid(scene, (0.05, 1.8)).cells == 0).any()
+        storey = text(
+            held + "WHERE p.holder_id = entity_id('ground-floor') AND e.name = ANY (:names)"
+        )
+        left = {*connection.execute(storey, {"names": names}).scalars()}
+        assert left == {*names}  # nobody else holds them, and nothing was deleted with the room
+        connection.rollback()
+
+
+def test_deleted_furniture_leaves_its_contents_in_the_room(engine: Engine) -> None:
+    with engine.connect() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', 'house', true)"))
+        connection.execute(text("DELETE FROM entity WHERE id = entity_id('KitchenTable_01_001')"))
+        holder = connection.execute(
+            text(
+                "SELECT h.name FROM placement p JOIN entity h ON h.id = p.holder_id "
+                "WHERE p.entity_id = entity_id('Tableware_01_001')"
+            )
+        ).scalar()
+        assert holder == "kitchen"
+        connection.rollback()
+
+
+def test_an_elevator_can_be_avoided(engine: Engine) -> None:
+    planner = RoutePlanner.of_map(engine, "hotel")
+    ridden = {
+        avoid: {s.elevator for s in planner.route("restaurant", "L3-room1", avoid=avoid).steps}
+        for avoid in ((), ("Lift1",), ("Lift2",))
+    }
+    assert "Lift1" not in ridden["Lift1",]
+    assert "Lift2" not in ridden["Lift2",]
+    assert ridden[()] in (ridden["Lift1",], ridden["Lift2",])
+    with pytest.raises(UnknownPlaceError, match="did you mean Lift"):
+        planner.route("restaurant", "L3-room1", avoid=["Lift9"])
+
+
+def test_an_unknown_name_is_an_error(engine: Engine, url: str) -> None:
+    for question in (
+        "is_on(entity_id('Ball_01_001'), entity_id('Bal_01_001'))",
+        "(SELECT count(*) FROM things_on(entity_id('KitchenTabel')))",
+    ):
+        with engine.connect() as connection:
+            connection.execute(text("SELECT set_config('semmap.map', 'house', true)"))
+            with pytest.raises(DBAPIError, match="no entity named"):
+                connection.execute(text(f"SELECT {question}"))
+    with pytest.raises(LookupError, match="was not in the map at 2020-01-01"):
+        semmap_command(url, "show", "Ball_01_001", "--map", "house", "--at", "2020-01-01")
+
+
+def test_pgrouting_is_there_and_finds_the_routes_of_the_documents(
+    engine: Engine, url: str, tiago: RobotClass
+) -> None:
+    with engine.connect() as connection:
+        offered = "SELECT count(*) FROM pg_available_extensions WHERE name = 'pgrouting'"
+        if not connection.execute(text(offered)).scalar():
+            pytest.skip("the server has no pgRouting")
+    page = (Path(__file__).parents[2] / "docs" / "planner.md").read_text()
+    statement = page[page.index("    SELECT d.seq") : page.index("ORDER BY d.seq;") + 14]
+    for old, new in {
+        "delivery": "tiago",
+        "door1": "bedroom-door",
+        "door8": "kitchen-door",
+        "lab1": "bedroom",
+        "lab2": "kitchen",
+    }.items():
+        statement = statement.replace(f"'{old}'", f"'{new}'")
+    with engine.begin() as connection:
+        store_robot_class(connection, tiago)
+    LiveTopology(engine, "house", "tiago")
+    printed = semmap_command(url, "sql", "--map", "house", statement, "--json").stdout
+    assert "bedroom-door" in printed
+    assert "kitchen-door" in printed
+
+
+def test_the_simulated_robot_passes_every_connector_of_the_hotel(
+    engine: Engine, tmp_path: Path
+) -> None:
+    with MissionStore(engine, "hotel") as store:
+        topology = store.topology()
+    graph = RoutingGraph(topology)
+    passed = set()
+    with closing(SimWorld.make(tmp_path / "world", topology)) as world:
+        robot = SimulatedRobot("robot", world, topology, speed=1e6)
+        for connector in topology.connectors.values():
+            if OUTSIDE in connector.places:
+                continue
+            start, goal = connector.places
+            commands = [
+                Command(s.behaviour, (connector.name,), s, seconds=s.seconds)
+                for s in find_route(graph, graph.endpoint(start), graph.endpoint(goal)).steps
+            ]
+            first = commands[0].step
+            assert first is not None
+            world.put_robot("robot", start, first.approach or first.leave)
+            for command in commands:
+                running = getattr(robot, command.behaviour)(command)
+                while (outcome := running.poll()) is None:
+                    pass
+                assert outcome.succeeded, (connector.name, outcome)
+            assert world.robot("robot")[0] == goal
+            passed.add(connector.behaviour)
+    assert {"pass_door", "drive_through"} <= passed
+
+
+class Building:
+    """A copy of a map in which TIAGo, its arm folded, carries out goals."""
+
+    def __init__(self, engine: Engine, name: str, folder: Path) -> None:
+        self.live = LiveTopology(engine, name, "folded")
+        self.store = MissionStore(engine, name, "test")
+        self.file = folder / "world"
+
+    def add_robot(self, place: str) -> None:
+        self.store.add_robot("robot", place, entry_pose(self.live.topology, place), "folded")
+        self.world = open_world(self.file, self.store, self.live.topology, "robot")
+
+    def reach(self, goal: str) -> MissionResult:
+        robot = simulated_robot(self.live, self.world, "robot", speed=1e6)
+        runner = Runner(self.store, robot, TaskPlanner(self.live), speed=1e6, tick=0)
+        return runner.run(self.store.add("robot", goal))
+
+    def contradictions(self) -> list[Any]:
+        """Where the inventory of the map disagrees with its geometry."""
+        with self.live.snapshot() as connection:
+            own = "SELECT name FROM inventory_contradiction WHERE map = :name"
+            return list(connection.execute(text(own), {"name": self.store.map_name}).scalars())
+
+    def close(self) -> None:
+        self.world.close()
+        self.store.close()
+
+
+@pytest.fixture
+def building(engine: Engine, tmp_path: Path) -> Iterator[Callable[..., Building]]:
+    """Opens a copy of a map with a mug, and with tables in rooms of buildings without shapes."""
+    FOLDED = {
+        "arm_1_joint": 0.2,
+        "arm_2_joint": -1.34,
+        "arm_3_joint": -0.2,
+        "arm_4_joint": 1.94,
+        "arm_5_joint": -1.57,
+        "arm_6_joint": 1.37,
+    }
+    parts = robot_parts(load_robot(real_robot("tiago")), FOLDED)
+    with engine.begin() as connection:
+        store_robot_class(connection, RobotClass("folded", tuple(parts), speed=0.5))
+    with ExitStack() as opened:
+
+        def open_copy(original: str, mug: tuple[str, tuple[float, ...]], tables: Sequence[str]):
+            name = opened.enter_context(simulation_map(engine, original))
+            with semmap.connect(engine.url.render_as_string(hide_password=False)) as database:
+                edited = database.map(name)
+                for room in tables:
+                    middle = tuple(edited[room].describe()["pose"][:3])
+                    size = (1.2, 0.6, 0.72)
+                    edited.add_object(f"table in {room}", type="table", size=size, pose=middle)
+                on, pose = mug
+                edited.add_object("mug1", type="mug", size=(0.08, 0.08, 0.1), on=on, pose=pose)
+            made = Building(engine, name, tmp_path)
+            opened.callback(made.close)
+            return made
+
+        yield open_copy
+
+
+def test_tiago_fetches_a_mug_from_any_room_to_any_table_of_the_small_house(
+    engine: Engine, building: Callable[..., Building]
+) -> None:
+    before = state_of(engine, "house")
+    house = building("house", ("KitchenTable_01_001", (5.75, 0.83, 0.801351)), [])
+    house.add_robot("bedroom")
+    rooms = set()
+    for table in (
+        "CoffeeTable_01_001",
+        "ReadingDesk_01_001",
+        "KitchenTable_01_001",
+        "BalconyTable_01_001",
+        "NightStand_01_001",
+        "TVCabinet_01_001",
+        "CookingBench_01_001",
+        "NightStand_01_002",
+        "ShoeRack_01_001",
+    ):
+        result = house.reach(f"on(mug1, {table})")
+        assert result.state == "done", (table, result)
+        place, seen = house.world.objects()["mug1"]
+        assert seen.holder == table
+        rooms.add(place)
+        robot_at, pose = house.world.robot("robot")
+        assert robot_at == place
+        assert math.dist((pose.x, pose.y), (seen.pose.x, seen.pose.y)) < 1.5
+        assert house.store.robot("robot") == (place, pytest.approx(pose))
+    assert rooms == {"bedroom", "kitchen", "living-room", "balcony"}
+    assert house.reach("in(robot, kitchen) and in(mug1, balcony)").state == "done"
+    assert house.world.robot("robot")[0] == "kitchen"
+    assert state_of(engine, "house") == before, "a simulated run changes no map"
+    assert house.contradictions() == []
+
+
+def test_tiago_carries_a_mug_through_the_storeys_of_the_hotel(
+    building: Callable[..., Building],
+) -> None:
+    tables = ("restaurant", "L2-room1", "L3-room13")
+    hotel = building("hotel", ("table in restaurant", (13.24, -13.24, 0.72)), tables)
+    hotel.add_robot("lobby")
+    for place in (*tables[1:], tables[0]):
+        assert hotel.reach(f'on(mug1, "table in {place}")').state == "done"
+        assert hotel.world.objects()["mug1"][0] == place
+    floor = hotel.reach("in(mug1, shop)")
+    assert floor.state == "done", floor
+    spot = hotel.world.objects()["mug1"][1].pose
+    for connector, side in hotel.live.topology.connectors_of("shop"):
+        passage = shapely.LineString([p[:2] for p in connector.poses])
+        assert passage.distance(shapely.Point(spot.x, spot.y)) > 0.6, connector.name
+        assert connector.places[side] == "shop"
+    assert hotel.reach("on(mug1, CoffeeTable_3)").reason == (
+        "CoffeeTable_3 has no shape in the map; add one to put mug1 on it"
+    )
+    waypoint = next(r for r in hotel.live.topology.regions if r.name == "L1-waypoint100")
+    assert hotel.reach("in(robot, L1-waypoint100)").state == "done"
+    _, pose = hotel.world.robot("robot")
+    assert shapely.covers(waypoint.outline, shapely.Point(pose.x, pose.y))
+    assert hotel.reach("in(robot, L1-waypoint100)").state == "done"  # it is there already
+
+
+def test_what_can_be_carried_follows_from_type_size_and_mass(engine: Engine) -> None:
+    said = {}
+    with engine.connect() as connection:
+        for name in ("house", "hotel"):
+            connection.execute(text("SELECT set_config('semmap.map', :n, true)"), {"n": name})
+            world = read_world(
+                connection, parse_goal("on(object, table)"), read_topology(connection), (0.0, 1.6)
+            )
+            for item in world.objects.values():
+                assert item.properties.get("static", True)  # kept, and not what decides
+                said[name, item.name] = item.obstacle((0.0, 1.6))
+    light = {"Tablet_01_001", "Tableware_01_001", "SeasoningBox_01_001", "DeskPortraitA_02"}
+    assert {n for n in light if said["house", n] is None} == light
+    assert "is a sofa" in (said["house", "SofaC_01_001"] or "")
+    assert "is a wall" in (said["house", "HouseWallB_01_001"] or "")
+    assert "m wide" in (said["house", "TV_01_001"] or "")
+    assert "weighs 80 kg" in (said["house", "Dumbbell_01_001"] or "")
+    assert any(why is None for (name, _), why in said.items() if name == "hotel")
+    assert "not in the T-Box" in (said["hotel", "DigitalKiosk"] or "")
+
+
+def test_a_run_on_the_command_line_changes_a_map_only_if_it_shall(
+    engine: Engine, url: str, tmp_path: Path
+) -> None:
+    before, shared = state_of(engine, "house"), tmp_path / "shared"
+    goal = "in(Tablet_01_001, bedroom)"
+    words = ["--from", "bedroom", "--simulate", "--map", "house", "--speed", "100000"]
+    runs = {"one": goal, "two": "on(SeasoningBox_01_001, CoffeeTable_01_001)"}
+    processes = [
+        subprocess.Popen(
+            [SEMMAP, "--db", url, "run", wanted, *words, "--world", shared, "--agent", name],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for name, wanted in runs.items()
+    ]
+    printed = [process.communicate(timeout=120)[0] for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], printed
+    assert "house is unchanged (--apply changes it)" in printed[0]
+    assert state_of(engine, "house") == before
+    with closing(SimWorld(shared)) as world:
+        place, seen = world.objects()["Tablet_01_001"]
+        assert (place, world.objects()["SeasoningBox_01_001"][0]) == (
+            "bedroom",
+            "living-room",
+        )
+        assert [world.robot(name)[1].z for name in runs] == [0.0, 0.0]  # on the floor
+    assert semmap_command(url, "missions", "--map", "house").exit_code == 0
+    own = ("--apply", "--world", tmp_path / "own")
+    assert semmap_command(url, "run", goal, *words, *own).exit_code == 0
+    after = state_of(engine, "house")
+    assert after["Tablet_01_001"] != before["Tablet_01_001"]
+    assert seen.holder == after["Tablet_01_001"][0]
+
+
+def state_of(engine: Engine, name: str) -> dict[str, tuple[str | None, tuple[float, ...]]]:
+    """The holder and pose of everything in a map."""
+    with engine.connect() as connection:
+        rows = connection.execute(
+            text(
+                "SELECT e.name, h.name AS holder, w.pose FROM entity e "
+                "JOIN map m ON m.id = e.map_id LEFT JOIN placement p ON p.entity_id = e.id "
+                "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
+                "WHERE m.name = :name"
+            ),
+            {"name": name},
+        )
+        return {row.name: (row.holder, tuple(row.pose or ())) for row in rows}
+
+
+def test_the_demo_chooses_what_a_world_has(engine: Engine) -> None:
+    with engine.connect() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', 'house', true)"))
+        house = choose(connection, DemoChoices())
+        _, rows = run_sql(connection, figure_3(house), write=False)
+        connection.execute(text("SELECT set_config('semmap.map', 'hotel', true)"))
+        hotel = choose(connection, DemoChoices())
+    assert house.type == "picture"  # three of them stand on the most furnished table
+    assert "CoffeeTable_01_001" in {row[1] for row in rows}
+    assert house.place in ("living-room", "bedroom")
+    assert "KitchenTable_01_001" in house.onto
+    assert hotel.type is None  # no object has a shape there
+
+
+def test_a_copy_of_a_map_is_as_the_map_and_hidden(engine: Engine, url: str) -> None:
+    with simulation_map(engine, "hotel") as name, simulation_map(engine, "hotel") as second:
+        assert name != second  # another run takes place
+        topologies = []
+        for each in ("hotel", name):
+            with engine.connect() as connection:
+                connection.execute(text("SELECT set_config('semmap.map', :n, true)"), {"n": each})
+                topologies.append(read_topology(connection))
+        ours, copied = topologies
+        assert {n: replace(p, id=None) for n, p in ours.places.items()} == {
+            n: replace(p, id=None) for n, p in copied.places.items()
+        }
+        assert {n: replace(c, id=None) for n, c in ours.connectors.items()} == {
+            n: replace(c, id=None) for n, c in copied.connectors.items()
+        }
+        assert [r.name for r in ours.regions] == [r.name for r in copied.regions]
+        assert state_of(engine, name) == state_of(engine, "hotel")
+        with semmap.connect(url) as database:
+            assert database.maps == ["house", "hotel"]
+            assert len(database.map(name)) == len(database.map("hotel"))
+    with simulation_map(engine, "hotel") as again:
+        assert again == name  # it is replaced, since its run has ended
