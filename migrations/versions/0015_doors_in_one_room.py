@@ -11,7 +11,7 @@ from alembic import op
 from semmap.database.migrate import drop_code, run_code
 
 revision = "0015"
-down_revision = "0011"
+down_revision = "0014"
 branch_labels = None
 depends_on = None
 

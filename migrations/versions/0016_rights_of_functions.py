@@ -7,7 +7,7 @@ from alembic import op
 from semmap.database.migrate import drop_code, run_code
 
 revision = "0016"
-down_revision = "0011"
+down_revision = "0015"
 branch_labels = None
 depends_on = None
 
