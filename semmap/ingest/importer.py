@@ -77,8 +77,7 @@ def read_world(
     Raises
     ------
     WorldError
-        The file is missing, its ending is unknown, it cannot be trusted as a whole, or nothing of
-        it can be used.
+        The file is missing, its ending is unknown, or it cannot be trusted as a whole.
     """
     if not path.is_file():
         raise WorldError(path, "file", "is not there", "Check the path.")
@@ -88,7 +87,6 @@ def read_world(
         if path.suffix.lower() in endings:
             world = read(path, _Options(geometry, mesh_as, model_path, scale))
             _check_names(path, world)
-            _check_content(path, world)
             return world
     known = ", ".join(sorted(e for endings, _ in READERS for e in endings))
     raise WorldError(path, "ending", f"{path.suffix or 'none'} is not known", f"Known: {known}.")
@@ -177,8 +175,8 @@ def import_file(
     Raises
     ------
     WorldError
-        The file cannot be trusted as a whole, or `strict` and an element of it cannot be used;
-        nothing is written.
+        The file cannot be trusted as a whole, nothing of it can be used, or `strict` and an element
+        of it cannot be used; nothing is written.
     """
     start = time.perf_counter()
     progress(f"reading {path.name}", 0, 0)
@@ -191,6 +189,7 @@ def import_file(
             f"{first.problem} (and {len(world.skipped) - 1} more)",
             f"{first.fix} Or import without --strict, which leaves it out.",
         )
+    _check_content(path, world)
     source = source or str(path.resolve())
     with engine.begin() as connection:
         load_tbox(connection)

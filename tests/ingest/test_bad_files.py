@@ -127,10 +127,17 @@ def test_the_undamaged_world_is_whole(tmp_path: Path) -> None:
 
 @quick
 @given(name=texts, cut=st.floats(0, 1))
-def test_a_truncated_world_or_model_is_refused(tmp_path: Path, name: str, cut: float) -> None:
+def test_a_truncated_world_is_refused_and_a_model_left_out(
+    tmp_path: Path, name: str, cut: float
+) -> None:
     data = FILES[name].encode()
     end = min(round(cut * len(data)), len(data) - 1)
-    assert attempt(build(tmp_path, {name: data[:end]})) is None
+    world = attempt(build(tmp_path, {name: data[:end]}))
+    if name.endswith(".world"):
+        assert world is None
+    else:
+        assert world is not None
+        assert any("cannot be used" in skipped.problem for skipped in world.skipped)
 
 
 VALUE = re.compile(r'(?<==")[^"]*(?=")|(?<=>)[^<>]+(?=</)|(?<=[ >])-?[\d.]+(?=[ <])')

@@ -185,3 +185,23 @@ def test_a_full_region_is_said():
         poses_in(ground([box(10, 1.5, 1.5, 0.4)]), target, np.random.default_rng(0))
     with pytest.raises(NoBasePoseError, match="in which room home is, or has no outline"):
         poses_in(ground(), LocatedEntity("home", "region", "left"), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("with_pose", [True, False])
+def test_at_a_waypoint_the_robot_stands_on_the_point_if_it_fits(with_pose):
+    """A region that is a point: exactly there, else as near as the robot fits, else an error."""
+    at, rng = Pose.planar(1.5, 1.2, 0.5), np.random.default_rng(0)
+    target = (
+        LocatedEntity("lounge", "region", "left", at)
+        if with_pose
+        else LocatedEntity("lounge", "region", "left", None, shapely.Point(1.5, 1.2))
+    )
+    (pose,) = poses_in(ground(), target, rng)
+    assert (pose.x, pose.y) == (1.5, 1.2)
+    assert pose.yaw == pytest.approx(0.5 if with_pose else 0.0)
+    things = [box(10, 1.5, 0.9, 0.2)]  # 0.1 m from the point
+    (pose,) = poses_in(ground(things), target, rng)
+    assert is_free(ROBOT, things, pose)
+    assert 0 < math.dist(pose[:2], at[:2]) <= 0.3
+    with pytest.raises(NoBasePoseError, match=r"no free pose within 0\.3 m of lounge"):
+        poses_in(ground([box(10, 1.5, 1.2, 0.4)]), target, rng)

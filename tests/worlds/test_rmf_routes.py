@@ -32,6 +32,7 @@ from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
+from planner.task_planner import plan_task
 from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
@@ -126,7 +127,7 @@ class Building:
     """The lanes of a building, and the map that was made of it."""
 
     def __init__(self, name: str, lanes: Lanes, engine: Engine) -> None:
-        self.name, self.lanes = name, lanes
+        self.name, self.lanes, self.engine = name, lanes, engine
         self.lookup = MapLookup(engine.connect)
         with engine.connect() as connection:
             self.topology: Topology = read_topology(connection)
@@ -269,6 +270,9 @@ def test_waypoints_are_places_to_go(building: Building) -> None:
     route = planner.route(a.name, b.name)
     assert route.metres == pytest.approx(a.outline.distance(b.outline), abs=1e-3)
     assert route.metres > 5
+    plan = plan_task(building.engine, f"in(robot, {b.name})", start=a.name)
+    assert [action.name for action in plan.actions] == ["navigate"]
+    assert plan.seconds == pytest.approx(route.seconds, abs=0.1)
 
 
 def test_the_rmf_export_has_the_waypoints_and_lanes_of_the_file(building: Building) -> None:
