@@ -45,7 +45,7 @@ fuzz:
 fuzz-sanitized:
 	@scripts/setup
 	@.venv/bin/pip install -q --disable-pip-version-check --no-deps --upgrade --target build/sanitized \
-		-C build-dir=build/sanitized-tree -C cmake.define.SEMMAP_SANITIZE=ON .
+		-C build-dir=build/sanitized-tree -C cmake.build-type=RelWithDebInfo -C cmake.define.SEMMAP_SANITIZE=ON .
 	@SEMMAP_FUZZ_MODULES=build/sanitized .venv/bin/python -m tests.fuzz --kinds native
 
 explore:

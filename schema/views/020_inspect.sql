@@ -36,3 +36,4 @@ CREATE VIEW guessed_type AS
            e.properties ->> 'model' AS model
     FROM entity e
     WHERE e.map_id = current_map() AND e.type = e.properties -> 'type_guess' ->> 'type';
+CREATE TRIGGER view_derived INSTEAD OF INSERT OR UPDATE OR DELETE ON guessed_type FOR EACH ROW EXECUTE FUNCTION view_derived();

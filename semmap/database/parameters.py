@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from shutil import disk_usage
 from typing import TYPE_CHECKING, Any
 
 import psycopg
@@ -96,6 +97,8 @@ def unreachable(where: str, host: object, error: object, busy: bool = False) -> 
     cause = str(error).strip().splitlines()
     if folder := lost_folder(host):
         hint = f"There is no socket directory {folder}."
+    elif is_full(host):
+        hint = f"The disk of {host} is full: make room on it."
     elif busy:
         hint = (
             f"The server is still starting, recovering or stopping after {BUSY_SECONDS:g} s: "
@@ -104,6 +107,11 @@ def unreachable(where: str, host: object, error: object, busy: bool = False) -> 
     else:
         hint = "Is the server running, and are user, password and database name right?"
     return f"no connection to {where}: {cause[-1] if cause else error}. {hint}"
+
+
+def is_full(host: object) -> bool:
+    """Whether the disk of a Unix socket's folder has less than a megabyte left."""
+    return isinstance(host, str) and host.startswith("/") and disk_usage(host).free < 1 << 20
 
 
 def lost_folder(host: object) -> str | None:

@@ -36,6 +36,7 @@ CALLS: dict[str, set[str]] = {
     "check_holders('{{{mug}}}')": set(),
     "claim({door}, {own}, 30)": WRITERS,
     "claim({door}, {other}, 30)": {"admin"},
+    "copy_map((SELECT name FROM semmap.map WHERE id = {map}), 'copy')": {"admin"},
     "derive_again('{{{mug}}}')": {"admin"},
     "drawn_model(ST_Multi(ST_MakeEnvelope(0, 0, 1, 1)), 0, 1)": WRITERS,
     "drop_map((SELECT name FROM semmap.map WHERE id = {map}))": {"admin"},

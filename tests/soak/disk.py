@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psycopg
@@ -20,18 +20,20 @@ from tests.soak.actors import IMPORTED
 from tests.soak.invariants import signature, violations
 from tests.soak.kills import boxes
 
-__all__ = ["full_disk", "read_only_disk", "small_disk"]
+__all__ = ["fill", "full_disk", "read_only_disk", "small_disk"]
 
 MEGABYTES = 400
 COMMAND = [sys.executable, "-c", "from semmap.cli import main; main()"]
 
 
 @contextmanager
-def small_disk() -> Iterator[Path | None]:
+def small_disk(megabytes: int = MEGABYTES) -> Iterator[Path | None]:
     """A folder on a disk of its own; None for users that cannot mount one."""
     folder = Path(tempfile.mkdtemp(prefix="semmap-disk-", dir="/tmp"))
-    options = f"size={MEGABYTES}m,mode=755"
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], check=False)
+    options = f"size={megabytes}m,mode=755"
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True, check=False
+    )
     try:
         yield folder if mounted.returncode == 0 else None
     finally:
@@ -52,13 +54,7 @@ def full_disk(folder: Path) -> list[str]:
         import_file(engine, file, map_name=IMPORTED, source="versions")
         with engine.connect() as connection:
             versions.add(signature(connection, IMPORTED))
-    filler = folder / "filler"
-    with filler.open("wb", buffering=0) as file_:
-        try:
-            while True:
-                file_.write(bytes(1 << 16))
-        except OSError:
-            pass
+    filler = fill(folder)
     refused = 0
     for i in range(40):
         big = boxes(Path(tempfile.mkdtemp(dir="/tmp")) / "big.sdf", range(1000))
@@ -76,6 +72,15 @@ def full_disk(folder: Path) -> list[str]:
     import_file(engine, files[0], map_name=IMPORTED, source="versions")
     engine.dispose()
     return [f"on a full disk: {each}" for each in wrong]
+
+
+def fill(folder: Path) -> Path:
+    """Write a file until the disk is full."""
+    filler = folder / "filler"
+    with filler.open("wb", buffering=0) as file, suppress(OSError):
+        while file.write(bytes(1 << 16)):
+            pass
+    return filler
 
 
 def read_only_disk(folder: Path) -> list[str]:
