@@ -19,6 +19,7 @@ from navgrid.inflation import INSCRIBED
 from planner.entity_lookup import LocatedEntity
 from planner.route import NoRouteError
 from planner.storey_costmaps import RoomCostmap, StoreyCostmaps
+from planner.topology import AT_POINT
 from semmap.geometry.pose import Pose
 
 __all__ = ["NoBasePoseError", "poses_in", "poses_to_reach"]
@@ -31,9 +32,6 @@ HEADINGS = 16
 
 TRIES = 200
 """Number of points of a region that are tried with each heading."""
-
-AT_POINT = 0.3
-"""Metres from a waypoint within which a robot is at it."""
 
 WALLS = "room_geometry"
 """The costmap layer that has the walls."""

@@ -26,6 +26,9 @@ __all__ = [
 OUTSIDE = "outside"
 """Name of the place beyond the building: the second place of an exterior door."""
 
+AT_POINT = 0.3
+"""Metres from a waypoint within which a robot is at it."""
+
 
 class TopologyError(ValueError):
     """Places and connectors that do not fit together."""
@@ -166,6 +169,11 @@ class PlaceRegion:
     label: str | None = None
     types: tuple[str, ...] = ()
     properties: Mapping[str, Any] = field(default_factory=dict)
+
+    def contains(self, pose: Pose) -> bool:
+        """Whether a robot at a pose is in the region; at a waypoint, within `AT_POINT`."""
+        near = AT_POINT if self.outline.area == 0 else 0.0
+        return bool(shapely.dwithin(self.outline, shapely.Point(pose.x, pose.y), near))
 
 
 @dataclass(frozen=True)

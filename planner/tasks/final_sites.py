@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from functools import cached_property
 
-import shapely
-
 from planner.tasks.goal import ROBOT
 from planner.tasks.problem import NoPlanError
 from planner.tasks.problem_draft import ProblemDraft
@@ -57,8 +55,6 @@ class FinalSites:
             return [sites.at(name, None)]
         region = next(r for r in topology.regions if r.name == name)
         inside = (
-            state.place in region.places
-            and state.pose is not None
-            and shapely.covers(region.outline, shapely.Point(state.pose.x, state.pose.y))
+            state.place in region.places and state.pose is not None and region.contains(state.pose)
         )
         return [*([0] if inside else []), *sites.of_region(region)]

@@ -2,8 +2,8 @@
 
 CREATE FUNCTION current_map()
 RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
--- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the only one; NULL without maps.
--- Nearly every statement calls it: PL/pgSQL keeps its plan, and full names need no search_path.
+-- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the only one, apart from copies; NULL
+-- without maps. Nearly every statement calls it: PL/pgSQL keeps its plan, and full names need no search_path.
 DECLARE
     chosen text := current_setting('semmap.map', true);
     found integer;
@@ -17,7 +17,7 @@ BEGIN
         END IF;
         RETURN found;
     END IF;
-    SELECT count(*), max(id) INTO maps, found FROM (SELECT id FROM semmap.map LIMIT 2) m;
+    SELECT count(*), max(id) INTO maps, found FROM (SELECT id FROM semmap.map WHERE copy_of IS NULL LIMIT 2) m;
     IF maps > 1 THEN
         RAISE EXCEPTION 'there are several maps, and none is chosen'
             USING ERRCODE = 'no_data_found', HINT = 'Choose one: SET semmap.map = ''office''.';
