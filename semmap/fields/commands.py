@@ -97,6 +97,11 @@ def query_command(
             reply = service.ask("query", **given)
         else:
             reply = _query_kept_state(given, map_name, voxel_size)
+    left_out = reply.pop("left_out")
+    if left_out:
+        more = ", ..." if len(left_out) > 5 else ""
+        names = ", ".join(left_out[:5])
+        _note(f"unknown, as they have no voxels: {len(left_out)} entities: {names}{more}")
     if json_:
         shown = {key: value for key, value in reply.items() if key != "total"}
         print(json.dumps(reply.get("ask", reply.get("store", shown))))

@@ -98,6 +98,13 @@ def test_what_nothing_states_is_an_error(house: Engine) -> None:
     assert "no voxels" in refused(house, "ASK { :Refrigerator_01_001 :in <urn:x#kitchen-door> }")
 
 
+def test_entities_without_voxels_are_stated_as_unknown(house: Engine) -> None:
+    done = semmap(url_of(house), "fields", "query", PREFIX + "SELECT ?o { ?o :in :kitchen }")
+    assert "unknown, as they have no voxels: 5 entities: balcony-opening, " in done.output
+    done = semmap(url_of(house), "fields", "query", PREFIX + "ASK { :Ball_01_003 :in :bedroom }")
+    assert "unknown, as" not in done.output
+
+
 def test_updates_are_kept_and_make_entities(house: Engine) -> None:
     """A region that SPARQL inserts is one for SQL, for other processes, and until it is deleted."""
     where = (7.15, 1.0, 1.2)

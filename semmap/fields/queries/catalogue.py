@@ -151,6 +151,11 @@ class FieldCatalogue:
         own += [each for each in graded if each.property.measure == property.name]
         return NumberMapRelation(property, own)
 
+    def left_out(self) -> set[str]:
+        """Return the entities without voxels, of which the relations that were read say nothing."""
+        none: set[str] = set()
+        return none.union(*(getattr(r, "left_out", none) for r in self._relations.values()))
+
     def _is_present_only(self, property: Property) -> bool:
         return property.name in ("occupiedBy", "freeIn") or property.name in self._relations
 

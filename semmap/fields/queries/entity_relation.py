@@ -51,6 +51,7 @@ class EntityRelation:
         self._tracker = tracker
         self._unknown = unknown
         self._missing = missing
+        self.left_out: set[str] = set()  # by the statements that were read
 
     def statements(
         self,
@@ -94,6 +95,7 @@ class EntityRelation:
 
     def _check_known(self, names: Collection[str] | None) -> None:
         without = set(self._unknown())
+        self.left_out |= without if names is None else without & set(names)
         if names and without.issuperset(names):
             shown = ", ".join(sorted(names)[:5])
             raise UnknownError(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from semmap.fields.queries import SelectResult, StoreResult, query
-from semmap.fields.queries.statements import Catalogue
+from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.store.map_store import save_map
 from semmap.fields.store.statements import Connection
 
@@ -19,7 +19,7 @@ Open = Callable[[], AbstractContextManager[Connection]]
 
 
 def query_reply(
-    catalogue: Catalogue,
+    catalogue: FieldCatalogue,
     text: str,
     open_transaction: Open,
     *,
@@ -42,15 +42,17 @@ def query_reply(
     -------
     dict
         ``{"ask": bool}``, ``{"variables": [...], "rows": [...], "total": int}``, or ``{"store":
-        {...}}`` with property, voxels, file, kept and version.
+        {...}}`` with property, voxels, file, kept and version. ``"left_out"`` lists the entities
+        without voxels, of which the answer says nothing.
     """
     result = query(catalogue, text)
+    left_out = {"left_out": sorted(catalogue.left_out())}
     if isinstance(result, bool):
-        return {"ask": result}
+        return {"ask": result} | left_out
     if isinstance(result, SelectResult):
         rows = [list(row) for row in islice(result, limit)]
-        return {"variables": list(result.names), "rows": rows, "total": len(result)}
-    return {"store": _stored(result, open_transaction, output, keep)}
+        return {"variables": list(result.names), "rows": rows, "total": len(result)} | left_out
+    return {"store": _stored(result, open_transaction, output, keep)} | left_out
 
 
 def _stored(
