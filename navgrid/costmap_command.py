@@ -13,13 +13,16 @@ from typing import Annotated
 import typer
 
 from navgrid.options import (
+    FieldNames,
     MaxSlope,
     MaxStep,
     Moment,
+    NoFields,
     Parts,
     PolicyFile,
     State,
     Urdf,
+    fields_of,
     moment_of,
     parts_of,
 )
@@ -55,6 +58,8 @@ def costmap_command(
         float, typer.Option(help="Height of the localisation map above the floor, metres.")
     ] = 0.25,
     at: Moment = None,
+    field: FieldNames = None,
+    no_fields: NoFields = False,
     headings: Annotated[
         int, typer.Option(help="Also write collisions by heading, for so many headings.")
     ] = 0,
@@ -103,6 +108,7 @@ def costmap_command(
             limits=limits,
             static_map=static_map,
             moment=moment_of(at),
+            fields=fields_of(connection, field, no_fields),
         )
     if point is not None:
         show_explanation(costmaps, point[0], point[1], json_)

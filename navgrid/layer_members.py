@@ -14,9 +14,6 @@ from semmap.query.storey_scene import Bounds, SceneEntity, StoreyScene
 
 __all__ = ["LayerChange", "LayerMembers"]
 
-FIXED = "room_geometry"
-"""The layer for undrivable floor; defaults to the policy's first layer."""
-
 
 @dataclass
 class LayerChange:
@@ -89,7 +86,7 @@ class LayerMembers:
 
     def _divide(self, floors: list[SceneEntity]) -> None:
         """Divide floors into what is driven on and obstacles."""
-        fixed = self.layers[FIXED if FIXED in self.layers else self.policy.layers[0].name]
+        fixed = self.layers[self.policy.fixed_layer]
         faces = np.concatenate([*(floor.triangles for floor in floors), np.empty((0, 3, 3))])
         driven = drivable(faces, self.floors, self.limits)
         start = 0

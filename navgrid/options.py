@@ -5,21 +5,25 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from navgrid.field_layer import FieldVoxels
     from semmap.robot import Part
 
 __all__ = [
+    "FieldNames",
     "MaxSlope",
     "MaxStep",
     "Moment",
+    "NoFields",
     "Parts",
     "PolicyFile",
     "State",
     "Urdf",
+    "fields_of",
     "joints_of",
     "moment_of",
     "parts_of",
@@ -44,6 +48,28 @@ Moment = Annotated[
     datetime | None,
     typer.Option("--at", help="Leave out regions that do not hold then; by default now."),
 ]
+FieldNames = Annotated[
+    list[str] | None,
+    typer.Option("--field", help="Only this field of the map; may be repeated. By default all."),
+]
+NoFields = Annotated[bool, typer.Option("--no-fields", help="Leave out the fields of the map.")]
+
+
+def fields_of(connection: Any, names: list[str] | None, no_fields: bool) -> dict[str, FieldVoxels]:
+    """Return the fields of the current map as options choose them.
+
+    Raises
+    ------
+    ValueError
+        Both options are given.
+    LookupError
+        There is no field of a given name.
+    """
+    from navgrid.field_reader import read_fields
+
+    if no_fields and names:
+        raise ValueError("--field and --no-fields exclude each other: give one of them")
+    return {} if no_fields else read_fields(connection, names or None)
 
 
 def moment_of(at: datetime | None) -> datetime:

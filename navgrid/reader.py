@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
 from sqlalchemy import Connection
 
 from navgrid.costmap import Costmap, Inflation
+from navgrid.field_layer import FieldVoxels
 from navgrid.grid import MARGIN, scene_grid
 from navgrid.policy import Policy
 from navgrid.static_map import map_layer
@@ -33,6 +34,7 @@ def read_costmaps(
     limits: DriveLimits | None = None,
     static_map: Path | None = None,
     moment: datetime | None = None,
+    fields: Mapping[str, FieldVoxels] | None = None,
 ) -> list[Costmap]:
     """Return the costmaps of a robot, one per storey of the current map, the lowest first.
 
@@ -53,6 +55,8 @@ def read_costmaps(
         The YAML file of a map, such as one from SLAM, for a further layer ``static_map``.
     moment : datetime, optional
         Leave out regions that do not hold then.
+    fields : mapping of FieldVoxels, optional
+        Fields by name, from `navgrid.field_reader.read_fields`.
 
     Raises
     ------
@@ -96,6 +100,7 @@ def read_costmaps(
                 inflation=inflation,
                 limits=limits,
                 static=static,
+                fields=fields,
             )
         )
     if not costmaps:

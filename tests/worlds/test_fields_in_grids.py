@@ -1,0 +1,191 @@
+"""Stored fields of the small house in its grids and costmaps: as obstacles and as social costs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+from sqlalchemy import Engine, text
+
+from navgrid.costmap import Costmap
+from navgrid.field_reader import read_fields
+from navgrid.map_file import read_map
+from navgrid.reader import read_costmaps
+from semmap.fields import Box
+from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.sources import Motion, People, PersonalSpaceSource
+from semmap.fields.store import field_store
+from semmap.fields.store.map_store import save_map
+from semmap.fields.store.reader import read_map_vocabulary
+from semmap.ingest.importer import import_file
+from semmap.robot import load_robot, robot_parts
+from tests.command_line import semmap
+from tests.robot.robots import real_robot
+
+ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
+NOW = datetime(2026, 11, 21, tzinfo=UTC)
+VOCABULARY = read_map_vocabulary()
+
+
+@pytest.fixture(scope="module")
+def house(module_engine: Engine, worlds: Path) -> Engine:
+    """A database that holds the house with its rooms."""
+    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
+        import_file(module_engine, path, map_name="house")
+    return module_engine
+
+
+@pytest.fixture(scope="module")
+def bare(house: Engine) -> Costmap:
+    """The costmap of TIAGo without fields."""
+    with house.connect() as connection:
+        (made,) = read_costmaps(connection, robot_parts(load_robot(real_robot("tiago")), {}))
+    return made
+
+
+@pytest.fixture(scope="module")
+def spot(bare: Costmap) -> tuple[float, float]:
+    """The middle of the free cell that is farthest from all costs."""
+    row, column = np.unravel_index(
+        distance_transform_edt(bare.master == 0).argmax(), bare.master.shape
+    )
+    grid = bare.grid
+    return (
+        float(grid.origin[0] + (column + 0.5) * grid.resolution),
+        float(grid.origin[1] + (row + 0.5) * grid.resolution),
+    )
+
+
+@pytest.fixture(scope="module")
+def fields(house: Engine, bare: Costmap, spot: tuple[float, float]) -> Iterator[str]:
+    """The URL of the database with a person at the spot, and the space that she needs."""
+    x, y = spot
+    floor = bare.scene.elevation
+    body = Box((x, y, floor + 0.85), (0.4, 0.3, 1.7))
+    (space,) = PersonalSpaceSource(VOCABULARY)(People({"human7": Motion(x, y, floor, 0, 0)}, NOW))
+    with house.begin() as connection:
+        save_map(connection, "people", person(body))
+        save_map(connection, "space of human7", space)
+    yield house.url.render_as_string(hide_password=False)
+    with house.begin() as connection:
+        for name in ("people", "space of human7"):
+            field_store.forget(connection, name)
+
+
+def person(body: Box) -> RepresentationMap:
+    return RepresentationMap.of_regions(
+        VOCABULARY["containsPerson"], [(body, True)], 0.05, about="human7"
+    )
+
+
+def explain(url: str, spot: tuple[float, float], *words: str) -> dict[str, Any]:
+    robot = real_robot("tiago")
+    done = semmap(
+        url, "costmap", "--robot", robot, "--explain", f"{spot[0]},{spot[1]}", *words, "--json"
+    )
+    assert done.exit_code == 0, done.output
+    found: dict[str, Any] = json.loads(done.stdout)[0]
+    return found
+
+
+def test_a_person_in_a_stored_field_is_an_obstacle(fields: str, spot: tuple[float, float]) -> None:
+    found = explain(fields, spot)
+    assert found["cost"] == 254
+    people = [b for b in found["because"] if b["field"] == "people"]
+    assert {b["layer"] for b in people} == {"lethal_obstacles"}
+    assert {name for b in people for name in b["entities"]} == {"human7"}
+    assert len({b["part"] for b in people}) == 4, "she is as tall as TIAGo"
+    social = [b for b in found["because"] if b["field"] == "space of human7"]
+    assert {(b["layer"], tuple(b["entities"])) for b in social} == {("social", ("human7",))}
+
+
+def test_options_choose_the_fields(fields: str, spot: tuple[float, float]) -> None:
+    assert explain(fields, spot, "--no-fields")["cost"] == 0
+    assert 200 < explain(fields, spot, "--field", "space of human7")["cost"] < 253
+    assert explain(fields, spot, "--field", "people")["cost"] == 254
+    with pytest.raises(LookupError, match="no field named peple; did you mean people"):
+        explain(fields, spot, "--field", "peple")
+    with pytest.raises(ValueError, match="exclude each other"):
+        explain(fields, spot, "--field", "people", "--no-fields")
+
+
+def test_grid_and_costmap_have_the_same_people(
+    fields: str, spot: tuple[float, float], tmp_path: Path
+) -> None:
+    cells = {}
+    for name, words in (("with", ()), ("without", ("--no-fields",))):
+        done = semmap(fields, "grid", "-o", tmp_path / name, "--no-picture", "--json", *words)
+        (row,) = json.loads(done.stdout)
+        assert row["fields"] == ({"people": "lethal_obstacles"} if name == "with" else {})
+        cells[name] = read_map(row["map"])
+    grid, there = cells["with"]
+    new = np.argwhere((there == 100) & (cells["without"][1] != 100))
+    low, high = new.min(axis=0), new.max(axis=0) + 1
+    corner = np.array(grid.origin)[::-1] + low * grid.resolution
+    size = (high - low) * grid.resolution
+    # The person is 0.4 x 0.3 m; voxels and cells add up to one each.
+    assert (size >= (0.3, 0.4)).all()
+    assert (size <= np.array([0.3, 0.4]) + 0.11).all()
+    assert np.abs(corner + size / 2 - spot[::-1]).max() < 0.06
+
+
+def test_a_field_that_the_policy_does_not_name_is_reported(
+    fields: str, spot: tuple[float, float], tmp_path: Path
+) -> None:
+    file = tmp_path / "policy.yaml"
+    file.write_text("layers: {all: }\nrules: [{kind: object, layer: all}]\n")
+    done = semmap(fields, "grid", "-o", tmp_path / "grid", "--no-picture", "--policy", file)
+    assert "no rule for, not used: people, space of human7" in " ".join(done.output.split())
+    head = (tmp_path / "grid" / "map.yaml").read_text()
+    assert "people" in head
+
+
+def test_files_for_nav2_have_a_map_for_each_field(
+    fields: str, spot: tuple[float, float], tmp_path: Path
+) -> None:
+    robot = real_robot("tiago")
+    box = f"{spot[0] - 1},{spot[1] - 1},{spot[0] + 1},{spot[1] + 1}"
+    done = semmap(
+        fields, "costmap", "--robot", robot, "-o", tmp_path, "--box", box, "--no-picture", "--json"
+    )
+    (files,) = json.loads(done.stdout)
+    assert files["fields"] == {"people": "lethal_obstacles", "space of human7": "social"}
+    grid, people = read_map(tmp_path / files["maps"]["base_field1_people"])
+    _, social = read_map(tmp_path / files["maps"]["base_field2_space_of_human7"])
+    cell = grid.cell(*spot)
+    assert people[cell] == 100
+    assert 50 < social[cell] < 100
+
+
+def test_entities_of_a_legend_are_named(
+    house: Engine, bare: Costmap, spot: tuple[float, float]
+) -> None:
+    """A field of several entities: the one at the nearest cells is the cause."""
+    x, y = spot
+    z = bare.scene.elevation
+    seen = RepresentationMap.of_regions(
+        VOCABULARY["containsObject"],
+        [
+            (Box((x - 0.3, y, z + 0.2), (0.2, 0.2, 0.2)), 1),
+            (Box((x + 0.3, y, z + 0.2), (0.2,) * 3), 2),
+        ],
+        0.05,
+        value_type="int32",
+        legend={1: "crate", 2: "trolley"},
+    )
+    with house.connect() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', 'house', true)"))
+        save_map(connection, "seen", seen)
+        found = read_fields(connection, ["seen"])
+        connection.rollback()
+    parts = bare.parts[:1]
+    made = Costmap(bare.scene, parts, bare.grid, fields=found)
+    assert made.explain(x - 0.3, y)[0].entities == ("crate",)
+    assert made.explain(x + 0.3, y)[0].entities == ("trolley",)
+    assert made.explain(x + 0.3, y)[0].field == "seen"
