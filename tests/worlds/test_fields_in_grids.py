@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import threading
+import time
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,6 +20,12 @@ from navgrid.costmap import Costmap
 from navgrid.field_reader import read_fields
 from navgrid.map_file import read_map
 from navgrid.reader import read_costmaps
+from planner.live_topology import LiveTopology, TopologyChange
+from planner.readers.robot_class import store_robot_class
+from planner.robot_class import RobotClass
+from planner.route import NoRouteError
+from planner.route_planner import RoutePlanner
+from planner.topology import Topology
 from semmap.fields import Box
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.sources import Motion, People, PersonalSpaceSource
@@ -26,6 +35,7 @@ from semmap.fields.store.reader import read_map_vocabulary
 from semmap.ingest.importer import import_file
 from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap
+from tests.navgrid.scenes import part, square
 from tests.robot.robots import real_robot
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
@@ -189,3 +199,88 @@ def test_entities_of_a_legend_are_named(
     assert made.explain(x - 0.3, y)[0].entities == ("crate",)
     assert made.explain(x + 0.3, y)[0].entities == ("trolley",)
     assert made.explain(x + 0.3, y)[0].field == "seen"
+
+
+# -- the planner on the same costmaps -----------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def robot(house: Engine) -> str:
+    """The name of a class of slim robots, which fit through all doors."""
+    cart = part("cart", 0.0, 0.6, square(0.15))
+    with house.begin() as connection:
+        store_robot_class(connection, RobotClass("cart", (cart,), speed=0.5))
+    return "cart"
+
+
+def crowd(topology: Topology) -> RepresentationMap:
+    """People who fill the passage of the kitchen's door."""
+    poses = topology.connectors["kitchen-door"].poses
+    middle = np.mean([(p.x, p.y, p.z + 0.9) for p in poses], axis=0)
+    return person(Box(tuple(middle), (2.5, 2.5, 1.8)))
+
+
+def travel(live: LiveTopology) -> dict[tuple[int, int], float]:
+    graph = live.graph
+    edges = zip(graph.tails.tolist(), graph.heads.tolist(), strict=True)
+    return dict(zip(edges, graph.seconds.tolist(), strict=True))
+
+
+def test_travel_times_follow_fields(house: Engine, robot: str) -> None:
+    """What a live topology takes over equals one that is loaded again, stored times included."""
+    live = LiveTopology(house, "house", robot)
+    live.warm()
+    free = travel(live)
+    with house.begin() as connection:
+        save_map(connection, "crowd", crowd(live.topology))
+    change = live.catch_up()
+    assert not change.reloaded
+    assert {"kitchen", "living-room"} <= change.places
+    assert live.catch_up().places == frozenset()
+    jammed = travel(live)
+    assert sum(map(np.isinf, jammed.values())) > sum(map(np.isinf, free.values()))
+    again = LiveTopology(house, "house", robot)
+    assert travel(again) == jammed, "from the stored travel times"
+    assert travel(LiveTopology(house, "house", replace(again.graph.robot, name="new"))) == jammed
+    with house.begin() as connection:
+        field_store.forget(connection, "crowd")
+    assert travel(LiveTopology(house, "house", robot)) == free
+    assert {"kitchen", "living-room"} <= live.catch_up().places
+    assert travel(live) == free
+
+
+def test_people_close_a_route(house: Engine, robot: str) -> None:
+    planner = RoutePlanner.of_map(house, "house", robot)
+    assert planner.route("bedroom", "kitchen").seconds > 0
+    with house.begin() as connection:
+        save_map(connection, "crowd", crowd(planner.graph.topology))
+    try:
+        with pytest.raises(NoRouteError):
+            RoutePlanner.of_map(house, "house", robot).route("bedroom", "kitchen")
+    finally:
+        with house.begin() as connection:
+            field_store.forget(connection, "crowd")
+
+
+def test_a_stored_field_wakes_followers(house: Engine, robot: str) -> None:
+    live = LiveTopology(house, "house", robot)
+    stop = threading.Event()
+    seen: list[TopologyChange] = []
+
+    def note(change: TopologyChange) -> None:
+        seen.append(change)
+        stop.set()
+
+    thread = threading.Thread(target=live.follow, args=(stop, note))
+    thread.start()
+    try:
+        time.sleep(0.5)
+        with house.begin() as connection:
+            save_map(connection, "crowd", crowd(live.topology))
+        assert stop.wait(20)
+    finally:
+        stop.set()
+        thread.join()
+        with house.begin() as connection:
+            field_store.forget(connection, "crowd")
+    assert "kitchen" in seen[0].places
