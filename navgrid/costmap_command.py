@@ -14,6 +14,7 @@ import typer
 
 from navgrid.options import (
     FieldNames,
+    FromVoxels,
     MaxSlope,
     MaxStep,
     Moment,
@@ -22,9 +23,11 @@ from navgrid.options import (
     PolicyFile,
     State,
     Urdf,
+    VoxelSize,
     fields_of,
     moment_of,
     parts_of,
+    voxels_of,
 )
 from semmap import cli
 from semmap.number_list import parse_numbers
@@ -60,6 +63,8 @@ def costmap_command(
     at: Moment = None,
     field: FieldNames = None,
     no_fields: NoFields = False,
+    from_voxels: FromVoxels = False,
+    voxel_size: VoxelSize = 0.05,
     headings: Annotated[
         int, typer.Option(help="Also write collisions by heading, for so many headings.")
     ] = 0,
@@ -109,6 +114,7 @@ def costmap_command(
             static_map=static_map,
             moment=moment_of(at),
             fields=fields_of(connection, field, no_fields),
+            voxels=voxels_of(connection, from_voxels, voxel_size),
         )
     if point is not None:
         show_explanation(costmaps, point[0], point[1], json_)

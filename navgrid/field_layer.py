@@ -100,7 +100,12 @@ def field_voxels(
     if lattice_of(grid) != upright:
         grid = grid.resampled(upright.voxel_size, upright.rows)
     indices, found = grid.read()
-    made = FieldVoxels(property, Voxels(grid.voxel_size, indices), legend=legend or {}, about=about)
+    made = FieldVoxels(
+        property,
+        Voxels(grid.voxel_size, indices.astype(np.int64)),
+        legend=legend or {},
+        about=about,
+    )
     if found.dtype == np.bool_:
         return made
     if made.legend:

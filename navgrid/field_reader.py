@@ -1,16 +1,20 @@
-"""Reads the voxels of the map's fields: the one reader of fields for grids and costmaps."""
+"""Reads voxels for grids and costmaps: those of the map's fields, and those of its objects."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
+import numpy as np
 from sqlalchemy import Connection, text
 
 from navgrid.field_layer import FieldVoxels, field_voxels
+from semmap.geometry.voxels import Voxels
 from semmap.language.terms import local_name
+from semmap.query.maps import current_name
 from semmap.suggestions import suggestion
 
-__all__ = ["read_field_versions", "read_fields"]
+__all__ = ["read_field_versions", "read_fields", "read_mirror"]
 
 _VERSIONS = """
 SELECT f.name, f.id, f.version FROM field f
@@ -51,13 +55,8 @@ def read_fields(
     wanted = known if names is None else [*dict.fromkeys(names)]
     if not wanted:
         return {}
-    try:
+    with _openvdb(f"the map has fields ({', '.join(wanted)})", "leave them out (--no-fields)"):
         from semmap.fields.store import field_store
-    except ImportError as error:
-        raise LookupError(
-            f"the map has fields ({', '.join(wanted)}), but they cannot be read ({error}); install "
-            "semmap_vdb (scripts/setup), or leave the fields out (--no-fields)"
-        ) from None
     found = {}
     for name in wanted:
         stored = field_store.load(connection, name)
@@ -67,3 +66,44 @@ def read_fields(
         except ValueError as error:
             raise ValueError(f"field {name}: {error}") from None
     return found
+
+
+def read_mirror(connection: Connection, voxel_size: float = 0.05) -> dict[int, Voxels]:
+    """Return the voxels of the current map's objects by id, from its mirror.
+
+    The mirror continues from the state that it stored last; without one it reads all meshes.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+    voxel_size : float, metres
+
+    Raises
+    ------
+    LookupError
+        OpenVDB is not installed.
+    ValueError
+        Objects have more voxels than limits allow.
+    """
+    with _openvdb("the mirror has the voxels of objects", "take their meshes (no --from-voxels)"):
+        from semmap.fields.store.voxel_mirror import VoxelMirror
+    mirror = VoxelMirror.resume(connection.engine, current_name(connection), voxel_size)
+    mirror.catch_up()
+    for name, reason in mirror.left_out.items():
+        raise ValueError(f"{name} has no voxels: {reason}; take larger voxels, or the meshes")
+    return {
+        number: Voxels(voxel_size, mirror.regions.voxels(number).astype(np.int64))
+        for number in mirror.names
+    }
+
+
+@contextmanager
+def _openvdb(what: str, otherwise: str) -> Iterator[None]:
+    """Explain a missing OpenVDB."""
+    try:
+        yield
+    except ImportError as error:
+        raise LookupError(
+            f"{what}, but they cannot be read ({error}); install semmap_vdb (scripts/setup), or "
+            f"{otherwise}"
+        ) from None

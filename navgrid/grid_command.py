@@ -14,13 +14,16 @@ import typer
 
 from navgrid.options import (
     FieldNames,
+    FromVoxels,
     MaxSlope,
     MaxStep,
     Moment,
     NoFields,
     PolicyFile,
+    VoxelSize,
     fields_of,
     moment_of,
+    voxels_of,
 )
 from semmap import cli
 
@@ -48,6 +51,8 @@ def grid_command(
     at: Moment = None,
     field: FieldNames = None,
     no_fields: NoFields = False,
+    from_voxels: FromVoxels = False,
+    voxel_size: VoxelSize = 0.05,
     picture: Annotated[bool, typer.Option(help="Draw each grid as plan.png, too.")] = True,
     json_: cli.Json = False,
 ) -> None:
@@ -66,7 +71,8 @@ def grid_command(
     rules = None if policy is None else Policy.read(policy)
     limits = DriveLimits(max_step, math.radians(max_slope))
     with cli.open_map(map_name) as connection:
-        scenes = read_storeys(connection, storey, moment=moment_of(at))
+        voxels = voxels_of(connection, from_voxels, voxel_size)
+        scenes = read_storeys(connection, storey, moment=moment_of(at), voxels=voxels)
         fields = fields_of(connection, field, no_fields)
     there = [scene for scene in scenes if scene.entities or scene.floors] or scenes
     grids = [

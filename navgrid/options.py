@@ -11,10 +11,12 @@ import typer
 
 if TYPE_CHECKING:
     from navgrid.field_layer import FieldVoxels
+    from semmap.geometry.voxels import Voxels
     from semmap.robot import Part
 
 __all__ = [
     "FieldNames",
+    "FromVoxels",
     "MaxSlope",
     "MaxStep",
     "Moment",
@@ -23,10 +25,12 @@ __all__ = [
     "PolicyFile",
     "State",
     "Urdf",
+    "VoxelSize",
     "fields_of",
     "joints_of",
     "moment_of",
     "parts_of",
+    "voxels_of",
 ]
 
 Urdf = Annotated[Path, typer.Option("--robot", help="The robot's URDF.")]
@@ -53,6 +57,20 @@ FieldNames = Annotated[
     typer.Option("--field", help="Only this field of the map; may be repeated. By default all."),
 ]
 NoFields = Annotated[bool, typer.Option("--no-fields", help="Leave out the fields of the map.")]
+FromVoxels = Annotated[
+    bool,
+    typer.Option("--from-voxels", help="Take the voxels of objects from the mirror, not meshes."),
+]
+VoxelSize = Annotated[
+    float, typer.Option(help="Edge of the mirror's voxels, metres, with --from-voxels.")
+]
+
+
+def voxels_of(connection: Any, from_voxels: bool, voxel_size: float) -> dict[int, Voxels] | None:
+    """Return the voxels of objects as options choose them; None for their meshes."""
+    from navgrid.field_reader import read_mirror
+
+    return read_mirror(connection, voxel_size) if from_voxels else None
 
 
 def fields_of(connection: Any, names: list[str] | None, no_fields: bool) -> dict[str, FieldVoxels]:

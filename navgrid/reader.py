@@ -14,6 +14,7 @@ from navgrid.grid import MARGIN, scene_grid
 from navgrid.policy import Policy
 from navgrid.static_map import map_layer
 from navgrid.terrain import DriveLimits
+from semmap.geometry.voxels import Voxels
 from semmap.query.storey_reader import read_scene, read_storey_names
 from semmap.query.storey_scene import Bounds
 from semmap.robot import Part
@@ -35,6 +36,7 @@ def read_costmaps(
     static_map: Path | None = None,
     moment: datetime | None = None,
     fields: Mapping[str, FieldVoxels] | None = None,
+    voxels: Mapping[int, Voxels] | None = None,
 ) -> list[Costmap]:
     """Return the costmaps of a robot, one per storey of the current map, the lowest first.
 
@@ -57,6 +59,8 @@ def read_costmaps(
         Leave out regions that do not hold then.
     fields : mapping of FieldVoxels, optional
         Fields by name, from `navgrid.field_reader.read_fields`.
+    voxels : mapping of Voxels by id, optional
+        The geometry of objects, in place of their meshes: `navgrid.field_reader.read_mirror`.
 
     Raises
     ------
@@ -82,6 +86,7 @@ def read_costmaps(
                 rooms=rooms,
                 margin=reach,
                 moment=moment,
+                voxels=voxels,
             )
         except LookupError:
             if rooms is None or storey is not None or len(names) == 1:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from navgrid.grid import Grid
 from semmap.geometry.voxels import Voxels
 
-__all__ = ["voxel_cells", "voxels_between"]
+__all__ = ["voxel_cells", "voxels_between", "voxels_over"]
 
 _SLACK = 1e-9  # of a cell: a voxel that only touches the border of a cell is not in it
 
@@ -26,6 +26,25 @@ def voxels_between(voxels: Voxels, interval: tuple[float, float]) -> NDArray[np.
     bottom = voxels.indices[:, 2] * voxels.size
     found: NDArray[np.bool_] = (bottom <= interval[1]) & (bottom + voxels.size >= interval[0])
     return found
+
+
+def voxels_over(voxels: Voxels, cells: NDArray[np.bool_], grid: Grid) -> Voxels:
+    """Return the voxels that may be above cells: those over the rectangle around them.
+
+    Parameters
+    ----------
+    voxels : Voxels
+    cells : (rows, columns) bool
+    grid : Grid
+    """
+    rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return Voxels(voxels.size, voxels.indices[:0])
+    first = np.array(grid.origin) + np.array([columns[0], rows[0]]) * grid.resolution
+    last = np.array(grid.origin) + np.array([columns[-1] + 1, rows[-1] + 1]) * grid.resolution
+    at = voxels.indices[:, :2]
+    low, high = np.floor(first / voxels.size) - 1, np.ceil(last / voxels.size) + 1
+    return Voxels(voxels.size, voxels.indices[((at >= low) & (at <= high)).all(axis=1)])
 
 
 def voxel_cells(
@@ -52,10 +71,9 @@ def voxel_cells(
     """
     reached = voxels_between(voxels, interval)
     cells = np.full(grid.shape, -np.inf, np.float32)
-    columns, column_of = np.unique(voxels.indices[reached, :2], axis=0, return_inverse=True)
-    highest = np.full(len(columns), -np.inf, np.float32)
-    heights = np.float32(1) if values is None else values[reached]
-    np.maximum.at(highest, column_of.reshape(-1), heights)
+    columns, highest = _columns(
+        voxels.indices[reached, :2], None if values is None else values[reached]
+    )
     # A column of voxels meets a block of cells; one step writes one cell of every block.
     at = (columns * voxels.size - np.array(grid.origin)) / grid.resolution
     first = np.floor(at + _SLACK).astype(np.int64)
@@ -67,3 +85,22 @@ def voxel_cells(
             there = ((cell <= last) & (cell >= 0) & (cell < grid.shape[::-1])).all(axis=1)
             np.maximum.at(cells, (cell[there, 1], cell[there, 0]), highest[there])
     return np.where(np.isneginf(cells), 0, cells).astype(np.float32)
+
+
+def _columns(
+    places: NDArray[np.int64], values: NDArray[np.float32] | None
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """The different ones of (N, 2) places, and the largest value of each; by default 1."""
+    if not len(places):
+        return places, np.empty(0, np.float32)
+    low = places.min(axis=0)
+    width = int(places[:, 1].max() - low[1]) + 1
+    keys = (places[:, 0] - low[0]) * width + (places[:, 1] - low[1])
+    if values is None:
+        different = np.unique(keys)
+        highest = np.ones(len(different), np.float32)
+    else:
+        different, number = np.unique(keys, return_inverse=True)
+        highest = np.full(len(different), -np.inf, np.float32)
+        np.maximum.at(highest, number.reshape(-1), values)
+    return np.stack([different // width, different % width], axis=1) + low, highest

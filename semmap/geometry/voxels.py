@@ -65,3 +65,23 @@ class Voxels:
             return None
         low, high = self.indices.min(axis=0), self.indices.max(axis=0) + 1
         return low * self.size, high * self.size
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """(N, 3): the middles of the voxels, metres."""
+        return (self.indices + 0.5) * self.size
+
+    def top_faces(self) -> NDArray[np.float64]:
+        """Return the upper faces of the voxels that have none above them.
+
+        Returns
+        -------
+        (F, 3, 3) float64
+            Triangles, two for each face, metres.
+        """
+        there = {*map(tuple, self.indices.tolist())}
+        tops = [(i, j, k + 1) for i, j, k in there if (i, j, k + 1) not in there]
+        corner = np.array(sorted(tops), np.float64).reshape(-1, 1, 3)
+        halves = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]])
+        faces: NDArray[np.float64] = (corner[:, None] + halves).reshape(-1, 3, 3) * self.size
+        return faces
