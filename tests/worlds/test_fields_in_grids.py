@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.ndimage import distance_transform_edt
 from sqlalchemy import Engine, text
 
 from navgrid.costmap import Costmap
-from navgrid.field_reader import read_fields
+from navgrid.field_reader import read_fields, read_mirror
 from navgrid.map_file import read_map
 from navgrid.reader import read_costmaps
 from planner.live_topology import LiveTopology, TopologyChange
@@ -36,6 +37,7 @@ from semmap.ingest.importer import import_file
 from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap
 from tests.navgrid.scenes import part, square
+from tests.navgrid.test_from_voxels import check_within_a_voxel
 from tests.robot.robots import real_robot
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
@@ -199,6 +201,54 @@ def test_entities_of_a_legend_are_named(
     assert made.explain(x - 0.3, y)[0].entities == ("crate",)
     assert made.explain(x + 0.3, y)[0].entities == ("trolley",)
     assert made.explain(x + 0.3, y)[0].field == "seen"
+
+
+# -- from voxels alone -------------------------------------------------------------------------
+
+
+def test_a_costmap_from_the_mirror_equals_that_from_meshes(house: Engine, bare: Costmap) -> None:
+    """Per part of TIAGo: each occupied cell of one has one of the other within a voxel."""
+    with house.connect() as connection:
+        (made,) = read_costmaps(connection, bare.parts, voxels=read_mirror(connection))
+    assert made.grid == bare.grid
+    assert all(not len(e.triangles) for e in made.scene.entities if e.kind == "object")
+    for interval in [(0.02, 3.0), *bare.intervals]:
+        check_within_a_voxel(bare.scene, made.scene, interval, 0.05, bare.grid)
+    row, column = np.argwhere(made.master == 254)[1000]
+    x, y = (o + (c + 0.5) * 0.05 for o, c in zip(made.grid.origin, (column, row), strict=True))
+    assert made.explain(x, y)[0].entities, "voxels have the names of their entities"
+
+
+def test_a_point_cloud_is_an_obstacle(
+    house: Engine, bare: Costmap, spot: tuple[float, float], tmp_path: Path
+) -> None:
+    """A scanned block has points and no mesh: meshes and mirror give the same cells."""
+    url = house.url.render_as_string(hide_password=False)
+    middle = np.array([*spot, bare.scene.elevation + 0.2])
+    points = middle + np.random.default_rng(5).uniform(-0.1, 0.1, (4000, 3))
+    trimesh.PointCloud(points).export(tmp_path / "block.ply")
+    done = semmap(url, "import", tmp_path / "block.ply", "--map", "house", "--json")
+    assert done.exit_code == 0, done.output
+    try:
+        found = {}
+        for words in ((), ("--from-voxels",)):
+            found[words] = explain(url, spot, "--no-fields", *words)["because"]
+            lethal = {b["part"]: b["entities"] for b in found[words] if b["cost"] == 254}
+            assert lethal["base"] == ["block"]
+            assert "head" not in lethal, "it is higher"
+        assert [b["part"] for b in found[()]] == [b["part"] for b in found["--from-voxels",]]
+        done = semmap(url, "grid", "-o", tmp_path / "grid", "--no-picture", "--json")
+        assert "block" not in json.loads(done.stdout)[0]["no_geometry"]
+    finally:
+        with house.begin() as connection:
+            connection.execute(text("DELETE FROM entity WHERE name = 'block'"))
+
+
+def test_too_small_voxels_are_refused(house: Engine, tmp_path: Path) -> None:
+    url = house.url.render_as_string(hide_password=False)
+    with pytest.raises(ValueError, match="take larger voxels, or the meshes"):
+        semmap(url, "grid", "-o", tmp_path, "--from-voxels", "--voxel-size", 0.001)
+    assert list(tmp_path.iterdir()) == []
 
 
 # -- the planner on the same costmaps -----------------------------------------------------
