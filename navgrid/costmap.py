@@ -80,6 +80,8 @@ class CostSource:
         The cost of the cell if this layer were alone.
     field : str, optional
         The name of the field that has these entities; None for entities of the map.
+    assumed : tuple of str
+        Those of the entities whose geometry is a typical box for their type.
     """
 
     part: str
@@ -88,6 +90,7 @@ class CostSource:
     distance: float
     cost: int
     field: str | None = None
+    assumed: tuple[str, ...] = ()
 
 
 class Costmap:
@@ -385,6 +388,7 @@ class Costmap:
         row, column = self.grid.cell(x, y)
         outer = grown((slice(row, row + 1), slice(column, column + 1)), self.reach, self.grid)
         first = np.array([outer[0].start, outer[1].start])
+        assumed = {entity.name for entity in self.scene.entities if entity.assumed}
         found = []
         for number, part in enumerate(self.parts):
             for layer in self.layers:
@@ -401,7 +405,8 @@ class Costmap:
                     field = self._field_layers.get(layer.name)
                     on = layer.name if field is None else field.layer
                     of = None if field is None else field.name
-                    found.append(CostSource(part.name, on, names, distance, cost, of))
+                    guesses = tuple(n for n in names if n in assumed) if field is None else ()
+                    found.append(CostSource(part.name, on, names, distance, cost, of, guesses))
             for name, social in self._social.items():
                 if cost := int(social[number, row, column]):
                     names = self._occupants(name, number, np.array([(row, column)]))

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from navgrid.options import (
+    AssumeSizes,
     FieldNames,
     FromVoxels,
     MaxSlope,
@@ -65,6 +66,7 @@ def costmap_command(
     no_fields: NoFields = False,
     from_voxels: FromVoxels = False,
     voxel_size: VoxelSize = 0.05,
+    assume_sizes: AssumeSizes = False,
     headings: Annotated[
         int, typer.Option(help="Also write collisions by heading, for so many headings.")
     ] = 0,
@@ -115,6 +117,7 @@ def costmap_command(
             moment=moment_of(at),
             fields=fields_of(connection, field, no_fields),
             voxels=voxels_of(connection, from_voxels, voxel_size),
+            assume_sizes=assume_sizes,
         )
     if point is not None:
         show_explanation(costmaps, point[0], point[1], json_)

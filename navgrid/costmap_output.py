@@ -90,7 +90,9 @@ def _source_table(sources: Sequence[CostSource]) -> Table:
     for name in ("cost", "part", "layer", "metres away", "entities"):
         table.add_column(name)
     for source in sources:
-        entities = ", ".join(source.entities)
+        entities = ", ".join(
+            f"{name} (assumed size)" if name in source.assumed else name for name in source.entities
+        )
         table.add_row(
             str(source.cost),
             source.part,
@@ -122,7 +124,7 @@ def show_files(written: Iterable[Files]) -> None:
 
 
 def show_notes(costmap: Costmap) -> None:
-    """Print which objects of a storey have no geometry, and where fields are."""
+    """Print which objects have no geometry or an assumed size, and where fields are."""
     notes = field_notes(costmap.field_layers, costmap.fields_without_rule)
     for note in [*geometry_notes(costmap.scene.entities), *notes]:
         cli.out.print(f"{costmap.scene.storey}: {note}", style="yellow")

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 
 from navgrid.options import (
+    AssumeSizes,
     FieldNames,
     FromVoxels,
     MaxSlope,
@@ -53,6 +54,7 @@ def grid_command(
     no_fields: NoFields = False,
     from_voxels: FromVoxels = False,
     voxel_size: VoxelSize = 0.05,
+    assume_sizes: AssumeSizes = False,
     picture: Annotated[bool, typer.Option(help="Draw each grid as plan.png, too.")] = True,
     json_: cli.Json = False,
 ) -> None:
@@ -72,7 +74,9 @@ def grid_command(
     limits = DriveLimits(max_step, math.radians(max_slope))
     with cli.open_map(map_name) as connection:
         voxels = voxels_of(connection, from_voxels, voxel_size)
-        scenes = read_storeys(connection, storey, moment=moment_of(at), voxels=voxels)
+        scenes = read_storeys(
+            connection, storey, moment=moment_of(at), voxels=voxels, assume_sizes=assume_sizes
+        )
         fields = fields_of(connection, field, no_fields)
     there = [scene for scene in scenes if scene.entities or scene.floors] or scenes
     grids = [

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from semmap.robot import Part
 
 __all__ = [
+    "AssumeSizes",
     "FieldNames",
     "FromVoxels",
     "MaxSlope",
@@ -57,6 +58,10 @@ FieldNames = Annotated[
     typer.Option("--field", help="Only this field of the map; may be repeated. By default all."),
 ]
 NoFields = Annotated[bool, typer.Option("--no-fields", help="Leave out the fields of the map.")]
+AssumeSizes = Annotated[
+    bool,
+    typer.Option("--assume-sizes", help="Give objects without geometry a typical box."),
+]
 FromVoxels = Annotated[
     bool,
     typer.Option("--from-voxels", help="Take the voxels of objects from the mirror, not meshes."),

@@ -37,6 +37,7 @@ def read_costmaps(
     moment: datetime | None = None,
     fields: Mapping[str, FieldVoxels] | None = None,
     voxels: Mapping[int, Voxels] | None = None,
+    assume_sizes: bool = False,
 ) -> list[Costmap]:
     """Return the costmaps of a robot, one per storey of the current map, the lowest first.
 
@@ -61,6 +62,8 @@ def read_costmaps(
         Fields by name, from `navgrid.field_reader.read_fields`.
     voxels : mapping of Voxels by id, optional
         The geometry of objects, in place of their meshes: `navgrid.field_reader.read_mirror`.
+    assume_sizes : bool
+        Give objects without geometry a typical box for their type.
 
     Raises
     ------
@@ -87,6 +90,7 @@ def read_costmaps(
                 margin=reach,
                 moment=moment,
                 voxels=voxels,
+                assume_sizes=assume_sizes,
             )
         except LookupError:
             if rooms is None or storey is not None or len(names) == 1:

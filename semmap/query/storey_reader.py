@@ -64,7 +64,7 @@ WITH RECURSIVE carried (id) AS (
     WHERE a.map_id = current_map()
     UNION SELECT p.entity_id FROM carried c JOIN placement p ON p.holder_id = c.id
 )
-SELECT e.id, e.name, e.kind, coalesce(e.type, e.kind) AS type, e.label, e.properties,
+SELECT e.id, e.name, e.kind, coalesce(e.type, e.kind) AS type, e.label, e.properties, e.front,
        w.pose, w.storey_id, h.name AS storey, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
        ST_AsBinary(w.footprint) AS footprint, e.id IN (SELECT id FROM carried) AS carried,
        r.floor, r.ceiling, c.form, c.state, c.width, c.pose_a, c.pose_b,
@@ -137,6 +137,7 @@ def read_scene(
     margin: float = 0.0,
     moment: datetime | None = None,
     voxels: Mapping[int, Voxels] | None = None,
+    assume_sizes: bool = False,
 ) -> StoreyScene:
     """Return what stands on a storey, or on a part of it.
 
@@ -156,13 +157,15 @@ def read_scene(
         Leave out regions that do not hold then.
     voxels : mapping of Voxels by id, optional
         The geometry of objects, in place of their meshes.
+    assume_sizes : bool
+        Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
 
     Raises
     ------
     LookupError
         There is no such storey, or it has no such room.
     """
-    reading = _Reading(connection, moment=moment, voxels=voxels)
+    reading = _Reading(connection, moment=moment, voxels=voxels, assume_sizes=assume_sizes)
     level = _storey_level(reading, storey)
     inside = bounds
     if rooms is not None:
@@ -185,6 +188,7 @@ def read_storeys(
     moment: datetime | None = None,
     triangles: bool = True,
     voxels: Mapping[int, Voxels] | None = None,
+    assume_sizes: bool = False,
 ) -> list[StoreyScene]:
     """Return the storeys of the current map with their contents, the lowest first.
 
@@ -201,6 +205,8 @@ def read_storeys(
         Read the meshes of rooms, objects and connectors.
     voxels : mapping of Voxels by id, optional
         The geometry of objects, in place of their meshes.
+    assume_sizes : bool
+        Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
 
     Raises
     ------
@@ -214,7 +220,9 @@ def read_storeys(
         text("SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map())")
     ).scalar():
         raise LookupError("the map is empty: semmap import FILE fills it")
-    reading = _Reading(connection, moment=moment, triangles=triangles, voxels=voxels)
+    reading = _Reading(
+        connection, moment=moment, triangles=triangles, voxels=voxels, assume_sizes=assume_sizes
+    )
     pairs = reading.pairs()
     inventories: dict[str, list[SceneEntity]] = {s.name: [] for s in stated}
     for row, entity in pairs:
@@ -441,8 +449,10 @@ class _Reading:
         moment: datetime | None = None,
         triangles: bool = True,
         voxels: Mapping[int, Voxels] | None = None,
+        assume_sizes: bool = False,
     ) -> None:
         self.connection = connection
+        self._sizes = _typical_sizes(connection) if assume_sizes else {}
         self._moment = moment
         self._given = voxels or {}
         self._clouded = [*_MESHED] if triangles else []
@@ -533,11 +543,15 @@ class _Reading:
             if parts or door.voxels is not None or not self._clouded:
                 return door
             return replace(door, triangles=_leaf(pose, sides, row.width))
+        size = next((self._sizes[t] for t in types if t in self._sizes), None)
+        if size is not None and entity.lacks_geometry:
+            box = _typical_box(size, pose, row.front)
+            return replace(entity, triangles=box, assumed=True)
         return entity
 
     def _voxels(self, row: Any, pose: Pose) -> Voxels | None:
-        """The given voxels of an entity, or those of its point clouds, in the map's frame."""
-        if row.id in self._given:
+        """The given voxels of an object, or those of the entity's point clouds."""
+        if row.kind in OBJECTS and row.id in self._given:
             return self._given[row.id]
         points = [pose.apply(self._clouds[m]) for m in row.clouds or () if m in self._clouds]
         return Voxels.of_points(np.concatenate(points), VOXEL_SIZE) if points else None
@@ -563,6 +577,17 @@ def _supertypes(connection: Connection, names: Iterable[str]) -> dict[str, tuple
     return {sub: tuple(above) for sub, above in found.items()}
 
 
+def _typical_sizes(connection: Connection) -> dict[str, tuple[float, float, float]]:
+    """Depth, width and height of the types that have a typical size, metres."""
+    rows = connection.execute(
+        text("SELECT name, typical_size FROM semantic_type WHERE typical_size IS NOT NULL")
+    )
+    found = {name: (size[0], size[1], size[2]) for name, size in rows}
+    if not found:
+        raise LookupError("no type has a typical size yet: import a file again, which loads them")
+    return found
+
+
 def _placed(triangles: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
     """Triangles in the map's frame; corners that are equal stay equal to the last bit."""
     r, t = pose.rotation, (pose.x, pose.y, pose.z)
@@ -584,6 +609,13 @@ def _leaf(frame: Pose, sides: tuple[Pose, Pose], width: float | None) -> NDArray
     middle = Pose.planar((a.x + b.x) / 2, (a.y + b.y) / 2, float(heading), min(a.z, b.z))
     box = box_mesh((-thick / 2, -half, 0.0), (thick / 2, half, high))
     return _placed(box.triangles, middle)
+
+
+def _typical_box(size: tuple[float, float, float], pose: Pose, front: float) -> NDArray[np.float64]:
+    """An upright box on the point at which an object stands, its depth along the front."""
+    depth, width, height = size
+    box = box_mesh((-depth / 2, -width / 2, 0.0), (depth / 2, width / 2, height))
+    return _placed(box.triangles, Pose.planar(pose.x, pose.y, pose.yaw + front, pose.z))
 
 
 def _floor_areas(

@@ -47,6 +47,8 @@ class SceneEntity:
         where the map has no mesh, as for a room that is drawn as an outline.
     voxels : Voxels, optional
         Of an entity without triangles, such as a point cloud.
+    assumed : bool
+        The map has no geometry for it; `triangles` is a typical box for its type.
     footprint : Polygon or MultiPolygon, optional
         The area that it covers on the ground.
     properties : dict
@@ -85,6 +87,7 @@ class SceneEntity:
     sides: tuple[Pose, Pose] | None = None
     carried: bool = False
     voxels: Voxels | None = None
+    assumed: bool = False
 
     def holds_at(self, moment: datetime | None) -> bool:
         """Return True if the entity is valid at a moment, or if no moment is given."""

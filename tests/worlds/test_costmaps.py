@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,13 @@ from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from navgrid.nav2 import write_nav2
 from semmap.ingest.importer import import_file
+from semmap.query.geometry_notes import geometry_notes, read_names_without_geometry
+from semmap.query.maps import see_map
 from semmap.query.storey_reader import read_scene, read_storey_names
 from semmap.query.storey_scene import StoreyScene
 from semmap.robot import load_robot, robot_parts
+from tests.command_line import semmap
+from tests.navgrid.scenes import BASE
 from tests.robot.robots import real_robot
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
@@ -127,6 +132,51 @@ def test_stretch_in_the_hotel(level: str, hotel: Engine, tmp_path: Path) -> None
     assert 0.3 < (made.master[inside] < 253).mean() < 0.98
     assert (made.master == 255).any()
     write_nav2(made, tmp_path)
+
+
+def test_typical_sizes_of_furniture_in_the_hotel(hotel: Engine) -> None:
+    """Objects without geometry get boxes where they stand; what has no typical size is listed."""
+    with hotel.connect() as connection:
+        see_map(connection, "hotel")
+        bare = read_scene(connection, "L2")
+        scene = read_scene(connection, "L2", assume_sizes=True)
+        unknown = read_names_without_geometry(connection)
+    assert len(unknown) == 175
+    assert len(bare.without_geometry) == 59
+    assert not any(entity.assumed for entity in bare.entities)
+    assert scene.without_geometry == ()
+    boxes = {entity.name: entity for entity in scene.entities if entity.assumed}
+    assert {*boxes} == {entity.name for entity in bare.without_geometry}
+    for entity in boxes.values():
+        low, high = entity.triangles.min(axis=(0, 1)), entity.triangles.max(axis=(0, 1))
+        assert np.allclose((low + high)[:2] / 2, (entity.pose.x, entity.pose.y))
+        assert low[2] == pytest.approx(entity.pose.z)
+    heights = {b.types[0]: float(np.ptp(b.triangles[:, :, 2])) for b in boxes.values()}
+    assert heights["bed"] == pytest.approx(0.6)
+    assert heights["shower"] == pytest.approx(2.1)
+    (note,) = geometry_notes(scene.entities)
+    assert "59 objects with no geometry: the typical size of the type is assumed" in note
+    made = Costmap(scene, [BASE], scene_grid(scene, 0.1))
+    bed = boxes["NormalBed"]
+    (cause, *_) = made.explain(bed.pose.x, bed.pose.y)
+    assert (cause.cost, cause.entities, cause.assumed) == (254, ("NormalBed",), ("NormalBed",))
+
+
+def test_commands_list_or_assume_missing_geometry(hotel: Engine, tmp_path: Path) -> None:
+    url = hotel.url.render_as_string(hide_password=False)
+    words = ("--map", "hotel", "--storey", "L3", "--no-picture", "--json")
+    lists = {}
+    for name in ("", "--assume-sizes"):
+        done = semmap(url, "grid", "-o", tmp_path / name, *words, *([name] if name else []))
+        (row,) = json.loads(done.stdout)
+        lists[name] = row
+    assert len(lists[""]["no_geometry"]) == len(lists["--assume-sizes"]["assumed_sizes"]) == 55
+    assert lists[""]["assumed_sizes"] == lists["--assume-sizes"]["no_geometry"] == []
+    assert lists["--assume-sizes"]["occupied"] > 2 * lists[""]["occupied"]
+    head = (tmp_path / "--assume-sizes" / "map.yaml").read_text()
+    assert "the typical size of the type is assumed" in head
+    done = semmap(url, "route", "L2_master_suite", "L3_master_suite", "--map", "hotel", "--json")
+    assert "NormalBed_18" in json.loads(done.stdout)["no_geometry"]
 
 
 @pytest.fixture(scope="module")
