@@ -88,11 +88,20 @@ def fields_of(connection: Any, names: list[str] | None, no_fields: bool) -> dict
     LookupError
         There is no field of a given name.
     """
-    from navgrid.field_reader import read_fields
+    from navgrid.field_reader import LIVE, read_ended_fields, read_fields
+    from semmap import cli
 
     if no_fields and names:
         raise ValueError("--field and --no-fields exclude each other: give one of them")
-    return {} if no_fields else read_fields(connection, names or None)
+    if no_fields:
+        return {}
+    ended = [] if names else read_ended_fields(connection)
+    if ended:
+        cli.err.print(
+            f"fields of sources without an update for {LIVE:.0f} s, not used: {', '.join(ended)}",
+            style="yellow",
+        )
+    return read_fields(connection, names or None)
 
 
 def moment_of(at: datetime | None) -> datetime:

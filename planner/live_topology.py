@@ -233,7 +233,7 @@ class LiveTopology:
         if robot.parts:
             self._field_versions = read_field_versions(connection)
             costmaps = StoreyCostmaps(
-                topology, robot, self._read_scene, fields=read_fields(connection)
+                topology, robot, self._read_scene, fields=read_fields(connection, live=False)
             )
             if self._progress is not None:
                 costmaps.report_to(self._report(self._progress, len(topology.places)))
@@ -305,7 +305,7 @@ class LiveTopology:
         if not costmaps.is_complete():
             return self._load(look)
         changed = [name for name, version in now.items() if before.get(name) != version]
-        fields = read_fields(look.connection, changed)
+        fields = read_fields(look.connection, changed, live=False)
         with self.graph.lock:
             places = costmaps.set_fields(
                 {name: None for name in before if name not in now} | fields

@@ -15,21 +15,23 @@ from sqlalchemy import Engine
 from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from navgrid.nav2 import write_nav2
+from navgrid.occupancy_grid import storey_grid
 from semmap.ingest.importer import import_file
 from semmap.query.geometry_notes import geometry_notes, read_names_without_geometry
 from semmap.query.maps import see_map
-from semmap.query.storey_reader import read_scene, read_storey_names
+from semmap.query.storey_reader import read_scene, read_storey_names, read_storeys
 from semmap.query.storey_scene import StoreyScene
 from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap
-from tests.navgrid.scenes import BASE
+from tests.navgrid.scenes import BASE, part, square
 from tests.robot.robots import real_robot
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
 
-def costmap_of(engine: Engine, storey: str | None, robot: str) -> Costmap:
+def costmap_of(engine: Engine, name: str, storey: str | None, robot: str) -> Costmap:
     with engine.connect() as connection:
+        see_map(connection, name)
         scene = read_scene(connection, storey or read_storey_names(connection)[0])
     parts = robot_parts(load_robot(real_robot(robot)), {})
     return Costmap(scene, parts, scene_grid(scene, 0.05))
@@ -107,11 +109,8 @@ def filled(made: Costmap, number: int, r: int, c: int) -> bool:
     return False
 
 
-def test_tiago_in_the_small_house(module_engine: Engine, worlds: Path, tmp_path: Path) -> None:
-    world = worlds / "small_house" / "worlds" / "small_house.world"
-    for path in (world, ROOMS):
-        import_file(module_engine, path, map_name="house")
-    made = costmap_of(module_engine, None, "tiago")
+def test_tiago_in_the_small_house(house: Engine, tmp_path: Path) -> None:
+    made = costmap_of(house, "house", None, "tiago")
     check(made, 25)
     free = (made.master < 253).mean()
     assert 0.1 < free < 0.7
@@ -126,7 +125,7 @@ def test_tiago_in_the_small_house(module_engine: Engine, worlds: Path, tmp_path:
 
 @pytest.mark.parametrize("level", ["L1", "L2", "L3"])
 def test_stretch_in_the_hotel(level: str, hotel: Engine, tmp_path: Path) -> None:
-    made = costmap_of(hotel, level, "stretch")
+    made = costmap_of(hotel, "hotel", level, "stretch")
     check(made, 10)
     inside = ~made.unknown
     assert 0.3 < (made.master[inside] < 253).mean() < 0.98
@@ -177,6 +176,71 @@ def test_commands_list_or_assume_missing_geometry(hotel: Engine, tmp_path: Path)
     assert "the typical size of the type is assumed" in head
     done = semmap(url, "route", "L2_master_suite", "L3_master_suite", "--map", "hotel", "--json")
     assert "NormalBed_18" in json.loads(done.stdout)["no_geometry"]
+
+
+@pytest.mark.parametrize("world", ["house", "hotel", "clinic"])
+def test_grid_and_costmap_agree_slab_by_slab(world: str, request: pytest.FixtureRequest) -> None:
+    engine: Engine = request.getfixturevalue(world)
+    with engine.connect() as connection:
+        see_map(connection, world)
+        storeys = read_storeys(connection)
+    assert len(storeys) == {"house": 1, "hotel": 3, "clinic": 2}[world]
+    slabs = [(round(0.05 + 0.35 * k, 2), round(0.4 + 0.35 * k, 2)) for k in range(5)]
+    robot = [part(f"slab{k}", *slab, square(0.2)) for k, slab in enumerate(slabs)]
+    for storey in storeys:
+        made = Costmap(storey, robot, scene_grid(storey, 0.1))
+        for number, slab in enumerate(slabs):
+            occupied = np.any([cells[number] for cells in made.occupied.values()], axis=0)
+            grid = storey_grid(storey, slab, grid=made.grid)
+            assert occupied.any()
+            np.testing.assert_array_equal(grid.cells == 100, occupied)
+            np.testing.assert_array_equal(grid.cells == -1, made.unknown & ~occupied)
+
+
+WORLD = """<sdf version="1.7"><world name="yard">
+{bodies}
+</world></sdf>"""
+BODY = """<model name="{name}"><static>true</static><pose>{x} {y} {z} 0 0 0</pose><link name="l">
+<visual name="v"><geometry><box><size>{dx} {dy} {dz}</size></box></geometry></visual>
+</link></model>"""
+
+
+def test_a_ground_above_zero_is_the_floor_of_a_world_without_rooms(
+    database: str, tmp_path: Path
+) -> None:
+    """Its top is at +0.034 m; where nothing is free, the cause is named and no file is written."""
+    ground = {"name": "ground", "x": 0, "y": 0, "z": -0.016, "dx": 8, "dy": 8, "dz": 0.1}
+    for size in (1, 9):
+        crate = {"name": "crate", "x": 0, "y": 0, "z": 0.534, "dx": size, "dy": size, "dz": 1}
+        file = tmp_path / f"yard{size}.world"
+        file.write_text(WORLD.format(bodies=BODY.format(**ground) + BODY.format(**crate)))
+        done = semmap(database, "import", file, "--map", f"yard{size}")
+        assert done.exit_code == 0, done.output
+    robot = real_robot("tiago")
+    words = ("costmap", "--robot", robot, "--resolution", "0.1", "--no-picture", "--json")
+    done = semmap(database, *words, "-o", tmp_path / "yard", "--map", "yard1")
+    (files,) = json.loads(done.stdout)
+    assert files["elevation"] == pytest.approx(0.034)
+    assert 0 < files["lethal"] < 0.05 * files["width"] * files["height"]
+    with pytest.raises(ValueError, match=r"no cell of the costmap is free: .*crate"):
+        semmap(database, *words, "-o", tmp_path / "none", "--map", "yard9")
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.fixture(scope="module")
+def house(module_engine: Engine, worlds: Path) -> Engine:
+    """A database that holds the small house."""
+    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
+        import_file(module_engine, path, map_name="house")
+    return module_engine
+
+
+@pytest.fixture(scope="module")
+def clinic(module_engine: Engine, worlds: Path) -> Engine:
+    """A database that holds the clinic."""
+    path = worlds / "rmf" / "clinic" / "clinic.building.yaml"
+    import_file(module_engine, path, map_name="clinic")
+    return module_engine
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,9 @@ from semmap.fields.store import field_store
 from semmap.fields.store.map_store import save_map
 from semmap.fields.store.reader import read_map_vocabulary
 from semmap.ingest.importer import import_file
+from semmap.limits import REGION_VOXELS
 from semmap.robot import load_robot, robot_parts
+from semmap_vdb import BoolGrid
 from tests.command_line import semmap
 from tests.navgrid.scenes import part, square
 from tests.navgrid.test_from_voxels import check_within_a_voxel
@@ -74,7 +76,7 @@ def spot(bare: Costmap) -> tuple[float, float]:
     )
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def fields(house: Engine, bare: Costmap, spot: tuple[float, float]) -> Iterator[str]:
     """The URL of the database with a person at the spot, and the space that she needs."""
     x, y = spot
@@ -203,6 +205,35 @@ def test_entities_of_a_legend_are_named(
     assert made.explain(x + 0.3, y)[0].field == "seen"
 
 
+def test_fields_of_sources_count_while_they_are_live(
+    house: Engine, bare: Costmap, spot: tuple[float, float]
+) -> None:
+    """A service keeps the last maps of its sources, and names them in a record."""
+    x, y = spot
+    visitor = person(Box((x, y, bare.scene.elevation + 0.85), (0.4, 0.3, 1.7)))
+    url = house.url.render_as_string(hide_password=False)
+    name, source = "camera containsPerson human7", {"of": "source"}
+    save = field_store.save
+    with house.begin() as connection:
+        version = save(connection, name, visitor.grid, property=visitor.property.iri, state=source)
+        record = {"source": "camera", "provides": ["containsPerson"], "maps": {name: version}}
+        provides = "urn:semmap:ontology#provides"
+        save(connection, "source camera", BoolGrid(1.0, False), property=provides, state=record)
+    try:
+        found = explain(url, spot)
+        assert {b["field"] for b in found["because"] if b["cost"] == 254} == {name}
+        with house.begin() as connection:
+            connection.execute(text("UPDATE field_version SET at = at - interval '1 hour'"))
+        assert explain(url, spot)["cost"] == 0
+        done = semmap(url, "costmap", "--robot", real_robot("tiago"), "--explain", f"{x},{y}")
+        assert f"for 60 s, not used: {name}" in " ".join(done.output.split())
+        assert explain(url, spot, "--field", name)["cost"] == 254
+    finally:
+        with house.begin() as connection:
+            for each in (name, "source camera"):
+                field_store.forget(connection, each)
+
+
 # -- from voxels alone -------------------------------------------------------------------------
 
 
@@ -244,10 +275,13 @@ def test_a_point_cloud_is_an_obstacle(
             connection.execute(text("DELETE FROM entity WHERE name = 'block'"))
 
 
-def test_too_small_voxels_are_refused(house: Engine, tmp_path: Path) -> None:
+def test_objects_beyond_the_limits_of_voxels_are_named(
+    house: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     url = house.url.render_as_string(hide_password=False)
-    with pytest.raises(ValueError, match="take larger voxels, or the meshes"):
-        semmap(url, "grid", "-o", tmp_path, "--from-voxels", "--voxel-size", 0.001)
+    monkeypatch.setenv(REGION_VOXELS.variable, "20000")
+    with pytest.raises(ValueError, match=r"has no voxels: .*; take larger voxels"):
+        semmap(url, "grid", "-o", tmp_path, "--from-voxels", "--voxel-size", 0.06)
     assert list(tmp_path.iterdir()) == []
 
 
