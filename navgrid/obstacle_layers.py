@@ -185,7 +185,9 @@ class ObstacleLayers:
                 cells = level.cells[window]
                 if not cells.any():
                     continue
-                above = voxels_over(voxels, level.cells, self.grid)
+                above = voxels
+                if len(self.levels) > 1:
+                    above = voxels_over(voxels, level.cells, self.grid)
                 for number, (low, high) in enumerate(intervals):
                     heights = (level.floor + low, level.floor + high)
                     found[number] |= (voxel_cells(above, heights, self.grid)[window] > 0) & cells

@@ -12,6 +12,9 @@ from semmap.geometry.voxels import Voxels
 
 __all__ = ["voxel_cells", "voxels_between", "voxels_over"]
 
+_DENSE = 100
+"""Places per voxel up to which a table of all places is quicker than sorting."""
+
 _SLACK = 1e-9  # of a cell: a voxel that only touches the border of a cell is not in it
 
 
@@ -94,13 +97,14 @@ def _columns(
     if not len(places):
         return places, np.empty(0, np.float32)
     low = places.min(axis=0)
-    width = int(places[:, 1].max() - low[1]) + 1
-    keys = (places[:, 0] - low[0]) * width + (places[:, 1] - low[1])
-    if values is None:
-        different = np.unique(keys)
-        highest = np.ones(len(different), np.float32)
-    else:
-        different, number = np.unique(keys, return_inverse=True)
-        highest = np.full(len(different), -np.inf, np.float32)
-        np.maximum.at(highest, number.reshape(-1), values)
-    return np.stack([different // width, different % width], axis=1) + low, highest
+    shape = places.max(axis=0) - low + 1
+    x, y = (places - low).T
+    if values is None and shape.prod() <= _DENSE * len(places):
+        there = np.zeros(shape, np.bool_)  # no sorting
+        there[x, y] = True
+        found = np.argwhere(there)
+        return found + low, np.ones(len(found), np.float32)
+    different, number = np.unique(x * shape[1] + y, return_inverse=True)
+    highest = np.full(len(different), -np.inf, np.float32)
+    np.maximum.at(highest, number.reshape(-1), np.float32(1) if values is None else values)
+    return np.stack(np.divmod(different, shape[1]), axis=1) + low, highest
