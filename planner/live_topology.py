@@ -306,10 +306,9 @@ class LiveTopology:
             return self._load(look)
         changed = [name for name, version in now.items() if before.get(name) != version]
         fields = read_fields(look.connection, changed, live=False)
+        removed = dict.fromkeys(before.keys() - now.keys())
         with self.graph.lock:
-            places = costmaps.set_fields(
-                {name: None for name in before if name not in now} | fields
-            )
+            places = costmaps.set_fields({**removed, **fields})
             for place in places:
                 self.graph.measure_again(place)
         if self._store is not None:

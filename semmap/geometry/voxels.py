@@ -69,7 +69,8 @@ class Voxels:
     @property
     def centres(self) -> NDArray[np.float64]:
         """(N, 3): the middles of the voxels, metres."""
-        return (self.indices + 0.5) * self.size
+        found: NDArray[np.float64] = (self.indices + 0.5) * self.size
+        return found
 
     def top_faces(self) -> NDArray[np.float64]:
         """Return the upper faces of the voxels that have none above them.

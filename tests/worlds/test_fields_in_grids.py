@@ -27,12 +27,13 @@ from planner.robot_class import RobotClass
 from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.topology import Topology
+from semmap.database.files import schema_folder
 from semmap.fields import Box
 from semmap.fields.maps.representation_map import RepresentationMap
+from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.sources import Motion, People, PersonalSpaceSource
 from semmap.fields.store import field_store
 from semmap.fields.store.map_store import save_map
-from semmap.fields.store.reader import read_map_vocabulary
 from semmap.ingest.importer import import_file
 from semmap.limits import REGION_VOXELS
 from semmap.robot import load_robot, robot_parts
@@ -44,7 +45,7 @@ from tests.robot.robots import real_robot
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
-VOCABULARY = read_map_vocabulary()
+VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
 
 
 @pytest.fixture(scope="module")
