@@ -69,8 +69,7 @@ class Voxels:
     @property
     def centres(self) -> NDArray[np.float64]:
         """(N, 3): the middles of the voxels, metres."""
-        found: NDArray[np.float64] = (self.indices + 0.5) * self.size
-        return found
+        return np.asarray((self.indices + 0.5) * self.size, np.float64)
 
     def top_faces(self) -> NDArray[np.float64]:
         """Return the upper faces of the voxels that have none above them.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -176,6 +178,23 @@ def test_files_for_nav2_have_a_map_for_each_field(
     cell = grid.cell(*spot)
     assert people[cell] == 100
     assert 50 < social[cell] < 100
+
+
+def test_a_missing_openvdb_is_noticed_where_there_are_fields(fields: str, tmp_path: Path) -> None:
+    """Without the native module, a map with fields is an error; grids without fields need none."""
+
+    def run(*words: object) -> subprocess.CompletedProcess[str]:
+        start = "import sys; sys.modules['semmap_vdb'] = None; from semmap.cli import main; main()"
+        given = ["--db", fields, "grid", "-o", tmp_path / "grid", "--no-picture", *words]
+        command = [sys.executable, "-c", start, *map(str, given)]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    refused = run()
+    assert refused.returncode != 0
+    assert "install semmap_vdb" in " ".join(refused.stderr.split())
+    assert "people" in refused.stderr
+    assert not (tmp_path / "grid").exists()
+    assert run("--no-fields").returncode == 0
 
 
 def test_entities_of_a_legend_are_named(
