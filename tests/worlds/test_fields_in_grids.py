@@ -38,6 +38,7 @@ from semmap.fields.store import field_store
 from semmap.fields.store.map_store import save_map
 from semmap.ingest.importer import import_file
 from semmap.limits import REGION_VOXELS
+from semmap.query.maps import see_map
 from semmap.robot import load_robot, robot_parts
 from semmap_vdb import BoolGrid
 from tests.command_line import semmap
@@ -364,6 +365,26 @@ def test_people_close_a_route(house: Engine, robot: str) -> None:
     finally:
         with house.begin() as connection:
             field_store.forget(connection, "crowd")
+
+
+def test_simulated_runs_have_the_stored_fields(house: Engine, robot: str) -> None:
+    """A run takes place in a copy of the map: its costmaps have the same people."""
+    topology = LiveTopology(house, "house", robot).topology
+    with house.begin() as connection:
+        save_map(connection, "crowd", crowd(topology))
+    try:
+        with house.begin() as connection:
+            connection.execute(text("SELECT copy_map('house', 'run')"))
+        here, there = (travel(LiveTopology(house, name, robot)) for name in ("house", "run"))
+        assert sorted(here.values()) == pytest.approx(sorted(there.values()))
+        with house.connect() as connection:
+            see_map(connection, "run")
+            assert len(read_fields(connection)["crowd"].voxels) > 1000
+    finally:
+        with house.begin() as connection:
+            see_map(connection, "house")
+            field_store.forget(connection, "crowd")
+            connection.execute(text("SELECT drop_map('run')"))
 
 
 def test_a_stored_field_wakes_followers(house: Engine, robot: str) -> None:

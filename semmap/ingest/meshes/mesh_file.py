@@ -114,7 +114,7 @@ def read_mesh_world(
 ) -> World:
     """A world of one entry: the mesh of a file as an object or as the shell of a room.
 
-    A PLY file of points without faces is an object with a point cloud.
+    A PLY file of points without faces is an object with a point cloud, whose type is not guessed.
 
     Parameters
     ----------
@@ -135,8 +135,7 @@ def read_mesh_world(
         points = _read_points(path, scale) if as_ == "object" else None
         if points is not None:
             cloud = Shape("cloud", points, uri=path.name)
-            entry = Entry(name, kind=as_, type=type_ or guess_type(name), shapes=[cloud])
-            return World(name, path, [entry])
+            return World(name, path, [Entry(name, kind=as_, type=type_, shapes=[cloud])])
         mesh = read_mesh(path, scale=scale)
     except MeshFileError as error:
         raise WorldError(path, "mesh", error.problem, error.fix) from error

@@ -9,8 +9,8 @@ from alembic import op
 
 from semmap.database.migrate import drop_code, run_code
 
-revision = "0012"
-down_revision = "0011"
+revision = "0017"
+down_revision = "0016"
 branch_labels = None
 depends_on = None
 
