@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from navgrid.field_layer import field_cells, social_costs
+from navgrid.field_layer import FieldLayer, FieldVoxels, social_costs, sort_fields
 from navgrid.grid import Grid
 from navgrid.inflation import INSCRIBED, UNKNOWN, inflate
 from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import Interval, ObstacleLayers
-from navgrid.policy import Layer, Policy
+from navgrid.policy import SOCIAL, Layer, Policy
 from navgrid.terrain import DriveLimits
 from navgrid.window import Window, grown, whole, window_around
 from semmap.query.storey_scene import SceneEntity, StoreyScene
@@ -78,6 +78,10 @@ class CostSource:
         From the cell to theirs, metres.
     cost : int
         The cost of the cell if this layer were alone.
+    field : str, optional
+        The name of the field that has these entities; None for entities of the map.
+    assumed : tuple of str
+        Those of the entities whose geometry is a typical box for their type.
     """
 
     part: str
@@ -85,6 +89,8 @@ class CostSource:
     entities: tuple[str, ...]
     distance: float
     cost: int
+    field: str | None = None
+    assumed: tuple[str, ...] = ()
 
 
 class Costmap:
@@ -105,9 +111,9 @@ class Costmap:
         The steps and slopes that the robot drives over.
     static : mapping of (rows, columns) bool arrays, optional
         Further layers by name, such as a SLAM map; they are obstacles at every height.
-    fields : mapping of RepresentationMap, optional
-        Further layers by name. A map of booleans or entities is an obstacle at its heights; a map
-        of numbers from 0 to 1 holds social costs.
+    fields : mapping of RepresentationMap or FieldVoxels, optional
+        Fields by name, such as those of `navgrid.field_reader`. The policy states by property
+        whether they are obstacles at their heights or social costs.
     threads : int, optional
         By default one a processor.
 
@@ -120,6 +126,8 @@ class Costmap:
         The maximum over the parts; a known cost takes precedence over unknown.
     unknown : (rows, columns) bool
         The cells outside of every room and doorway.
+    fields_without_rule : list of str
+        The names of fields that have no effect, as the policy does not name their property.
     seconds : dict of float
         What the last whole computation took, for ``slabs`` and ``inflation``.
 
@@ -163,7 +171,7 @@ class Costmap:
         inflation: Inflation | None = None,
         limits: DriveLimits | None = None,
         static: Mapping[str, NDArray[np.bool_]] | None = None,
-        fields: Mapping[str, RepresentationMap] | None = None,
+        fields: Mapping[str, RepresentationMap | FieldVoxels] | None = None,
         threads: int | None = None,
     ) -> None:
         self.scene = scene
@@ -173,8 +181,9 @@ class Costmap:
         self.inflation = inflation or Inflation()
         self.limits = limits or DriveLimits()
         self.static = dict(static or {})
-        self.fields = dict(fields or {})
+        self.fields = {name: _as_voxels(name, each) for name, each in (fields or {}).items()}
         self._social: dict[str, NDArray[np.uint8]] = {}
+        self._sort_fields()
         _check(self)
         members = LayerMembers(scene, self.policy, self.limits)
         self.obstacles = ObstacleLayers(members, grid, threads=threads)
@@ -191,20 +200,24 @@ class Costmap:
         for name, cells in self.static.items():
             self.occupied[name] = np.broadcast_to(cells, (len(self.parts), *cells.shape)).copy()
         self._social.clear()
-        for name in self.fields:
-            self._render_field(name)
+        for field in self._field_layers.values():
+            self._render_field(field)
         rendered = time.perf_counter()
         self.costs = np.empty((len(self.parts), *self.grid.shape), np.uint8)
         self.master = np.empty(self.grid.shape, np.uint8)
         self._inflate(whole(self.grid))
         self.seconds = {"slabs": rendered - start, "inflation": time.perf_counter() - rendered}
 
-    def _render_field(self, name: str) -> None:
-        values = field_cells(self.fields[name], self.obstacles.levels, self.intervals, self.grid)
-        if self.fields[name].value_type == "float32":
-            self._social[name] = social_costs(values)
+    def _sort_fields(self) -> None:
+        self._field_layers: dict[str, FieldLayer]
+        self._field_layers, self.fields_without_rule = sort_fields(self.fields, self.policy)
+
+    def _render_field(self, field: FieldLayer) -> None:
+        floor = self.obstacles.levels
+        if field.is_social:
+            self._social[field.name] = social_costs(field.values(floor, self.intervals, self.grid))
         else:
-            self.occupied[name] = values > 0
+            self.occupied[field.name] = field.obstacles(floor, self.intervals, self.grid)
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
@@ -214,8 +227,22 @@ class Costmap:
     @property
     def layers(self) -> tuple[Layer, ...]:
         """The layers that hold obstacles: the policy's, the static ones, and fields."""
-        fields = [name for name in self.fields if name not in self._social]
-        return (*self.policy.layers, *(Layer(name) for name in [*self.static, *fields]))
+        fields = [f for f in self._field_layers.values() if not f.is_social]
+        return (
+            *self.policy.layers,
+            *(Layer(name) for name in self.static),
+            *(Layer(field.name, field.padding) for field in fields),
+        )
+
+    @property
+    def field_layers(self) -> tuple[FieldLayer, ...]:
+        """The fields that the policy puts on a layer."""
+        return tuple(self._field_layers.values())
+
+    @property
+    def social(self) -> dict[str, NDArray[np.uint8]]:
+        """(parts, rows, columns) uint8 by field: costs below those of obstacles."""
+        return dict(self._social)
 
     @property
     def intervals(self) -> list[Interval]:
@@ -303,7 +330,7 @@ class Costmap:
         self._inflate(wide)
         return wide
 
-    def set_field(self, name: str, map: RepresentationMap | None) -> Window | None:
+    def set_field(self, name: str, field: RepresentationMap | FieldVoxels | None) -> Window | None:
         """Add or replace the field of a name, or remove it with None.
 
         Returns
@@ -323,9 +350,11 @@ class Costmap:
             if cells is not None:
                 touched |= cells.any(axis=0)
         self.fields = {k: v for k, v in self.fields.items() if k != name}
-        if map is not None:
-            self.fields[name] = map
-            self._render_field(name)
+        if field is not None:
+            self.fields[name] = _as_voxels(name, field)
+        self._sort_fields()
+        if name in self._field_layers:
+            self._render_field(self._field_layers[name])
             cells = self._social[name] if name in self._social else self.occupied[name]
             touched |= cells.any(axis=0)
         if not touched.any():
@@ -359,6 +388,7 @@ class Costmap:
         row, column = self.grid.cell(x, y)
         outer = grown((slice(row, row + 1), slice(column, column + 1)), self.reach, self.grid)
         first = np.array([outer[0].start, outer[1].start])
+        assumed = {entity.name for entity in self.scene.entities if entity.assumed}
         found = []
         for number, part in enumerate(self.parts):
             for layer in self.layers:
@@ -372,19 +402,25 @@ class Costmap:
                 if cost:
                     distance = math.sqrt(squared.min()) * self.grid.resolution
                     names = self._occupants(layer.name, number, at[squared == squared.min()])
-                    found.append(CostSource(part.name, layer.name, names, distance, cost))
+                    field = self._field_layers.get(layer.name)
+                    on = layer.name if field is None else field.layer
+                    of = None if field is None else field.name
+                    guesses = tuple(n for n in names if n in assumed) if field is None else ()
+                    found.append(CostSource(part.name, on, names, distance, cost, of, guesses))
             for name, social in self._social.items():
                 if cost := int(social[number, row, column]):
-                    entities = (self.fields[name].about or name,)
-                    found.append(CostSource(part.name, name, entities, 0.0, cost))
+                    names = self._occupants(name, number, np.array([(row, column)]))
+                    found.append(CostSource(part.name, SOCIAL, names, 0.0, cost, name))
         return sorted(found, key=lambda source: (-source.cost, source.distance, source.part))
 
     def _occupants(self, layer: str, part: int, cells: NDArray[np.int64]) -> tuple[str, ...]:
         """The names of what occupies cells on a layer."""
         if layer in self.static:
             return (layer,)
-        if layer in self.fields:
-            return (self.fields[layer].about or layer,)
+        if layer in self._field_layers:
+            return self._field_layers[layer].entities(
+                self.obstacles.levels, self.intervals[part], self.grid, cells
+            )
         found = self.obstacles.occupants(layer, self.intervals[part], cells)
         return tuple(sorted(entity.name for entity, _ in found))
 
@@ -420,6 +456,13 @@ def joined(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
     known[(costs == UNKNOWN).all(axis=0)] = UNKNOWN
     found: NDArray[np.uint8] = known
     return found
+
+
+def _as_voxels(name: str, field: RepresentationMap | FieldVoxels) -> FieldVoxels:
+    try:
+        return field if isinstance(field, FieldVoxels) else FieldVoxels.of_map(field)
+    except ValueError as error:
+        raise ValueError(f"field {name}: {error}") from None
 
 
 def _name_is_taken(what: str, name: str) -> ValueError:

@@ -13,15 +13,22 @@ from typing import Annotated
 import typer
 
 from navgrid.options import (
+    AssumeSizes,
+    FieldNames,
+    FromVoxels,
     MaxSlope,
     MaxStep,
     Moment,
+    NoFields,
     Parts,
     PolicyFile,
     State,
     Urdf,
+    VoxelSize,
+    fields_of,
     moment_of,
     parts_of,
+    voxels_of,
 )
 from semmap import cli
 from semmap.number_list import parse_numbers
@@ -55,6 +62,11 @@ def costmap_command(
         float, typer.Option(help="Height of the localisation map above the floor, metres.")
     ] = 0.25,
     at: Moment = None,
+    field: FieldNames = None,
+    no_fields: NoFields = False,
+    from_voxels: FromVoxels = False,
+    voxel_size: VoxelSize = 0.05,
+    assume_sizes: AssumeSizes = False,
     headings: Annotated[
         int, typer.Option(help="Also write collisions by heading, for so many headings.")
     ] = 0,
@@ -103,6 +115,9 @@ def costmap_command(
             limits=limits,
             static_map=static_map,
             moment=moment_of(at),
+            fields=fields_of(connection, field, no_fields),
+            voxels=voxels_of(connection, from_voxels, voxel_size),
+            assume_sizes=assume_sizes,
         )
     if point is not None:
         show_explanation(costmaps, point[0], point[1], json_)

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from navgrid.costmap import Costmap, CostSource
+from navgrid.field_layer import field_notes
 from navgrid.headings import collisions
 from navgrid.map_file import file_name
 from navgrid.nav2 import Files
@@ -89,12 +90,15 @@ def _source_table(sources: Sequence[CostSource]) -> Table:
     for name in ("cost", "part", "layer", "metres away", "entities"):
         table.add_column(name)
     for source in sources:
+        entities = ", ".join(
+            f"{name} (assumed size)" if name in source.assumed else name for name in source.entities
+        )
         table.add_row(
             str(source.cost),
             source.part,
             source.layer,
             f"{source.distance:.2f}",
-            ", ".join(source.entities),
+            entities if source.field is None else f"{entities} (field {source.field})",
         )
     return table
 
@@ -120,8 +124,9 @@ def show_files(written: Iterable[Files]) -> None:
 
 
 def show_notes(costmap: Costmap) -> None:
-    """Print which objects of a storey have no geometry."""
-    for note in geometry_notes(costmap.scene.entities):
+    """Print which objects have no geometry or an assumed size, and where fields are."""
+    notes = field_notes(costmap.field_layers, costmap.fields_without_rule)
+    for note in [*geometry_notes(costmap.scene.entities), *notes]:
         cli.out.print(f"{costmap.scene.storey}: {note}", style="yellow")
 
 

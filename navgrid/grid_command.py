@@ -12,7 +12,20 @@ from typing import Annotated
 
 import typer
 
-from navgrid.options import MaxSlope, MaxStep, Moment, PolicyFile, moment_of
+from navgrid.options import (
+    AssumeSizes,
+    FieldNames,
+    FromVoxels,
+    MaxSlope,
+    MaxStep,
+    Moment,
+    NoFields,
+    PolicyFile,
+    VoxelSize,
+    fields_of,
+    moment_of,
+    voxels_of,
+)
 from semmap import cli
 
 __all__ = ["grid_command"]
@@ -37,10 +50,16 @@ def grid_command(
     max_step: MaxStep = 0.02,
     max_slope: MaxSlope = 6.0,
     at: Moment = None,
+    field: FieldNames = None,
+    no_fields: NoFields = False,
+    from_voxels: FromVoxels = False,
+    voxel_size: VoxelSize = 0.05,
+    assume_sizes: AssumeSizes = False,
     picture: Annotated[bool, typer.Option(help="Draw each grid as plan.png, too.")] = True,
     json_: cli.Json = False,
 ) -> None:
     """Write the obstacles of each storey as a Nav2 map (map.yaml, map.pgm)."""
+    from navgrid.field_layer import field_notes
     from navgrid.grid_output import write_grid
     from navgrid.map_file import file_name
     from navgrid.occupancy_grid import storey_grid
@@ -54,7 +73,11 @@ def grid_command(
     rules = None if policy is None else Policy.read(policy)
     limits = DriveLimits(max_step, math.radians(max_slope))
     with cli.open_map(map_name) as connection:
-        scenes = read_storeys(connection, storey, moment=moment_of(at))
+        voxels = voxels_of(connection, from_voxels, voxel_size)
+        scenes = read_storeys(
+            connection, storey, moment=moment_of(at), voxels=voxels, assume_sizes=assume_sizes
+        )
+        fields = fields_of(connection, field, no_fields)
     there = [scene for scene in scenes if scene.entities or scene.floors] or scenes
     grids = [
         storey_grid(
@@ -65,6 +88,7 @@ def grid_command(
             free_outside=free_outside,
             policy=rules,
             limits=limits,
+            fields=fields,
         )
         for scene in there
     ]
@@ -81,5 +105,6 @@ def grid_command(
             f"{row['resolution']:g} m: {row['occupied']} occupied, {row['free']} free, "
             f"{row['unknown']} unknown"
         )
-        for note in geometry_notes(made.scene.entities):
+        notes = field_notes(made.fields, made.fields_without_rule)
+        for note in [*geometry_notes(made.scene.entities), *notes]:
             cli.out.print(f"{row['storey']}: {note}", style="yellow")

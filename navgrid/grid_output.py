@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from navgrid.field_layer import field_lists, field_notes
 from navgrid.map_file import write_map
 from navgrid.occupancy_grid import StoreyGrid
 from semmap.draw.view import OccupancyView, StoreyView, storey_view
@@ -31,6 +32,7 @@ def write_grid(
         Draw the plan.
     """
     notes = geometry_notes(made.scene.entities)
+    notes += field_notes(made.fields, made.fields_without_rule)
     path = write_map(made.grid, made.cells, folder / "map", comments=notes)
     rows, columns = made.grid.shape
     found: dict[str, Any] = {
@@ -47,6 +49,7 @@ def write_grid(
     for name, value in (("occupied", 100), ("free", 0), ("unknown", -1)):
         found[name] = int(np.count_nonzero(made.cells == value))
     found |= geometry_lists(made.scene.entities)
+    found |= field_lists(made.fields, made.fields_without_rule)
     if picture:
         from semmap.draw.floor_plan import floor_plan  # loads matplotlib
 

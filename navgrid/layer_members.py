@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from navgrid.policy import FLOOR, NONE, Policy
 from navgrid.terrain import DriveLimits, drivable
+from semmap.geometry.voxels import Voxels
 from semmap.query.storey_scene import Bounds, SceneEntity, StoreyScene
 
 __all__ = ["LayerChange", "LayerMembers"]
-
-FIXED = "room_geometry"
-"""The layer for undrivable floor; defaults to the policy's first layer."""
 
 
 @dataclass
@@ -41,7 +39,8 @@ class LayerMembers:
     """Which entity is on which layer, and which faces of floors are driven on.
 
     Floors and the meshes of rooms are divided: a robot drives on the faces that are level enough
-    and connected to a room's floor; their other faces, such as walls, are obstacles.
+    and connected to a room's floor; their other faces, such as walls, are obstacles. Of voxels, the
+    floor is those that a room's floor passes through.
 
     Parameters
     ----------
@@ -89,20 +88,31 @@ class LayerMembers:
 
     def _divide(self, floors: list[SceneEntity]) -> None:
         """Divide floors into what is driven on and obstacles."""
-        fixed = self.layers[FIXED if FIXED in self.layers else self.policy.layers[0].name]
+        fixed = self.layers[self.policy.fixed_layer]
         faces = np.concatenate([*(floor.triangles for floor in floors), np.empty((0, 3, 3))])
         driven = drivable(faces, self.floors, self.limits)
         start = 0
         for floor in floors:
             on = driven[start : start + len(floor.triangles)]
             start += len(floor.triangles)
-            if not on.all():
-                fixed[floor.id] = replace(floor, triangles=floor.triangles[~on])
+            voxels = self._above_floors(floor.voxels)
+            if not on.all() or voxels is not None:
+                fixed[floor.id] = replace(floor, triangles=floor.triangles[~on], voxels=voxels)
         ground = faces[driven]
         level = np.zeros(len(ground), np.bool_)
         for height in self.floors:
             level |= (np.abs(ground[:, :, 2] - height) < self.limits.ground).all(axis=1)
         self.ramps = ground[~level]
+
+    def _above_floors(self, voxels: Voxels | None) -> Voxels | None:
+        """The voxels of a floor that the surface of no floor passes through; None for none."""
+        if voxels is None:
+            return None
+        bottom = voxels.indices[:, 2] * voxels.size
+        ground = np.zeros(len(bottom), np.bool_)
+        for height in self.floors:
+            ground |= (bottom <= height + self.limits.ground) & (bottom + voxels.size >= height)
+        return None if ground.all() else Voxels(voxels.size, voxels.indices[~ground])
 
     def update(self, entities: Iterable[SceneEntity], gone: Iterable[int] = ()) -> LayerChange:
         """Replace or add entities and remove those that are gone; return what this changed.

@@ -16,8 +16,9 @@ import yaml
 from numpy.typing import NDArray
 
 from navgrid.costmap import Costmap
+from navgrid.field_layer import field_lists, field_notes
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
-from navgrid.map_file import Mode, write_map
+from navgrid.map_file import Mode, file_name, write_map
 from navgrid.masks import Mask, keepout_mask, speed_mask
 from semmap.query.geometry_notes import geometry_lists, geometry_notes
 from semmap.robot import footprint_string
@@ -78,6 +79,7 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
     folder.mkdir(parents=True, exist_ok=True)
     grid, frame = costmap.grid, frame_name(costmap.scene.storey)
     notes = geometry_notes(costmap.scene.entities)
+    notes += field_notes(costmap.field_layers, costmap.fields_without_rule)
     maps: dict[str, str] = {}
 
     def write(name: str, cells: NDArray[np.int8], mode: Mode = "trinary") -> None:
@@ -88,7 +90,15 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
     for number, part in enumerate(costmap.parts):
         write(part.name, as_occupancy(costmap.costs[number]), "raw")
         for layer, cells in costmap.occupied.items():
-            write(f"{part.name}_{layer}", _occupied(cells[number], costmap.unknown))
+            if layer not in costmap.fields:
+                write(f"{part.name}_{layer}", _occupied(cells[number], costmap.unknown))
+        for place, field in enumerate(costmap.field_layers, 1):
+            name = f"{part.name}_field{place}_{file_name(field.name)}"
+            if field.is_social:
+                write(name, as_occupancy(costmap.social[field.name][number]), "raw")
+            else:
+                cells = costmap.occupied[field.name]
+                write(name, _occupied(cells[number], costmap.unknown))
     write("localisation", _occupied(costmap.section(laser_height), costmap.unknown))
     masks = {
         name: mask
@@ -129,6 +139,7 @@ def write_nav2(costmap: Costmap, folder: Path, *, laser_height: float = 0.25) ->
         "inscribed": int((costmap.master == INSCRIBED).sum()),
         "unknown": int((costmap.master == UNKNOWN).sum()),
         **geometry_lists(costmap.scene.entities),
+        **field_lists(costmap.field_layers, costmap.fields_without_rule),
     }
     (folder / "costmap.json").write_text(json.dumps(files, indent=1) + "\n")
     return files

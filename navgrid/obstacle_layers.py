@@ -16,7 +16,9 @@ from navgrid.grid import Grid
 from navgrid.layer_members import LayerChange, LayerMembers
 from navgrid.slabs import occupancy
 from navgrid.terrain import FloorLevel, floor_levels
+from navgrid.voxel_cells import voxel_cells, voxels_over
 from navgrid.window import Window, whole
+from semmap.geometry.voxels import Voxels
 from semmap.query.storey_scene import SceneEntity
 
 __all__ = ["Interval", "ObstacleLayers"]
@@ -89,7 +91,7 @@ class ObstacleLayers:
         return self._areas(self.members.layers[layer].values(), whole(self.grid))
 
     def solids(self, intervals: Sequence[Interval], *, fill: bool = True) -> NDArray[np.bool_]:
-        """Return the cells that the meshes of all layers occupy; areas of regions do not count.
+        """Return the cells that meshes and voxels of all layers occupy, without areas of regions.
 
         Parameters
         ----------
@@ -102,8 +104,9 @@ class ObstacleLayers:
         -------
         (len(intervals), rows, columns) bool
         """
-        solids = _solids(self.members.obstacles())
-        return self._slabs(solids, intervals, whole(self.grid), fill=fill)
+        entities, window = self.members.obstacles(), whole(self.grid)
+        found = self._slabs(_solids(entities), intervals, window, fill=fill)
+        return found | self._voxels(entities, intervals, window)
 
     def occupants(
         self, layer: str, interval: Interval, cells: NDArray[np.int64]
@@ -156,6 +159,7 @@ class ObstacleLayers:
         self, entities: Collection[SceneEntity], intervals: Sequence[Interval], window: Window
     ) -> NDArray[np.bool_]:
         found = self._slabs(_solids(entities), intervals, window)
+        found |= self._voxels(entities, intervals, window)
         found |= self._areas(entities, window)
         return found
 
@@ -164,6 +168,29 @@ class ObstacleLayers:
         for entity in entities:
             if entity.kind == "region" and entity.footprint is not None:
                 found |= area_cells(entity.footprint, self.grid)[window]
+        return found
+
+    def _voxels(
+        self, entities: Iterable[SceneEntity], intervals: Sequence[Interval], window: Window
+    ) -> NDArray[np.bool_]:
+        """(intervals, rows, columns): where voxels are in intervals above each cell's floor."""
+        found = np.zeros((len(intervals), *self.unknown[window].shape), np.bool_)
+        by_size: dict[float, list[NDArray[np.int64]]] = {}
+        for entity in entities:
+            if entity.kind != "region" and entity.voxels is not None and len(entity.voxels):
+                by_size.setdefault(entity.voxels.size, []).append(entity.voxels.indices)
+        for size, parts in by_size.items():
+            voxels = Voxels(size, np.concatenate(parts))
+            for level in self.levels:
+                cells = level.cells[window]
+                if not cells.any():
+                    continue
+                above = voxels
+                if len(self.levels) > 1:
+                    above = voxels_over(voxels, level.cells, self.grid)
+                for number, (low, high) in enumerate(intervals):
+                    heights = (level.floor + low, level.floor + high)
+                    found[number] |= (voxel_cells(above, heights, self.grid)[window] > 0) & cells
         return found
 
     def _slabs(

@@ -7,12 +7,13 @@ parts of a robot.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from navgrid.field_layer import FieldLayer, FieldVoxels, sort_fields
 from navgrid.grid import MARGIN, Grid
 from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import ObstacleLayers
@@ -37,11 +38,17 @@ class StoreyGrid:
     grid : Grid
     cells : (rows, columns) int8
         Row 0 is the lowest y: 0 free, 100 occupied, -1 unknown.
+    fields : tuple of FieldLayer
+        The fields that are obstacles.
+    fields_without_rule : tuple of str
+        The names of fields that have no effect, as the policy does not name their property.
     """
 
     scene: StoreyScene
     grid: Grid
     cells: NDArray[np.int8]
+    fields: tuple[FieldLayer, ...] = ()
+    fields_without_rule: tuple[str, ...] = ()
 
 
 def plane_heights(interval: tuple[float, float], increment: float) -> list[float]:
@@ -77,6 +84,7 @@ def storey_grid(
     policy: Policy | None = None,
     limits: DriveLimits | None = None,
     grid: Grid | None = None,
+    fields: Mapping[str, FieldVoxels] | None = None,
 ) -> StoreyGrid:
     """Return the occupancy grid of a storey.
 
@@ -100,6 +108,8 @@ def storey_grid(
         The steps and slopes of floors that are not obstacles.
     grid : Grid, optional
         By default it covers the rooms and the obstacles, with a margin of `navgrid.grid.MARGIN`.
+    fields : mapping of FieldVoxels, optional
+        Fields by name. Those that the policy puts on a layer of obstacles are obstacles here, too.
 
     Raises
     ------
@@ -120,7 +130,8 @@ def storey_grid(
             f"interval {interval[0]:g} to {interval[1]:g} m contains the floor, which would be "
             "occupied as a whole; begin above it, for example at 0.05 m"
         )
-    members = LayerMembers(scene, policy or Policy.default(), limits or DriveLimits())
+    policy = policy or Policy.default()
+    members = LayerMembers(scene, policy, limits or DriveLimits())
     grid = grid or _grid_around(members, interval, resolution)
     layers = ObstacleLayers(members, grid)
     occupied = np.zeros(grid.shape, np.bool_)
@@ -130,10 +141,14 @@ def storey_grid(
         for i in range(0, len(planes), _PLANES_AT_ONCE):
             heights = planes[i : i + _PLANES_AT_ONCE]
             occupied |= layers.solids([(h, h) for h in heights], fill=False).any(axis=0)
+    sorted_fields, without_rule = sort_fields(fields or {}, policy)
+    lethal = [field for field in sorted_fields.values() if not field.is_social]
+    for field in lethal:
+        occupied |= field.obstacles(layers.levels, [interval], grid)[0]
     cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
     if not free_outside:
         cells[~occupied & layers.unknown] = UNKNOWN
-    return StoreyGrid(scene, grid, cells)
+    return StoreyGrid(scene, grid, cells, tuple(lethal), tuple(without_rule))
 
 
 def _grid_around(members: LayerMembers, interval: tuple[float, float], resolution: float) -> Grid:

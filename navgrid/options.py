@@ -5,24 +5,33 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
+    from navgrid.field_layer import FieldVoxels
+    from semmap.geometry.voxels import Voxels
     from semmap.robot import Part
 
 __all__ = [
+    "AssumeSizes",
+    "FieldNames",
+    "FromVoxels",
     "MaxSlope",
     "MaxStep",
     "Moment",
+    "NoFields",
     "Parts",
     "PolicyFile",
     "State",
     "Urdf",
+    "VoxelSize",
+    "fields_of",
     "joints_of",
     "moment_of",
     "parts_of",
+    "voxels_of",
 ]
 
 Urdf = Annotated[Path, typer.Option("--robot", help="The robot's URDF.")]
@@ -44,6 +53,55 @@ Moment = Annotated[
     datetime | None,
     typer.Option("--at", help="Leave out regions that do not hold then; by default now."),
 ]
+FieldNames = Annotated[
+    list[str] | None,
+    typer.Option("--field", help="Only this field of the map; may be repeated. By default all."),
+]
+NoFields = Annotated[bool, typer.Option("--no-fields", help="Leave out the fields of the map.")]
+AssumeSizes = Annotated[
+    bool,
+    typer.Option("--assume-sizes", help="Give objects without geometry a typical box."),
+]
+FromVoxels = Annotated[
+    bool,
+    typer.Option("--from-voxels", help="Take the voxels of objects from the mirror, not meshes."),
+]
+VoxelSize = Annotated[
+    float, typer.Option(help="Edge of the mirror's voxels, metres, with --from-voxels.")
+]
+
+
+def voxels_of(connection: Any, from_voxels: bool, voxel_size: float) -> dict[int, Voxels] | None:
+    """Return the voxels of objects as options choose them; None for their meshes."""
+    from navgrid.field_reader import read_mirror
+
+    return read_mirror(connection, voxel_size) if from_voxels else None
+
+
+def fields_of(connection: Any, names: list[str] | None, no_fields: bool) -> dict[str, FieldVoxels]:
+    """Return the fields of the current map as options choose them.
+
+    Raises
+    ------
+    ValueError
+        Both options are given.
+    LookupError
+        There is no field of a given name.
+    """
+    from navgrid.field_reader import LIVE, read_ended_fields, read_fields
+    from semmap import cli
+
+    if no_fields and names:
+        raise ValueError("--field and --no-fields exclude each other: give one of them")
+    if no_fields:
+        return {}
+    ended = [] if names else read_ended_fields(connection)
+    if ended:
+        cli.err.print(
+            f"fields of sources without an update for {LIVE:.0f} s, not used: {', '.join(ended)}",
+            style="yellow",
+        )
+    return read_fields(connection, names or None)
 
 
 def moment_of(at: datetime | None) -> datetime:

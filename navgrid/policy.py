@@ -1,4 +1,4 @@
-"""Which entity goes on which layer: a YAML file of rules (Deeken et al., section 4.2)."""
+"""Which entity, and which field, goes on which layer: a YAML file of rules (Deeken et al., 4.2)."""
 
 from __future__ import annotations
 
@@ -13,10 +13,14 @@ from typing import Any, get_args
 from semmap.query.storey_scene import EntityKind, SceneEntity
 from semmap.yaml_file import parse_yaml, read_text
 
-__all__ = ["FLOOR", "NONE", "Layer", "Policy", "PolicyError", "PolicyRule"]
+__all__ = ["FLOOR", "NONE", "SOCIAL", "FieldRule", "Layer", "Policy", "PolicyError", "PolicyRule"]
 
-NONE, FLOOR = "none", "floor"
-"""Names that are not layers: for entities that are not obstacles, and for those driven on."""
+NONE, FLOOR, SOCIAL = "none", "floor", "social"
+"""Names that are not layers: for what is not an obstacle, for what is driven on, and for fields
+whose values are costs below those of obstacles."""
+
+FIXED = "room_geometry"
+"""The layer for undrivable floor; defaults to the policy's first layer."""
 
 KINDS: tuple[str, ...] = get_args(EntityKind)
 STATES = ("open", "closed", "locked")
@@ -76,8 +80,24 @@ class PolicyRule:
 
 
 @dataclass(frozen=True)
+class FieldRule:
+    """The layer of the fields of some properties.
+
+    Attributes
+    ----------
+    properties : tuple of str
+        Names of properties, such as ``containsPerson``.
+    layer : str
+        The name of a layer, or `NONE`, `FLOOR` or `SOCIAL`.
+    """
+
+    properties: tuple[str, ...]
+    layer: str
+
+
+@dataclass(frozen=True)
 class Policy:
-    r"""The layers of a costmap, and the rules that sort entities to them.
+    r"""The layers of a costmap, and the rules that sort entities and fields to them.
 
     Attributes
     ----------
@@ -85,6 +105,8 @@ class Policy:
         In the order of pictures.
     rules : tuple of PolicyRule
         The first that applies to an entity decides.
+    fields : tuple of FieldRule
+        The first that names the property of a field decides.
 
     Examples
     --------
@@ -97,6 +119,7 @@ class Policy:
 
     layers: tuple[Layer, ...]
     rules: tuple[PolicyRule, ...]
+    fields: tuple[FieldRule, ...] = ()
 
     @staticmethod
     @cache
@@ -132,7 +155,7 @@ class Policy:
             The text is not a policy.
         """
         document = _mapping(
-            parse_yaml(text, file, PolicyError), file, "document", {"layers", "rules"}
+            parse_yaml(text, file, PolicyError), file, "document", {"layers", "rules", "fields"}
         )
         layers = tuple(
             _layer(str(name), value, file)
@@ -143,12 +166,29 @@ class Policy:
         rules = document.get("rules")
         if not isinstance(rules, list):
             raise PolicyError(f"{file}: rules: is {rules!r}; give a list")
+        fields = document.get("fields", [])
+        if not isinstance(fields, list):
+            raise PolicyError(f"{file}: fields: is {fields!r}; give a list")
         names = {layer.name for layer in layers} | {NONE, FLOOR}
-        return cls(layers, tuple(_rule(r, i, names, file) for i, r in enumerate(rules, 1)))
+        return cls(
+            layers,
+            tuple(_rule(rule, i, names, file) for i, rule in enumerate(rules, 1)),
+            tuple(_field_rule(rule, i, names | {SOCIAL}, file) for i, rule in enumerate(fields, 1)),
+        )
+
+    @property
+    def fixed_layer(self) -> str:
+        """The name of the layer for floors and rooms where a robot does not drive on them."""
+        names = [layer.name for layer in self.layers]
+        return FIXED if FIXED in names else names[0]
 
     def layer_of(self, entity: SceneEntity) -> str:
         """Return the name of an entity's layer; `NONE` if no rule applies."""
         return next((rule.layer for rule in self.rules if rule.applies_to(entity)), NONE)
+
+    def layer_of_field(self, property: str) -> str | None:
+        """Return the name of the layer of the fields of a property; None if no rule names it."""
+        return next((rule.layer for rule in self.fields if property in rule.properties), None)
 
 
 def _mapping(
@@ -166,7 +206,7 @@ def _mapping(
 
 
 def _layer(name: str, value: object, file: str) -> Layer:
-    if name in (NONE, FLOOR):
+    if name in (NONE, FLOOR, SOCIAL):
         raise PolicyError(f"{file}: layer {name}: this name is reserved; give a different one")
     fields = _mapping({} if value is None else value, file, f"layer {name}", {"padding"})
     padding = fields.get("padding", 0.0)
@@ -177,22 +217,39 @@ def _layer(name: str, value: object, file: str) -> Layer:
 
 
 def _rule(value: object, number: int, layers: set[str], file: str) -> PolicyRule:
-    element = f"rule {number}"
-    fields = _mapping(value, file, element, {"kind", "type", "properties", "state", "layer"})
+    where = f"{file}: rule {number}"
+    fields = _mapping(
+        value, file, f"rule {number}", {"kind", "type", "properties", "state", "layer"}
+    )
+    layer = _choice(fields, "layer", tuple(sorted(layers)), where)
+    kind, state = (
+        None if fields.get(key) is None else _choice(fields, key, choices, where)
+        for key, choices in (("kind", KINDS), ("state", STATES))
+    )
+    types = _names(fields.get("type", []), f"{where}: type")
+    properties = _mapping(fields.get("properties", {}), file, f"rule {number}, properties")
+    return PolicyRule(layer, kind, types, tuple(properties.items()), state)
 
-    def choice(key: str, choices: tuple[str, ...], *, optional: bool = True) -> Any:
-        found = fields.get(key)
-        if not (found in choices or (optional and found is None)):
-            raise PolicyError(
-                f"{file}: {element}: {key} is {found!r}; give one of {', '.join(choices)}"
-            )
-        return found
 
-    layer = choice("layer", tuple(sorted(layers)), optional=False)
-    kind, state = choice("kind", KINDS), choice("state", STATES)
-    types = fields.get("type", [])
-    types = [types] if isinstance(types, str) else types
-    if not isinstance(types, list) or not all(isinstance(t, str) for t in types):
-        raise PolicyError(f"{file}: {element}: type is {types!r}; give a name or a list of names")
-    properties = _mapping(fields.get("properties", {}), file, f"{element}, properties")
-    return PolicyRule(layer, kind, tuple(types), tuple(properties.items()), state)
+def _field_rule(value: object, number: int, layers: set[str], file: str) -> FieldRule:
+    where = f"{file}: field rule {number}"
+    fields = _mapping(value, file, f"field rule {number}", {"property", "layer"})
+    properties = _names(fields.get("property", []), f"{where}: property")
+    if not properties:
+        raise PolicyError(f"{where}: property is missing; give a name or a list of names")
+    return FieldRule(properties, _choice(fields, "layer", tuple(sorted(layers)), where))
+
+
+def _choice(fields: Mapping[str, Any], key: str, choices: tuple[str, ...], where: str) -> str:
+    found = fields.get(key)
+    if not isinstance(found, str) or found not in choices:
+        raise PolicyError(f"{where}: {key} is {found!r}; give one of {', '.join(choices)}")
+    return found
+
+
+def _names(value: object, element: str) -> tuple[str, ...]:
+    """A name, or a list of names."""
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise PolicyError(f"{element} is {value!r}; give a name or a list of names")
+    return tuple(names)

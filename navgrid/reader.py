@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
 from sqlalchemy import Connection
 
 from navgrid.costmap import Costmap, Inflation
+from navgrid.field_layer import FieldVoxels
 from navgrid.grid import MARGIN, scene_grid
 from navgrid.policy import Policy
 from navgrid.static_map import map_layer
 from navgrid.terrain import DriveLimits
+from semmap.geometry.voxels import Voxels
 from semmap.query.storey_reader import read_scene, read_storey_names
 from semmap.query.storey_scene import Bounds
 from semmap.robot import Part
@@ -33,6 +35,9 @@ def read_costmaps(
     limits: DriveLimits | None = None,
     static_map: Path | None = None,
     moment: datetime | None = None,
+    fields: Mapping[str, FieldVoxels] | None = None,
+    voxels: Mapping[int, Voxels] | None = None,
+    assume_sizes: bool = False,
 ) -> list[Costmap]:
     """Return the costmaps of a robot, one per storey of the current map, the lowest first.
 
@@ -53,6 +58,12 @@ def read_costmaps(
         The YAML file of a map, such as one from SLAM, for a further layer ``static_map``.
     moment : datetime, optional
         Leave out regions that do not hold then.
+    fields : mapping of FieldVoxels, optional
+        Fields by name, from `navgrid.field_reader.read_fields`.
+    voxels : mapping of Voxels by id, optional
+        The geometry of objects, in place of their meshes: `navgrid.field_reader.read_mirror`.
+    assume_sizes : bool
+        Give objects without geometry a typical box for their type.
 
     Raises
     ------
@@ -78,6 +89,8 @@ def read_costmaps(
                 rooms=rooms,
                 margin=reach,
                 moment=moment,
+                voxels=voxels,
+                assume_sizes=assume_sizes,
             )
         except LookupError:
             if rooms is None or storey is not None or len(names) == 1:
@@ -96,6 +109,7 @@ def read_costmaps(
                 inflation=inflation,
                 limits=limits,
                 static=static,
+                fields=fields,
             )
         )
     if not costmaps:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection
 
+from navgrid.field_reader import read_field_versions, read_fields
 from planner.duration import Durations
 from planner.readers.entity_lookup import MapLookup
 from planner.readers.map_source import MapSource, open_feed
@@ -101,6 +102,7 @@ class LiveTopology:
         self._store: TravelTimeStore | None = None
         self._agents: set[int] = set()
         self._validity: dict[int, list[datetime]] = {}  # when regions become valid or invalid
+        self._field_versions: dict[str, tuple[int, int]] = {}
         self._looked: datetime | None = None
         self._warm = False
         self._lock = threading.RLock()
@@ -143,6 +145,8 @@ class LiveTopology:
                 else:
                     ids = look.changed | self._expired(look.moment)
                     change = self._apply(look, ids) if ids else TopologyChange()
+                    if not change.reloaded:
+                        change = self._apply_fields(look, change)
                 if change:
                     if on_change is not None:
                         on_change(change)
@@ -195,7 +199,8 @@ class LiveTopology:
         """
         try:
             message = json.loads(payload)
-            only_moved = not {"added", "changed", "removed", "reshaped"} & message.keys()
+            others = {"added", "changed", "removed", "reshaped", "field"}
+            only_moved = not others & message.keys()
             moved = message["moved"]
             return only_moved and isinstance(moved, list) and self._agents.issuperset(moved)
         except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
@@ -226,7 +231,10 @@ class LiveTopology:
             robot, durations, store = read.robot, read.durations, TravelTimeStore(read)
         costmaps, stored = None, None
         if robot.parts:
-            costmaps = StoreyCostmaps(topology, robot, self._read_scene)
+            self._field_versions = read_field_versions(connection)
+            costmaps = StoreyCostmaps(
+                topology, robot, self._read_scene, fields=read_fields(connection, live=False)
+            )
             if self._progress is not None:
                 costmaps.report_to(self._report(self._progress, len(topology.places)))
             if store is not None:
@@ -285,6 +293,28 @@ class LiveTopology:
             self.graph.change_regions(regions)
         places = self._apply_moves(look, movable, with_regions)
         return TopologyChange(places=frozenset(places), connectors=frozenset(changed))
+
+    def _apply_fields(self, look: Look, change: TopologyChange) -> TopologyChange:
+        """Measure travel again where fields changed costs."""
+        costmaps = self.costmaps
+        if costmaps is None:
+            return change
+        before, now = self._field_versions, read_field_versions(look.connection)
+        if now == before:
+            return change
+        if not costmaps.is_complete():
+            return self._load(look)
+        changed = [name for name, version in now.items() if before.get(name) != version]
+        fields = read_fields(look.connection, changed, live=False)
+        removed = dict.fromkeys(before.keys() - now.keys())
+        with self.graph.lock:
+            places = costmaps.set_fields({**removed, **fields})
+            for place in places:
+                self.graph.measure_again(place)
+        if self._store is not None:
+            self._store.add(places)
+        self._field_versions = now
+        return change._replace(places=change.places | places)
 
     def _building_ids(self) -> set[int | None]:
         """The ids of all places and connectors."""

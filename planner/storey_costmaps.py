@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from navgrid.area import area_cells
 from navgrid.costmap import Costmap
+from navgrid.field_layer import FieldVoxels
 from navgrid.grid import Grid, scene_grid
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.travel import travel, way
@@ -76,6 +77,8 @@ class StoreyCostmaps:
     slow
         How much slower the robot drives on the most expensive passable cells than on clear ones: 1
         doubles the time.
+    fields
+        Fields by name, from `navgrid.field_reader.read_fields`: obstacles and social costs.
 
     Raises
     ------
@@ -90,6 +93,7 @@ class StoreyCostmaps:
         read_scene: Callable[[str], StoreyScene],
         resolution: float = 0.05,
         slow: float = 1.0,
+        fields: Mapping[str, FieldVoxels] | None = None,
     ) -> None:
         if not robot.parts:
             raise ValueError(
@@ -99,6 +103,7 @@ class StoreyCostmaps:
         self.topology, self.robot, self.slow = topology, robot, slow
         self.resolution = resolution
         self._read_scene = read_scene
+        self._fields = dict(fields or {})
         self._progress: Callable[[str, int], None] | None = None
         self._costmaps: dict[str, Costmap] = {}
         self._rooms: dict[str, RoomCostmap | None] = {}
@@ -120,6 +125,7 @@ class StoreyCostmaps:
                 self.robot.parts,
                 scene_grid(scene, self.resolution),
                 limits=self.robot.drive_limits,
+                fields=self._fields,
             )
         return self._costmaps[storey]
 
@@ -304,18 +310,39 @@ class StoreyCostmaps:
             here = [t for t in objects if costmap.scene.reaches(t)]
             here += regions.get(storey, ())
             before = costmap.master.copy()
-            window = costmap.update(here, {*ids} - {t.id for t in here})
-            if window is None:
-                continue
-            differs = np.zeros(costmap.grid.shape, np.bool_)
-            differs[window] = before[window] != costmap.master[window]
-            if not differs.any():
-                continue
-            for place in self.topology.places:
-                room = self.room(place) if self.storey_of(place) == storey else None
-                if room is not None and (differs[room.window] & room.cells).any():
-                    changed.add(place)
+            if costmap.update(here, {*ids} - {t.id for t in here}) is not None:
+                changed |= self._places_that_differ(storey, before)
         return changed
+
+    def set_fields(self, fields: Mapping[str, FieldVoxels | None]) -> set[str]:
+        """Replace or add fields, and remove those that are None.
+
+        Returns the places whose costs changed.
+        """
+        for name, field in fields.items():
+            if field is None:
+                self._fields.pop(name, None)
+            else:
+                self._fields[name] = field
+        changed: set[str] = set()
+        for storey, costmap in self._costmaps.items():
+            before = costmap.master.copy()
+            windows = [costmap.set_field(name, field) for name, field in fields.items()]
+            if any(window is not None for window in windows):
+                changed |= self._places_that_differ(storey, before)
+        return changed
+
+    def _places_that_differ(self, storey: str, before: NDArray[np.uint8]) -> set[str]:
+        """The places of a storey whose costs are not those of a former master costmap."""
+        differs = before != self.costmap(storey).master
+        if not differs.any():
+            return set()
+        rooms = {p: self.room(p) for p in self.topology.places if self.storey_of(p) == storey}
+        return {
+            place
+            for place, room in rooms.items()
+            if room is not None and (differs[room.window] & room.cells).any()
+        }
 
 
 def _entities_at(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:

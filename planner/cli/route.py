@@ -68,6 +68,7 @@ def route_command(
     from planner.readers.drawn_graph import read_drawn_graph
     from planner.robot_class import RobotClass
     from planner.route_planner import RoutePlanner
+    from semmap.query.geometry_notes import names_note, read_names_without_geometry
 
     if graph and count != 1:
         raise typer.BadParameter("--graph finds one route: leave out -k")
@@ -85,10 +86,13 @@ def route_command(
             found = [planner.route(*ends, avoid=avoid or (), at=moment)]
         else:
             found = planner.alternatives(*ends, count, avoid=avoid or (), at=moment)
+        places = [*dict.fromkeys([found[0].start, *(s.to_place for s in found[0].steps)])]
+        with live.snapshot() as connection:
+            unknown = read_names_without_geometry(connection, places)
     if rooms:
-        print(",".join(dict.fromkeys([found[0].start, *(s.to_place for s in found[0].steps)])))
+        print(",".join(places))
     elif json_:
-        answer = _route_as_json(found[0])
+        answer = _route_as_json(found[0]) | {"no_geometry": unknown}
         if count > 1:
             answer["alternatives"] = [_route_as_json(r) for r in found[1:]]
         print(json.dumps(answer))
@@ -97,6 +101,8 @@ def route_command(
             if count > 1:
                 cli.out.print(f"{number}.")
             _show_route(route, timed=robot is not None)
+        if unknown:
+            cli.out.print(names_note(unknown), style="yellow")
 
 
 @contextmanager

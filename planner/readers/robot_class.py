@@ -49,6 +49,9 @@ SELECT r.*, md5(r::text) AS digest,
        CASE WHEN reaches_back(t.cursor)
             THEN ARRAY(SELECT unnest(s.entities) FROM changes_since(t.cursor) s
                        WHERE s.map_id = t.map_id) END AS unmeasured,
+       CASE WHEN reaches_back(t.cursor)
+            THEN EXISTS (SELECT FROM changes_since(t.cursor) s
+                         WHERE s.map_id = t.map_id AND s.what = 'field') END AS fields_changed,
        (SELECT jsonb_agg(jsonb_build_array(d.behaviour, e.name, d.seconds))
         FROM mean_duration d JOIN entity e ON e.id = d.entity_id
         WHERE d.robot_class_id = r.id AND e.map_id = current_map()) AS measured
@@ -72,6 +75,8 @@ class StoredRobotClass(NamedTuple):
     unmeasured
         Ids of the entities of the current map that changed after all travel times of the class were
         measured; None if they never were, or if the changes since then are not all kept.
+    fields_changed
+        Whether fields of the current map were stored or deleted since then.
     """
 
     id: int
@@ -79,6 +84,7 @@ class StoredRobotClass(NamedTuple):
     durations: Durations
     digest: str
     unmeasured: frozenset[int] | None
+    fields_changed: bool
 
 
 def store_robot_class(
@@ -170,7 +176,9 @@ def read_robot_class(connection: Connection, name: str) -> StoredRobotClass:
         measured={(behaviour, of): float(mean) for behaviour, of, mean in row.measured or ()},
     )
     unmeasured = None if row.unmeasured is None else frozenset(row.unmeasured)
-    return StoredRobotClass(row.id, robot, durations, row.digest, unmeasured)
+    return StoredRobotClass(
+        row.id, robot, durations, row.digest, unmeasured, bool(row.fields_changed)
+    )
 
 
 def read_robot_class_digest(connection: Connection, robot_class: int) -> str | None:

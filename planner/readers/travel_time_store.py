@@ -62,7 +62,10 @@ class TravelTimeStore:
         if unmeasured is None and not len(rows):
             return None
         self._compared = (
-            some_expire or unmeasured is None or _affects_travel(connection, unmeasured)
+            some_expire
+            or unmeasured is None
+            or self._class.fields_changed
+            or _affects_travel(connection, unmeasured)
         )
         if self._compared:
             digests = compute_place_digests(connection, _reach(self._class.robot))

@@ -68,7 +68,17 @@ SELECT r.entity_id AS id, md5(concat_ws('|',
        AND (g.valid IS NULL OR g.valid @> now()) AND e.id NOT IN (SELECT id FROM carried)
        AND o.box && ST_Expand(w.box, :reach)
        AND (o.storey_id IS NULL OR o.storey_id IS NOT DISTINCT FROM w.storey_id
-            OR e.kind = 'object')))) AS digest
+            OR e.kind = 'object')),
+    (SELECT string_agg(concat_ws(',', f.property, f.voxel_size, v.placement, b.x, b.y, b.z,
+                                 encode(b.digest, 'hex')), ';' ORDER BY f.name, b.x, b.y, b.z)
+     FROM field f JOIN field_version v ON v.field_id = f.id AND v.version = f.version
+     JOIN field_block b ON b.field_id = f.id AND b.until IS NULL
+     WHERE f.map_id = current_map() AND v.state IS NULL
+       AND (v.placement <> '{1,0,0,0,0,1,0,0,0,0,1,0}'
+            OR ST_MakeEnvelope(b.x * f.voxel_size, b.y * f.voxel_size,
+                               (b.x + f.edge) * f.voxel_size, (b.y + f.edge) * f.voxel_size)
+               && ST_Expand(w.box, :reach)))
+    )) AS digest
 FROM room r JOIN world w ON w.entity_id = r.entity_id
 JOIN entity n ON n.id = r.entity_id AND n.map_id = current_map()
 WHERE CAST(:places AS bigint[]) IS NULL OR r.entity_id = ANY (:places)

@@ -41,8 +41,9 @@ END $$;
 
 CREATE FUNCTION copy_map(map_name text, copy_name text)
 RETURNS integer LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Copies a map without its history, missions and fields, for a simulated run; returns the id of the copy. Copies
--- share the meshes. They are deleted with their map. For admins (roles.sql).
+-- Copies a map without its history and missions, for a simulated run; returns the id of the copy. Of the fields, it
+-- copies the newest versions of those that users stored. Copies share the meshes. They are deleted with their map.
+-- For admins (roles.sql).
 DECLARE
     original map := (SELECT m FROM map m WHERE name = map_name);
     copied integer;
@@ -78,6 +79,18 @@ BEGIN
     INSERT INTO link (from_id, relation, to_id, properties)
         SELECT a.new, l.relation, b.new, l.properties
         FROM link l JOIN pg_temp.twin a ON a.old = l.from_id JOIN pg_temp.twin b ON b.old = l.to_id;
+    INSERT INTO field (map_id, name, property, about, value_type, voxel_size, edge, version)
+        SELECT copied, f.name, f.property, f.about, f.value_type, f.voxel_size, f.edge, 1
+        FROM field f JOIN field_version v ON v.field_id = f.id AND v.version = f.version
+        WHERE f.map_id = original.id AND v.state IS NULL;
+    INSERT INTO field_version (field_id, version, at, background, placement, legend)
+        SELECT n.id, 1, v.at, v.background, v.placement, v.legend
+        FROM field n JOIN field f ON f.map_id = original.id AND f.name = n.name
+        JOIN field_version v ON v.field_id = f.id AND v.version = f.version WHERE n.map_id = copied;
+    INSERT INTO field_block (field_id, x, y, z, since, digest, bytes)
+        SELECT n.id, b.x, b.y, b.z, 1, b.digest, b.bytes
+        FROM field n JOIN field f ON f.map_id = original.id AND f.name = n.name
+        JOIN field_block b ON b.field_id = f.id AND b.until IS NULL WHERE n.map_id = copied;
     INSERT INTO placement (entity_id, holder_id, pose, relation, confidence)
         SELECT t.new, h.new, p.pose, p.relation, p.confidence
         FROM placement p JOIN pg_temp.twin t ON t.old = p.entity_id LEFT JOIN pg_temp.twin h ON h.old = p.holder_id;

@@ -5,7 +5,9 @@ CREATE TABLE semantic_type (
     label   text,
     iri     text UNIQUE,
     comment text,
-    origin  text NOT NULL DEFAULT 'import' CHECK (origin IN ('schema', 'ontology', 'import'))
+    origin  text NOT NULL DEFAULT 'import' CHECK (origin IN ('schema', 'ontology', 'import')),
+    typical_size double precision[]                            -- length (x), width (y), height (z), metres
+            CHECK (cardinality(typical_size) = 3 AND 0 < ALL (typical_size) AND 'Infinity' > ALL (typical_size))
 );
 
 CREATE TABLE type_parent (

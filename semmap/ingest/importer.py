@@ -25,6 +25,8 @@ from semmap.ingest.store.holder_store import derive_inventories, postpone_deriva
 from semmap.ingest.store.world_store import Progress, StoreSummary, store_world
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
+from semmap.query.geometry_notes import names_note, read_names_without_geometry
+from semmap.query.maps import see_map
 
 __all__ = ["ImportSummary", "import_file", "read_world"]
 
@@ -128,7 +130,7 @@ MANY = 50
 
 @dataclass
 class ImportSummary:
-    """What came in, and what was left out and why."""
+    """What came in, what was left out and why, and which objects of the map have no geometry."""
 
     map: str
     source: str
@@ -143,6 +145,7 @@ class ImportSummary:
     guessed: list[dict[str, Any]] = field(default_factory=list)
     skipped: list[Skipped] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    no_geometry: list[str] = field(default_factory=list)
     seconds: float = 0.0
 
     def as_json(self) -> dict[str, Any]:
@@ -206,6 +209,10 @@ def import_file(
         progress("inventories", 0, 0)
         holders = derive_inventories(psycopg_connection, map_id)
         summary = _summary(world, stored, map_name or world.name, source, holders)
+        see_map(connection, summary.map)
+        summary.no_geometry = read_names_without_geometry(connection)
+        if summary.no_geometry and (stored.added or stored.changed):
+            summary.notes.append(names_note(summary.no_geometry))
         if stored.added or stored.changed or stored.removed:
             _log(connection, map_id, path, summary)
     if summary.added >= MANY:

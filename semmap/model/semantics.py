@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqlalchemy import ForeignKey, Index
+from sqlalchemy import ARRAY, DOUBLE_PRECISION, ForeignKey, Index
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.model.base import Base
@@ -20,6 +20,7 @@ class SemanticType(Base):
     iri: Mapped[str | None] = mapped_column(unique=True)
     comment: Mapped[str | None]
     origin: Mapped[str] = mapped_column(server_default="import")
+    typical_size: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
 
     parents: Mapped[list[SemanticType]] = relationship(
         secondary="semmap.type_parent",

@@ -1,29 +1,45 @@
-"""Which objects have no geometry: as sentences for people, and as lists for JSON."""
+"""Which objects have no geometry, and which have an assumed size: for people and for JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+
+from sqlalchemy import Connection, text
 
 from semmap.query.storey_scene import SceneEntity
 
-__all__ = ["geometry_lists", "geometry_notes"]
+__all__ = ["geometry_lists", "geometry_notes", "names_note", "read_names_without_geometry"]
 
 SHOWN = 5
 """Names in a note; the lists have all of them."""
 
+_NOTES = {
+    "no_geometry": "no geometry: treated as free floor",
+    "assumed_sizes": "no geometry: the typical size of the type is assumed",
+}
+
 
 def geometry_lists(entities: Iterable[SceneEntity]) -> dict[str, list[str]]:
-    """Return the names of the objects without geometry, as ``no_geometry``.
+    """Return the names of objects without geometry, and of those with an assumed size.
 
     Parameters
     ----------
     entities : iterable of SceneEntity
+
+    Returns
+    -------
+    dict
+        ``no_geometry`` and ``assumed_sizes``, each a list of names.
     """
-    return {"no_geometry": [entity.name for entity in entities if entity.lacks_geometry]}
+    entities = [*entities]
+    return {
+        "no_geometry": [entity.name for entity in entities if entity.lacks_geometry],
+        "assumed_sizes": [entity.name for entity in entities if entity.assumed],
+    }
 
 
 def geometry_notes(entities: Iterable[SceneEntity]) -> list[str]:
-    """Return a sentence about the objects without geometry; an empty list if all have some.
+    """Return a sentence about objects without geometry and one about assumed sizes, if any.
 
     Parameters
     ----------
@@ -34,10 +50,46 @@ def geometry_notes(entities: Iterable[SceneEntity]) -> list[str]:
     >>> geometry_notes([SceneEntity(1, "bed1", "object"), SceneEntity(2, "bed2", "object")])
     ['2 objects with no geometry: treated as free floor: bed1, bed2']
     """
-    names = geometry_lists(entities)["no_geometry"]
-    if not names:
-        return []
-    count = f"{len(names)} object{'s' if len(names) > 1 else ''}"
+    lists = geometry_lists(entities)
+    return [names_note(names, key) for key, names in lists.items() if names]
+
+
+def names_note(names: Sequence[str], key: str = "no_geometry") -> str:
+    """Return a sentence about objects without geometry.
+
+    Parameters
+    ----------
+    names : sequence of str
+    key : "no_geometry" or "assumed_sizes"
+    """
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     listed = ", ".join(names[:SHOWN]) + more
-    return [f"{count} with no geometry: treated as free floor: {listed}"]
+    return f"{len(names)} object{'s' if len(names) > 1 else ''} with {_NOTES[key]}: {listed}"
+
+
+def read_names_without_geometry(
+    connection: Connection, places: Sequence[str] | None = None
+) -> list[str]:
+    """Return the names of the objects of the current map that have no geometry, in order.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+    places : sequence of str, optional
+        Only objects that these rooms hold, directly or through other objects.
+    """
+    found = connection.execute(text(_NAMES), {"places": None if places is None else [*places]})
+    return [*found.scalars()]
+
+
+_NAMES = """
+WITH RECURSIVE held (id) AS (
+    SELECT id FROM entity WHERE map_id = current_map() AND kind = 'room' AND name = ANY(:places)
+    UNION SELECT p.entity_id FROM held JOIN placement p ON p.holder_id = held.id
+)
+SELECT e.name FROM entity e WHERE e.map_id = current_map() AND e.kind = 'object'
+AND (CAST(:places AS text[]) IS NULL OR e.id IN (SELECT id FROM held))
+AND NOT EXISTS (SELECT FROM entity_model em JOIN model m ON m.id = em.model_id
+                WHERE em.entity_id = e.id AND (m.triangles > 0 OR m.kind = 'cloud'))
+ORDER BY e.name
+"""

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import psycopg
+import shapely
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
 from semmap.geometry.pose import Pose
 from semmap.geometry.tin import decode_patch
 
-__all__ = ["model_triangles", "models_triangles", "world_triangles"]
+__all__ = ["model_triangles", "models_points", "models_triangles", "world_triangles"]
 
 
 def model_triangles(connection: psycopg.Connection[Any], model_id: int) -> NDArray[np.float64]:
@@ -44,6 +45,23 @@ def models_triangles(
             found[model_id][start : start + len(part)] = part
             filled[model_id] += len(part)
     return found
+
+
+def models_points(
+    connection: psycopg.Connection[Any], model_ids: Iterable[int]
+) -> dict[int, NDArray[np.float64]]:
+    """The points of several point clouds in their own frames, (N, 3) metres."""
+    rows = connection.execute(
+        "SELECT c.model_id, public.ST_AsBinary(c.geom) FROM semmap.chunk c "
+        "JOIN semmap.model m ON m.id = c.model_id "
+        "WHERE m.kind = 'cloud' AND m.id = ANY(%s) ORDER BY c.model_id, c.number",
+        ([*model_ids],),
+    ).fetchall()
+    parts: dict[int, list[NDArray[np.float64]]] = {}
+    for model_id, chunk in rows:
+        points = shapely.get_coordinates(shapely.from_wkb(bytes(chunk)), include_z=True)
+        parts.setdefault(model_id, []).append(points)
+    return {model_id: np.concatenate(found) for model_id, found in parts.items()}
 
 
 def world_triangles(

@@ -7,7 +7,7 @@ without storeys is read as one storey that has the map's name.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
@@ -20,8 +20,9 @@ from sqlalchemy import Connection, text
 from semmap.geometry.floor_level import floor_level
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
+from semmap.geometry.voxels import Voxels
 from semmap.query.maps import current_name
-from semmap.query.meshes import models_triangles
+from semmap.query.meshes import models_points, models_triangles
 from semmap.query.storey_scene import (
     NO_TRIANGLES,
     Bounds,
@@ -46,6 +47,9 @@ ROOM_HEIGHT, DOOR_WIDTH = 2.5, 0.9
 FLAT = 0.1
 """Metres; what is lower has no height of its own."""
 
+VOXEL_SIZE = 0.05
+"""Metres of the voxels of point clouds."""
+
 FLOOR_TYPES = ("floor", "ground")
 """Entities of these types carry the floor of a storey without rooms."""
 
@@ -60,18 +64,22 @@ WITH RECURSIVE carried (id) AS (
     WHERE a.map_id = current_map()
     UNION SELECT p.entity_id FROM carried c JOIN placement p ON p.holder_id = c.id
 )
-SELECT e.id, e.name, e.kind, coalesce(e.type, e.kind) AS type, e.label, e.properties,
+SELECT e.id, e.name, e.kind, coalesce(e.type, e.kind) AS type, e.label, e.properties, e.front,
        w.pose, w.storey_id, h.name AS storey, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
        ST_AsBinary(w.footprint) AS footprint, e.id IN (SELECT id FROM carried) AS carried,
        r.floor, r.ceiling, c.form, c.state, c.width, c.pose_a, c.pose_b,
        lower(g.valid) AS since, upper(g.valid) AS until,
-       CASE WHEN :triangles THEN
+       CASE WHEN e.kind = ANY(:meshed) THEN
        (SELECT array_agg(em.model_id ORDER BY em.model_id) FROM entity_model em
         JOIN model m ON m.id = em.model_id
-        WHERE em.entity_id = e.id AND m.triangles > 0 AND e.kind IN ('room', 'object', 'connector')
+        WHERE em.entity_id = e.id AND m.triangles > 0
           AND NOT (e.kind = 'room' AND m.kind = 'polygon')
           AND (em.role = 'visual' OR NOT EXISTS (SELECT FROM entity_model v
-               WHERE v.entity_id = e.id AND v.role = 'visual'))) END AS models
+               WHERE v.entity_id = e.id AND v.role = 'visual'))) END AS models,
+       CASE WHEN e.kind = ANY(:clouded) THEN
+       (SELECT array_agg(em.model_id ORDER BY em.model_id) FROM entity_model em
+        JOIN model m ON m.id = em.model_id
+        WHERE em.entity_id = e.id AND m.kind = 'cloud') END AS clouds
 FROM world w JOIN entity e ON e.id = w.entity_id
      LEFT JOIN entity h ON h.id = w.storey_id
      LEFT JOIN connector c ON c.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
@@ -94,6 +102,7 @@ _OF_TYPES = """
 
 OBJECTS: tuple[EntityKind, ...] = ("object",)
 _KINDS: tuple[EntityKind, ...] = ("room", "object", "region", "connector", "agent")
+_MESHED: tuple[EntityKind, ...] = ("room", "object", "connector")
 
 
 # -- the reader ---------------------------------------------------------------------------------
@@ -127,6 +136,8 @@ def read_scene(
     rooms: Sequence[str] | None = None,
     margin: float = 0.0,
     moment: datetime | None = None,
+    voxels: Mapping[int, Voxels] | None = None,
+    assume_sizes: bool = False,
 ) -> StoreyScene:
     """Return what stands on a storey, or on a part of it.
 
@@ -144,13 +155,17 @@ def read_scene(
         Metres around bounds or rooms that are read as well.
     moment : datetime, optional
         Leave out regions that do not hold then.
+    voxels : mapping of Voxels by id, optional
+        The geometry of objects, in place of their meshes.
+    assume_sizes : bool
+        Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
 
     Raises
     ------
     LookupError
         There is no such storey, or it has no such room.
     """
-    reading = _Reading(connection, moment=moment)
+    reading = _Reading(connection, moment=moment, voxels=voxels, assume_sizes=assume_sizes)
     level = _storey_level(reading, storey)
     inside = bounds
     if rooms is not None:
@@ -172,6 +187,8 @@ def read_storeys(
     *,
     moment: datetime | None = None,
     triangles: bool = True,
+    voxels: Mapping[int, Voxels] | None = None,
+    assume_sizes: bool = False,
 ) -> list[StoreyScene]:
     """Return the storeys of the current map with their contents, the lowest first.
 
@@ -186,6 +203,10 @@ def read_storeys(
         Leave out regions that do not hold then.
     triangles : bool
         Read the meshes of rooms, objects and connectors.
+    voxels : mapping of Voxels by id, optional
+        The geometry of objects, in place of their meshes.
+    assume_sizes : bool
+        Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
 
     Raises
     ------
@@ -199,7 +220,9 @@ def read_storeys(
         text("SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map())")
     ).scalar():
         raise LookupError("the map is empty: semmap import FILE fills it")
-    reading = _Reading(connection, moment=moment, triangles=triangles)
+    reading = _Reading(
+        connection, moment=moment, triangles=triangles, voxels=voxels, assume_sizes=assume_sizes
+    )
     pairs = reading.pairs()
     inventories: dict[str, list[SceneEntity]] = {s.name: [] for s in stated}
     for row, entity in pairs:
@@ -354,13 +377,20 @@ def _measured_floor(reading: _Reading, level: _StoreyLevel | None = None) -> flo
     """
     where, values = ("", {}) if level is None else (_ON_STOREY, level.values)
     ground = reading.entities(where + _OF_TYPES, values | {"types": [*FLOOR_TYPES]}, OBJECTS)
-    faces = [e.triangles for e in ground if not e.carried]
+    faces = [_faces(e) for e in ground if not e.carried]
     near = None if level is None else (level.elevation - BELOW, level.elevation + BELOW)
     found = floor_level(faces, near=near)
     if found is None:
         others = reading.entities(where, values, OBJECTS)
-        found = floor_level([], [e.triangles for e in others if not e.carried], near=near)
+        found = floor_level([], [_faces(e) for e in others if not e.carried], near=near)
     return found
+
+
+def _faces(entity: SceneEntity) -> NDArray[np.float64]:
+    """The triangles of an entity, or the upper faces of its voxels."""
+    if entity.voxels is None or len(entity.triangles):
+        return entity.triangles
+    return entity.voxels.top_faces()
 
 
 def _home(row: Any, storeys: Sequence[_Storey]) -> str:
@@ -418,11 +448,17 @@ class _Reading:
         *,
         moment: datetime | None = None,
         triangles: bool = True,
+        voxels: Mapping[int, Voxels] | None = None,
+        assume_sizes: bool = False,
     ) -> None:
         self.connection = connection
+        self._sizes = _typical_sizes(connection) if assume_sizes else {}
         self._moment = moment
-        self._triangles = triangles
+        self._given = voxels or {}
+        self._clouded = [*_MESHED] if triangles else []
+        self._meshed = [k for k in self._clouded if voxels is None or k not in OBJECTS]
         self._models: dict[int, NDArray[np.float64]] = {}
+        self._clouds: dict[int, NDArray[np.float64]] = {}
 
     def entities(
         self,
@@ -442,9 +478,11 @@ class _Reading:
         """As `entities`, each with its row."""
         rows = self.connection.execute(
             text(_ENTITIES + where + "ORDER BY e.id"),
-            {"kinds": [*(kinds or _KINDS)], "triangles": self._triangles} | (values or {}),
+            {"kinds": [*(kinds or _KINDS)], "meshed": self._meshed, "clouded": self._clouded}
+            | (values or {}),
         ).all()
         self._fetch({m for row in rows for m in row.models or ()} - {*self._models})
+        self._fetch_clouds({m for row in rows for m in row.clouds or ()} - {*self._clouds})
         names = {row.type for row in rows}
         types = _supertypes(self.connection, names)
         footprints = shapely.from_wkb(
@@ -462,6 +500,12 @@ class _Reading:
             driver = self.connection.connection.driver_connection
             assert driver is not None
             self._models |= models_triangles(driver, models)
+
+    def _fetch_clouds(self, models: set[int]) -> None:
+        if models:
+            driver = self.connection.connection.driver_connection
+            assert driver is not None
+            self._clouds |= models_points(driver, models)
 
     def _entity(
         self,
@@ -485,6 +529,7 @@ class _Reading:
             row.label,
             row.storey,
             carried=row.carried,
+            voxels=None if parts else self._voxels(row, pose),
         )
         if row.kind == "room":
             floor = pose.z + row.floor
@@ -495,10 +540,21 @@ class _Reading:
         if row.kind == "connector":
             sides = (pose @ Pose(*row.pose_a), pose @ Pose(*row.pose_b))
             door = replace(entity, form=row.form, width=row.width, sides=sides)
-            if parts or not self._triangles:
+            if parts or door.voxels is not None or not self._clouded:
                 return door
             return replace(door, triangles=_leaf(pose, sides, row.width))
+        size = next((self._sizes[t] for t in types if t in self._sizes), None)
+        if size is not None and entity.lacks_geometry:
+            box = _typical_box(size, pose, row.front)
+            return replace(entity, triangles=box, assumed=True)
         return entity
+
+    def _voxels(self, row: Any, pose: Pose) -> Voxels | None:
+        """The given voxels of an object, or those of the entity's point clouds."""
+        if row.kind in OBJECTS and row.id in self._given:
+            return self._given[row.id]
+        points = [pose.apply(self._clouds[m]) for m in row.clouds or () if m in self._clouds]
+        return Voxels.of_points(np.concatenate(points), VOXEL_SIZE) if points else None
 
 
 def _top(floor: float, top: float) -> float:
@@ -519,6 +575,17 @@ def _supertypes(connection: Connection, names: Iterable[str]) -> dict[str, tuple
     for sub, above in rows:
         found.setdefault(sub, []).append(above)
     return {sub: tuple(above) for sub, above in found.items()}
+
+
+def _typical_sizes(connection: Connection) -> dict[str, tuple[float, float, float]]:
+    """Depth, width and height of the types that have a typical size, metres."""
+    rows = connection.execute(
+        text("SELECT name, typical_size FROM semantic_type WHERE typical_size IS NOT NULL")
+    )
+    found = {name: (size[0], size[1], size[2]) for name, size in rows}
+    if not found:
+        raise LookupError("no type has a typical size yet: import a file again, which loads them")
+    return found
 
 
 def _placed(triangles: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
@@ -542,6 +609,13 @@ def _leaf(frame: Pose, sides: tuple[Pose, Pose], width: float | None) -> NDArray
     middle = Pose.planar((a.x + b.x) / 2, (a.y + b.y) / 2, float(heading), min(a.z, b.z))
     box = box_mesh((-thick / 2, -half, 0.0), (thick / 2, half, high))
     return _placed(box.triangles, middle)
+
+
+def _typical_box(size: tuple[float, float, float], pose: Pose, front: float) -> NDArray[np.float64]:
+    """An upright box on the point at which an object stands, its depth along the front."""
+    depth, width, height = size
+    box = box_mesh((-depth / 2, -width / 2, 0.0), (depth / 2, width / 2, height))
+    return _placed(box.triangles, Pose.planar(pose.x, pose.y, pose.yaw + front, pose.z))
 
 
 def _floor_areas(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from semmap.geometry.pose import IDENTITY, Pose
+from semmap.geometry.voxels import Voxels
 
 __all__ = ["NO_TRIANGLES", "Bounds", "EntityKind", "FloorArea", "SceneEntity", "StoreyScene"]
 
@@ -44,6 +45,10 @@ class SceneEntity:
     triangles : (F, 3, 3) float64
         The mesh in the map's frame; for a shut door without a mesh the box of its opening. Empty
         where the map has no mesh, as for a room that is drawn as an outline.
+    voxels : Voxels, optional
+        Of an entity without triangles, such as a point cloud.
+    assumed : bool
+        The map has no geometry for it; `triangles` is a typical box for its type.
     footprint : Polygon or MultiPolygon, optional
         The area that it covers on the ground.
     properties : dict
@@ -81,6 +86,8 @@ class SceneEntity:
     width: float | None = None
     sides: tuple[Pose, Pose] | None = None
     carried: bool = False
+    voxels: Voxels | None = None
+    assumed: bool = False
 
     def holds_at(self, moment: datetime | None) -> bool:
         """Return True if the entity is valid at a moment, or if no moment is given."""
@@ -98,26 +105,37 @@ class SceneEntity:
 
     @property
     def lacks_geometry(self) -> bool:
-        """True for an object without triangles: it leaves no trace in grids."""
-        return self.kind == "object" and not len(self.triangles)
+        """True for an object without triangles and voxels: it leaves no trace in grids."""
+        return self.kind == "object" and self._corners is None
+
+    @cached_property
+    def _corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """The lowest and the highest corner of triangles and voxels, (3,); None without any."""
+        voxels = None if self.voxels is None else self.voxels.corners
+        if not len(self.triangles):
+            return voxels
+        low, high = self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
+        if voxels is None:
+            return low, high
+        return np.minimum(low, voxels[0]), np.maximum(high, voxels[1])
 
     @cached_property
     def heights(self) -> tuple[float, float] | None:
-        """The lowest and the highest z of the triangles; None without triangles."""
-        if not len(self.triangles):
+        """The lowest and the highest z of the geometry; None without geometry."""
+        if self._corners is None:
             return None
-        z = self.triangles[:, :, 2]
-        return float(z.min()), float(z.max())
+        low, high = self._corners
+        return float(low[2]), float(high[2])
 
     @cached_property
     def bounds(self) -> Bounds | None:
         """The ground rectangle that encloses it; None without geometry.
 
-        That of the triangles, of a region or an outlined room that of its footprint.
+        That of triangles and voxels, of a region or an outlined room that of its footprint.
         """
-        if self.kind != "region" and len(self.triangles):
-            x, y = self.triangles[..., 0], self.triangles[..., 1]
-            return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+        if self.kind != "region" and self._corners is not None:
+            low, high = self._corners
+            return float(low[0]), float(low[1]), float(high[0]), float(high[1])
         if self.kind in ("region", "room") and self.footprint is not None:
             x0, y0, x1, y1 = self.footprint.bounds
             return x0, y0, x1, y1
@@ -169,7 +187,7 @@ class StoreyScene:
     inventory: tuple[SceneEntity, ...] = ()
 
     def reaches(self, entity: SceneEntity) -> bool:
-        """Return True if an entity has triangles within the heights of the storey."""
+        """Return True if an entity has geometry within the heights of the storey."""
         if entity.heights is None:
             return False
         low, high = entity.heights

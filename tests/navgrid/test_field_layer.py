@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from navgrid.costmap import Costmap, Inflation
+from navgrid.field_layer import FieldVoxels
 from navgrid.grid import Grid
+from navgrid.voxel_cells import voxel_cells
 from semmap.database.files import schema_folder
-from semmap.fields.maps.costmap_layer import layer_cells
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.regions.shapes import Box, Sphere
@@ -46,7 +47,9 @@ def test_layer_cells_equal_brute_force(
     made = RepresentationMap.of_regions(
         VOCABULARY["personalSpace"], boxes, size, value_type="float32"
     )
-    got = layer_cells(made, (low, low + tall), origin, resolution, (20, 24))
+    field = FieldVoxels.of_map(made)
+    grid = Grid(origin, resolution, (20, 24))
+    got = voxel_cells(field.voxels, (low, low + tall), grid, field.values)
     want = np.zeros((20, 24), np.float32)
     for voxel, value in zip(made.voxels().tolist(), made.values().tolist(), strict=True):
         if voxel[2] * size > low + tall or (voxel[2] + 1) * size < low:
@@ -94,8 +97,9 @@ def test_people_are_obstacles_for_the_parts_at_their_height() -> None:
     row, column = raised.grid.cell(1.0, 1.0)
     assert raised.costs[1, row, column] == 254
     assert raised.costs[0, row, column] == bare.costs[0, row, column]
-    assert [b.layer for b in raised.explain(1.0, 1.0)] == ["people"]
-    assert raised.explain(1.0, 1.0)[0].entities == ("human1",)
+    (cause,) = raised.explain(1.0, 1.0)
+    assert (cause.field, cause.layer) == ("people", "lethal_obstacles")
+    assert cause.entities == ("human1",)
     # On the dais the same height is lower above the floor.
     there = costmap(people=person(5.0, 1.0, 0.4 + low + 0.05, 0.4 + high))
     assert there.costs[1, *there.grid.cell(5.0, 1.0)] == 254
@@ -155,7 +159,7 @@ def test_a_turned_map_is_placed_by_its_pose() -> None:
     ball = RepresentationMap.of_regions(
         VOCABULARY["containsPerson"], [(Sphere((1.0, 0, 0), 0.2), True)], 0.05, about="h"
     )
-    cells = layer_cells(ball.placed(pose), (0, 1), GRID.origin, GRID.resolution, GRID.shape)
+    cells = voxel_cells(FieldVoxels.of_map(ball.placed(pose)).voxels, (0, 1), GRID)
     rows, columns = np.nonzero(cells)
     assert (rows.mean() + 0.5) * 0.1 == pytest.approx(2.0, abs=0.06)
     assert (columns.mean() + 0.5) * 0.1 == pytest.approx(2.0, abs=0.06)

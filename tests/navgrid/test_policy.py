@@ -70,7 +70,10 @@ def test_the_first_rule_that_applies_decides(tmp_path: Path) -> None:
         ("- a", r"document: is \['a'\]; give key: value"),
         ("layers: {a: }\nrules: {}", "rules: is {}; give a list"),
         ("layers: {}\nrules: []", "layers: is empty; give one or more"),
-        ("layers: {a: }\nrules: []\nrule: 1", "unknown key rule; give some of layers, rules"),
+        (
+            "layers: {a: }\nrules: []\nrule: 1",
+            "unknown key rule; give some of fields, layers, rules",
+        ),
         ("layers: {a: {padding: -1}}\nrules: []", "give 0 or more metres"),
         ("layers: {a: {padding: .nan}}\nrules: []", "give 0 or more metres"),
         ("layers: {a: {padding: wide}}\nrules: []", "padding is 'wide'"),

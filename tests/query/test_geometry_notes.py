@@ -12,7 +12,7 @@ ROOM = SceneEntity(2, "lab", "room")
 
 def test_only_objects_without_triangles_are_listed() -> None:
     bed = SceneEntity(3, "bed1", "object")
-    assert geometry_lists([CUP, ROOM, bed]) == {"no_geometry": ["bed1"]}
+    assert geometry_lists([CUP, ROOM, bed]) == {"no_geometry": ["bed1"], "assumed_sizes": []}
     assert geometry_notes([CUP, ROOM]) == []
     (note,) = geometry_notes([CUP, bed])
     assert note == "1 object with no geometry: treated as free floor: bed1"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +15,23 @@ from sqlalchemy import Engine
 from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from navgrid.nav2 import write_nav2
+from navgrid.occupancy_grid import storey_grid
 from semmap.ingest.importer import import_file
-from semmap.query.storey_reader import read_scene, read_storey_names
+from semmap.query.geometry_notes import geometry_notes, read_names_without_geometry
+from semmap.query.maps import see_map
+from semmap.query.storey_reader import read_scene, read_storey_names, read_storeys
 from semmap.query.storey_scene import StoreyScene
 from semmap.robot import load_robot, robot_parts
+from tests.command_line import semmap
+from tests.navgrid.scenes import BASE, part, square
 from tests.robot.robots import real_robot
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
 
-def costmap_of(engine: Engine, storey: str | None, robot: str) -> Costmap:
+def costmap_of(engine: Engine, name: str, storey: str | None, robot: str) -> Costmap:
     with engine.connect() as connection:
+        see_map(connection, name)
         scene = read_scene(connection, storey or read_storey_names(connection)[0])
     parts = robot_parts(load_robot(real_robot(robot)), {})
     return Costmap(scene, parts, scene_grid(scene, 0.05))
@@ -102,11 +109,8 @@ def filled(made: Costmap, number: int, r: int, c: int) -> bool:
     return False
 
 
-def test_tiago_in_the_small_house(module_engine: Engine, worlds: Path, tmp_path: Path) -> None:
-    world = worlds / "small_house" / "worlds" / "small_house.world"
-    for path in (world, ROOMS):
-        import_file(module_engine, path, map_name="house")
-    made = costmap_of(module_engine, None, "tiago")
+def test_tiago_in_the_small_house(house: Engine, tmp_path: Path) -> None:
+    made = costmap_of(house, "house", None, "tiago")
     check(made, 25)
     free = (made.master < 253).mean()
     assert 0.1 < free < 0.7
@@ -121,12 +125,122 @@ def test_tiago_in_the_small_house(module_engine: Engine, worlds: Path, tmp_path:
 
 @pytest.mark.parametrize("level", ["L1", "L2", "L3"])
 def test_stretch_in_the_hotel(level: str, hotel: Engine, tmp_path: Path) -> None:
-    made = costmap_of(hotel, level, "stretch")
+    made = costmap_of(hotel, "hotel", level, "stretch")
     check(made, 10)
     inside = ~made.unknown
     assert 0.3 < (made.master[inside] < 253).mean() < 0.98
     assert (made.master == 255).any()
     write_nav2(made, tmp_path)
+
+
+def test_typical_sizes_of_furniture_in_the_hotel(hotel: Engine) -> None:
+    """Objects without geometry get boxes where they stand; what has no typical size is listed."""
+    with hotel.connect() as connection:
+        see_map(connection, "hotel")
+        bare = read_scene(connection, "L2")
+        scene = read_scene(connection, "L2", assume_sizes=True)
+        unknown = read_names_without_geometry(connection)
+    assert len(unknown) == 175
+    assert len(bare.without_geometry) == 59
+    assert not any(entity.assumed for entity in bare.entities)
+    assert scene.without_geometry == ()
+    boxes = {entity.name: entity for entity in scene.entities if entity.assumed}
+    assert {*boxes} == {entity.name for entity in bare.without_geometry}
+    for entity in boxes.values():
+        low, high = entity.triangles.min(axis=(0, 1)), entity.triangles.max(axis=(0, 1))
+        assert np.allclose((low + high)[:2] / 2, (entity.pose.x, entity.pose.y))
+        assert low[2] == pytest.approx(entity.pose.z)
+    heights = {b.types[0]: float(np.ptp(b.triangles[:, :, 2])) for b in boxes.values()}
+    assert heights["bed"] == pytest.approx(0.6)
+    assert heights["shower"] == pytest.approx(2.1)
+    (note,) = geometry_notes(scene.entities)
+    assert "59 objects with no geometry: the typical size of the type is assumed" in note
+    made = Costmap(scene, [BASE], scene_grid(scene, 0.1))
+    bed = boxes["NormalBed"]
+    (cause, *_) = made.explain(bed.pose.x, bed.pose.y)
+    assert (cause.cost, cause.entities, cause.assumed) == (254, ("NormalBed",), ("NormalBed",))
+
+
+def test_commands_list_or_assume_missing_geometry(hotel: Engine, tmp_path: Path) -> None:
+    url = hotel.url.render_as_string(hide_password=False)
+    words = ("--map", "hotel", "--storey", "L3", "--no-picture", "--json")
+    lists = {}
+    for name in ("", "--assume-sizes"):
+        done = semmap(url, "grid", "-o", tmp_path / name, *words, *([name] if name else []))
+        (row,) = json.loads(done.stdout)
+        lists[name] = row
+    assert len(lists[""]["no_geometry"]) == len(lists["--assume-sizes"]["assumed_sizes"]) == 55
+    assert lists[""]["assumed_sizes"] == lists["--assume-sizes"]["no_geometry"] == []
+    assert lists["--assume-sizes"]["occupied"] > 2 * lists[""]["occupied"]
+    head = (tmp_path / "--assume-sizes" / "map.yaml").read_text()
+    assert "the typical size of the type is assumed" in head
+    done = semmap(url, "route", "L2_master_suite", "L3_master_suite", "--map", "hotel", "--json")
+    assert "NormalBed_18" in json.loads(done.stdout)["no_geometry"]
+
+
+@pytest.mark.parametrize("world", ["house", "hotel", "clinic"])
+def test_grid_and_costmap_agree_slab_by_slab(world: str, request: pytest.FixtureRequest) -> None:
+    engine: Engine = request.getfixturevalue(world)
+    with engine.connect() as connection:
+        see_map(connection, world)
+        storeys = read_storeys(connection)
+    assert len(storeys) == {"house": 1, "hotel": 3, "clinic": 2}[world]
+    slabs = [(round(0.05 + 0.35 * k, 2), round(0.4 + 0.35 * k, 2)) for k in range(5)]
+    robot = [part(f"slab{k}", *slab, square(0.2)) for k, slab in enumerate(slabs)]
+    for storey in storeys:
+        made = Costmap(storey, robot, scene_grid(storey, 0.1))
+        for number, slab in enumerate(slabs):
+            occupied = np.any([cells[number] for cells in made.occupied.values()], axis=0)
+            grid = storey_grid(storey, slab, grid=made.grid)
+            assert occupied.any()
+            np.testing.assert_array_equal(grid.cells == 100, occupied)
+            np.testing.assert_array_equal(grid.cells == -1, made.unknown & ~occupied)
+
+
+WORLD = """<sdf version="1.7"><world name="yard">
+{bodies}
+</world></sdf>"""
+BODY = """<model name="{name}"><static>true</static><pose>{x} {y} {z} 0 0 0</pose><link name="l">
+<visual name="v"><geometry><box><size>{dx} {dy} {dz}</size></box></geometry></visual>
+</link></model>"""
+
+
+def test_a_ground_above_zero_is_the_floor_of_a_world_without_rooms(
+    database: str, tmp_path: Path
+) -> None:
+    """Its top is at +0.034 m; where nothing is free, the cause is named and no file is written."""
+    ground = {"name": "ground", "x": 0, "y": 0, "z": -0.016, "dx": 8, "dy": 8, "dz": 0.1}
+    for size in (1, 9):
+        crate = {"name": "crate", "x": 0, "y": 0, "z": 0.534, "dx": size, "dy": size, "dz": 1}
+        file = tmp_path / f"yard{size}.world"
+        file.write_text(WORLD.format(bodies=BODY.format(**ground) + BODY.format(**crate)))
+        done = semmap(database, "import", file, "--map", f"yard{size}")
+        assert done.exit_code == 0, done.output
+    robot = real_robot("tiago")
+    words = ("costmap", "--robot", robot, "--resolution", "0.1", "--no-picture", "--json")
+    done = semmap(database, *words, "-o", tmp_path / "yard", "--map", "yard1")
+    (files,) = json.loads(done.stdout)
+    assert files["elevation"] == pytest.approx(0.034)
+    assert 0 < files["lethal"] < 0.05 * files["width"] * files["height"]
+    with pytest.raises(ValueError, match=r"no cell of the costmap is free: .*crate"):
+        semmap(database, *words, "-o", tmp_path / "none", "--map", "yard9")
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.fixture(scope="module")
+def house(module_engine: Engine, worlds: Path) -> Engine:
+    """A database that holds the small house."""
+    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
+        import_file(module_engine, path, map_name="house")
+    return module_engine
+
+
+@pytest.fixture(scope="module")
+def clinic(module_engine: Engine, worlds: Path) -> Engine:
+    """A database that holds the clinic."""
+    path = worlds / "rmf" / "clinic" / "clinic.building.yaml"
+    import_file(module_engine, path, map_name="clinic")
+    return module_engine
 
 
 @pytest.fixture(scope="module")

@@ -28,28 +28,36 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Occupant:
-    """An object with a mesh.
+    """An object with a mesh or a point cloud.
 
     Attributes
     ----------
     id : of the entity
     name : of the entity
     triangles : (F, 3, 3) metres, in the frame of the map
+    points : (N, 3) metres, of an object without triangles
     """
 
     id: int
     name: str
     triangles: NDArray[np.float64]
+    points: NDArray[np.float64] | None = None
 
     def regions(self, voxel_size: float) -> list[Region]:
-        """Return the inside of its closed parts, and the surfaces of its open parts."""
+        """Return the inside of closed parts and the surfaces of open parts, or the points."""
+        if self.points is not None:
+            return [self.points]
         return mesh_parts(to_mesh(self.triangles)).regions(voxel_size)
 
 
 def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> list[Occupant]:
-    """Return the objects of the current map that have a mesh; only those of `ids` if given."""
+    """Return the objects of the current map that have geometry; only those of `ids` if given."""
     found = read_entities(connection, ids, kinds=OBJECTS, carried=True)
-    return [Occupant(e.id, e.name, e.triangles) for e in found if len(e.triangles)]
+    return [
+        Occupant(e.id, e.name, e.triangles, None if e.voxels is None else e.voxels.centres)
+        for e in found
+        if not e.lacks_geometry
+    ]
 
 
 def read_visible_objects(connection: Connection) -> list[VisibleObject]:

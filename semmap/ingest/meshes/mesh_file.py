@@ -114,6 +114,8 @@ def read_mesh_world(
 ) -> World:
     """A world of one entry: the mesh of a file as an object or as the shell of a room.
 
+    A PLY file of points without faces is an object with a point cloud, whose type is not guessed.
+
     Parameters
     ----------
     path : a file of any format that trimesh reads
@@ -128,11 +130,15 @@ def read_mesh_world(
         The mesh cannot be used (see `read_mesh`).
     """
     path = Path(path)
+    name = name or path.stem
     try:
+        points = _read_points(path, scale) if as_ == "object" else None
+        if points is not None:
+            cloud = Shape("cloud", points, uri=path.name)
+            return World(name, path, [Entry(name, kind=as_, type=type_, shapes=[cloud])])
         mesh = read_mesh(path, scale=scale)
     except MeshFileError as error:
         raise WorldError(path, "mesh", error.problem, error.fix) from error
-    name = name or path.stem
     entry = Entry(
         name,
         kind=as_,
@@ -156,6 +162,31 @@ def read_mesh_world(
             "it with --scale 0.001"
         )
     return world
+
+
+def _read_points(path: Path, scale: float) -> Mesh | None:
+    """Return the points of a PLY file that has no faces; None for any other file."""
+    if path.suffix.lower() != ".ply" or not path.is_file():
+        return None
+    with path.open("rb") as file:
+        head = file.read(4096).split(b"end_header")[0]
+    counts = dict(re.findall(rb"element\s+(vertex|face)\s+(\d+)", head))
+    if int(counts.get(b"face", 0)) or not int(counts.get(b"vertex", 0)):
+        return None
+    TRIANGLES.check(int(counts[b"vertex"]), MeshFileError, "Export fewer points.")
+    import trimesh
+
+    try:
+        found = trimesh.load(path, process=False)
+        points = scale * np.asarray(getattr(found, "vertices", ()), float).reshape(-1, 3)
+    except Exception as error:  # third-party loaders raise anything on broken bytes
+        raise MeshFileError(
+            f"cannot be read as a point cloud ({' '.join(str(error).split())[:160]})",
+            "The file may be truncated: export it again.",
+        ) from error
+    if not len(points):
+        return None
+    return _checked(Mesh(np.unique(points, axis=0), np.empty((0, 3), np.int32)))
 
 
 def _read_dae(path: Path, up_axis: bool) -> list[_Part]:

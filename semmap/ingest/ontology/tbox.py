@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ __all__ = ["KINDS", "TypeRecord", "ontology_files", "read_tbox", "snake_case"]
 ENDINGS = (".ttl", ".nt")
 """Endings of Turtle, and of N-Triples, which is a part of Turtle."""
 
+TYPICAL_SIZE = URIRef("urn:semmap:ontology#typicalSize")
+
 KINDS = ("room", "object", "region", "connector", "elevator", "storey", "agent")
 """The types that are kinds of entity; each subtype is for entities of that kind."""
 
@@ -37,6 +40,7 @@ class TypeRecord:
     kind : the kind of entity it is for (one of `KINDS`), None for none or several
     comment : its meaning
     synonyms : its other names
+    typical_size : depth (along its front), width and height, metres
     """
 
     name: str
@@ -46,6 +50,7 @@ class TypeRecord:
     kind: str | None
     comment: str | None
     synonyms: tuple[str, ...] = ()
+    typical_size: tuple[float, float, float] | None = None
 
 
 @dataclass
@@ -55,6 +60,7 @@ class _Class:
     label: str | None = None
     comment: str | None = None
     synonyms: tuple[str, ...] = ()
+    typical_size: tuple[float, float, float] | None = None
 
 
 def ontology_files() -> list[Path]:
@@ -109,6 +115,7 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
             kind=next(iter(kinds[name])) if len(kinds[name]) == 1 else None,
             comment=found.comment,
             synonyms=found.synonyms,
+            typical_size=found.typical_size,
         )
     return list(records.values())
 
@@ -173,6 +180,9 @@ def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
         found.label = found.label or _text(graph, iri, RDFS.label)
         found.comment = found.comment or _text(graph, iri, RDFS.comment)
         found.synonyms += tuple(sorted(str(o) for o in graph.objects(iri, SKOS.altLabel)))
+        size = _text(graph, iri, TYPICAL_SIZE)
+        if size is not None:
+            found.typical_size = _size(size, path, iri)
 
 
 def _text(graph: Graph, iri: URIRef, predicate: URIRef) -> str | None:
@@ -180,6 +190,21 @@ def _text(graph: Graph, iri: URIRef, predicate: URIRef) -> str | None:
     texts = [o for o in graph.objects(iri, predicate) if isinstance(o, Literal)]
     texts.sort(key=lambda t: (not (t.language or "en").startswith("en"), t.language or "", str(t)))
     return str(texts[0]) if texts else None
+
+
+def _size(text: str, path: Path, iri: URIRef) -> tuple[float, float, float]:
+    try:
+        depth, width, height = (float(word) for word in text.split())
+        if all(0 < length < math.inf for length in (depth, width, height)):
+            return depth, width, height
+    except ValueError:
+        pass
+    raise WorldError(
+        path,
+        f"class <{iri}>",
+        f"its typical size is {text!r}",
+        'Give depth, width and height in metres, such as "0.8 1.2 0.75".',
+    )
 
 
 def _names(classes: dict[URIRef, _Class]) -> dict[URIRef, str]:

@@ -44,6 +44,15 @@ def load_tbox(connection: Connection, paths: Sequence[Path] | None = None) -> in
             "comments": [r.comment for r in records],
         },
     )
+    connection.exec_driver_sql(
+        "UPDATE semantic_type t SET typical_size = CAST(s.size AS float8[]) "
+        "FROM unnest(%(names)s::text[], %(sizes)s::text[]) s(name, size) "
+        "WHERE t.name = s.name AND t.typical_size IS DISTINCT FROM CAST(s.size AS float8[])",
+        {
+            "names": [r.name for r in records],
+            "sizes": [_array(r.typical_size) for r in records],
+        },
+    )
     edges = [{"type": r.name, "parent": p} for r in records for p in r.parents]
     connection.exec_driver_sql(
         "DELETE FROM type_parent WHERE type = ANY(%(names)s) AND type IN "
@@ -61,3 +70,8 @@ def load_tbox(connection: Connection, paths: Sequence[Path] | None = None) -> in
         {"name": name, "digest": digest},
     )
     return len(records)
+
+
+def _array(size: tuple[float, float, float] | None) -> str | None:
+    """A size as PostgreSQL writes an array."""
+    return None if size is None else "{" + ",".join(map(str, size)) + "}"

@@ -162,9 +162,9 @@ UNUSABLE: dict[str, tuple[str, Callable[[Path], object], str]] = {
     "unknown ending": ("a.docx", _text("solid"), "cannot be read"),
     "gltf that is none": ("a.gltf", _text("<xml/>"), "not a .gltf"),
     "points without faces": (
-        "a.ply",
-        lambda path: trimesh.PointCloud(np.eye(3)).export(path),
-        "no faces",
+        "a.obj",
+        _text("v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+        "no faces|cannot be read",
     ),
     "NaN": ("a.obj", _text("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), "not finite"),
     "does not exist": (
@@ -200,6 +200,27 @@ def test_unusable_files_say_why(tmp_path: Path, case: str) -> None:
     with pytest.raises(WorldError) as world_error:
         read_mesh_world(tmp_path / name)
     assert name in str(world_error.value)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_points_without_faces_are_a_point_cloud(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "scan.ply"
+    points = np.random.default_rng(1).uniform(0, 2, (50, 3)).astype(np.float32)
+    cloud = trimesh.PointCloud(points)
+    path.write_bytes(trimesh.exchange.ply.export_ply(cloud, encoding=encoding))
+    (entry,) = read_mesh_world(path, scale=0.5).entries
+    (shape,) = entry.shapes
+    assert (entry.name, entry.kind, shape.kind) == ("scan", "object", "cloud")
+    assert shape.mesh is not None
+    expected = points[np.lexsort(points.T[::-1])] / 2
+    np.testing.assert_allclose(shape.mesh.vertices, expected, atol=1e-5)
+    with pytest.raises(MeshFileError, match="no faces"):
+        read_mesh(path)
+    with pytest.raises(WorldError, match="no faces"):
+        read_mesh_world(path, "room")
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(WorldError):
+        read_mesh_world(path)
 
 
 def test_truncated_binary_stl(tmp_path: Path) -> None:

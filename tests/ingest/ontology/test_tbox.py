@@ -132,6 +132,24 @@ def test_a_record_has_the_values_of_the_file(turtle: Callable[..., Path]) -> Non
     )
 
 
+def test_a_size_may_be_in_another_file(turtle: Callable[..., Path], tmp_path: Path) -> None:
+    types = turtle(":Object a owl:Class . :Bed a owl:Class ; rdfs:subClassOf :Object .")
+    sizes = tmp_path / "sizes.ttl"
+    sizes.write_text(
+        "@prefix owl: <http://www.w3.org/2002/07/owl#> . @prefix : <urn:example:t#> ."
+        ':Bed a owl:Class ; <urn:semmap:ontology#typicalSize> "2.1 1.6 0.6" .'
+    )
+    found = {record.name: record.typical_size for record in read_tbox([sizes, types])}
+    assert found == {"object": None, "bed": (2.1, 1.6, 0.6)}
+
+
+def test_common_furniture_has_a_typical_size(records: dict[str, TypeRecord]) -> None:
+    sizes = {name: r.typical_size for name, r in records.items() if r.typical_size is not None}
+    assert {"bed", "table", "chair", "sofa", "toilet", "refrigerator"} <= {*sizes}
+    assert all(0.05 <= length <= 3 for size in sizes.values() for length in size)
+    assert {records[name].kind for name in sizes} == {"object"}
+
+
 def test_without_a_label_the_name_is_the_label(turtle: Callable[..., Path]) -> None:
     (record,) = read_tbox([turtle(":DiningTable a owl:Class .")])
     assert (record.label, record.comment, record.kind) == ("dining table", None, None)
@@ -218,6 +236,16 @@ def _read_text(text: str) -> list[TypeRecord]:
         (":A a owl:Class ; rdfs:label 'cut off", "file", "Turtle"),
         (":A a nowhere:Class .", "line 5", "Turtle"),
         (":A a owl:Class ; rdfs:subClassOf :Tabel .", "#A", "#Tabel"),
+        (
+            ':A a owl:Class ; <urn:semmap:ontology#typicalSize> "1 2" .',
+            "#A",
+            "typical size is '1 2'",
+        ),
+        (
+            ':A a owl:Class ; <urn:semmap:ontology#typicalSize> "1 2 -3" .',
+            "#A",
+            "typical size is '1 2 -3'",
+        ),
         (":DiningTable a owl:Class . :dining_table a owl:Class .", "class", "dining_table"),
     ],
 )

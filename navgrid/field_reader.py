@@ -1,0 +1,138 @@
+"""Reads voxels for grids and costmaps: those of the map's fields, and those of its objects.
+
+Fields are stored by users, or live: the last ones of the sources of a running service, which it
+keeps in the database every second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from sqlalchemy import Connection, text
+
+from navgrid.field_layer import FieldVoxels, field_voxels
+from semmap.geometry.voxels import Voxels
+from semmap.language.terms import local_name
+from semmap.query.maps import current_name
+from semmap.suggestions import suggestion
+
+__all__ = ["LIVE", "read_ended_fields", "read_field_versions", "read_fields", "read_mirror"]
+
+LIVE = 60.0
+"""Seconds since its last update for which the field of a source is live."""
+
+_VERSIONS = """
+SELECT f.name, f.id, f.version FROM field f
+JOIN field_version v ON v.field_id = f.id AND v.version = f.version
+WHERE f.map_id = current_map() AND v.state IS NULL ORDER BY f.name
+"""
+"""The state of a mirror is not a field."""
+
+
+_OF_SOURCES = """
+SELECT m.key AS name, m.value::text::integer AS version,
+       v.at >= now() - make_interval(secs => :live) AS live
+FROM field f JOIN field_version v ON v.field_id = f.id AND v.version = f.version
+CROSS JOIN LATERAL jsonb_each(v.state -> 'maps') m
+WHERE f.map_id = current_map() AND f.property = 'urn:semmap:ontology#provides' ORDER BY m.key
+"""
+"""The record of a source names its last maps."""
+
+
+def read_field_versions(connection: Connection) -> dict[str, tuple[int, int]]:
+    """Return the id and the newest version of each stored field of the current map, by name."""
+    return {row.name: (row.id, row.version) for row in connection.execute(text(_VERSIONS))}
+
+
+def read_ended_fields(connection: Connection) -> list[str]:
+    """Return the names of the fields of sources that are not live any more."""
+    rows = connection.execute(text(_OF_SOURCES), {"live": LIVE})
+    return [row.name for row in rows if not row.live]
+
+
+def read_fields(
+    connection: Connection, names: Sequence[str] | None = None, *, live: bool = True
+) -> dict[str, FieldVoxels]:
+    """Return fields of the current map by name, in their newest versions.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+    names : sequence of str, optional
+        Only these, live or ended; by default all that are stored or live.
+    live : bool
+        Take the fields of sources, too.
+
+    Raises
+    ------
+    LookupError
+        There is no field of a given name, or OpenVDB is not installed.
+    ValueError
+        A field has a value that is not finite.
+    """
+    of_sources = connection.execute(text(_OF_SOURCES), {"live": LIVE}).all() if live else []
+    versions = dict.fromkeys(read_field_versions(connection))
+    versions |= {row.name: row.version for row in of_sources}
+    ended = {row.name for row in of_sources if not row.live}
+    known = [*versions]
+    for name in names or ():
+        if name not in known:
+            near = suggestion(name, known, f"there are: {', '.join(known) or 'none'}")
+            raise LookupError(f"there is no field named {name}{near}")
+    wanted = [n for n in known if n not in ended] if names is None else [*dict.fromkeys(names)]
+    if not wanted:
+        return {}
+    with _openvdb(f"the map has fields ({', '.join(wanted)})", "leave them out (--no-fields)"):
+        from semmap.fields.store import field_store
+    found = {}
+    for name in wanted:
+        stored = field_store.load(connection, name, versions[name])
+        property = local_name(stored.property)
+        try:
+            found[name] = field_voxels(stored.grid, property, stored.about, stored.legend)
+        except ValueError as error:
+            raise ValueError(f"field {name}: {error}") from None
+    return found
+
+
+def read_mirror(connection: Connection, voxel_size: float = 0.05) -> dict[int, Voxels]:
+    """Return the voxels of the current map's objects by id, from its mirror.
+
+    The mirror continues from the state that it stored last; without one it reads all meshes.
+
+    Parameters
+    ----------
+    connection : Connection that sees the map
+    voxel_size : float, metres
+
+    Raises
+    ------
+    LookupError
+        OpenVDB is not installed.
+    ValueError
+        Objects have more voxels than limits allow.
+    """
+    with _openvdb("the mirror has the voxels of objects", "take their meshes (no --from-voxels)"):
+        from semmap.fields.store.voxel_mirror import VoxelMirror
+    mirror = VoxelMirror.resume(connection.engine, current_name(connection), voxel_size)
+    mirror.catch_up()
+    for name, reason in mirror.left_out.items():
+        raise ValueError(f"{name} has no voxels: {reason}; take larger voxels, or the meshes")
+    return {
+        number: Voxels(voxel_size, mirror.regions.voxels(number).astype(np.int64))
+        for number in mirror.names
+    }
+
+
+@contextmanager
+def _openvdb(what: str, otherwise: str) -> Iterator[None]:
+    """Explain a missing OpenVDB."""
+    try:
+        yield
+    except ImportError as error:
+        raise LookupError(
+            f"{what}, but they cannot be read ({error}); install semmap_vdb (scripts/setup), or "
+            f"{otherwise}"
+        ) from None

@@ -1,0 +1,87 @@
+"""Voxels as plain data: what occupies space and has no triangles, such as a point cloud."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Voxels"]
+
+
+@dataclass(frozen=True, eq=False)
+class Voxels:
+    """Some voxels of a regular lattice, whose axes are those of the map's frame.
+
+    Voxel (i, j, k) covers the half-open cube at (i, j, k) * size.
+
+    Attributes
+    ----------
+    size : float
+        The edge of a voxel, metres.
+    indices : (N, 3) integers
+
+    Examples
+    --------
+    >>> Voxels.of_points([(0.0, 0.0, 0.12), (0.01, 0.0, 0.13)], 0.05).indices
+    array([[0, 0, 2]])
+    """
+
+    size: float
+    indices: NDArray[np.int64]
+
+    @classmethod
+    def of_points(cls, points: ArrayLike, size: float) -> Voxels:
+        """Return the voxels that contain points.
+
+        Parameters
+        ----------
+        points : (N, 3), metres
+        size : float, metres
+
+        Raises
+        ------
+        ValueError
+            A coordinate is not finite, or the size is not above 0.
+        """
+        at = np.asarray(points, np.float64).reshape(-1, 3)
+        if not (math.isfinite(size) and size > 0):
+            raise ValueError(f"voxel size is {size} m; give one above 0")
+        if not np.isfinite(at).all():
+            raise ValueError("points: some coordinates are not finite; leave these points out")
+        return cls(size, np.unique(np.floor(at / size).astype(np.int64), axis=0))
+
+    def __len__(self) -> int:
+        """Return the number of voxels."""
+        return len(self.indices)
+
+    @cached_property
+    def corners(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """The lowest and the highest corner of all voxels, (3,) metres; None without voxels."""
+        if not len(self.indices):
+            return None
+        low, high = self.indices.min(axis=0), self.indices.max(axis=0) + 1
+        return low * self.size, high * self.size
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """(N, 3): the middles of the voxels, metres."""
+        return np.asarray((self.indices + 0.5) * self.size, np.float64)
+
+    def top_faces(self) -> NDArray[np.float64]:
+        """Return the upper faces of the voxels that have none above them.
+
+        Returns
+        -------
+        (F, 3, 3) float64
+            Triangles, two for each face, metres.
+        """
+        there = {*map(tuple, self.indices.tolist())}
+        tops = [(i, j, k + 1) for i, j, k in there if (i, j, k + 1) not in there]
+        corner = np.array(sorted(tops), np.float64).reshape(-1, 1, 3)
+        halves = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]])
+        faces: NDArray[np.float64] = (corner[:, None] + halves).reshape(-1, 3, 3) * self.size
+        return faces
