@@ -123,6 +123,7 @@ def read_mirror(connection: Connection, voxel_size: float = 0.05) -> dict[int, V
     return {
         number: Voxels(voxel_size, mirror.regions.voxels(number).astype(np.int64))
         for number in mirror.names
+        if mirror.roles[number] == "object"
     }
 
 

@@ -141,7 +141,8 @@ def test_updates_are_kept_and_make_entities(house: Engine) -> None:
     run(house, "update", PREFIX + f"DELETE WHERE {{ :{name} :occupies ?v }}")
     assert name not in {r["name"] for r in run(house, "at", point)}
     with house.connect() as connection:
-        assert connection.execute(text(f"SELECT entity_id('{name}')")).scalar() is None
+        left = connection.execute(text(f"SELECT count(*) FROM entity WHERE name = '{name}'"))
+        assert left.scalar_one() == 0
 
     def count() -> int:
         return int({r["name"]: r["voxels"] for r in run(house, "ls")}["Ball_01_003"])

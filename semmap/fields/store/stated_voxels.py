@@ -106,7 +106,12 @@ def save_stated(
     voxel_size : metres
     """
     field = f"voxels of {name}"
-    known = run(session, "SELECT entity_id(%(name)s) AS id", {"name": name})[0].id
+    found = run(
+        session,
+        "SELECT id FROM entity WHERE map_id = current_map() AND name = %(name)s",
+        {"name": name},
+    )
+    known = found[0].id if found else None
     kept = run(
         session,
         "SELECT (v.state->>'made')::boolean AS made FROM field f JOIN field_version v "
