@@ -124,10 +124,9 @@ class TaskObject:
 
     def unsuitable(self, item: TaskObject, heights: tuple[float, float]) -> str | None:
         """Why such a robot cannot put an object on it; else None."""
-        if self.surface <= 0.0 and not any(self.size):
-            return f"{self.name} has no shape in the map; add one to put {item.name} on it"
         if self.surface <= 0.0:
-            return f"{self.name} has no level surface to put {item.name} on"
+            why = "" if any(self.size) else ": the map has no shape of it"
+            return f"{self.name} has no level surface to put {item.name} on{why}"
         if item.ground > self.surface:
             return (
                 f"{self.name} is full: {self.surface:.3f} m² are free, {item.name} takes "
