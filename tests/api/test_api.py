@@ -11,6 +11,7 @@ import pytest
 import shapely
 import trimesh
 from sqlalchemy import func, select
+from sqlalchemy.exc import DBAPIError
 
 import semmap
 from semmap.model import Entity, Object, WorldPlacement
@@ -199,7 +200,8 @@ def test_orm_sees_one_map(db: semmap.Database, flat: semmap.SemanticMap) -> None
     other = db.create_map("other")
     other.add_object("table1", type="table", size=(1, 1, 1), pose=(0, 0, 0))
     with flat.session() as session:
-        assert session.scalar(select(func.entity_id("table1"))) is None
+        with pytest.raises(DBAPIError, match="no entity named table1"), session.begin_nested():
+            session.scalar(select(func.entity_id("table1")))
         found = session.scalars(
             select(Object).where(Object.map_id == func.current_map(), Object.is_a("furniture"))
         ).all()

@@ -18,6 +18,7 @@ from semmap.database import Cluster, connect
 from semmap.fields import Box, Sphere
 from semmap.fields.maps.grids import GRIDS, Grid, ValueType
 from semmap.fields.store import field_store
+from semmap.query.maps import see_map
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
 from tests.database.test_crash import kill_server
 
@@ -234,9 +235,10 @@ def test_fields_belong_to_their_map(engine: Engine) -> None:
     with engine.begin() as connection:
         for name in ("a", "b"):
             connection.execute(text("INSERT INTO map (name) VALUES (:name)"), {"name": name})
+            see_map(connection, name)
             field_store.save(connection, f"of {name}", FloatGrid(0.1, 0.0), property=IRI)
         assert field_store.names(connection) == ["of b"]
-        connection.execute(text("SET LOCAL semmap.map = 'a'"))
+        see_map(connection, "a")
         assert field_store.names(connection) == ["of a"]
         connection.execute(text("SELECT drop_map('a')"))
         assert connection.execute(text("SELECT count(*) FROM field_version")).scalar_one() == 1
