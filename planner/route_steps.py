@@ -35,120 +35,84 @@ def steps_along(
         Seconds and metres from pose to pose, if the route visits no approach pose.
     """
     if ends is None:
-        return tuple(_Steps(graph).inside(start, goal, inside))
-    return tuple(_Steps(graph).along(start, goal, edges, ends))
+        return tuple(_inside(graph, start, goal, inside))
+    return tuple(_along(graph, start, goal, edges, ends))
 
 
-class _Steps:
-    def __init__(self, graph: RoutingGraph) -> None:
-        self.graph = graph
-        self.several_storeys = len(graph.topology.storeys()) > 1
+def _inside(
+    graph: RoutingGraph, start: Endpoint, goal: Endpoint, inside: tuple[float, float]
+) -> Iterator[RouteStep]:
+    if goal.pose is not None:
+        yield make_step(graph, "navigate", start.place, start.place, start.pose, goal.pose, *inside)
 
-    def inside(
-        self, start: Endpoint, goal: Endpoint, inside: tuple[float, float]
-    ) -> Iterator[RouteStep]:
-        if goal.pose is not None:
-            yield self.step("navigate", start.place, start.place, start.pose, goal.pose, *inside)
 
-    def along(
-        self, start: Endpoint, goal: Endpoint, edges: Edges, ends: tuple[int, int]
-    ) -> Iterator[RouteStep]:
-        graph = self.graph
-        here, at = start.place, start.pose
-        # Seconds and metres of a drive whose end is known only with the next edge.
-        pending = (float(start.seconds[ends[0]]), float(start.metres[ends[0]]))
-        for edge in edges:
-            a, b = int(graph.tails[edge]), int(graph.heads[edge])
-            takes = float(graph.seconds[edge]), float(graph.metres[edge])
-            if edge in graph.rides:
-                before = turned_around(graph.poses[a])
-                if at != before:
-                    yield self.step("navigate", here, here, at, before, *pending)
-                    at, pending = before, (0.0, 0.0)
-                there, behind = graph.place_of[b], graph.poses[b]
-                yield self.step(
-                    "use_elevator", here, there, at, behind, *takes, elevator=graph.rides[edge]
-                )
-                here, at = there, behind
-                yield self.step("switch_map", here, here, at, at)
-            elif edge >= 2 * len(graph.connectors):
-                pending = (pending[0] + takes[0], pending[1] + takes[1])
-            else:
-                if at != graph.poses[a]:
-                    yield self.step("navigate", here, here, at, graph.poses[a], *pending)
-                pending = (0.0, 0.0)
-                yield from self.passage(edge)
-                here, at = graph.place_of[b], turned_around(graph.poses[b])
-        if goal.pose is not None:
-            last = float(goal.seconds[ends[1]]), float(goal.metres[ends[1]])
-            pending = (pending[0] + last[0], pending[1] + last[1])
-            yield self.step("navigate", here, here, at, goal.pose, *pending)
-
-    def passage(self, node: int) -> Iterator[RouteStep]:
-        """The steps from an approach pose to the one on the other side of its connector."""
-        graph = self.graph
-        connector, durations = graph.connectors[node // 2], graph.durations
-        here, there = graph.place_of[node], graph.place_of[node ^ 1]
-        approach, behind = graph.poses[node], turned_around(graph.poses[node ^ 1])
-        elevator = graph.elevator_to_call(node)
-        if elevator is not None:
-            yield self.step(
-                "call_elevator",
-                here,
-                here,
-                approach,
-                approach,
-                durations.of_calling(elevator),
-                connector=connector,
-                elevator=elevator,
+def _along(
+    graph: RoutingGraph, start: Endpoint, goal: Endpoint, edges: Edges, ends: tuple[int, int]
+) -> Iterator[RouteStep]:
+    here, at = start.place, start.pose
+    # Seconds and metres of a drive whose end is known only with the next edge.
+    pending = (float(start.seconds[ends[0]]), float(start.metres[ends[0]]))
+    for edge in edges:
+        a, b = int(graph.tails[edge]), int(graph.heads[edge])
+        takes = float(graph.seconds[edge]), float(graph.metres[edge])
+        if edge in graph.rides:
+            before = turned_around(graph.poses[a])
+            if at != before:
+                yield make_step(graph, "navigate", here, here, at, before, *pending)
+                at, pending = before, (0.0, 0.0)
+            there, behind = graph.place_of[b], graph.poses[b]
+            yield make_step(
+                graph, "use_elevator", here, there, at, behind, *takes, elevator=graph.rides[edge]
             )
-        if connector.must_be_opened:
-            name = "open_door" if connector.state == "closed" else "unlock_door"
-            opening = durations.of_opening(connector)
-            yield self.step(name, here, here, approach, approach, opening, connector=connector)
-        behaviour = connector.behaviour
-        if behaviour == "call_elevator":  # it was called by now: what is left is to drive through
-            behaviour = "pass_door"
-        passing = durations.of_passing(connector, graph.robot.speed)
-        metres = float(graph.metres[node])
-        yield self.step(
-            behaviour, here, there, approach, behind, passing, metres, connector=connector
-        )
-        storeys = [graph.topology.places[p].storey for p in (here, there)]
-        if None not in storeys and storeys[0] != storeys[1]:
-            yield self.step("switch_map", there, there, behind, behind)
+            here, at = there, behind
+            yield make_step(graph, "switch_map", here, here, at, at)
+        elif edge >= 2 * len(graph.connectors):
+            pending = (pending[0] + takes[0], pending[1] + takes[1])
+        else:
+            if at != graph.poses[a]:
+                yield make_step(graph, "navigate", here, here, at, graph.poses[a], *pending)
+            pending = (0.0, 0.0)
+            yield from _passage(graph, edge)
+            here, at = graph.place_of[b], turned_around(graph.poses[b])
+    if goal.pose is not None:
+        last = float(goal.seconds[ends[1]]), float(goal.metres[ends[1]])
+        pending = (pending[0] + last[0], pending[1] + last[1])
+        yield make_step(graph, "navigate", here, here, at, goal.pose, *pending)
 
-    def step(
-        self,
-        behaviour: str,
-        here: str,
-        there: str,
-        approach: Pose | None,
-        leave: Pose,
-        seconds: float = 0.0,
-        metres: float = 0.0,
-        *,
-        connector: PlaceConnector | None = None,
-        elevator: str | None = None,
-    ) -> RouteStep:
-        storey = self.graph.topology.places[here].storey
-        frame = "map" if storey is None else frame_name(storey)
-        file = "master.yaml" if self.graph.robot.parts else "map.yaml"
-        if storey is not None and self.several_storeys:
-            file = f"{file_name(storey)}/{file}"
-        return RouteStep(
-            behaviour,
+
+def _passage(graph: RoutingGraph, node: int) -> Iterator[RouteStep]:
+    """The steps from an approach pose to the one on the other side of its connector."""
+    connector, durations = graph.connectors[node // 2], graph.durations
+    here, there = graph.place_of[node], graph.place_of[node ^ 1]
+    approach, behind = graph.poses[node], turned_around(graph.poses[node ^ 1])
+    elevator = graph.elevator_to_call(node)
+    if elevator is not None:
+        yield make_step(
+            graph,
+            "call_elevator",
             here,
-            there,
-            connector,
-            elevator,
+            here,
             approach,
-            leave,
-            seconds,
-            metres,
-            frame,
-            file,
+            approach,
+            durations.of_calling(elevator),
+            connector=connector,
+            elevator=elevator,
         )
+    if connector.must_be_opened:
+        name = "open_door" if connector.state == "closed" else "unlock_door"
+        opening = durations.of_opening(connector)
+        yield make_step(graph, name, here, here, approach, approach, opening, connector=connector)
+    behaviour = connector.behaviour
+    if behaviour == "call_elevator":  # it was called by now: what is left is to drive through
+        behaviour = "pass_door"
+    passing = durations.of_passing(connector, graph.robot.speed)
+    metres = float(graph.metres[node])
+    yield make_step(
+        graph, behaviour, here, there, approach, behind, passing, metres, connector=connector
+    )
+    storeys = [graph.topology.places[p].storey for p in (here, there)]
+    if None not in storeys and storeys[0] != storeys[1]:
+        yield make_step(graph, "switch_map", there, there, behind, behind)
 
 
 def make_step(
@@ -165,16 +129,23 @@ def make_step(
     elevator: str | None = None,
 ) -> RouteStep:
     """A step from one place to another, with the frame and the map to drive on."""
-    return _Steps(graph).step(
+    storey = graph.topology.places[here].storey
+    frame = "map" if storey is None else frame_name(storey)
+    file = "master.yaml" if graph.robot.parts else "map.yaml"
+    if storey is not None and graph.has_several_storeys:
+        file = f"{file_name(storey)}/{file}"
+    return RouteStep(
         behaviour,
         here,
         there,
+        connector,
+        elevator,
         approach,
         leave,
         seconds,
         metres,
-        connector=connector,
-        elevator=elevator,
+        frame,
+        file,
     )
 
 

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +154,11 @@ class RoutingGraph:
         return self.tails + count * inside, self.heads + count * ~inside
 
     # -- making the edges: passages first, then travel place by place, then rides ---------------
+
+    @cached_property
+    def has_several_storeys(self) -> bool:
+        """Whether its places are on more than one storey."""
+        return len(self.topology.storeys()) > 1
 
     def _make_edges(self, stored: TravelEdges | None) -> None:
         passages = self._passages
