@@ -24,8 +24,9 @@ The cells that an object occupies, inflated, written for Nav2 and read back:
 150
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from navgrid.costmap import Costmap, CostSource, Inflation
@@ -77,13 +78,9 @@ _MODULES = {
     "DriveLimits": "terrain",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = found
-    return found
+__getattr__ = load_on_use(
+    __name__, {name: f"navgrid.{module}" for name, module in _MODULES.items()}
+)
 
 
 def __dir__() -> list[str]:

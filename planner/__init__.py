@@ -13,8 +13,9 @@ Names are imported when they are used first, so that ``import planner`` is cheap
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from planner.cost_rules import CostRule, CostRules
@@ -65,14 +66,9 @@ _MODULES = {
     "topology": ("Place", "PlaceConnector", "PlaceRegion", "Topology", "UnknownPlaceError"),
 }
 
-
-def __getattr__(name: str) -> Any:
-    for module, names in _MODULES.items():
-        if name in names:
-            value = getattr(import_module(f"planner.{module}"), name)
-            globals()[name] = value
-            return value
-    raise AttributeError(f"module 'planner' has no attribute {name!r}")
+__getattr__ = load_on_use(
+    __name__, {name: f"planner.{module}" for module, names in _MODULES.items() for name in names}
+)
 
 
 def __dir__() -> list[str]:

@@ -12,8 +12,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.api.database import Database, connect
@@ -49,13 +50,13 @@ _HOMES = {
     "connect": "semmap.api.database",
 }
 
+_load = load_on_use(__name__, _HOMES)
+
 
 def __getattr__(name: str) -> Any:
-    """Load a public name from its module when it is first used: the command line waits for less."""
+    """Load a public name from its module when it is first used."""
     if name == "__version__":
         from importlib.metadata import version
 
         return version("semmap")
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    raise AttributeError(f"module semmap has no attribute {name}")
+    return _load(name)

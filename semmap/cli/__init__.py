@@ -5,8 +5,9 @@ Each name is loaded from its module when it is first used, so that a short comma
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.cli.application import app, main, print_summary
@@ -57,9 +58,7 @@ _HOMES = {
     "output": ("err", "out", "print_json", "show_rows", "show_table"),
 }
 
-
-def __getattr__(name: str) -> Any:
-    for module, names in _HOMES.items():
-        if name in names:
-            return getattr(import_module(f"semmap.cli.{module}"), name)
-    raise AttributeError(f"module semmap.cli has no attribute {name}")
+__getattr__ = load_on_use(
+    __name__,
+    {name: f"semmap.cli.{module}" for module, names in _HOMES.items() for name in names},
+)

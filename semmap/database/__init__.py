@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from semmap.database.embedded import Cluster
 from semmap.database.error import DatabaseError
 from semmap.database.session import open_session
+from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.database.engine import connect, database_url
@@ -14,15 +15,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Cluster", "DatabaseError", "as_reader", "connect", "database_url", "open_session"]
 
-
-def __getattr__(name: str) -> Any:
-    """Load what needs SQLAlchemy when it is used: a short command waits for its import."""
-    if name in ("connect", "database_url"):
-        from semmap.database import engine
-
-        return getattr(engine, name)
-    if name == "as_reader":
-        from semmap.database.reader import as_reader
-
-        return as_reader
-    raise AttributeError(f"module {__name__} has no attribute {name}")
+__getattr__ = load_on_use(
+    __name__,
+    {
+        "as_reader": "semmap.database.reader",
+        "connect": "semmap.database.engine",
+        "database_url": "semmap.database.engine",
+    },
+)

@@ -6,8 +6,9 @@ queries. Only the modules in `store` read and write the database.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.fields.maps.lattice import Lattice
@@ -69,9 +70,4 @@ _HOMES = {
     "voxels_of": "semmap.fields.regions.shapes",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Load a name from its module when it is first used: a command loads only what it needs."""
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    raise AttributeError(f"module {__name__} has no attribute {name}")
+__getattr__ = load_on_use(__name__, _HOMES)

@@ -7,8 +7,9 @@ with the clauses STORE, AT and DURING; it accepts the notation of reMap (section
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.language.checker import Checker
@@ -38,9 +39,4 @@ _HOMES = {
     "parse_update": "semmap.language.parser",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Load a name from its module when it is first used: a command loads only what it needs."""
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    raise AttributeError(f"module {__name__} has no attribute {name}")
+__getattr__ = load_on_use(__name__, _HOMES)

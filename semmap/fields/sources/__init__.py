@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.fields.sources.gaze import GazeSource
@@ -68,9 +69,4 @@ _HOMES = {
     "make_source": "semmap.fields.sources.source",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Load a name from its module when it is first used: a command loads only what it needs."""
-    if name in _HOMES:
-        return getattr(import_module(_HOMES[name]), name)
-    raise AttributeError(f"module {__name__} has no attribute {name}")
+__getattr__ = load_on_use(__name__, _HOMES)
