@@ -49,7 +49,8 @@ from tests.fuzz.mutate import (
 from tests.ingest.meshes.test_mesh_file import dae
 from tests.ingest.rmf.test_building import text as building
 from tests.ingest.route_graph.test_graph_file import graph
-from tests.ingest.sdf.test_world_file import FRAMES, LINK, TETRAHEDRON
+from tests.ingest.sdf.test_world_file import FRAMES
+from tests.ingest.sdf.worlds_by_hand import LINK, TETRAHEDRON
 from tests.planner.office import office
 from tests.planner.tasks.test_domain_file import TIDY, garden
 from tests.robot.robots import BY_HAND

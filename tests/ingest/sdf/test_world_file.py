@@ -1,10 +1,9 @@
-"""SDF worlds: what stands where, of which surface, and what is left out."""
+"""SDF worlds: what stands where, of which surface, and under which name."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,53 +13,22 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.ingest.sdf import read_sdf
-from semmap.ingest.world import Entry, World, WorldError
-
-TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 4 3\nf 1 2 4\nf 2 3 4\n"
-CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], float)
-BOX = "<geometry><box><size>{}</size></box></geometry>"
-VISUAL = f'<visual name="v">{BOX.format("1 2 3")}</visual>'
-LINK = f'<link name="base">{VISUAL}</link>'
-
-
-def world_file(folder: Path, inside: str, name: str = "default", version: str = "1.9") -> Path:
-    path = folder / "test.world"
-    path.write_text(f'<sdf version="{version}"><world name="{name}">{inside}</world></sdf>')
-    return path
-
-
-def model_file(folder: Path, name: str, inside: str) -> Path:
-    """A model folder below `folder`, with a tetrahedron as its mesh."""
-    (folder / name / "meshes").mkdir(parents=True)
-    (folder / name / "meshes" / "solid.obj").write_text(TETRAHEDRON)
-    path = folder / name / "model.sdf"
-    path.write_text(f'<sdf version="1.9"><model name="{name}">{inside}</model></sdf>')
-    return path
-
-
-def entry(world: World, name: str) -> Entry:
-    return next(e for e in world.entries if e.name == name)
-
-
-def surface(world: World, name: str) -> Mesh:
-    """The one mesh of an entry, in the world's frame."""
-    found = entry(world, name)
-    (shape,) = found.shapes
-    assert found.pose is not None
-    assert shape.mesh is not None
-    return shape.mesh.moved(found.pose)
-
-
-def read(folder: Path, inside: str, **options: Any) -> World:
-    return read_sdf(world_file(folder, inside), **options)
-
-
-def volume(mesh: Mesh) -> float:
-    return float(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).volume)
-
+from tests.ingest.sdf.worlds_by_hand import (
+    BOX,
+    CORNERS,
+    LINK,
+    TETRAHEDRON,
+    VISUAL,
+    at,
+    entry,
+    model_file,
+    read,
+    surface,
+    volume,
+    world_file,
+)
 
 # What stands where
 
@@ -102,11 +70,6 @@ def test_include_pose_replaces_the_models_own(tmp_path: Path) -> None:
     np.testing.assert_allclose(surface(world, "moved").bounds.mean(axis=0), (0, 5, 0))
 
 
-def _at(pose: str, name: str = "m", **attributes: str) -> str:
-    written = "".join(f' {k}="{v}"' for k, v in attributes.items())
-    return f'<model name="{name}"><pose{written}>{pose}</pose>{LINK}</model>'
-
-
 @pytest.mark.parametrize(
     ("pose", "attributes"),
     [
@@ -117,7 +80,7 @@ def _at(pose: str, name: str = "m", **attributes: str) -> str:
     ],
 )
 def test_ways_to_write_a_pose(tmp_path: Path, pose: str, attributes: dict[str, str]) -> None:
-    world = read(tmp_path, _at(pose, **attributes))
+    world = read(tmp_path, at(pose, **attributes))
     np.testing.assert_allclose(np.ptp(surface(world, "m").bounds, axis=0), (2, 1, 3), atol=1e-7)
 
 
@@ -155,7 +118,7 @@ FRAMES = f"""
     ],
 )
 def test_relative_to(tmp_path: Path, relative_to: str, expected: tuple[float, ...]) -> None:
-    world = read(tmp_path, FRAMES + _at("0 0 0 0 0 0", relative_to=relative_to))
+    world = read(tmp_path, FRAMES + at("0 0 0 0 0 0", relative_to=relative_to))
     pose = entry(world, "m").pose
     assert pose is not None
     np.testing.assert_allclose(pose.translation, expected, atol=1e-9)
@@ -398,7 +361,7 @@ def test_submesh(tmp_path: Path) -> None:
 
 
 def test_names_are_made_unique_and_reported(tmp_path: Path) -> None:
-    world = read(tmp_path, _at("0 0 0 0 0 0") + _at("1 0 0 0 0 0") + _at("2 0 0 0 0 0"))
+    world = read(tmp_path, at("0 0 0 0 0 0") + at("1 0 0 0 0 0") + at("2 0 0 0 0 0"))
     assert [e.name for e in world.entries] == ["m", "m_2", "m_3"]
     assert len(world.notes) == 2
     assert [e.pose.x for e in world.entries if e.pose] == [0, 1, 2]
@@ -432,7 +395,7 @@ def test_elements_that_are_not_objects_make_no_entry(tmp_path: Path) -> None:
     world = read(
         tmp_path,
         f"""<light name="sun" type="directional"/><plugin name="p" filename="x"/><physics/>
-        <gui/><actor name="walker"><pose>1 2 0 0 0 0</pose></actor>{_at("0 0 0 0 0 0")}
+        <gui/><actor name="walker"><pose>1 2 0 0 0 0</pose></actor>{at("0 0 0 0 0 0")}
         <population name="crowd"/>""",
     )
     assert [(e.name, e.kind) for e in world.entries] == [("m", "object"), ("walker", "agent")]
@@ -518,357 +481,3 @@ def test_model_config_names_the_newest_file(tmp_path: Path) -> None:
     )
     world = read(tmp_path, "<include><uri>model://cube</uri></include>")
     np.testing.assert_allclose(np.ptp(surface(world, "cube").bounds, axis=0), (9, 9, 9))
-
-
-# What is left out
-
-
-MESH = "<geometry><mesh><uri>{}</uri></mesh></geometry>"
-OUTLINE = (
-    "<polyline><point>0 0</point><point>1 0</point><point>1 1</point><height>1</height></polyline>"
-)
-CAPSULE = "<geometry><capsule><radius>{}</radius><length>{}</length></capsule></geometry>"
-SKIPPED = {
-    "missing mesh": (LINK.replace(BOX.format("1 2 3"), MESH.format("model://no.dae")), "not found"),
-    "mesh on the network": (
-        LINK.replace(BOX.format("1 2 3"), MESH.format("https://example.org/a.dae")),
-        "network",
-    ),
-    "no uri": (LINK.replace(BOX.format("1 2 3"), MESH.format("")), "does not name a file"),
-    "odd uri": (LINK.replace(BOX.format("1 2 3"), MESH.format("a&#10;b")), "does not name a file"),
-    "not a number": (LINK.replace("1 2 3", "1 two 3"), "3 finite numbers"),
-    "NaN": (LINK.replace("1 2 3", "1 nan 3"), "3 finite numbers"),
-    "infinite": (LINK.replace("1 2 3", "1 1e999 3"), "3 finite numbers"),
-    "too few numbers": (LINK.replace("1 2 3", "1 2"), "3 finite numbers"),
-    "no size": (LINK.replace("<size>1 2 3</size>", ""), "missing"),
-    "negative size": (LINK.replace("1 2 3", "1 -2 3"), "at least 1e-06 m"),
-    "two outlines that cancel": (
-        LINK.replace(BOX.format("1 2 3"), "<geometry>" + 2 * OUTLINE + "</geometry>"),
-        "cancel out",
-    ),
-    "flat outline": (
-        LINK.replace(
-            BOX.format("1 2 3"), f"<geometry>{OUTLINE.replace('>1<', '>1e-9<')}</geometry>"
-        ),
-        "at least 1e-06 m",
-    ),
-    "hair-thin capsule": (
-        LINK.replace(BOX.format("1 2 3"), CAPSULE.format("1e-9", "1")),
-        "at least 1e-06 m",
-    ),
-    "speck of a capsule": (
-        LINK.replace(BOX.format("1 2 3"), CAPSULE.format("1e-6", "1e-6")),
-        "too small",
-    ),
-    "giant": (LINK.replace("1 2 3", "1 2 1e9"), "the limit is 10,000 m"),
-    "no geometry": (LINK.replace(BOX.format("1 2 3"), ""), "no geometry"),
-    "heightmap": (
-        LINK.replace(BOX.format("1 2 3"), "<geometry><heightmap/></geometry>"),
-        "not a supported surface",
-    ),
-    "unknown frame": (
-        LINK.replace("<geometry>", '<pose relative_to="x">0 0 0 0 0 0</pose><geometry>'),
-        "does not have or cannot place",
-    ),
-    "NaN pose": (
-        LINK.replace("<geometry>", "<pose>0 0 nan 0 0 0</pose><geometry>"),
-        "6 finite numbers",
-    ),
-    "zero quaternion": (
-        LINK.replace(
-            "<geometry>", '<pose rotation_format="quat_xyzw">0 0 0 0 0 0 0</pose><geometry>'
-        ),
-        "quaternion is zero",
-    ),
-    "far away": (LINK.replace("<geometry>", "<pose>0 0 2e4 0 0 0</pose><geometry>"), "reaches"),
-    "open outline": (
-        LINK.replace(
-            BOX.format("1 2 3"),
-            "<geometry><polyline><point>0 0</point><height>1</height></polyline></geometry>",
-        ),
-        "three points",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", SKIPPED)
-def test_an_unusable_visual_leaves_its_model_without_it(tmp_path: Path, case: str) -> None:
-    link, problem = SKIPPED[case]
-    world = read(tmp_path, f'<model name="bad">{link}</model>' + _at("0 0 0 0 0 0"))
-    (skipped,) = world.skipped
-    assert skipped.element.startswith("model bad: link base: visual v")
-    assert problem in skipped.problem
-    assert skipped.fix
-    assert entry(world, "bad").shapes == []
-    assert len(entry(world, "m").shapes) == 1
-
-
-@pytest.mark.parametrize(
-    ("model", "problem"),
-    [
-        (_at("nan 0 0 0 0 0", "bad"), "6 finite numbers"),
-        (_at("0 0 0", "bad"), "6 finite numbers"),
-        (_at("0 0 343582.9 0 0 0", "bad"), "(0, 0, 343,583) m"),
-        (_at("0 0 0 0 0 0", "bad", relative_to="nowhere"), "does not have or cannot place"),
-        ("<include><name>bad</name><uri>model://m</uri><pose>1</pose></include>", "6 finite"),
-    ],
-)
-def test_an_instance_without_a_place_is_left_out(tmp_path: Path, model: str, problem: str) -> None:
-    model_file(tmp_path, "m", LINK)
-    world = read(tmp_path, model + _at("0 0 0 0 0 0", "good"))
-    assert [e.name for e in world.entries] == ["good"]
-    (skipped,) = world.skipped
-    assert "bad" in skipped.element
-    assert problem in skipped.problem
-
-
-def test_a_missing_model_keeps_its_place(tmp_path: Path) -> None:
-    world = read(
-        tmp_path,
-        "<include><uri>model://Desk_01</uri><pose>1 2 3 0 0 0</pose></include>",
-    )
-    desk = entry(world, "Desk_01")
-    assert (desk.type, desk.shapes) == ("desk", [])
-    assert "not found" in world.skipped[0].problem
-
-
-def test_the_other_geometry_stands_in_for_a_missing_one(tmp_path: Path) -> None:
-    link = LINK.replace(BOX.format("1 2 3"), MESH.format("no.dae"))
-    solid = f'<collision name="c">{BOX.format("4 5 6")}</collision></link>'
-    world = read(tmp_path, f'<model name="m">{link.replace("</link>", solid)}</model>')
-    assert entry(world, "m").shapes[0].role == "collision"
-    np.testing.assert_allclose(np.ptp(surface(world, "m").bounds, axis=0), (4, 5, 6))
-    assert len(world.skipped) == 1
-    assert "geometry is used" in world.notes[0]
-
-
-def test_defects_of_a_shared_file_are_reported_once(tmp_path: Path) -> None:
-    model_file(tmp_path, "m", LINK.replace(BOX.format("1 2 3"), MESH.format("no.dae")))
-    world = read(tmp_path, "<include><uri>model://m</uri></include>" * 3)
-    assert len(world.entries) == 3
-    assert [s.element for s in world.skipped] == ["m/model.sdf: model m: link base: visual v"]
-
-
-def test_a_name_that_differs_in_case_is_hinted_at(tmp_path: Path) -> None:
-    (tmp_path / "Solid.obj").write_text(TETRAHEDRON)
-    link = LINK.replace(BOX.format("1 2 3"), MESH.format("solid.obj"))
-    world = read(tmp_path, f'<model name="m">{link}</model>')
-    assert "Solid.obj" in world.skipped[0].fix
-
-
-# What is refused
-
-
-def test_absent_file(tmp_path: Path) -> None:
-    with pytest.raises(WorldError, match="cannot be read"):
-        read_sdf(tmp_path / "no.world")
-
-
-LAUGHS = """<!DOCTYPE sdf [<!ENTITY a "haha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;">
-<!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;">]><sdf version="1.9"><world name="&c;"/></sdf>"""
-
-REFUSED = {
-    "empty": (b"", "not well-formed"),
-    "truncated": (b'<sdf version="1.9"><world name="w"><model na', "not well-formed"),
-    "not XML": (b"\x89PNG\r\n\x1a\n\0\0\0", "not well-formed"),
-    "another root": (b"<robot name='r'/>", "<robot>"),
-    "no world": (b'<sdf version="1.9"/>', "no <world>"),
-    "bomb": (LAUGHS.encode(), "entities"),
-    "document type": (b'<!DOCTYPE sdf SYSTEM "other.dtd"><sdf version="1.9"/>', "document type"),
-    "odd encoding": (b"<?xml version='1.0' encoding='utf-99'?><sdf/>", "XML"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_a_file_that_cannot_be_trusted_is_refused(tmp_path: Path, case: str) -> None:
-    data, problem = REFUSED[case]
-    path = tmp_path / "bad.world"
-    path.write_bytes(data)
-    with pytest.raises(WorldError, match=problem) as error:
-        read_sdf(path)
-    assert "bad.world" in str(error.value)
-    assert error.value.element
-    assert error.value.fix
-
-
-BROKEN = {
-    "empty": "",
-    "truncated": "<sdf",
-    "bomb": LAUGHS,
-    "another root": "<robot/>",
-    "circle": """<sdf version="1.9"><model name="m"><link name="a"><pose relative_to="b"/></link>
-        <link name="b"><pose relative_to="a"/></link></model></sdf>""",
-}
-
-
-@pytest.mark.parametrize("case", BROKEN)
-def test_a_broken_included_model_is_skipped_by_name(tmp_path: Path, case: str) -> None:
-    model_file(tmp_path, "m", LINK).write_text(BROKEN[case])
-    place = "<pose>4 5 6 0 0 0</pose>"
-    world = read(
-        tmp_path,
-        f"<include><name>one</name><uri>model://m</uri>{place}</include>"
-        f"<include><uri>model://m</uri></include>{_at('0 0 0 0 0 0', 'good')}",
-    )
-    (skipped,) = world.skipped
-    assert skipped.element == "include one"
-    assert "model://m cannot be used" in skipped.problem
-    assert [(e.name, len(e.shapes)) for e in world.entries] == [("one", 0), ("m", 0), ("good", 1)]
-    assert entry(world, "one").pose == Pose(4, 5, 6)
-
-
-CIRCLES = {
-    "frames": """<frame name="a"><pose relative_to="b"/></frame>
-        <frame name="b" attached_to="c"/><frame name="c"><pose relative_to="a"/></frame>""",
-    "models": _at("0 0 0 0 0 0", "a", relative_to="b") + _at("0 0 0 0 0 0", "b", relative_to="a"),
-    "itself": _at("0 0 0 0 0 0", "a", relative_to="a"),
-    "inner": """<model name="m"><link name="a"><pose relative_to="b"/></link>
-        <link name="b"><pose relative_to="a"/></link></model>""",
-    "through a model": """<frame name="a"><pose relative_to="m::l"/></frame>
-        <model name="m"><pose relative_to="a">0 0 0 0 0 0</pose><link name="l"/></model>""",
-}
-
-
-@pytest.mark.parametrize("case", CIRCLES)
-def test_circles_of_frames_are_refused(tmp_path: Path, case: str) -> None:
-    with pytest.raises(WorldError, match="relative to itself") as error:
-        read(tmp_path, CIRCLES[case])
-    assert " -> " in str(error.value)
-
-
-def test_circles_of_includes_are_cut_and_named(tmp_path: Path) -> None:
-    for one, other in (("a", "b"), ("b", "a")):
-        model_file(tmp_path, one, f"<include><uri>model://{other}</uri></include>")
-    world = read(tmp_path, "<include><uri>model://a</uri></include>")
-    (skipped,) = world.skipped
-    assert skipped.element == "a/model.sdf: include b"
-    assert "leads back to model.sdf, which includes this file" in skipped.problem
-    assert entry(world, "a").shapes == []
-
-
-def test_endless_nesting_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(WorldError, match="nests models: 65 levels, the limit is 64 levels"):
-        read(tmp_path, '<model name="m">' * 2000 + "</model>" * 2000)
-
-
-def test_a_bomb_of_includes_is_cut_where_it_exceeds_the_limit(tmp_path: Path) -> None:
-    """Ten files, each with ten of the next: 10^10 boxes."""
-    model_file(tmp_path, "m0", LINK)
-    for level in range(1, 10):
-        uri = f"<uri>model://m{level - 1}</uri>"
-        includes = "".join(f"<include><name>i{n}</name>{uri}</include>" for n in range(10))
-        model_file(tmp_path, f"m{level}", includes)
-    world = read(tmp_path, "<include><uri>model://m9</uri></include>")
-    (skipped,) = world.skipped
-    assert skipped.element == "m6/model.sdf: include i0"
-    assert "has 100,000 parts, the limit is 20,000 parts" in skipped.problem
-    assert entry(world, "m9").shapes == []
-
-
-# What Gazebo loads
-
-
-LOADED = {
-    "dashes in a comment": "<sdf version='1.9'><!-- a -- b --->{}</sdf>",
-    "comment before the declaration": "<!----><?xml version='1.0'?><sdf version='1.9'>{}</sdf>",
-    "blank before the declaration": "\n <?xml version='1.0'?>\n<sdf version='1.9'>{}</sdf>",
-    "undeclared prefix": "<sdf version='1.9'>{}<gz:dynamic_detachable gz:kind='x'/></sdf>",
-    "lone ampersand": "<sdf version='1.9'>{}<author>A & B</author></sdf>",
-    "obsolete root": "<gazebo version='1.2'>{}</gazebo>",
-    "byte order mark": "\ufeff<!-- -- --><sdf version='1.9'>{}</sdf>",
-}
-
-
-@pytest.mark.parametrize("case", LOADED)
-def test_what_gazebo_loads_is_read(tmp_path: Path, case: str) -> None:
-    """TinyXML2 reads all of these; strict XML allows none of them."""
-    path = tmp_path / "lax.world"
-    path.write_text(LOADED[case].format(f"<world name='w'>{_at('1 2 3 0 0 0')}</world>"))
-    world = read_sdf(path)
-    assert entry(world, "m").pose == Pose(1, 2, 3)
-    assert len(entry(world, "m").shapes) == 1
-    assert world.skipped == []
-
-
-def test_errors_of_lax_files_name_the_line_of_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "lax.world"
-    path.write_text("<!-- a\n -- b -->\n<?xml version='1.0'?>\n<sdf>\n<world></wrong></sdf>")
-    with pytest.raises(WorldError, match=r"lax\.world: line 5"):
-        read_sdf(path)
-
-
-def test_the_notation_of_the_obsolete_root(tmp_path: Path) -> None:
-    """SDF 1.0 has attributes for elements of today: unread, all models stand at the origin."""
-    path = tmp_path / "old.world"
-    path.write_text(
-        """<gazebo version="1.0"><world name="w"><model name="crate" static="true">
-        <origin pose="1 2 3 0 0 0"/><link name="l"><visual name="v"><origin pose="0 0 1 0 0 0"/>
-        <geometry><box size="1 2 4"/></geometry></visual></link></model></world></gazebo>"""
-    )
-    world = read_sdf(path)
-    assert world.skipped == []
-    assert entry(world, "crate").properties["static"] is True
-    np.testing.assert_allclose(surface(world, "crate").bounds, [(0.5, 1, 2), (1.5, 3, 6)])
-
-
-def test_a_wrapped_include_has_its_place_and_shares_its_mesh(tmp_path: Path) -> None:
-    """`<model><include><pose/></include></model>`, as Gazebo's editor nests what it groups."""
-    model_file(tmp_path, "desk", LINK)
-    wrapped = "".join(
-        f"""<model name="desk_{n}"><static>true</static><pose>0 0 {n} 0 0 0</pose>
-        <include><uri>model://desk</uri><pose>{n} 2 0 0 0 1.5707963267948966</pose></include>
-        </model>"""
-        for n in range(20)
-    )
-    world = read(tmp_path, wrapped)
-    assert [e.name for e in world.entries] == [f"desk_{n}" for n in range(20)]
-    for n, e in enumerate(world.entries):
-        assert e.pose is not None
-        np.testing.assert_allclose((e.pose.x, e.pose.y, e.pose.z, e.pose.yaw), (n, 2, n, np.pi / 2))
-        assert (e.type, e.properties["model"], e.properties["static"]) == ("desk", "desk", True)
-        np.testing.assert_allclose(surface(world, e.name).bounds.mean(axis=0), (n, 2, n), atol=1e-9)
-    assert len({id(e.shapes[0].mesh) for e in world.entries}) == 1
-
-
-def test_a_wrapped_include_without_its_mesh_keeps_its_place(tmp_path: Path) -> None:
-    model_file(tmp_path, "pump", LINK.replace(BOX.format("1 2 3"), MESH.format("no.dae")))
-    inner = "<include><uri>model://{}</uri><pose>1 2 3 0 0 0</pose></include>"
-    world = read(
-        tmp_path,
-        "".join(f"<model name='{m}_1'>{inner.format(m)}</model>" for m in ("pump", "nowhere")),
-    )
-    assert [(e.name, e.pose, e.shapes) for e in world.entries] == [
-        ("pump_1", Pose(1, 2, 3), []),
-        ("nowhere_1", Pose(1, 2, 3), []),
-    ]
-    assert len(world.skipped) == 2
-
-
-def test_a_sun_is_not_an_object(tmp_path: Path) -> None:
-    """Neither the one of Gazebo's library, which may be missing, nor one beside the world."""
-    include = "<include><uri>model://{}</uri></include>"
-    world = read(tmp_path, include.format("sun") + _at("0 0 0 0 0 0"))
-    assert ([e.name for e in world.entries], world.skipped) == (["m"], [])
-    (tmp_path / "daylight").mkdir()
-    (tmp_path / "daylight" / "model.sdf").write_text("<sdf version='1.9'><light name='l'/></sdf>")
-    world = read(tmp_path, include.format("daylight") + _at("0 0 0 0 0 0"))
-    assert ([e.name for e in world.entries], world.skipped) == (["m"], [])
-
-
-@pytest.mark.parametrize(
-    ("stated", "mass"),
-    [
-        ("<inertial><mass>0.4</mass></inertial>", 0.4),
-        ("", None),
-        ("<inertial/>", None),
-        ("<inertial><mass>nan</mass></inertial>", None),
-    ],
-)
-def test_the_mass_that_links_state(tmp_path: Path, stated: str, mass: float | None) -> None:
-    shape = "<visual name='v'><geometry><box><size>1 1 1</size></box></geometry></visual>"
-    link = f"<link name='{{}}'>{stated}{shape}</link>"
-    model = f"<model name='m'>{link.format('a')}<model name='n'>{link.format('b')}</model></model>"
-    world = read(tmp_path, model)
-    expected = None if mass is None else pytest.approx(2 * mass)
-    assert entry(world, "m").properties.get("mass") == expected
-    assert entry(world, "m").properties["static"] is False
