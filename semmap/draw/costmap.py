@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon as Patch
 from numpy.typing import NDArray
 
+from semmap.draw.title import draw_title
+
 __all__ = ["colours", "costmap_picture"]
 
 _LETHAL, _INSCRIBED, _UNKNOWN = 254, 253, 255
@@ -91,7 +93,7 @@ def costmap_picture(
     axes.set_axis_off()
     axes.set_xlim(extent[:2])
     axes.set_ylim(extent[2:])
-    figure.text(0.01, 1 - 0.22 / (height + 0.45), title, fontsize=12, weight="bold", va="center")
+    draw_title(figure, title, 1 - 0.22 / (height + 0.45), 12, margin=0.01)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)

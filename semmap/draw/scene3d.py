@@ -21,6 +21,7 @@ from semmap.draw.labels import AROUND, Labels
 from semmap.draw.palette import BOX_COLOURS, INK, PAPER, PATH, object_colour, room_colour
 from semmap.draw.rasteriser import Camera
 from semmap.draw.shading import Surfaces, shade
+from semmap.draw.title import draw_title
 from semmap.draw.view import ObjectView, RoomView, StoreyView
 from semmap.geometry.mesh import Mesh, prism_mesh
 from semmap.geometry.parts import closed_parts
@@ -135,9 +136,7 @@ def scene3d(
     axes.set_ylim(2 * h, 0)
     axes.axis("off")
     if title:
-        figure.text(
-            0.025, 1 - 60 / (h + head), title, fontsize=15, weight="bold", color=INK, va="center"
-        )
+        draw_title(figure, title, 1 - 60 / (h + head), 15).set_color(INK)
     for line in lines:
         _draw_line(axes, camera, depth, line)
     labels = Labels(axes)
