@@ -53,7 +53,7 @@ def serve(
     import threading
 
     from semmap.fields.service.endpoint import socket_of
-    from semmap.fields.service.server import serve_socket
+    from semmap.fields.service.server import serving
     from semmap.fields.service.service import FieldService
     from semmap.fields.service.settings import read_settings
 
@@ -74,16 +74,13 @@ def serve(
     timer.daemon = True
     if seconds is not None:
         timer.start()
-    listening = threading.Thread(target=serve_socket, args=(path, service.answer, stop))
-    listening.start()
     names = ", ".join(each.name for each in settings.sources) or "none yet"
-    print(f"serving {name} on {path}; sources: {names}; Ctrl-C stops", flush=True)
     try:
-        service.run(stop)
+        with service.running(), serving(path, service.answer):
+            print(f"serving {name} on {path}; sources: {names}; Ctrl-C stops", flush=True)
+            stop.wait()
     finally:
-        stop.set()
         timer.cancel()
-        listening.join()
         engine.dispose()
 
 

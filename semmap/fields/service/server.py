@@ -6,11 +6,11 @@ import json
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-__all__ = ["LONGEST", "serve_socket"]
+__all__ = ["LONGEST", "serving"]
 
 LONGEST = 256 * 2**20
 """The most bytes of a request: an image of 20 megapixels with its labels."""
@@ -49,22 +49,27 @@ class _Server(socketserver.ThreadingUnixStreamServer):
         super().__init__(path, _Handler)
 
 
-def serve_socket(path: Path, answer: Answer, stop: threading.Event) -> None:
-    """Answer requests on a socket until `stop` is set.
+@contextmanager
+def serving(path: Path, answer: Answer) -> Iterator[None]:
+    """Answer requests on a socket, from the begin of the context to its end.
 
     Parameters
     ----------
     path : of the socket; one that nobody listens on is replaced
     answer : yields the replies to a request, in the thread of its connection
-    stop : ends the call
+
+    Raises
+    ------
+    OSError
+        The socket cannot be made.
     """
-    with suppress(FileNotFoundError):
-        path.unlink()
+    path.unlink(missing_ok=True)
     with _Server(str(path), answer) as server:
         path.chmod(0o600)
         thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
         thread.start()
-        stop.wait()
-        server.shutdown()
-    with suppress(FileNotFoundError):
-        path.unlink()
+        try:
+            yield
+        finally:
+            server.shutdown()
+            path.unlink(missing_ok=True)

@@ -92,9 +92,9 @@ class FieldService:
 
     # The life of the service
 
-    def run(self, stop: threading.Event) -> None:
-        """Run until `stop` is set."""
-        self._stop = stop
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Run the sources and follow the map while the context lasts."""
         threads = [
             threading.Thread(target=each, name=each.__name__, daemon=True)
             for each in (self._follow, self._show_sources, self._publish, self._keep)
@@ -105,9 +105,9 @@ class FieldService:
             begin = datetime.now(UTC)  # of all recordings
             for each in self.settings.sources:
                 self.start_source(each, begin)
-            stop.wait()
+            yield
         finally:
-            stop.set()
+            self._stop.set()
             self._wake.set()
             self._keep_sources()  # before the sources withdraw their maps
             self._manager.close()
