@@ -24,7 +24,7 @@ SELECT e.name, e.type, e.label, s.name, l.name, NULLIF(e.properties, '{}'),
        coalesce(w.pose[3] + r.floor, 0), e.id
 FROM room r JOIN entity e ON e.id = r.entity_id LEFT JOIN world w ON w.entity_id = e.id
 LEFT JOIN entity s ON s.id = w.storey_id LEFT JOIN entity l ON l.id = r.elevator_id
-WHERE e.map_id = current_map() ORDER BY e.name
+WHERE e.map_id = (SELECT current_map()) ORDER BY e.name
 """
 
 _CONNECTORS = """
@@ -32,7 +32,7 @@ SELECT array_send(w.pose || c.pose_a || c.pose_b), c.place_a, c.place_b,
        e.name, c.form, c.direction, c.state, c.behaviour, c.width, c.height, c.step,
        NULLIF(c.permissions, '{}'), NULLIF(e.properties, '{}'), e.id
 FROM connector c JOIN entity e ON e.id = c.entity_id JOIN world w ON w.entity_id = e.id
-WHERE e.map_id = current_map() AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
+WHERE e.map_id = (SELECT current_map()) AND (%s::bigint[] IS NULL OR e.id = ANY (%s::bigint[]))
 ORDER BY e.name
 """
 
@@ -57,7 +57,7 @@ SELECT w.entity_id, array_agg(n.name ORDER BY n.name)
 FROM world w JOIN world rw
      ON ST_Intersects(rw.footprint, coalesce(w.footprint, ST_Point(w.pose[1], w.pose[2])))
      AND (w.storey_id IS NULL OR rw.storey_id IS NOT DISTINCT FROM w.storey_id)
-JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = current_map()
+JOIN entity n ON n.id = rw.entity_id AND n.kind = 'room' AND n.map_id = (SELECT current_map())
 WHERE w.entity_id = ANY (:ids) GROUP BY w.entity_id
 """
 

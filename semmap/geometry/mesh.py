@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.geometry.extent import extent
 from semmap.geometry.pose import Pose
 
 if TYPE_CHECKING:
@@ -45,8 +46,7 @@ class Mesh:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3): lowest and highest corner of the vertices that faces use."""
-        used = self.used
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        return np.stack(extent(self.used))
 
     def digest(self) -> str:
         """Return a hash of the content: equal meshes are stored once."""

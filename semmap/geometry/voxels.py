@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from semmap.geometry.extent import extent
+
 __all__ = ["Voxels"]
 
 
@@ -63,8 +65,8 @@ class Voxels:
         """The lowest and the highest corner of all voxels, (3,) metres; None without voxels."""
         if not len(self.indices):
             return None
-        low, high = self.indices.min(axis=0), self.indices.max(axis=0) + 1
-        return low * self.size, high * self.size
+        low, high = extent(self.indices)
+        return low * self.size, (high + 1) * self.size
 
     @property
     def centres(self) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+from semmap.geometry.extent import extent
 from semmap.geometry.pose import IDENTITY, Pose
 from semmap.geometry.voxels import Voxels
 
@@ -114,7 +115,7 @@ class SceneEntity:
         voxels = None if self.voxels is None else self.voxels.corners
         if not len(self.triangles):
             return voxels
-        low, high = self.triangles.min(axis=(0, 1)), self.triangles.max(axis=(0, 1))
+        low, high = extent(self.triangles)
         if voxels is None:
             return low, high
         return np.minimum(low, voxels[0]), np.maximum(high, voxels[1])
