@@ -1,0 +1,117 @@
+"""Beliefs with occlusion against Bayes' rule by enumeration of all placements."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from semmap.belief.error import BeliefError
+from semmap.belief.inference import Observations, infer
+from semmap.belief.occlusion import infer_with_occlusion
+from tests.belief.cases import looks_of, random_case
+from tests.oracles.bayes import posterior
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@settings(max_examples=150)
+@given(seeds, st.floats(0.01, 0.99))
+def test_agrees_with_the_sum_over_all_placements(seed: int, hidden: float) -> None:
+    random = np.random.default_rng(seed)
+    case = random_case(random, *random.integers((1, 1, 0), (5, 5, 11)))
+    found = infer_with_occlusion(*case, hidden)
+    behind = [hidden * float(share) for share in case.observations.share]
+    expected = posterior(case.prior, looks_of(case), case.volume.tolist(), behind)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@settings(max_examples=50)
+@given(seeds)
+def test_objects_of_one_size_do_not_hide_each_other(seed: int) -> None:
+    case = random_case(np.random.default_rng(seed), 6, 8, 20, sizes=1)
+    found = infer_with_occlusion(*case)
+    np.testing.assert_array_equal(found, infer(*case[:3]))
+
+
+@settings(max_examples=50)
+@given(seeds)
+def test_the_order_of_objects_and_places_does_not_matter(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    case = random_case(random, 6, 7, 20)
+    o, p = random.permutation(6), random.permutation(7)
+    seen = case.observations
+    moved = Observations(
+        np.argsort(o)[seen.object],
+        np.argsort(p)[seen.place],
+        *(seen.age, seen.seen, seen.share, seen.hit, seen.false_alarm),
+    )
+    found = infer_with_occlusion(
+        case.prior[o][:, p], moved, case.mobility[o], case.volume[o], hidden=0.4
+    )
+    expected = infer_with_occlusion(*case, hidden=0.4)
+    np.testing.assert_allclose(found, expected[o][:, p], rtol=0, atol=1e-12)
+
+
+@settings(max_examples=50)
+@given(seeds, st.integers(0, 300))
+def test_beliefs_are_distributions(seed: int, looks: int) -> None:
+    case = random_case(np.random.default_rng(seed), 4, 9, looks)
+    belief = infer_with_occlusion(*case, hidden=1e-9)
+    assert ((belief >= 0) & (belief <= 1)).all()
+    assert np.abs(belief.sum(axis=1) - 1).max() <= 1e-12
+
+
+def test_a_look_in_vain_rules_out_less_where_a_larger_object_stands() -> None:
+    prior = [[0.5, 0.5], [1.0, 0.0]]
+    in_vain = Observations([0], [0], [0.0], [False])
+    found = infer_with_occlusion(prior, in_vain, [1, 1], [1, 2], hidden=0.3)
+    assert found[0, 0] == pytest.approx(0.7 / (0.7 + 0.8))
+    assert infer(prior, in_vain, [1, 1])[0, 0] == pytest.approx(0.3 / (0.3 + 0.8))
+
+
+def test_places_far_apart_are_summed_apart() -> None:
+    """12 pairs of places with 3 objects each are 12 small problems, not one of 24 places."""
+    prior = np.kron(np.eye(12), np.full((3, 2), 0.5))
+    looks = Observations(
+        np.repeat(np.arange(36), 2),
+        np.arange(72) // 6 * 2 + np.arange(72) % 2,
+        [5.0] * 72,
+        np.arange(72) % 5 == 0,
+    )
+    size = np.tile([1.0, 2.0, 3.0], 12)
+    found = infer_with_occlusion(prior, looks, np.ones(36), size)
+    for k in (0, 7):
+        rows, columns = slice(3 * k, 3 * k + 3), slice(2 * k, 2 * k + 2)
+        mine = looks.take(np.isin(looks.object, np.arange(36)[rows]))
+        alone = infer_with_occlusion(
+            prior[rows, columns],
+            Observations(mine.object - 3 * k, mine.place - 2 * k, mine.age, mine.seen),
+            np.ones(3),
+            size[rows],
+        )
+        np.testing.assert_allclose(found[rows, columns], alone, rtol=0, atol=1e-13)
+
+
+def test_what_is_too_much_to_sum_is_refused() -> None:
+    looks = Observations(
+        np.repeat(np.arange(20), 30), np.tile(np.arange(30), 20), [0.0] * 600, [False] * 600
+    )
+    with pytest.raises(BeliefError, match="20 objects may hide each other at 30 places"):
+        infer_with_occlusion(np.full((20, 30), 1 / 30), looks, [1] * 20, np.arange(1, 21))
+
+
+@pytest.mark.parametrize(
+    ("volume", "hidden", "text"),
+    [
+        ([1.0], 0.3, r"volume has shape \(1,\): give one of 2"),
+        ([1.0, 0.0], 0.3, "volume of object 1 is 0: give a number above 0"),
+        ([np.nan, 1.0], 0.3, "volume of object 0 is nan"),
+        ([1.0, 2.0], 0.0, "hidden is 0.0: give a probability strictly between"),
+        ([1.0, 2.0], 1.0, "hidden is 1.0: give a probability strictly between"),
+    ],
+)
+def test_what_is_no_volume_or_rate(volume: list[float], hidden: float, text: str) -> None:
+    with pytest.raises(BeliefError, match=text):
+        infer_with_occlusion([[0.5, 0.5]] * 2, Observations([], [], [], []), [1, 1], volume, hidden)
