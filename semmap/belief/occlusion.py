@@ -25,7 +25,7 @@ from semmap.belief.inference import (
 from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS, SightingRates
 
-__all__ = ["infer_with_occlusion"]
+__all__ = ["checked_volume", "infer_with_occlusion"]
 
 CHOICES = 2**23
 """The largest number of choices, over all sets of occupied places; more would take seconds."""
@@ -77,7 +77,7 @@ def infer_with_occlusion(
     """
     prior = checked_prior(prior, observations)
     mobility = checked_mobility(mobility, len(prior))
-    volume = _checked_volume(volume, len(prior))
+    volume = checked_volume(volume, len(prior))
     if not 0 < hidden < 1:
         raise BeliefError(f"hidden is {hidden}: give a probability strictly between 0 and 1")
     there, elsewhere = observation_rates(observations, mobility, model)
@@ -230,7 +230,8 @@ def _too_many(objects: int, places: int) -> BeliefError:
     )
 
 
-def _checked_volume(volume: ArrayLike, objects: int) -> NDArray[np.float64]:
+def checked_volume(volume: ArrayLike, objects: int) -> NDArray[np.float64]:
+    """Return volumes as an array; raise `BeliefError` unless each object has one, above 0."""
     found = np.asarray(volume, np.float64)
     if found.shape != (objects,):
         raise BeliefError(f"volume has shape {found.shape}: give one of {objects} objects each")
