@@ -22,7 +22,9 @@ constexpr py::ssize_t kAny = -1;
 // Beyond it nothing is computed for one call: 2^34 numbers.
 constexpr double kMostNumbers = 17179869184.0;
 
-inline void expect(bool holds, const std::string& text) {
+// The text is built before the check: in loops over many values, throw from an `if` instead.
+template <typename Text>
+void expect(bool holds, const Text& text) {
     if (!holds) throw py::value_error(text);
 }
 
@@ -48,23 +50,22 @@ void expect_shape(const Array<T>& array, const char* name, std::initializer_list
 }
 
 inline double finite(double value, const char* name, double most = 1e30) {
-    expect(std::abs(value) <= most, std::string(name) + " is " + std::to_string(value) +
-                                        ": give a finite number of reasonable size");
-    return value;
+    if (std::abs(value) <= most) return value;
+    throw py::value_error(std::string(name) + " is " + std::to_string(value) +
+                          ": give a finite number of reasonable size");
 }
 
 inline double positive(double value, const char* name, double least = 1e-30, double most = 1e30) {
-    expect(value >= least && value <= most, std::string(name) + " is " + std::to_string(value) +
-                                                ": give a number above 0 of reasonable size");
-    return value;
+    if (value >= least && value <= most) return value;
+    throw py::value_error(std::string(name) + " is " + std::to_string(value) +
+                          ": give a number above 0 of reasonable size");
 }
 
 inline std::int64_t within(std::int64_t value, std::int64_t least, std::int64_t most,
                            const char* name) {
-    expect(value >= least && value <= most, std::string(name) + " is " + std::to_string(value) +
-                                                ": give " + std::to_string(least) + " to " +
-                                                std::to_string(most));
-    return value;
+    if (value >= least && value <= most) return value;
+    throw py::value_error(std::string(name) + " is " + std::to_string(value) + ": give " +
+                          std::to_string(least) + " to " + std::to_string(most));
 }
 
 inline unsigned threads(std::int64_t value) {

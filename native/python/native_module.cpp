@@ -201,11 +201,12 @@ std::vector<semmap::Cell> cells_of(const Array<std::int64_t>& array, const char*
     std::vector<semmap::Cell> cells;
     for (py::ssize_t i = 0; i < array.shape(0); ++i) {
         const semmap::Cell cell{array.at(i, 0), array.at(i, 1)};
-        expect(cell.row >= 0 && cell.column >= 0 &&
-                   static_cast<std::size_t>(cell.row) < ground.rows &&
-                   static_cast<std::size_t>(cell.column) < ground.columns,
-               std::string(name) + ": (" + std::to_string(cell.row) + ", " +
-                   std::to_string(cell.column) + ") is outside of costs: leave it out");
+        if (cell.row < 0 || cell.column < 0 || static_cast<std::size_t>(cell.row) >= ground.rows ||
+            static_cast<std::size_t>(cell.column) >= ground.columns) {
+            throw py::value_error(std::string(name) + ": (" + std::to_string(cell.row) + ", " +
+                                  std::to_string(cell.column) +
+                                  ") is outside of costs: leave it out");
+        }
         cells.push_back(cell);
     }
     return cells;
@@ -270,8 +271,10 @@ std::vector<double> weights_of(const Array<double>& array, const char* name, py:
     expect_shape(array, name, {edges}, "one number per edge");
     std::vector<double> weights(array.data(), array.data() + array.size());
     for (const double weight : weights) {
-        expect(weight >= 0, std::string(name) + " holds " + std::to_string(weight) +
-                                ": give numbers of at least 0");
+        if (!(weight >= 0)) {
+            throw py::value_error(std::string(name) + " holds " + std::to_string(weight) +
+                                  ": give numbers of at least 0");
+        }
     }
     return weights;
 }

@@ -17,7 +17,7 @@ $$;
 
 CREATE FUNCTION derived_holders(ids bigint[])
 RETURNS TABLE (entity_id bigint, holder_id bigint, relation text, confidence double precision)
-LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp
+LANGUAGE plpgsql STABLE ROWS 10 SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The holder that the geometry gives to each of the given objects and agents, with a confidence (0 to 1):
 -- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint. What is
@@ -80,14 +80,17 @@ BEGIN
           AND NOT EXISTS (SELECT FROM resting r WHERE r.id = i.id)
           AND is_in(i.id, o.entity_id) AND NOT is_held_by(o.entity_id, i.id)
         ORDER BY i.id, ST_Area(o.footprint), o.entity_id
+    ), roofed AS MATERIALIZED (
+        -- rooms at the height of an item; materialised, so that no shares of other entities are computed
+        SELECT i.id, i.ground, o.entity_id AS owner, o.footprint
+        FROM item i JOIN world o ON o.map_id = i.map_id AND o.footprint && i.ground
+        JOIN room r ON r.entity_id = o.entity_id
+        WHERE i.inside AND NOT EXISTS (SELECT FROM resting b WHERE b.id = i.id)
+          AND (i.low + i.high) / 2 BETWEEN o.pose[3] + r.floor - contact
+              AND coalesce(o.pose[3] + r.ceiling, greatest(ST_ZMax(o.box), o.pose[3] + r.floor + 2.5)) + contact
     ), within AS (
         SELECT DISTINCT ON (s.id) s.id, s.owner, s.share
-        FROM (SELECT i.id, o.entity_id AS owner, ground_share(i.ground, o.footprint) AS share
-              FROM item i JOIN world o ON o.map_id = i.map_id AND o.footprint && i.ground
-              JOIN room r ON r.entity_id = o.entity_id
-              WHERE i.inside AND NOT EXISTS (SELECT FROM resting b WHERE b.id = i.id)
-                AND (i.low + i.high) / 2 BETWEEN o.pose[3] + r.floor - contact
-                    AND coalesce(o.pose[3] + r.ceiling, greatest(ST_ZMax(o.box), o.pose[3] + r.floor + 2.5)) + contact) s
+        FROM (SELECT id, owner, ground_share(ground, footprint) AS share FROM roofed) s
         WHERE s.share >= 0.5 - 1e-9 ORDER BY s.id, s.share DESC, s.owner
     )
     SELECT i.id, coalesce(r.owner, e.owner, w.owner, (
