@@ -13,6 +13,8 @@ from semmap.belief.sighting_model import SightingRates
 
 __all__ = ["Observations", "observation_rates"]
 
+COLUMNS = ("object", "place", "age", "seen", "share", "hit", "false_alarm")
+
 
 @dataclass(frozen=True)
 class Observations:
@@ -79,9 +81,7 @@ class Observations:
                 fits = np.isnan(rate) | ((rate > 0) & (rate < 1))
                 _refuse(name, rate, fits, "give a probability strictly between 0 and 1")
         lengths = {
-            name: len(getattr(self, name))
-            for name in ("object", "place", "age", "seen", "share", "hit", "false_alarm")
-            if getattr(self, name) is not None
+            name: len(getattr(self, name)) for name in COLUMNS if getattr(self, name) is not None
         }
         if len(set(lengths.values())) > 1:
             raise BeliefError(f"observations have columns of different lengths: {lengths}")
@@ -95,14 +95,8 @@ class Observations:
     def take(self, rows: ArrayLike) -> Observations:
         """Observations of the given rows, which are indices or a mask."""
         chosen = np.asarray(rows)
-        columns = (self.share, self.hit, self.false_alarm)
-        return Observations(
-            self.object[chosen],
-            self.place[chosen],
-            self.age[chosen],
-            self.seen[chosen],
-            *(None if column is None else column[chosen] for column in columns),
-        )
+        columns: dict[str, Any] = {name: getattr(self, name) for name in COLUMNS}
+        return Observations(**{k: c if c is None else c[chosen] for k, c in columns.items()})
 
 
 def observation_rates(
