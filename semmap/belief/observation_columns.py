@@ -95,8 +95,11 @@ class Observations:
     def take(self, rows: ArrayLike) -> Observations:
         """Observations of the given rows, which are indices or a mask."""
         chosen = np.asarray(rows)
-        columns: dict[str, Any] = {name: getattr(self, name) for name in COLUMNS}
-        return Observations(**{k: c if c is None else c[chosen] for k, c in columns.items()})
+        taken: dict[str, Any] = {}
+        for name in COLUMNS:
+            column = getattr(self, name)
+            taken[name] = None if column is None else column[chosen]
+        return Observations(**taken)
 
 
 def observation_rates(

@@ -72,8 +72,8 @@ def infer_with_occlusion(
 
     >>> looks = Observations([0, 1], [0, 0], [0.0, 0.0], [False, True])
     >>> infer_with_occlusion([[0.5, 0.5]] * 2, looks, [1.0, 1.0], [6.6, 16.6]).round(3)
-    array([[0.415, 0.585],
-           [0.805, 0.195]])
+    array([[0.433, 0.567],
+           [0.827, 0.173]])
     """
     prior = checked_prior(prior, observations)
     mobility = checked_mobility(mobility, len(prior))
