@@ -25,7 +25,7 @@ from semmap.belief.inference import (
 from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS, SightingRates
 
-__all__ = ["checked_volume", "infer_with_occlusion"]
+__all__ = ["check_hiding", "checked_volume", "infer_with_occlusion"]
 
 CHOICES = 2**23
 """The largest number of choices, over all sets of occupied places; more would take seconds."""
@@ -39,13 +39,15 @@ def infer_with_occlusion(
     observations: Observations,
     mobility: ArrayLike,
     volume: ArrayLike,
+    hides: float = 0.5,
     hidden: float = 0.3,
     model: SightingRates = THESIS,
 ) -> NDArray[np.float64]:
     """Return the probability of each place for each object, where larger objects may hide smaller.
 
-    An object that shares its place with an object of more volume is seen with probability `hidden`.
-    Two objects of the same volume do not hide each other.
+    An object that shares its place with objects of more volume is behind them with probability
+    `hides`, in all looks; then each look sees it with probability `hidden`. Two objects of the same
+    volume do not hide each other.
 
     Parameters
     ----------
@@ -53,8 +55,10 @@ def infer_with_occlusion(
         As of `semmap.belief.inference.infer`.
     volume
         (objects,) above 0, in any unit.
+    hides
+        P(behind | larger objects at the same place), in [0, 1].
     hidden
-        P(seen | there, behind a larger object), strictly between 0 and 1.
+        P(seen | behind), strictly between 0 and 1.
 
     Returns
     -------
@@ -72,25 +76,26 @@ def infer_with_occlusion(
 
     >>> looks = Observations([0, 1], [0, 0], [0.0, 0.0], [False, True])
     >>> infer_with_occlusion([[0.5, 0.5]] * 2, looks, [1.0, 1.0], [6.6, 16.6]).round(3)
-    array([[0.433, 0.567],
-           [0.827, 0.173]])
+    array([[0.363, 0.637],
+           [0.805, 0.195]])
     """
     prior = checked_prior(prior, observations)
     mobility = checked_mobility(mobility, len(prior))
     volume = checked_volume(volume, len(prior))
-    if not 0 < hidden < 1:
-        raise BeliefError(f"hidden is {hidden}: give a probability strictly between 0 and 1")
+    check_hiding(hides, hidden)
     there, elsewhere = observation_rates(observations, mobility, model)
-    visible = log_weights(prior, observations, log_ratios(observations, there, elsewhere))
+    alone = log_weights(prior, observations, log_ratios(observations, there, elsewhere))
     behind = log_weights(
         prior, observations, log_ratios(observations, np.full_like(there, hidden), elsewhere)
     )
+    with np.errstate(divide="ignore"):
+        beside = np.logaddexp(np.log(hides) + behind, np.log1p(-hides) + alone)
     looked = np.zeros(prior.shape, np.bool_)
     looked[observations.object, observations.place] = True
     largest = np.where(prior > 0, volume[:, None], 0).max(axis=0, initial=0)
     may_be_hidden = (prior > 0) & looked & (largest > volume[:, None])
-    weights = _Weights(visible, behind, may_be_hidden)
-    posterior = visible.copy()
+    weights = _Weights(alone, beside, may_be_hidden)
+    posterior = alone.copy()
     for objects, places in _groups(weights, volume):
         rows = objects[np.argsort(-volume[objects], kind="stable")]
         posterior[rows] = _sum_over_sets(rows, places, weights, volume)
@@ -98,13 +103,13 @@ def infer_with_occlusion(
 
 
 class _Weights(NamedTuple):
-    """(objects, places) log weights of visible objects and of those behind larger ones.
+    """(objects, places) log weights of objects alone and of those beside larger ones.
 
     They differ only where an object may be hidden and was looked for.
     """
 
-    visible: NDArray[np.float64]
-    behind: NDArray[np.float64]
+    alone: NDArray[np.float64]
+    beside: NDArray[np.float64]
     may_be_hidden: NDArray[np.bool_]
 
 
@@ -115,7 +120,7 @@ def _groups(
 
     Two objects are joined by a place where one may hide the other and the other was looked for.
     """
-    hidden, possible = weights.may_be_hidden, weights.visible > -np.inf
+    hidden, possible = weights.may_be_hidden, weights.alone > -np.inf
     least = np.where(hidden, volume[:, None], np.inf).min(axis=0, initial=np.inf)
     o, p = np.nonzero(hidden | (possible & (volume[:, None] > least)))
     edges = coo_array((np.ones(len(o)), (o, len(volume) + p)), (sum(possible.shape),) * 2)
@@ -158,7 +163,7 @@ def _steps(
     """
     if len(places) > BITS:
         raise _too_many(len(rows), len(places))
-    bit = np.zeros(weights.visible.shape[1], np.int64)
+    bit = np.zeros(weights.alone.shape[1], np.int64)
     bit[places] = 1 << np.arange(len(places), dtype=np.int64)
     checks = (weights.may_be_hidden[rows] * bit).sum(axis=1)
     later = np.append(np.bitwise_or.accumulate(checks[:0:-1])[::-1], 0)
@@ -168,7 +173,7 @@ def _steps(
     steps = []
     for i, o in enumerate(rows):
         hides = later[last_of_size[i]]
-        possible = weights.visible[o] > -np.inf
+        possible = weights.alone[o] > -np.inf
         own = np.flatnonzero(possible & ((bit & (checks[i] | hides)) != 0))
         rest = possible.copy()
         rest[own] = False
@@ -177,8 +182,8 @@ def _steps(
             raise _too_many(len(rows), len(places))
         occupied = (key[:, None] & bit[own]) != 0
         weight = np.empty((len(key), len(own) + 1))
-        weight[:, :-1] = np.where(occupied, weights.behind[o, own], weights.visible[o, own])
-        weight[:, -1] = np.logaddexp.reduce(weights.visible[o, rest], initial=-np.inf)
+        weight[:, :-1] = np.where(occupied, weights.beside[o, own], weights.alone[o, own])
+        weight[:, -1] = np.logaddexp.reduce(weights.alone[o, rest], initial=-np.inf)
         reached = key[:, None] | np.append((bit[own] & hides) << 32, 0)
         if i == last_of_size[i]:
             reached = (reached | (reached >> 32)) & later[i]
@@ -196,7 +201,7 @@ def _sum_over_sets(
     volume: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """The log weights of the given rows, which are ordered by falling volume."""
-    found = weights.visible[rows]
+    found = weights.alone[rows]
     steps = _steps(rows, places, weights, volume)
     backward = np.zeros(1)
     for i in range(len(rows) - 1, -1, -1):
@@ -228,6 +233,14 @@ def _too_many(objects: int, places: int) -> BeliefError:
         "to sum exactly: rule out places in the priors, leave out old observations, or infer "
         "without occlusion"
     )
+
+
+def check_hiding(hides: float, hidden: float) -> None:
+    """Raise `BeliefError` unless these are probabilities, the second strictly between 0 and 1."""
+    if not 0 <= hides <= 1:
+        raise BeliefError(f"hides is {hides}: give a probability")
+    if not 0 < hidden < 1:
+        raise BeliefError(f"hidden is {hidden}: give a probability strictly between 0 and 1")
 
 
 def checked_volume(volume: ArrayLike, objects: int) -> NDArray[np.float64]:

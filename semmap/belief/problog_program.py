@@ -14,19 +14,19 @@ from numpy.typing import ArrayLike, NDArray
 from semmap.belief.error import BeliefError
 from semmap.belief.inference import checked_mobility, checked_prior
 from semmap.belief.observation_columns import Observations, observation_rates
-from semmap.belief.occlusion import checked_volume
+from semmap.belief.occlusion import check_hiding, checked_volume
 from semmap.belief.sighting_model import THESIS, SightingModel, SightingRates
 
 __all__ = ["problog_program"]
 
 RULES = """\
-% Larger objects at the same place hide smaller ones.
-hides(Larger, X) :- volume(Larger, V), volume(X, W), V > W.
-hidden(X, Y) :- hides(Larger, X), is_in(Larger, Y).
+% Larger objects at the same place may hide smaller ones.
+larger(L, X) :- volume(L, V), volume(X, W), V > W.
+hidden(X, Y) :- behind(X, Y), larger(L, X), is_in(L, Y).
 
 % Sightings: of a visible object, of a hidden one, and of one that is elsewhere.
 P::seen(N) :- look(N, X, Y, _, Share), is_in(X, Y), \\+hidden(X, Y), rates(N, A, _), P is Share * A.
-P::seen(N) :- look(N, X, Y, _, Share), is_in(X, Y), hidden(X, Y), behind(A), P is Share * A.
+P::seen(N) :- look(N, X, Y, _, Share), is_in(X, Y), hidden(X, Y), rate_hidden(A), P is Share * A.
 P::seen(N) :- look(N, X, Y, _, Share), \\+is_in(X, Y), rates(N, _, B), P is Share * B.
 """
 
@@ -38,6 +38,7 @@ def problog_program(
     objects: Sequence[str],
     places: Sequence[str],
     volume: ArrayLike | None = None,
+    hides: float = 0.5,
     hidden: float = 0.3,
     model: SightingRates = THESIS,
 ) -> str:
@@ -52,7 +53,7 @@ def problog_program(
         As of `semmap.belief.inference.infer`.
     objects, places
         Names of the rows and columns of the prior, each once.
-    volume, hidden
+    volume, hides, hidden
         As of `semmap.belief.occlusion.infer_with_occlusion`; without volumes, no object is hidden.
 
     Returns
@@ -88,13 +89,12 @@ def problog_program(
         *(f"mobility({x}, {m!r})." for x, m in zip(thing, mobility.tolist(), strict=True)),
     ]
     if volume is not None:
-        if not 0 < hidden < 1:
-            raise BeliefError(f"hidden is {hidden}: give a probability strictly between 0 and 1")
+        check_hiding(hides, hidden)
         sizes = checked_volume(volume, len(prior)).tolist()
         lines += [f"volume({x}, {v!r})." for x, v in zip(thing, sizes, strict=True)]
     else:
         lines.append("volume(_, 1.0).")
-    lines += [f"behind({float(hidden)!r}).", ""]
+    lines += [f"{float(hides)!r}::behind(X, Y).", f"rate_hidden({float(hidden)!r}).", ""]
     lines += ["% Looks: number, object, place, age in seconds, visible share of the place."]
     lines += _looks(observations, thing, place)
     lines += ["", "% P(seen | there), P(seen | not there) of each look."]

@@ -17,13 +17,13 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @settings(max_examples=150)
-@given(seeds, st.floats(0.01, 0.99))
-def test_agrees_with_the_sum_over_all_placements(seed: int, hidden: float) -> None:
+@given(seeds, st.floats(0, 1), st.floats(0.01, 0.99))
+def test_agrees_with_the_sum_over_all_placements(seed: int, hides: float, hidden: float) -> None:
     random = np.random.default_rng(seed)
     case = random_case(random, *random.integers((1, 1, 0), (5, 5, 11)))
-    found = infer_with_occlusion(*case, hidden)
+    found = infer_with_occlusion(*case, hides, hidden)
     behind = [hidden * float(share) for share in case.observations.share]
-    expected = posterior(case.prior, looks_of(case), case.volume.tolist(), behind)
+    expected = posterior(case.prior, looks_of(case), case.volume.tolist(), hides, behind)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
@@ -66,8 +66,13 @@ def test_beliefs_are_distributions(seed: int, looks: int) -> None:
 def test_a_look_in_vain_rules_out_less_where_a_larger_object_stands() -> None:
     prior = [[0.5, 0.5], [1.0, 0.0]]
     in_vain = Observations([0], [0], [0.0], [False])
-    found = infer_with_occlusion(prior, in_vain, [1, 1], [1, 2], hidden=0.3)
-    assert found[0, 0] == pytest.approx(0.7 / (0.7 + 0.8))
+    surely, maybe, never = (
+        infer_with_occlusion(prior, in_vain, [1, 1], [1, 2], hides, hidden=0.3)[0, 0]
+        for hides in (1.0, 0.5, 0.0)
+    )
+    assert surely == pytest.approx(0.7 / (0.7 + 0.8))
+    assert maybe == pytest.approx(0.5 / (0.5 + 0.8))
+    assert never == pytest.approx(0.3 / (0.3 + 0.8))
     assert infer(prior, in_vain, [1, 1])[0, 0] == pytest.approx(0.3 / (0.3 + 0.8))
 
 
@@ -94,6 +99,13 @@ def test_places_far_apart_are_summed_apart() -> None:
         np.testing.assert_allclose(found[rows, columns], alone, rtol=0, atol=1e-13)
 
 
+def test_an_object_that_is_seen_beside_a_larger_one_is_not_behind_it() -> None:
+    """Six sightings of the coke do not argue that the cereal box is away from the table."""
+    looks = Observations([0] * 6 + [1] * 4, [0] * 10, [0.0] * 10, [True] * 10)
+    found = infer_with_occlusion([[0.5, 0.5]] * 2, looks, [1, 1], [6.6, 16.6])
+    assert found[1, 0] > 0.98
+
+
 def test_what_is_too_much_to_sum_is_refused() -> None:
     looks = Observations(
         np.repeat(np.arange(20), 30), np.tile(np.arange(30), 20), [0.0] * 600, [False] * 600
@@ -103,15 +115,19 @@ def test_what_is_too_much_to_sum_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("volume", "hidden", "text"),
+    ("volume", "hides", "hidden", "text"),
     [
-        ([1.0], 0.3, r"volume has shape \(1,\): give one of 2"),
-        ([1.0, 0.0], 0.3, "volume of object 1 is 0: give a number above 0"),
-        ([np.nan, 1.0], 0.3, "volume of object 0 is nan"),
-        ([1.0, 2.0], 0.0, "hidden is 0.0: give a probability strictly between"),
-        ([1.0, 2.0], 1.0, "hidden is 1.0: give a probability strictly between"),
+        ([1.0], 0.5, 0.3, r"volume has shape \(1,\): give one of 2"),
+        ([1.0, 0.0], 0.5, 0.3, "volume of object 1 is 0: give a number above 0"),
+        ([np.nan, 1.0], 0.5, 0.3, "volume of object 0 is nan"),
+        ([1.0, 2.0], 1.1, 0.3, "hides is 1.1: give a probability"),
+        ([1.0, 2.0], 0.5, 0.0, "hidden is 0.0: give a probability strictly between"),
+        ([1.0, 2.0], 0.5, 1.0, "hidden is 1.0: give a probability strictly between"),
     ],
 )
-def test_what_is_no_volume_or_rate(volume: list[float], hidden: float, text: str) -> None:
+def test_what_is_no_volume_or_rate(
+    volume: list[float], hides: float, hidden: float, text: str
+) -> None:
+    nothing = Observations([], [], [], [])
     with pytest.raises(BeliefError, match=text):
-        infer_with_occlusion([[0.5, 0.5]] * 2, Observations([], [], [], []), [1, 1], volume, hidden)
+        infer_with_occlusion([[0.5, 0.5]] * 2, nothing, [1, 1], volume, hides, hidden)
