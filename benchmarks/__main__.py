@@ -18,6 +18,7 @@ TABLES = (
     "routes",
     "topology",
     "plans",
+    "belief",
 )
 
 for name in sys.argv[1:] or TABLES:
