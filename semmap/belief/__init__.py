@@ -5,3 +5,10 @@ arrays, except those that read and write the map.
 """
 
 from __future__ import annotations
+
+from semmap.belief.error import BeliefError
+from semmap.belief.inference import infer
+from semmap.belief.observation_columns import Observations
+from semmap.belief.sighting_model import SightingModel
+
+__all__ = ["BeliefError", "Observations", "SightingModel", "infer"]
