@@ -27,7 +27,7 @@ from semmap.belief.sighting_model import THESIS, SightingRates
 
 __all__ = ["check_hiding", "checked_volume", "infer_with_occlusion"]
 
-CHOICES = 2**23
+CHOICES = 2**22
 """The largest number of choices, over all sets of occupied places; more would take seconds."""
 
 BITS = 31
@@ -138,9 +138,9 @@ class _Step(NamedTuple):
     places, rest
         The c places that concern others, and a mask of those that are one choice together.
     weight
-        (states, c + 1) log weight of each choice; the last is the rest.
+        (states, choices) log weight of each choice; the last is the rest, if there is any.
     target
-        (states, c + 1) the set afterwards, as an index of the next states.
+        (states, choices) the set afterwards, as an index of the next states.
     """
 
     forward: NDArray[np.float64]
@@ -177,14 +177,17 @@ def _steps(
         own = np.flatnonzero(possible & ((bit & (checks[i] | hides)) != 0))
         rest = possible.copy()
         rest[own] = False
-        choices += len(key) * (len(own) + 1)
+        choices += len(key) * (len(own) + int(rest.any()))
         if choices > CHOICES:
             raise _too_many(len(rows), len(places))
         occupied = (key[:, None] & bit[own]) != 0
-        weight = np.empty((len(key), len(own) + 1))
-        weight[:, :-1] = np.where(occupied, weights.beside[o, own], weights.alone[o, own])
-        weight[:, -1] = np.logaddexp.reduce(weights.alone[o, rest], initial=-np.inf)
-        reached = key[:, None] | np.append((bit[own] & hides) << 32, 0)
+        weight = np.where(occupied, weights.beside[o, own], weights.alone[o, own])
+        added = (bit[own] & hides) << 32
+        if rest.any():
+            together = np.logaddexp.reduce(weights.alone[o, rest])
+            weight = np.column_stack([weight, np.full(len(key), together)])
+            added = np.append(added, 0)
+        reached = key[:, None] | added
         if i == last_of_size[i]:
             reached = (reached | (reached >> 32)) & later[i]
         key, target = np.unique(reached, return_inverse=True)
@@ -208,7 +211,7 @@ def _sum_over_sets(
         step = steps[i]
         onward = step.weight + backward[step.target]
         total = np.logaddexp.reduce(step.forward[:, None] + onward, axis=0)
-        found[i, step.places] = total[:-1]
+        found[i, step.places] = total[: len(step.places)]
         if step.rest.any():
             found[i, step.rest] += total[-1] - step.weight[0, -1]
         backward = np.logaddexp.reduce(onward, axis=1)
@@ -221,10 +224,7 @@ def _log_sums(
     """log Σ exp(value) over the entries of each group."""
     peak = np.full(groups, -np.inf)
     np.maximum.at(peak, group.ravel(), value.ravel())
-    peak[peak == -np.inf] = 0
-    with np.errstate(divide="ignore"):
-        sums = np.bincount(group.ravel(), np.exp(value - peak[group]).ravel(), groups)
-        return np.asarray(np.log(sums) + peak)
+    return peak + np.log(np.bincount(group.ravel(), np.exp(value - peak[group]).ravel()))
 
 
 def _too_many(objects: int, places: int) -> BeliefError:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from semmap.belief import occlusion
 from semmap.belief.error import BeliefError
 from semmap.belief.inference import Observations, infer
 from semmap.belief.occlusion import infer_with_occlusion
@@ -106,12 +107,38 @@ def test_an_object_that_is_seen_beside_a_larger_one_is_not_behind_it() -> None:
     assert found[1, 0] > 0.98
 
 
-def test_what_is_too_much_to_sum_is_refused() -> None:
+def test_larger_objects_at_known_places_cost_nothing() -> None:
+    """Each of 12 mugs is behind the box of its shelf or not; mugs do not hide each other."""
+    shelves, mugs = 30, 12
+    prior = np.vstack([np.eye(shelves), np.full((mugs, shelves), 1 / shelves)])
     looks = Observations(
-        np.repeat(np.arange(20), 30), np.tile(np.arange(30), 20), [0.0] * 600, [False] * 600
+        np.repeat(np.arange(shelves, shelves + mugs), 20),
+        np.tile(np.arange(20), mugs),
+        np.zeros(20 * mugs),
+        np.zeros(20 * mugs, bool),
     )
-    with pytest.raises(BeliefError, match="20 objects may hide each other at 30 places"):
-        infer_with_occlusion(np.full((20, 30), 1 / 30), looks, [1] * 20, np.arange(1, 21))
+    size = np.repeat([2.0, 1.0], [shelves, mugs])
+    found = infer_with_occlusion(prior, looks, np.ones(shelves + mugs), size)
+    weight = np.repeat([(0.5 * 0.7 + 0.5 * 0.3) / 0.8, 1.0], [20, 10])
+    np.testing.assert_allclose(found[shelves:], [weight / weight.sum()] * mugs, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("objects", "places"), [(20, 40), (8, 12)])
+def test_what_is_too_much_to_sum_is_refused(
+    objects: int, places: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(occlusion, "CHOICES", 10_000)
+    looks = Observations(
+        np.repeat(np.arange(objects), places),
+        np.tile(np.arange(places), objects),
+        np.zeros(objects * places),
+        np.zeros(objects * places, bool),
+    )
+    prior = np.full((objects, places), 1 / places)
+    with pytest.raises(
+        BeliefError, match=f"{objects} objects may hide each other at {places} places"
+    ):
+        infer_with_occlusion(prior, looks, np.ones(objects), np.arange(1, objects + 1))
 
 
 @pytest.mark.parametrize(
