@@ -67,6 +67,14 @@ def test_a_place_that_is_ruled_out_stays_so() -> None:
     assert infer([[0.5, 0.0, 0.5]], seen_there, [1.0]).tolist() == [[0.5, 0, 0.5]]
 
 
+def test_thousands_of_observations_neither_overflow_nor_underflow() -> None:
+    many = np.zeros(5000, np.intp)
+    sightings = Observations(many, many + 1, many, many == 0)
+    assert infer(UNIFORM, sightings, [1.0]).tolist() == [[0, 1, 0]]
+    everywhere = Observations(many[:4998], np.arange(4998) % 3, many[:4998], many[:4998] != 0)
+    np.testing.assert_allclose(infer(UNIFORM, everywhere, [1.0]), UNIFORM, atol=1e-12)
+
+
 def test_a_look_in_vain_moves_the_belief_elsewhere_by_the_share_that_it_showed() -> None:
     def after(share: float) -> float:
         look = Observations([0], [0], [0.0], [False], share=[share])
