@@ -42,7 +42,7 @@ def random_case(objects: int, places: int, looks: int) -> Case:
             random.random(rows) < 0.5,
         ),
         random.random(objects),
-        1.0 + random.permutation(objects),
+        random.permutation(objects).astype(np.float64) + 1,
     )
 
 
