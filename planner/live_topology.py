@@ -193,7 +193,7 @@ class LiveTopology:
         self._feed.follow(stop, wake, patience=patience)
 
     def _is_irrelevant(self, payload: str) -> bool:
-        """Whether a notification reports nothing but agents that moved.
+        """Whether a notification reports nothing but beliefs and agents that moved.
 
         Anyone can send on the channel: an invalid payload counts as relevant.
         """
@@ -201,7 +201,7 @@ class LiveTopology:
             message = json.loads(payload)
             others = {"added", "changed", "removed", "reshaped", "field"}
             only_moved = not others & message.keys()
-            moved = message["moved"]
+            moved = message.get("moved", []) if "belief" in message else message["moved"]
             return only_moved and isinstance(moved, list) and self._agents.issuperset(moved)
         except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
             return False

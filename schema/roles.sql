@@ -44,6 +44,9 @@ GRANT INSERT (map_id, robot_id, goal) ON mission TO semmap_robot;
 GRANT UPDATE (state, reason, runner, heartbeat, ended_at) ON mission TO semmap_robot;
 GRANT INSERT, UPDATE, DELETE ON mission_step TO semmap_robot;
 GRANT INSERT (resource_id, robot_id, expires), UPDATE (robot_id, expires), DELETE ON reservation TO semmap_robot;
+-- It stores what it observed, and what it is taught of relations and actions; the T-Box stays as it is.
+GRANT INSERT (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id) ON observation TO semmap_robot;
+GRANT INSERT ON taught_relation, taught_action TO semmap_robot;
 
 DO $$
 DECLARE
@@ -117,7 +120,7 @@ END $$;
 GRANT USAGE ON ALL SEQUENCES IN SCHEMA semmap TO semmap_robot, semmap_admin;
 -- Tables that triggers maintain are written by triggers only.
 REVOKE INSERT, UPDATE, DELETE ON world, object_type, type_closure, entity_chunk, change, change_pruned,
-    entity_history, placement_history FROM semmap_admin;
+    entity_history, placement_history, belief FROM semmap_admin;
 
 -- Functions that can write are executed by those who need them alone. A trigger function that everybody may
 -- execute could be attached to a user's own table.
@@ -131,6 +134,7 @@ BEGIN
             ('copy_map', ARRAY['semmap_admin']), ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
             ('derive_again', ARRAY['semmap_admin']),
+            ('refresh_belief', ARRAY['semmap_robot', 'semmap_admin']), ('refresh_beliefs', ARRAY['semmap_robot', 'semmap_admin']),
             ('hold_still', ARRAY['semmap_robot', 'semmap_admin']), ('queue_writer', ARRAY['semmap_robot', 'semmap_admin']),
             ('move_to', ARRAY['semmap_robot', 'semmap_admin']), ('put', ARRAY['semmap_robot', 'semmap_admin']),
             ('claim', ARRAY['semmap_robot', 'semmap_admin']), ('drawn_model', ARRAY['semmap_robot', 'semmap_admin'])

@@ -99,6 +99,14 @@ BEGIN
     INSERT INTO region (entity_id, of_id, model_id, faces, origin, valid)
         SELECT t.new, o.new, r.model_id, r.faces, r.origin, r.valid
         FROM region r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin o ON o.old = r.of_id;
+    INSERT INTO taught_relation SELECT copied, subject, relation, object FROM taught_relation WHERE map_id = original.id;
+    INSERT INTO taught_action SELECT copied, action, cause, effect FROM taught_action WHERE map_id = original.id;
+    INSERT INTO belief_model SELECT copied, there, elsewhere, change, seconds, prior_elsewhere, prior_history, prior_typical
+        FROM belief_model WHERE map_id = original.id;
+    INSERT INTO observation (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id)
+        SELECT t.new, p.new, o.at, o.seen, o.inside, o.position, o.visible, o.hit, o.false_alarm, w.new
+        FROM observation o JOIN pg_temp.twin t ON t.old = o.entity_id JOIN pg_temp.twin p ON p.old = o.place_id
+        LEFT JOIN pg_temp.twin w ON w.old = o.observer_id;
     DROP TABLE pg_temp.twin;
     PERFORM set_config('semmap.deriving', '', true);
     RETURN copied;
@@ -119,6 +127,8 @@ BEGIN
     END IF;
     PERFORM drop_map(c.name) FROM map c WHERE c.copy_of = gone;
     PERFORM set_config('semmap.dropping', 'on', true);
+    DELETE FROM belief b USING entity e WHERE e.id = b.entity_id AND e.map_id = gone;
+    DELETE FROM observation o USING entity e WHERE e.id = o.entity_id AND e.map_id = gone;
     DELETE FROM world WHERE map_id = gone;
     DELETE FROM placement p USING entity e WHERE e.id = p.entity_id AND e.map_id = gone;
     DELETE FROM entity_chunk c USING entity e WHERE e.id = c.entity_id AND e.map_id = gone;

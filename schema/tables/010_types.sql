@@ -7,7 +7,9 @@ CREATE TABLE semantic_type (
     comment text,
     origin  text NOT NULL DEFAULT 'import' CHECK (origin IN ('schema', 'ontology', 'import')),
     typical_size double precision[]                            -- length (x), width (y), height (z), metres
-            CHECK (cardinality(typical_size) = 3 AND 0 < ALL (typical_size) AND 'Infinity' > ALL (typical_size))
+            CHECK (cardinality(typical_size) = 3 AND 0 < ALL (typical_size) AND 'Infinity' > ALL (typical_size)),
+    found_in   text[] NOT NULL DEFAULT '{}',                   -- types of places where such things are usually found
+    properties jsonb NOT NULL DEFAULT '{}' CHECK (jsonb_typeof(properties) = 'object')  -- that entities of the type have by default
 );
 
 CREATE TABLE type_parent (

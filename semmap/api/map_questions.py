@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from semmap.api.database import Database
     from semmap.api.semantic_map import SemanticMap
+    from semmap.belief.teaching import Action
 
 __all__ = ["MapQuestions"]
 
@@ -122,6 +123,32 @@ class MapQuestions:
         """The entities whose type an import guessed from a name, the least certain first."""
         return entity_query.list_guessed_types(self._session())
 
+    def where(self, name: str, at: datetime | None = None) -> dict[str, float]:
+        """Where an object or agent probably is, now or at a time: probabilities by places.
+
+        The most probable place is the first; `elsewhere` is no place of the map. They sum to 1.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `semmap.belief.store.read_belief`.
+        """
+        from semmap.belief.store import read_belief
+
+        return read_belief(self._session(), name, at)
+
+    def how_to(self, goal: str, given: Sequence[str] = ()) -> list[Action]:
+        """The shortest chain of taught actions that brings about a goal, the first one first.
+
+        Raises
+        ------
+        ValueError
+            As `semmap.belief.action_chains.action_chain`.
+        """
+        from semmap.belief.teaching_store import how_to
+
+        return how_to(self._session(), goal, given)
+
     def check(self) -> list[dict[str, Any]]:
         """Where the map disagrees with itself; empty for a sound map."""
         return entity_query.contradictions(self._session())
@@ -220,6 +247,9 @@ class MapQuestions:
 
         return map_session(self.database.engine, self.name)
 
-    def _session(self) -> psycopg.Connection[Any]:
+    def session_of_map(self) -> psycopg.Connection[Any]:
+        """The database's psycopg connection, which sees this map until another one is used."""
         self.database.show(self.name)
         return self.database.session
+
+    _session = session_of_map

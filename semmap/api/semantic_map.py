@@ -210,6 +210,50 @@ class SemanticMap(MapQuestions):
         shape = DoorShape(line, width, height, clearance)
         return self._add(door(name, place_a, place_b, shape, distances, form, direction, state))
 
+    def teach(self, teaching: str | Path | Mapping[str, Any]) -> dict[str, int]:
+        """Teach knowledge, relations, actions, objects and where they were seen; all or nothing.
+
+        Parameters
+        ----------
+        teaching : a JSON file, a Map.xml of the thesis, or the same as a mapping
+            (`semmap.belief.teaching.parse_teaching` describes it)
+
+        Returns
+        -------
+        How many `types`, `relations`, `actions`, `objects` and `observations` were stored.
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `semmap.belief.teaching_store.teach`: what contradicts the map is refused.
+        """
+        from semmap.belief.teaching import parse_teaching, read_teaching
+        from semmap.belief.teaching_store import teach
+
+        parsed = (
+            read_teaching(Path(teaching))
+            if isinstance(teaching, str | Path)
+            else parse_teaching(teaching)
+        )
+        return teach(self._session(), parsed)
+
+    def observe(self, name: str, place: str, *, seen: bool = True, **values: Any) -> None:
+        """Store that an object or agent was seen at a place, or looked for and not seen.
+
+        Parameters
+        ----------
+        values : `at`, `visible`, `hit`, `false_alarm`, `position`, `inside`, `observer`, as of
+            `semmap.belief.store.add_observations`
+
+        Raises
+        ------
+        LookupError, ValueError
+            As `semmap.belief.store.add_observations`.
+        """
+        from semmap.belief.store import add_observations
+
+        add_observations(self._session(), [{"object": name, "place": place, "seen": seen} | values])
+
     def spot(self, holder: MapEntity, relation: str) -> tuple[float, float, float]:
         """A point on or in a holder: the middle of its highest surface, or of its floor."""
         from semmap.api.additions import spot

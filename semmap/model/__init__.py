@@ -1,6 +1,13 @@
 """The map as typed SQLAlchemy classes (Deeken et al., section 3); `schema/` is what they mirror."""
 
 from semmap.model.base import Base, PoseColumn
+from semmap.model.belief import (
+    Belief,
+    BeliefModel,
+    Observation,
+    TaughtAction,
+    TaughtRelation,
+)
 from semmap.model.entity import (
     Agent,
     Connector,
@@ -37,6 +44,8 @@ from semmap.model.topology import (
 __all__ = [
     "Agent",
     "Base",
+    "Belief",
+    "BeliefModel",
     "Change",
     "Chunk",
     "Connector",
@@ -57,6 +66,7 @@ __all__ = [
     "MissionStep",
     "Object",
     "ObjectType",
+    "Observation",
     "Ontology",
     "Placement",
     "PlacementHistory",
@@ -69,6 +79,8 @@ __all__ = [
     "SemanticType",
     "Storey",
     "SupportSurface",
+    "TaughtAction",
+    "TaughtRelation",
     "TravelTime",
     "TravelTimeMap",
     "TravelTimePlace",

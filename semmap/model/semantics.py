@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from sqlalchemy import ARRAY, DOUBLE_PRECISION, ForeignKey, Index
+from typing import Any
+
+from sqlalchemy import ARRAY, DOUBLE_PRECISION, ForeignKey, Index, Text, text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.model.base import Base
@@ -21,6 +23,8 @@ class SemanticType(Base):
     comment: Mapped[str | None]
     origin: Mapped[str] = mapped_column(server_default="import")
     typical_size: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    found_in: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=text("'{}'"))
+    properties: Mapped[dict[str, Any]] = mapped_column(server_default=text("'{}'"))
 
     parents: Mapped[list[SemanticType]] = relationship(
         secondary="semmap.type_parent",

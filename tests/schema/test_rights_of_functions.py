@@ -55,6 +55,8 @@ CALLS: dict[str, set[str]] = {
     "put({room}, NULL)": {"admin"},
     "queue_writer()": WRITERS,
     "record_change('moved', '{{{mug}}}')": set(),
+    "refresh_belief('{{{mug}}}')": WRITERS,
+    "refresh_beliefs()": WRITERS,
     "refresh_object_type('{{{mug}}}')": set(),
     "refresh_world('{{{mug}}}')": set(),
     "reshape('{{{mug}}}')": set(),

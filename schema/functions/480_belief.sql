@@ -1,0 +1,390 @@
+-- Where things probably are: the places at which they can be, priors, and the belief after observations (O'Neill,
+-- sections 4.2 and 4.4). All is computed for many things at once; a place of null is elsewhere.
+
+CREATE FUNCTION belief_model_of(of_map integer)
+RETURNS belief_model LANGUAGE sql STABLE AS $$
+-- How sightings of a map are judged: its row, else the defaults of the table.
+SELECT m FROM semmap.belief_model m WHERE m.map_id = of_map
+UNION ALL SELECT ROW (of_map, 0.6, 0.3, 0.1, 10, 0.1, 0.5, 4)::semmap.belief_model LIMIT 1
+$$;
+
+CREATE FUNCTION property_of(thing bigint, key text)
+RETURNS double precision LANGUAGE sql STABLE AS $$
+-- A number among the properties of an entity, else among those of the nearest type that has it.
+SELECT CASE WHEN jsonb_typeof(e.properties -> key) = 'number' THEN (e.properties ->> key)::double precision
+            ELSE (SELECT (t.properties ->> key)::double precision
+                  FROM semmap.type_closure c JOIN semmap.semantic_type t ON t.name = c.super
+                  WHERE c.sub = e.type AND jsonb_typeof(t.properties -> key) = 'number'
+                  ORDER BY (SELECT count(*) FROM semmap.type_closure n WHERE n.sub = c.super) DESC, c.super LIMIT 1) END
+FROM semmap.entity e WHERE e.id = thing
+$$;
+
+CREATE FUNCTION sides_of(area geometry)
+RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- The shorter and the longer side of the smallest rectangle around an area.
+SELECT ARRAY[least(a, b), greatest(a, b)]
+FROM ST_ExteriorRing(CASE WHEN ST_Dimension(ST_OrientedEnvelope(area)) = 2 THEN ST_OrientedEnvelope(area)
+                          ELSE ST_Envelope(ST_Buffer(area, 1e-6)) END) ring,
+     LATERAL (SELECT ST_Distance(ST_PointN(ring, 1), ST_PointN(ring, 2)), ST_Distance(ST_PointN(ring, 2), ST_PointN(ring, 3))) s (a, b)
+$$;
+
+CREATE FUNCTION size_of(thing bigint, OUT sides double precision[], OUT height double precision, OUT base double precision)
+LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- The sides of the rectangle in which an entity stands (the shorter one first), its height and the area of its base:
+-- by its geometry, else by the taught base_area and volume of a square base, else by the typical size of its type.
+SELECT CASE WHEN w.footprint IS NOT NULL THEN sides_of(w.footprint)
+            WHEN taught.base > 0 THEN ARRAY[sqrt(taught.base), sqrt(taught.base)]
+            ELSE typical.size[1:2] END,
+       CASE WHEN w.footprint IS NOT NULL THEN ST_ZMax(w.box) - ST_ZMin(w.box)
+            WHEN taught.base > 0 THEN coalesce(taught.volume / taught.base, 0) ELSE typical.size[3] END,
+       CASE WHEN w.footprint IS NOT NULL THEN ST_Area(w.footprint)
+            WHEN taught.base > 0 THEN taught.base ELSE typical.size[1] * typical.size[2] END
+FROM entity e LEFT JOIN world w ON w.entity_id = e.id,
+     LATERAL (SELECT property_of(e.id, 'base_area'), property_of(e.id, 'volume')) taught (base, volume)
+     LEFT JOIN LATERAL (
+         SELECT ARRAY[least(t.typical_size[1], t.typical_size[2]), greatest(t.typical_size[1], t.typical_size[2]), t.typical_size[3]]
+         FROM type_closure c JOIN semantic_type t ON t.name = c.super AND t.typical_size IS NOT NULL WHERE c.sub = e.type
+         ORDER BY (SELECT count(*) FROM type_closure n WHERE n.sub = c.super) DESC, c.super LIMIT 1) typical (size) ON true
+WHERE e.id = thing
+$$;
+
+CREATE FUNCTION fits(sides double precision[], height double precision, base double precision,
+                     into_sides double precision[], into_height double precision, into_base double precision)
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- Whether an upright object has room on an area below a height; an unknown size fits, an unknown height is open.
+SELECT coalesce(sides[1] <= into_sides[1] + 1e-9 AND sides[2] <= into_sides[2] + 1e-9 AND base <= into_base + 1e-9, true)
+       AND coalesce(height <= into_height + 1e-9, true)
+$$;
+
+CREATE FUNCTION places_for(things bigint[])
+RETURNS TABLE (entity_id bigint, place_id bigint) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
+SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- The places of the map at which each of the given objects or agents has room: furniture, fixtures, appliances and
+-- untyped objects with a support surface; containers and storage furniture; rooms. Furniture, fixtures and agents
+-- are in rooms only.
+DECLARE
+    small CONSTANT double precision := 0.02;    -- base of a container that is a place, square metres: a mug is not
+    untyped CONSTANT double precision := 0.1;   -- surface of an object without a type that is a place, square metres
+    bearing text[] := ARRAY(SELECT DISTINCT sub FROM type_closure WHERE super IN ('furniture', 'fixture', 'appliance', 'container'));
+    standing text[] := ARRAY(SELECT DISTINCT sub FROM type_closure WHERE super IN ('furniture', 'fixture'));
+    storing text[] := ARRAY(SELECT DISTINCT sub FROM type_closure WHERE super IN ('storage_furniture', 'container'));
+BEGIN
+    RETURN QUERY
+    WITH thing AS MATERIALIZED (
+        SELECT e.id, e.map_id, e.kind = 'agent' OR coalesce(e.type = ANY (standing), false) AS stands, s.sides, s.height, s.base,
+               EXISTS (SELECT FROM placement p WHERE p.holder_id = e.id) AS holds
+        FROM unnest(things) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
+             LATERAL size_of(e.id) s
+    ), candidate AS MATERIALIZED (
+        SELECT e.id, e.map_id, e.kind, e.type, w.footprint, w.box, ST_Area(w.footprint) AS area
+        FROM entity e LEFT JOIN world w ON w.entity_id = e.id
+        WHERE e.map_id IN (SELECT t.map_id FROM thing t)
+          AND (e.kind = 'room' OR e.kind = 'object' AND w.footprint IS NOT NULL
+               AND (e.type = ANY (bearing) OR coalesce(e.type, 'object') = 'object'))
+    ), board AS MATERIALIZED (  -- the surfaces of each model, and the height to the next one above
+        SELECT s.model_id, sides_of(s.outline) AS sides, ST_Area(s.outline) AS area,
+               (SELECT min(u.height) - s.height FROM support_surface u
+                WHERE u.model_id = s.model_id AND u.height > s.height + 0.02
+                  AND ST_Intersects(u.outline, ST_PointOnSurface(s.outline))) AS clear
+        FROM support_surface s
+        WHERE s.height IS NOT NULL AND s.model_id IN (SELECT m.model_id FROM candidate c JOIN entity_model m ON m.entity_id = c.id)
+    ), space AS MATERIALIZED (
+        SELECT c.id, c.map_id, c.kind, b.sides, b.clear AS height, b.area
+        FROM candidate c JOIN entity_model m ON m.entity_id = c.id JOIN board b ON b.model_id = m.model_id
+        WHERE c.kind = 'object'
+          AND CASE WHEN c.type = ANY (bearing) THEN c.type <> ALL (storing) OR c.area >= small ELSE b.area >= untyped END
+      UNION
+        SELECT c.id, c.map_id, c.kind, sides_of(c.footprint), ST_ZMax(c.box) - ST_ZMin(c.box), c.area
+        FROM candidate c WHERE c.kind = 'object' AND c.type = ANY (storing) AND c.area >= small
+      UNION
+        SELECT c.id, c.map_id, c.kind, CASE WHEN c.footprint IS NOT NULL THEN sides_of(c.footprint) END, NULL, c.area
+        FROM candidate c WHERE c.kind = 'room'
+    )
+    SELECT DISTINCT t.id, s.id
+    FROM thing t JOIN space s ON s.map_id = t.map_id AND s.id <> t.id
+     AND (s.kind = 'room' OR NOT t.stands)
+     AND fits(t.sides, t.height, t.base, s.sides, s.height, s.area)
+     AND NOT (t.holds AND is_held_by(s.id, t.id));
+END $$;
+
+CREATE FUNCTION prior_of(things bigint[])
+RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
+SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Where each thing is before any observation: a place where the T-Box or a teaching says that it is found weighs
+-- `prior_typical` as much as another. Of the placements that the map has had, each counts half of its successor.
+BEGIN
+    RETURN QUERY
+    WITH RECURSIVE thing AS MATERIALIZED (
+        SELECT e.id, e.name, coalesce(e.type, e.kind) AS type, e.map_id, m.prior_elsewhere, m.prior_history, m.prior_typical
+        FROM unnest(things) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
+             LATERAL belief_model_of(e.map_id) m
+    ), place AS MATERIALIZED (
+        SELECT p.entity_id AS id, p.place_id AS at FROM places_for(things) p
+    ), word AS MATERIALIZED (  -- names of places, or of their types
+        SELECT t.id, w.word FROM thing t JOIN type_closure c ON c.sub = t.type JOIN semantic_type s ON s.name = c.super,
+             LATERAL unnest(s.found_in) w (word)
+      UNION
+        SELECT t.id, r.object FROM thing t JOIN taught_relation r ON r.map_id = t.map_id AND r.relation = 'found_in'
+         AND (r.subject = t.name OR r.subject IN (SELECT c.super FROM type_closure c WHERE c.sub = t.type))
+    ), stay AS MATERIALIZED (
+        SELECT p.entity_id AS id, p.holder_id, p.since AS begun FROM placement p WHERE p.entity_id = ANY (things)
+      UNION ALL
+        SELECT h.entity_id, h.holder_id, lower(h.during) FROM placement_history h WHERE h.entity_id = ANY (things)
+    ), above (start, id, depth) AS (  -- places and holders, and what holds them
+        SELECT s.id, s.id, 0 FROM (SELECT p.at AS id FROM place p UNION SELECT s.holder_id FROM stay s) s WHERE s.id IS NOT NULL
+      UNION ALL
+        SELECT a.start, p.holder_id, a.depth + 1 FROM above a JOIN placement p ON p.entity_id = a.id WHERE p.holder_id IS NOT NULL
+    ), known AS (  -- the words that are true of a place
+        SELECT a.start AS at, w.word FROM above a JOIN entity e ON e.id = a.id,
+             LATERAL (SELECT e.name UNION SELECT e.label UNION SELECT c.super FROM type_closure c WHERE c.sub = e.type) w (word)
+        WHERE EXISTS (SELECT FROM word)
+    ), typical AS (
+        SELECT DISTINCT p.id, p.at FROM place p JOIN word w ON w.id = p.id JOIN known k ON k.at = p.at AND k.word = w.word
+    ), stayed AS (  -- the place of each stay: the nearest one that holds the holder
+        SELECT DISTINCT ON (s.id, s.begun) s.id, s.begun, p.at
+        FROM stay s JOIN above a ON a.start = s.holder_id JOIN place p ON p.id = s.id AND p.at = a.id
+        ORDER BY s.id, s.begun, a.depth
+    ), ranked AS (
+        SELECT m.id, m.at, row_number() OVER (PARTITION BY m.id ORDER BY m.begun DESC) AS age
+        FROM (SELECT s.*, lag(s.at) OVER (PARTITION BY s.id ORDER BY s.begun) AS former FROM stayed s) m
+        WHERE m.at IS DISTINCT FROM m.former
+    ), history AS (
+        SELECT r.id, r.at, sum(power(0.5, r.age)) / sum(sum(power(0.5, r.age))) OVER (PARTITION BY r.id) AS share
+        FROM ranked r WHERE r.age <= 50 GROUP BY r.id, r.at
+    ), general AS (
+        SELECT t.*, p.at, p.weight / sum(p.weight) OVER (PARTITION BY t.id) AS share
+        FROM thing t JOIN LATERAL (
+            SELECT p.at, CASE WHEN EXISTS (SELECT FROM typical y WHERE y.id = p.id AND y.at = p.at) THEN t.prior_typical ELSE 1 END AS weight
+            FROM place p WHERE p.id = t.id) p ON true
+    )
+    SELECT g.id, g.at, (1 - g.prior_elsewhere)
+           * CASE WHEN EXISTS (SELECT FROM history h WHERE h.id = g.id)
+                  THEN (1 - g.prior_history) * g.share + g.prior_history * coalesce(h.share, 0) ELSE g.share END
+    FROM general g LEFT JOIN history h ON h.id = g.id AND h.at = g.at
+  UNION ALL
+    SELECT t.id, NULL, CASE WHEN EXISTS (SELECT FROM place p WHERE p.id = t.id) THEN t.prior_elsewhere ELSE 1 END FROM thing t;
+END $$;
+
+CREATE FUNCTION belief_given(things bigint[], places bigint[], priors double precision[], moment timestamptz)
+RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
+LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
+SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Where things were at a moment, by their priors (a thing, a place and a probability each) and the observations
+-- until then. Observations are independent, given the place:
+-- log p(place) = log prior + the sum over the observations at the place of log(P(seen | there) / P(seen | not there)),
+-- and so for "not seen". Of a place that is in view to a share v, both rates are v times as large.
+BEGIN
+    RETURN QUERY
+    WITH looked AS (
+        SELECT o.entity_id, o.place_id, o.inside, o.seen, o.visible, coalesce(o.false_alarm, m.elsewhere - m.change * f.fresh) AS b,
+               coalesce(o.hit, m.there + m.change * f.fresh) AS a
+        FROM (SELECT e.id, property_of(e.id, 'mobility') AS mobility, e.map_id
+              FROM unnest(things) given (id) JOIN entity e ON e.id = given.id GROUP BY e.id) t
+        JOIN observation o ON o.entity_id = t.id AND o.at <= moment,
+        LATERAL belief_model_of(t.map_id) m,
+        LATERAL (SELECT exp(-least(extract(epoch FROM moment - o.at)::double precision * greatest(coalesce(t.mobility, 1), 0)
+                                   / m.seconds, 700))) f (fresh)
+    ), evidence AS MATERIALIZED (
+        SELECT l.entity_id, l.place_id, l.inside,
+               sum(CASE WHEN l.seen THEN ln(l.a / l.b) ELSE ln((1 - l.visible * l.a) / (1 - l.visible * l.b)) END) AS weight
+        FROM looked l GROUP BY 1, 2, 3
+    ), weighed AS (
+        SELECT p.id, p.place, p.prior, CASE WHEN p.prior > 0 THEN ln(p.prior) + coalesce((
+                   SELECT sum(v.weight) FROM evidence v WHERE v.entity_id = p.id
+                   AND (v.place_id = p.place OR v.inside AND is_held_by(p.place, v.place_id))), 0) END AS weight
+        FROM unnest(things, places, priors) p (id, place, prior)
+    ), scaled AS (
+        SELECT w.*, coalesce(exp(greatest(w.weight - max(w.weight) OVER (PARTITION BY w.id), -700)), 0) AS share FROM weighed w
+    )
+    SELECT s.id, s.place, s.prior, s.share / sum(s.share) OVER (PARTITION BY s.id) FROM scaled s;
+END $$;
+
+CREATE FUNCTION belief_at(things bigint[], moment timestamptz)
+RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
+LANGUAGE sql STABLE ROWS 1000 COST 20000 SET search_path = semmap, public, pg_temp AS $$
+-- Where each thing was at a moment: at the places that the map has now, by the observations until then.
+SELECT b.* FROM (SELECT array_agg(p.entity_id), array_agg(p.place_id), array_agg(p.prior) FROM prior_of(things) p) p (ids, places, priors),
+    LATERAL belief_given(p.ids, p.places, p.priors, moment) b
+$$;
+
+CREATE FUNCTION where_is(thing text, moment timestamptz DEFAULT statement_timestamp())
+RETURNS TABLE (place text, probability double precision, prior double precision, holder text, last_seen timestamptz, last_missed timestamptz)
+LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Where an object or agent of the current map probably is at a moment, the most probable place first; "elsewhere" is
+-- no place of the map. With what holds the place, and when the thing was last seen there, or looked for and not seen.
+DECLARE
+    of_thing bigint := entity_id(thing);
+    kind_of_thing text := (SELECT e.kind FROM entity e WHERE e.id = of_thing);
+BEGIN
+    IF kind_of_thing NOT IN ('object', 'agent') THEN
+        RAISE EXCEPTION '% is a %: it does not move', thing, kind_of_thing
+            USING ERRCODE = 'check_violation', HINT = 'Ask for an object or an agent.';
+    END IF;
+    RETURN QUERY
+        SELECT coalesce(e.name, 'elsewhere'), b.probability, b.prior, h.name,
+               (SELECT max(o.at) FROM observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND o.seen AND o.at <= moment),
+               (SELECT max(o.at) FROM observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND NOT o.seen AND o.at <= moment)
+        FROM belief_at(ARRAY[of_thing], moment) b LEFT JOIN entity e ON e.id = b.place_id
+        LEFT JOIN placement p ON p.entity_id = b.place_id LEFT JOIN entity h ON h.id = p.holder_id
+        ORDER BY b.probability DESC, b.place_id IS NULL, e.name;
+END $$;
+
+CREATE FUNCTION refresh_belief(things bigint[], keep_priors boolean DEFAULT false)
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Writes the belief about the given things for this moment, and records that it changed. Another transaction that
+-- observes one of them waits, and then sees these observations.
+DECLARE
+    ids bigint[] := ARRAY(SELECT e.id FROM entity e WHERE e.id = ANY (things) AND e.kind IN ('object', 'agent') ORDER BY e.id
+                          FOR NO KEY UPDATE);
+    moment timestamptz := clock_timestamp();
+    given record;
+    wanted record;
+BEGIN
+    IF ids = '{}' THEN
+        RETURN;
+    END IF;
+    IF keep_priors THEN
+        SELECT array_agg(b.entity_id) AS ids, array_agg(b.place_id) AS places, array_agg(b.prior) AS priors
+            INTO given FROM belief b WHERE b.entity_id = ANY (ids);
+    ELSE
+        SELECT array_agg(p.entity_id) AS ids, array_agg(p.place_id) AS places, array_agg(p.prior) AS priors
+            INTO given FROM prior_of(ids) p;
+    END IF;
+    SELECT array_agg(b.entity_id) AS ids, array_agg(b.place_id) AS places, array_agg(b.prior) AS priors,
+           array_agg(b.probability) AS probabilities
+        INTO wanted FROM belief_given(given.ids, given.places, given.priors, moment) b;
+    UPDATE belief b SET prior = w.prior, probability = w.probability, at = moment
+        FROM unnest(wanted.ids, wanted.places, wanted.priors, wanted.probabilities) w (id, place, prior, probability)
+        WHERE b.entity_id = w.id AND coalesce(b.place_id, 0) = coalesce(w.place, 0);
+    IF NOT keep_priors THEN
+        PERFORM set_config('semmap.believing', 'on', true);
+        DELETE FROM belief b WHERE b.entity_id = ANY (ids) AND b.at <> moment;
+        PERFORM set_config('semmap.believing', '', true);
+        INSERT INTO belief (entity_id, place_id, prior, probability, at)
+            SELECT w.id, w.place, w.prior, w.probability, moment
+            FROM unnest(wanted.ids, wanted.places, wanted.priors, wanted.probabilities) w (id, place, prior, probability)
+            LEFT JOIN belief b ON b.entity_id = w.id AND coalesce(b.place_id, 0) = coalesce(w.place, 0)
+            WHERE b.id IS NULL;
+    END IF;
+    PERFORM record_change('belief', ids);
+END $$;
+
+CREATE FUNCTION refresh_beliefs()
+RETURNS bigint LANGUAGE plpgsql AS $$
+-- Writes the table `belief` of the current map again, such as after furniture was added; returns how many things it has.
+DECLARE
+    ids bigint[] := ARRAY(SELECT DISTINCT b.entity_id FROM semmap.belief b JOIN semmap.entity e ON e.id = b.entity_id
+                          WHERE e.map_id = semmap.current_map());
+BEGIN
+    PERFORM semmap.refresh_belief(ids);
+    RETURN cardinality(ids);
+END $$;
+
+-- What changes a belief.
+
+CREATE FUNCTION observation_stamp()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- What is observed is an object or agent, at another entity of its map, and not in the future.
+DECLARE
+    thing entity := (SELECT e FROM entity e WHERE e.id = NEW.entity_id);
+    place entity := (SELECT e FROM entity e WHERE e.id = NEW.place_id);
+BEGIN
+    IF thing.kind NOT IN ('object', 'agent') THEN
+        RAISE EXCEPTION '% is a %: it is not searched for', thing.name, thing.kind
+            USING ERRCODE = 'check_violation', HINT = 'Observe objects and agents.';
+    ELSIF thing.map_id <> place.map_id THEN
+        RAISE EXCEPTION '% and % are in different maps', thing.name, place.name
+            USING ERRCODE = 'check_violation', HINT = 'Observe an object at a place of its own map.';
+    ELSIF NEW.at > clock_timestamp() THEN
+        RAISE EXCEPTION '% at %: the time of the observation, %, is in the future', thing.name, place.name, NEW.at
+            USING ERRCODE = 'check_violation', HINT = 'Give the time in UTC, or with its time zone; compare the clocks.';
+    END IF;
+    RETURN NEW;
+END $$;
+
+CREATE FUNCTION has_place(thing bigint, place bigint, inside boolean)
+RETURNS boolean LANGUAGE sql STABLE AS $$
+-- Whether the belief about a thing has a place, or with `inside` any in it.
+SELECT EXISTS (SELECT FROM semmap.belief b WHERE b.entity_id = thing AND b.place_id = place)
+    OR inside AND EXISTS (SELECT FROM semmap.belief b WHERE b.entity_id = thing AND semmap.is_held_by(b.place_id, place))
+$$;
+
+CREATE FUNCTION observation_added()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- The places of a thing and their priors are found at its first observation, and at one of a place that is new.
+DECLARE
+    ids bigint[] := ARRAY(SELECT DISTINCT entity_id FROM fresh);
+    unknown bigint[] := ARRAY(SELECT DISTINCT entity_id FROM fresh f WHERE NOT has_place(f.entity_id, f.place_id, f.inside));
+    wrong record;
+BEGIN
+    PERFORM refresh_belief(unknown);
+    PERFORM refresh_belief(ARRAY(SELECT unnest(ids) EXCEPT SELECT unnest(unknown)), true);
+    SELECT t.name, p.name AS place INTO wrong
+        FROM fresh f JOIN entity t ON t.id = f.entity_id JOIN entity p ON p.id = f.place_id
+        WHERE f.entity_id = ANY (unknown) AND NOT has_place(f.entity_id, f.place_id, f.inside) LIMIT 1;
+    IF wrong IS NOT NULL THEN
+        RAISE EXCEPTION '% cannot be on or in %: it has no room there', wrong.name, wrong.place
+            USING ERRCODE = 'check_violation',
+                  HINT = 'Places are rooms, containers, and surfaces of furniture that are large enough: see places_for().';
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION observation_gone()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Observations were deleted, or a place with its rows.
+BEGIN
+    IF coalesce(current_setting('semmap.dropping', true), '') = '' AND coalesce(current_setting('semmap.believing', true), '') = '' THEN
+        PERFORM refresh_belief(ARRAY(SELECT DISTINCT f.entity_id FROM former f JOIN belief b ON b.entity_id = f.entity_id));
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION belief_moved()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- A placement by the map is a part of the prior.
+BEGIN
+    PERFORM refresh_belief(ARRAY(
+        SELECT n.entity_id FROM former o FULL JOIN fresh n USING (entity_id)  -- full: as in placement_updated
+        WHERE coalesce(o.entity_id = n.entity_id, false) AND o.holder_id IS DISTINCT FROM n.holder_id AND EXISTS (SELECT FROM belief b WHERE b.entity_id = n.entity_id)));
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION belief_described()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Size, mobility and usual places follow from the type and the properties.
+BEGIN
+    PERFORM refresh_belief(ARRAY(
+        SELECT n.id FROM former o FULL JOIN fresh n USING (id)
+        WHERE coalesce(o.id = n.id, false) AND (o.type, o.properties) IS DISTINCT FROM (n.type, n.properties) AND EXISTS (SELECT FROM belief b WHERE b.entity_id = n.id)));
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION belief_judged()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+BEGIN
+    PERFORM refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM belief b JOIN entity e ON e.id = b.entity_id
+                                 WHERE e.map_id = coalesce(NEW.map_id, OLD.map_id)));
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER observation_stamp BEFORE INSERT OR UPDATE ON observation
+    FOR EACH ROW EXECUTE FUNCTION observation_stamp();
+CREATE TRIGGER observation_added AFTER INSERT ON observation REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION observation_added();
+CREATE TRIGGER observation_corrected AFTER UPDATE ON observation REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION observation_added();
+CREATE TRIGGER observation_gone AFTER DELETE ON observation REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION observation_gone();
+CREATE TRIGGER belief_gone AFTER DELETE ON belief REFERENCING OLD TABLE AS former
+    FOR EACH STATEMENT EXECUTE FUNCTION observation_gone();
+CREATE TRIGGER belief_moved AFTER UPDATE ON placement REFERENCING OLD TABLE AS former NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION belief_moved();
+CREATE TRIGGER belief_described AFTER UPDATE ON entity REFERENCING OLD TABLE AS former NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION belief_described();
+CREATE TRIGGER belief_judged AFTER INSERT OR UPDATE OR DELETE ON belief_model
+    FOR EACH ROW EXECUTE FUNCTION belief_judged();

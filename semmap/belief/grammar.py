@@ -1,0 +1,123 @@
+"""A grammar of the names that a map knows, for speech recognisers and language models."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from semmap.belief.error import BeliefError
+
+__all__ = ["FORMATS", "spoken", "write_grammar"]
+
+FORMATS = ("gbnf", "jsgf")
+
+RULES: dict[str, tuple[str, ...]] = {
+    "command": (
+        "where is {the} <thing>",
+        "find {the} <thing>",
+        "bring {the} <thing> to {the} <place>",
+        "go to {the} <place>",
+        "{the} <thing> is {relation} {the} <place>",
+        "{the} <thing> is a <type>",
+        "a <type> is a <type>",
+        "<action>",
+    ),
+}
+"""The sentences; ``<x>`` is a name, ``{the}`` an optional article, ``{relation}`` in or on."""
+
+LISTS = {"thing": "things", "place": "places", "type": "types", "action": "actions"}
+
+
+def write_grammar(names: Mapping[str, Sequence[str]], format: str = "gbnf") -> str:
+    """Return a grammar of commands and teachings about the names of a map.
+
+    Parameters
+    ----------
+    names
+        `things`, `places`, `types` and `actions`, as `semmap.belief.teaching_store.vocabulary`
+        returns them. Sentences about an empty list are left out.
+    format
+        ``gbnf``, of llama.cpp and others, or ``jsgf``, of speech recognisers.
+
+    Raises
+    ------
+    BeliefError
+        The format is another one, or the map has no names at all.
+
+    Examples
+    --------
+    >>> print(write_grammar({"things": ["coke1"], "places": []}, "jsgf"))
+    #JSGF V1.0;
+    grammar semmap;
+    public <command> = where is [the] <thing> | find [the] <thing>;
+    <thing> = coke 1;
+    """
+    if format not in FORMATS:
+        raise BeliefError(f"the grammar {format} is not one of {', '.join(FORMATS)}")
+    words = {
+        rule: sorted({spoken(name) for name in names.get(part, ())} - {""})
+        for rule, part in LISTS.items()
+    }
+    sentences = [
+        sentence
+        for sentence in RULES["command"]
+        if all(words[rule] for rule in re.findall(r"<(\w+)>", sentence))
+    ]
+    if not sentences:
+        raise BeliefError("the map has no names: import a world, or teach objects")
+    used = {rule for sentence in sentences for rule in re.findall(r"<(\w+)>", sentence)}
+    lists = {rule: words[rule] for rule in LISTS if rule in used}
+    return _jsgf(sentences, lists) if format == "jsgf" else _gbnf(sentences, lists)
+
+
+def spoken(name: str) -> str:
+    """Return the words of a name: KitchenTable_01 is "kitchen table 01".
+
+    >>> spoken("KitchenTable_01"), spoken("coke1"), spoken("TVCabinet")
+    ('kitchen table 01', 'coke 1', 'tv cabinet')
+    """
+    split = re.sub(
+        r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])",
+        " ",
+        name,
+    )
+    return " ".join(re.sub(r"[\W_]+", " ", split).lower().split())
+
+
+def _jsgf(sentences: Sequence[str], lists: Mapping[str, Sequence[str]]) -> str:
+    body = " | ".join(
+        s.replace("{the}", "[the]").replace("{relation}", "(in | on)") for s in sentences
+    )
+    rules = [f"<{rule}> = {' | '.join(words)};" for rule, words in lists.items()]
+    return "\n".join(["#JSGF V1.0;", "grammar semmap;", f"public <command> = {body};", *rules])
+
+
+def _gbnf(sentences: Sequence[str], lists: Mapping[str, Sequence[str]]) -> str:
+    rules = ["root ::= command"]
+    rules.append("command ::= " + " | ".join(map(_gbnf_sentence, sentences)))
+    if any("{relation}" in sentence for sentence in sentences):
+        rules.append('relation ::= "in" | "on"')
+    rules += [
+        f"{rule} ::= {' | '.join(_quoted(word) for word in words)}" for rule, words in lists.items()
+    ]
+    return "\n".join(rules)
+
+
+def _gbnf_sentence(sentence: str) -> str:
+    """Words as terminals, with the spaces that belong to them."""
+    parts = []
+    for part in re.findall(r"<\w+>|\{the\} ?|\{relation\}|[^<{]+", sentence):
+        if part.startswith("<"):
+            parts.append(part[1:-1])
+        elif part.startswith("{the}"):
+            parts.append('("the ")?')
+        elif part == "{relation}":
+            parts.append("relation")
+        else:
+            parts.append(_quoted(part))
+    return " ".join(parts)
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'

@@ -1,0 +1,173 @@
+"""What a robot saw, and what it looked at without seeing it, as observations of the map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Connection
+
+from semmap.belief.error import BeliefError
+from semmap.belief.places import place_at
+from semmap.belief.reader import read_agent_pose, read_height, read_occluders, read_places
+from semmap.belief.store import Row, add_observations
+from semmap.belief.views import visible_shares
+from semmap.draw.depth_camera import DepthCamera
+from semmap.geometry.pose import Pose
+
+__all__ = ["observe_point", "observe_view", "spot"]
+
+LEAST_SHARE = 0.02
+"""A place of which a view shows less was not looked at."""
+
+HEIGHT = 0.1
+"""Metres, of an object whose size is unknown."""
+
+
+def spot(
+    connection: Connection,
+    name: str,
+    point: Sequence[float],
+    *,
+    frame: str | None = None,
+    at: datetime | None = None,
+) -> Row:
+    """Return the place of a detection, and its position there.
+
+    Parameters
+    ----------
+    name
+        Of the detected object or agent: only places that have room for it count.
+    point
+        (x, y, z) metres.
+    frame
+        The agent in whose frame the point is; the map's where None.
+    at
+        When the agent was where it was; now where None.
+
+    Returns
+    -------
+    dict
+        `place` and `position`, as `semmap.belief.store.add_observations` takes them.
+
+    Raises
+    ------
+    LookupError
+        The map has no such object or agent.
+    BeliefError
+        A point that is not three finite numbers, or is at no place.
+    """
+    if len(point) != 3 or not all(math.isfinite(v) for v in point):
+        raise BeliefError(f"{name} was detected at {tuple(point)}: give x, y, z in metres")
+    there = [float(v) for v in point]
+    if frame is not None:
+        there = [float(v) for v in read_agent_pose(connection, frame, at).apply([there])[0]]
+    place = place_at(read_places(connection, name), there)
+    if place is None:
+        x, y, z = there
+        raise BeliefError(
+            f"{name} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no place has "
+            "room for it: check the frame, or add the furniture or room to the map"
+        )
+    return {"place": place.name, "position": _within(place.pose, there)}
+
+
+def observe_point(
+    connection: Connection,
+    name: str,
+    point: Sequence[float],
+    *,
+    frame: str | None = None,
+    at: datetime | None = None,
+    **values: Any,
+) -> Row:
+    """Store that an object was detected at a point; return the stored observation.
+
+    Parameters
+    ----------
+    connection, name, point, frame, at
+        As for `spot`.
+    **values
+        Other values of `semmap.belief.store.add_observations`, such as `hit` and `false_alarm`.
+
+    Raises
+    ------
+    LookupError, BeliefError
+        As `spot` and `add_observations`; nothing is stored.
+    """
+    row = {"object": name, "seen": True, "at": at, "observer": frame} | values
+    row |= spot(connection, name, point, frame=frame, at=at)
+    add_observations(connection, [row])
+    return row
+
+
+def observe_view(
+    connection: Connection,
+    camera: DepthCamera,
+    looked_for: Collection[str],
+    seen: Mapping[str, Sequence[float]] | None = None,
+    *,
+    furthest: float = 5.0,
+    at: datetime | None = None,
+    observer: str | None = None,
+    **values: Any,
+) -> list[Row]:
+    """Store what a view showed: detections, and for the rest that it was looked for and not seen.
+
+    The map's meshes decide which share of each place was in view.
+
+    Parameters
+    ----------
+    camera
+        Its pose is in the map's frame.
+    looked_for
+        Names of the objects that the detector knows.
+    seen
+        Where it detected some of them: points (x, y, z) in the map's frame, metres.
+    furthest
+        Range of the detector, metres.
+    observer
+        Name of the agent that has the camera.
+    **values
+        `hit` and `false_alarm` of the detector.
+
+    Returns
+    -------
+    list of dict
+        The stored observations.
+
+    Raises
+    ------
+    LookupError, BeliefError
+        As `spot` and `add_observations`; nothing is stored.
+    """
+    detected = dict(seen or {})
+    if not furthest > 0:
+        raise BeliefError(f"the range of the view is {furthest} m: give a number above 0")
+    names = sorted({*looked_for, *detected})
+    depths, _ = camera.image(read_occluders(connection, names))
+    rows: list[Row] = []
+    for name in names:
+        common = {"object": name, "at": at, "observer": observer} | values
+        where = None
+        if name in detected:
+            where = spot(connection, name, detected[name])
+            rows.append(common | {"seen": True} | where)
+        height = read_height(connection, name) or HEIGHT
+        shares = visible_shares(
+            read_places(connection, name), camera, depths, furthest=furthest, height=height
+        )
+        rows += [
+            common | {"seen": False, "place": place, "visible": share}
+            for place, share in shares.items()
+            if share >= LEAST_SHARE and not (where and where["place"] == place)
+        ]
+    add_observations(connection, rows)
+    return rows
+
+
+def _within(pose: Pose, point: Sequence[float]) -> list[float]:
+    """A point of the map in the frame of a place."""
+    return [float(v) for v in pose.inverse().apply([point])[0]]

@@ -1,0 +1,146 @@
+"""Places at which objects can be, as plain data, and the place that a point in the map belongs to.
+
+Which places have room for an object, the database decides (``places_for``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from semmap.geometry.pose import IDENTITY, Pose
+
+__all__ = ["Place", "Surface", "place_at", "sample_points"]
+
+BELOW, ABOVE = 0.05, 0.5
+"""Metres that a detected point may be below a surface, and above it: an object has its height."""
+
+BORDER = 0.03
+"""Metres by which a detected point may miss the edge of a surface."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A level area on which objects stand.
+
+    Attributes
+    ----------
+    outline : Polygon or MultiPolygon in the map's frame, metres
+    height : its z in the map's frame
+    """
+
+    outline: shapely.Geometry
+    height: float
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """An object or room at which other objects can be.
+
+    Attributes
+    ----------
+    name : of the entity
+    kind : "object" or "room"
+    surfaces : where objects stand; the floor of a room
+    low, high : (3,) corners of its box in the map's frame, metres; None without geometry
+    footprint : the area that it covers
+    pose : its frame in the map's frame
+    storey : the storey that holds it, if any
+    """
+
+    name: str
+    kind: str
+    surfaces: tuple[Surface, ...] = ()
+    low: NDArray[np.float64] | None = None
+    high: NDArray[np.float64] | None = None
+    footprint: shapely.Geometry | None = None
+    pose: Pose = field(default=IDENTITY)
+    storey: str | None = None
+
+
+def place_at(places: Iterable[Place], point: ArrayLike) -> Place | None:
+    """Return the place of a point: the surface below it, else a container, else the room.
+
+    Parameters
+    ----------
+    point
+        (3,) the middle or the foot of an object, metres in the map's frame.
+
+    Returns
+    -------
+    Place or None
+        None where the point is at no place.
+    """
+    x, y, z = (float(v) for v in np.asarray(point, float))
+    here = shapely.Point(x, y)
+    places = [*places]
+    below = [
+        (surface.height, place)
+        for place in places
+        if place.kind != "room"
+        for surface in place.surfaces
+        if -BELOW <= z - surface.height <= ABOVE and surface.outline.distance(here) <= BORDER
+    ]
+    if below:
+        return max(below, key=lambda found: found[0])[1]
+    around = [
+        (_volume(place), place)
+        for place in places
+        if place.low is not None
+        and place.high is not None
+        and place.footprint is not None
+        and place.footprint.distance(here) <= (0.0 if place.kind == "room" else BORDER)
+        and place.low[2] - BELOW <= z <= place.high[2] + BELOW
+    ]
+    inside = [found for found in around if found[1].kind != "room"] or around
+    return min(inside, key=lambda found: found[0])[1] if inside else None
+
+
+def _volume(place: Place) -> float:
+    assert place.low is not None
+    assert place.high is not None
+    return float(np.prod(place.high - place.low))
+
+
+def sample_points(place: Place, step: float, lift: float) -> NDArray[np.float64]:
+    """Return points evenly over the surfaces of a place; of a container without one, in its middle.
+
+    Parameters
+    ----------
+    step
+        Metres between points; a smaller surface has one point.
+    lift
+        Metres above the surface: half the height of the object that is looked for.
+
+    Returns
+    -------
+    numpy.ndarray
+        (n, 3) metres in the map's frame.
+    """
+    areas = [(surface.outline, surface.height + lift) for surface in place.surfaces]
+    if not areas and place.footprint is not None and place.low is not None:
+        assert place.high is not None
+        areas = [(place.footprint, float(place.low[2] + place.high[2]) / 2)]
+    parts = [_grid(outline, height, step) for outline, height in areas]
+    return np.concatenate(parts) if parts else np.empty((0, 3))
+
+
+def _grid(outline: shapely.Geometry, height: float, step: float) -> NDArray[np.float64]:
+    x0, y0, x1, y1 = outline.bounds
+    x, y = np.meshgrid(_middles(x0, x1, step), _middles(y0, y1, step))
+    inside = shapely.contains_xy(outline, x.ravel(), y.ravel())
+    points = np.column_stack([x.ravel()[inside], y.ravel()[inside]])
+    if not len(points):
+        middle = outline.representative_point()
+        points = np.array([[middle.x, middle.y]])
+    return np.column_stack([points, np.full(len(points), height)])
+
+
+def _middles(low: float, high: float, step: float) -> NDArray[np.float64]:
+    """The middles of equal parts of an interval that are at most a step long."""
+    count = max(int(np.ceil((high - low) / step)), 1)
+    return low + (np.arange(count) + 0.5) * (high - low) / count

@@ -1,0 +1,229 @@
+"""Read places, and what hides them, from the map."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from sqlalchemy import Connection, text
+
+from semmap.belief.error import BeliefError
+from semmap.belief.observation_columns import Observations
+from semmap.belief.places import Place, Surface
+from semmap.belief.sighting_model import SightingModel
+from semmap.belief.store import ELSEWHERE, MapConnection, driver
+from semmap.geometry.pose import Pose
+from semmap.query.entity_query import entity_id
+from semmap.query.storey_reader import read_entities
+from semmap.query.storey_scene import NO_TRIANGLES
+
+__all__ = [
+    "BeliefColumns",
+    "read_agent_pose",
+    "read_columns",
+    "read_height",
+    "read_model",
+    "read_occluders",
+    "read_places",
+]
+
+_PLACES = """
+SELECT e.name, e.kind, y.name AS storey, coalesce(w.pose, '{0,0,0,0,0,0,1}') AS pose,
+       ST_AsBinary(w.footprint) AS footprint,
+       ARRAY[ST_XMin(w.box), ST_YMin(w.box), ST_ZMin(w.box)] AS low,
+       ARRAY[ST_XMax(w.box), ST_YMax(w.box), ST_ZMax(w.box)] AS high,
+       w.pose[3] + r.floor AS floor, w.pose[3] + r.ceiling AS ceiling, s.outlines, s.heights
+FROM places_for(ARRAY[CAST(:id AS bigint)]) p JOIN entity e ON e.id = p.place_id
+LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
+LEFT JOIN entity y ON y.id = w.storey_id LEFT JOIN LATERAL (
+    SELECT array_agg(ST_AsBinary(ST_Force2D(pose_apply(ST_Force3D(s.outline), w.pose))))
+               AS outlines, array_agg(w.pose[3] + s.height) AS heights
+    FROM entity_model m JOIN support_surface s ON s.model_id = m.model_id AND s.height IS NOT NULL
+    WHERE m.entity_id = e.id AND abs(w.pose[4]) < 1e-3 AND abs(w.pose[5]) < 1e-3) s
+    ON e.kind = 'object'
+ORDER BY e.name
+"""
+
+ROOM_HEIGHT = 2.5
+"""Metres, of a room whose ceiling is unknown."""
+
+
+def read_places(connection: Connection, name: str) -> list[Place]:
+    """Return the places at which an object or agent of the map has room.
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of this name.
+    """
+    number = entity_id(driver(connection), name)
+    return [_place(row) for row in connection.execute(text(_PLACES), {"id": number})]
+
+
+def _place(row: Any) -> Place:
+    footprint = None if row.footprint is None else shapely.from_wkb(bytes(row.footprint))
+    surfaces = [
+        Surface(shapely.from_wkb(bytes(outline)), float(height))
+        for outline, height in zip(row.outlines or (), row.heights or (), strict=True)
+    ]
+    low, high = (None if footprint is None else np.array(v, float) for v in (row.low, row.high))
+    if row.kind == "room" and footprint is not None:
+        assert low is not None
+        assert high is not None
+        low[2] = row.floor if row.floor is not None else low[2]
+        top = row.ceiling if row.ceiling is not None else max(high[2], low[2] + ROOM_HEIGHT)
+        high[2] = top
+        surfaces = [Surface(footprint, float(low[2]))]
+    pose = Pose(*row.pose)
+    return Place(row.name, row.kind, tuple(surfaces), low, high, footprint, pose, row.storey)
+
+
+def read_occluders(connection: Connection, without: Collection[str]) -> NDArray[np.float64]:
+    """Return the triangles of rooms and objects, and of shut doors, that hide what is behind them.
+
+    Parameters
+    ----------
+    without
+        Names of the objects that are looked for: the map may have them where they are not.
+
+    Returns
+    -------
+    numpy.ndarray
+        (F, 3, 3) metres in the map's frame.
+    """
+    parts = [
+        entity.triangles
+        for entity in read_entities(connection, kinds=("room", "object", "connector"))
+        if entity.name not in without and (entity.kind != "connector" or entity.state != "open")
+    ]
+    return np.concatenate([NO_TRIANGLES, *parts])
+
+
+def read_agent_pose(connection: Connection, name: str, at: datetime | None = None) -> Pose:
+    """Return the pose of an agent in the map's frame, now or at a moment.
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of this name.
+    BeliefError
+        It had no place in the map then.
+    """
+    number = entity_id(driver(connection), name)
+    pose = connection.execute(
+        text("SELECT pose_at(:id, coalesce(CAST(:at AS timestamptz), statement_timestamp()))"),
+        {"id": number, "at": at},
+    ).scalar()
+    if pose is None:
+        raise BeliefError(f"{name} was not placed in the map then: place it, or give a point")
+    return Pose(*pose)
+
+
+def read_height(connection: Connection, name: str) -> float | None:
+    """Return the height of an object, metres; None where it is unknown."""
+    number = entity_id(driver(connection), name)
+    height = connection.execute(text("SELECT height FROM size_of(:id)"), {"id": number}).scalar()
+    return None if height is None else float(height)
+
+
+@dataclass(frozen=True, eq=False)
+class BeliefColumns:
+    """What the map has about some objects, as arrays for `infer`, occlusion, motion and ProbLog.
+
+    Attributes
+    ----------
+    objects, places : names of rows and columns; the last place is *elsewhere*
+    prior : (objects, places), rows sum to 1; 0 where an object has no room
+    observations : ages relative to the moment that was asked for
+    mobility : (objects,)
+    volume : (objects,) cubic metres; NaN where unknown
+    """
+
+    objects: tuple[str, ...]
+    places: tuple[str, ...]
+    prior: NDArray[np.float64]
+    observations: Observations
+    mobility: NDArray[np.float64]
+    volume: NDArray[np.float64]
+
+
+_PRIORS = """
+SELECT t.name, coalesce(e.name, 'elsewhere') AS place, p.prior
+FROM prior_of(%(ids)s) p JOIN entity t ON t.id = p.entity_id LEFT JOIN entity e ON e.id = p.place_id
+"""
+
+_LOOKS = """
+SELECT t.name, e.name AS place, o.seen, o.visible, o.hit, o.false_alarm,
+       extract(epoch FROM %(at)s - o.at)::float8 AS age
+FROM observation o JOIN entity t ON t.id = o.entity_id
+JOIN places_for(%(ids)s) p ON p.entity_id = o.entity_id
+ AND (p.place_id = o.place_id OR o.inside AND is_held_by(p.place_id, o.place_id))
+JOIN entity e ON e.id = p.place_id
+WHERE o.entity_id = ANY (%(ids)s) AND o.at <= %(at)s ORDER BY o.at, o.id
+"""
+
+
+def read_columns(
+    connection: MapConnection, names: Sequence[str], at: datetime | None = None
+) -> BeliefColumns:
+    """Return priors and observations of objects as arrays.
+
+    An observation anywhere in a room is an entry for each place in it, which has the same
+    likelihood up to a constant.
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of a name.
+    """
+    session = driver(connection)
+    ids = [entity_id(session, name) for name in names]
+    moment = at or datetime.now(UTC)
+    values = {"ids": ids, "at": moment}
+    priors = session.execute(_PRIORS, values).fetchall()
+    places = sorted({place for _, place, _ in priors} - {ELSEWHERE})
+    places.append(ELSEWHERE)
+    row_of = {name: row for row, name in enumerate(names)}
+    column_of = {place: column for column, place in enumerate(places)}
+    prior = np.zeros((len(names), len(places)))
+    for name, place, share in priors:
+        prior[row_of[name], column_of[place]] = share
+    looks = session.execute(_LOOKS, values).fetchall()
+    sizes = session.execute(
+        "SELECT coalesce(property_of(t.id, 'mobility'), 1), coalesce(property_of(t.id, 'volume'), "
+        "s.base * s.height) FROM unnest(%s::bigint[]) WITH ORDINALITY t (id, number), "
+        "LATERAL size_of(t.id) s ORDER BY t.number",
+        (ids,),
+    ).fetchall()
+    rates = [[np.nan if look[i] is None else look[i] for look in looks] for i in (4, 5)]
+    return BeliefColumns(
+        tuple(names),
+        tuple(places),
+        prior,
+        Observations(
+            np.array([row_of[look[0]] for look in looks], np.intp),
+            np.array([column_of[look[1]] for look in looks], np.intp),
+            np.array([look[6] for look in looks], np.float64),
+            np.array([look[2] for look in looks], np.bool_),
+            np.array([look[3] for look in looks], np.float64),
+            *(np.array(rate, np.float64) for rate in rates),
+        ),
+        np.array([mobility for mobility, _ in sizes], np.float64),
+        np.array([np.nan if volume is None else volume for _, volume in sizes], np.float64),
+    )
+
+
+def read_model(connection: MapConnection) -> SightingModel:
+    """Return how the map judges sightings."""
+    row = (
+        driver(connection)
+        .execute("SELECT there, elsewhere, change, seconds FROM belief_model_of(current_map())")
+        .fetchone()
+    )
+    assert row is not None
+    return SightingModel(*row)

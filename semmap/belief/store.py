@@ -1,0 +1,264 @@
+"""Observations and beliefs in the database; the connection sees a map (`see_map`).
+
+The database computes beliefs by itself (`schema/functions/480_belief.sql`): after a new
+observation, it updates the rows of the object in the table ``belief`` and announces the change.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any, TypeAlias, cast
+
+import psycopg
+from psycopg import errors
+from psycopg.rows import dict_row
+from sqlalchemy import Connection
+
+from semmap.belief.error import BeliefError
+from semmap.query.entity_query import entity_id
+
+__all__ = [
+    "ELSEWHERE",
+    "MapConnection",
+    "Row",
+    "add_observations",
+    "driver",
+    "initial_belief",
+    "read_belief",
+    "refusal",
+    "where",
+]
+
+ELSEWHERE = "elsewhere"
+"""The name of being at no place of the map."""
+
+MapConnection: TypeAlias = "Connection | psycopg.Connection[Any]"
+Row = dict[str, Any]
+
+RATES = ("hit", "false_alarm")
+COLUMNS = ("object", "place", "seen", "at", "inside", "position", "visible", *RATES, "observer")
+"""What a row of an observation may have; the first three are required."""
+
+
+def read_belief(
+    connection: MapConnection, name: str, at: datetime | None = None
+) -> dict[str, float]:
+    """Return how probable each place is for an object or agent.
+
+    Parameters
+    ----------
+    name
+        Of the object or agent.
+    at
+        By the observations until then, at their age then; now where None.
+
+    Returns
+    -------
+    dict
+        Probabilities by names of places, the most probable first, and of `ELSEWHERE`. They sum to 1
+        within 1e-12.
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of this name.
+    BeliefError
+        It is not an object or agent, or `at` has no time zone.
+    """
+    return {row["place"]: row["probability"] for row in where(connection, name, at)}
+
+
+def where(connection: MapConnection, name: str, at: datetime | None = None) -> list[Row]:
+    """Return the rows of the SQL function ``where_is``: the belief with its reasons.
+
+    Returns
+    -------
+    list of dict
+        `place`, `probability`, `prior`, `holder` of the place, and when the object was last seen
+        there and last looked for in vain (`last_seen`, `last_missed`); the most probable first.
+
+    Raises
+    ------
+    LookupError, BeliefError
+        As `read_belief`.
+    """
+    session = driver(connection)
+    entity_id(session, name)
+    if at is not None and at.tzinfo is None:
+        raise BeliefError(f"the time {at.isoformat()} has no time zone: give it with one")
+    try:
+        with session.cursor(row_factory=dict_row) as cursor:
+            rows = cursor.execute(
+                "SELECT * FROM where_is(%s, coalesce(%s, statement_timestamp()))", (name, at)
+            ).fetchall()
+    except errors.CheckViolation as error:
+        raise refusal(error) from error
+    if len({row["place"] for row in rows}) < len(rows):
+        raise BeliefError(f"the map has a place of the name {ELSEWHERE}: rename it")
+    return rows
+
+
+def initial_belief(
+    connection: MapConnection, names: Sequence[str], at: datetime | None = None
+) -> dict[str, list[Any]]:
+    """Return the message of the thesis's appendix B.2: locations, and a distribution for each name.
+
+    Returns
+    -------
+    dict
+        `location` has the names of all places, `ELSEWHERE` last; each of `names` has its
+        probabilities in that order.
+
+    Raises
+    ------
+    LookupError, BeliefError
+        As `read_belief`; a name that is ``location``.
+    """
+    if "location" in names:
+        raise BeliefError("an object of the name location has no place in this message: rename it")
+    beliefs = {name: read_belief(connection, name, at) for name in names}
+    places = sorted({place for belief in beliefs.values() for place in belief} - {ELSEWHERE})
+    places.append(ELSEWHERE)
+    return {"location": list(places)} | {
+        name: [belief.get(place, 0.0) for place in places] for name, belief in beliefs.items()
+    }
+
+
+def add_observations(connection: MapConnection, rows: Iterable[Mapping[str, Any]]) -> list[int]:
+    """Store observations; the beliefs follow in the same transaction, and are announced with it.
+
+    Parameters
+    ----------
+    rows
+        Mappings. `object` and `place` are names, `seen` is a bool. Optional: `at` (aware datetime,
+        or text in ISO 8601 with a time zone; by default now), `visible` (the share of the place in
+        view, in (0, 1]), `hit` and `false_alarm` (rates of the detector), `position` (x, y, z in
+        the frame of the place, metres), `inside` (anywhere in the place, also on or in what it
+        holds), `observer` (name of an agent).
+
+    Returns
+    -------
+    list of int
+        Ids of the rows of the table ``observation``.
+
+    Raises
+    ------
+    LookupError
+        A name that the map does not have.
+    BeliefError
+        A value out of its range, an observation from the future, or a place at which the object has
+        no room. No row is stored.
+    """
+    session = driver(connection)
+    checked = [_checked(row, number) for number, row in enumerate(rows, 1)]
+    if not checked:
+        return []
+    ids: dict[str, int] = {}
+    for row in checked:
+        for key in ("object", "place", "observer"):
+            if row[key] is not None and row[key] not in ids:
+                ids[row[key]] = entity_id(session, row[key])
+    columns = [
+        [ids.get(row["object"]) for row in checked],
+        [ids.get(row["place"]) for row in checked],
+        [ids.get(row["observer"]) for row in checked],
+        *([row[key] for row in checked] for key in ("seen", "at", "inside", "visible", *RATES)),
+        *([row["position"] and row["position"][axis] for row in checked] for axis in range(3)),
+    ]
+    try:
+        with session.transaction():
+            return [number for (number,) in session.execute(INSERT, columns).fetchall()]
+    except errors.CheckViolation as error:
+        raise refusal(error) from error
+
+
+INSERT = """
+INSERT INTO observation (entity_id, place_id, observer_id, seen, at, inside, visible, hit,
+                         false_alarm, position)
+SELECT object, place, observer, seen, coalesce(at, clock_timestamp()), inside, visible, hit,
+       false_alarm, CASE WHEN x IS NOT NULL THEN ARRAY[x, y, z] END
+FROM unnest(%s::bigint[], %s::bigint[], %s::bigint[], %s::boolean[], %s::timestamptz[],
+            %s::boolean[], %s::float8[], %s::float8[], %s::float8[], %s::float8[], %s::float8[],
+            %s::float8[]) o (object, place, observer, seen, at, inside, visible, hit, false_alarm,
+                             x, y, z)
+RETURNING id
+"""
+
+
+def driver(connection: MapConnection) -> psycopg.Connection[Any]:
+    """Return the psycopg connection behind a connection of SQLAlchemy, or itself."""
+    if isinstance(connection, Connection):
+        return cast("psycopg.Connection[Any]", connection.connection.driver_connection)
+    return connection
+
+
+def refusal(error: errors.CheckViolation) -> BeliefError:
+    """Return the database's refusal as an error of this package: what is wrong, and the fix.
+
+    The names of constraints are sentences.
+    """
+    if error.diag.constraint_name:
+        return BeliefError(f"refused: {error.diag.constraint_name.replace('_', ' ')}")
+    parts = (error.diag.message_primary, error.diag.message_hint)
+    return BeliefError(". ".join(filter(None, parts)))
+
+
+def _checked(row: Mapping[str, Any], number: int) -> Row:
+    """The columns of an observation, with its defaults; `number` is its place in the input."""
+    where = f"observation {number}"
+    unknown = [key for key in row if key not in COLUMNS]
+    if unknown:
+        raise BeliefError(f"{where}: {unknown[0]} is not one of {', '.join(COLUMNS)}")
+    for key in ("object", "place"):
+        if not isinstance(row.get(key), str) or not row[key]:
+            raise BeliefError(f"{where}: {key} is {row.get(key)!r}: give the name of an entity")
+    where += f" ({row['object']} at {row['place']})"
+    for key in ("seen", "inside"):
+        if not isinstance(row.get(key, key == "inside"), bool):
+            raise BeliefError(f"{where}: {key} is {row.get(key)!r}: give true or false")
+    found: Row = dict.fromkeys(COLUMNS) | {"inside": False, "visible": 1.0} | dict(row)
+    if row["object"] == row["place"]:
+        raise BeliefError(f"{where}: an object is not its own place: name what it is on or in")
+    found["at"] = _moment(found["at"], where)
+    visible = found["visible"]
+    if not (_is_number(visible) and 0 < visible <= 1):
+        raise BeliefError(f"{where}: visible is {visible!r}: give the share in view, in (0, 1]")
+    for key in RATES:
+        rate = found[key]
+        if rate is not None and not (_is_number(rate) and 0 < rate < 1):
+            raise BeliefError(f"{where}: {key} is {rate!r}: give a probability between 0 and 1")
+    spot = found["position"]
+    if spot is not None and not (
+        isinstance(spot, list | tuple)
+        and len(spot) == 3
+        and all(_is_number(v) and math.isfinite(v) for v in spot)
+    ):
+        raise BeliefError(f"{where}: position is {spot!r}: give x, y, z in metres")
+    return found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _moment(given: Any, where: str) -> datetime | None:
+    """The time of an observation, aware; None for now."""
+    if given is None:
+        return None
+    if isinstance(given, str):
+        try:
+            given = datetime.fromisoformat(given)
+        except ValueError:
+            raise BeliefError(
+                f"{where}: at is {given!r}: give ISO 8601, such as 2026-05-01T12:00:00Z"
+            ) from None
+    if not isinstance(given, datetime) or given.tzinfo is None:
+        raise BeliefError(f"{where}: at is {given}: give a time with its time zone")
+    if given > datetime.now(UTC):
+        raise BeliefError(
+            f"{where}: at is {given.isoformat()}, in the future: give a time in the past, or "
+            "compare the clocks"
+        )
+    return given

@@ -1,0 +1,345 @@
+"""Teachings: what a module or a person tells the map, checked before the map is asked.
+
+The parts are those of the thesis's teaching topic (appendix B.1), by its names or by plainer ones.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+from semmap.belief.error import BeliefError
+from semmap.ingest.ontology.tbox import snake_case
+
+__all__ = [
+    "Action",
+    "Knowledge",
+    "Relation",
+    "TaughtObject",
+    "Teaching",
+    "is_a",
+    "parse_teaching",
+    "read_teaching",
+]
+
+Row = dict[str, Any]
+
+ALIASES = {
+    "directedRelations": "relations",
+    "directed_relations": "relations",
+    "actionss": "actions",
+    "objs": "objects",
+    "master": "subject",
+    "slave": "object",
+    "instance1": "cause",
+    "instance2": "effect",
+    "clas": "class",
+    "baseArea": "base_area",
+    "seenAt": "at",
+    "time": "at",
+}
+"""Names of the thesis, and ours for them."""
+
+PARTS = ("knowledge", "relations", "actions", "objects", "observations", "model")
+MODEL = (
+    "there",
+    "elsewhere",
+    "change",
+    "seconds",
+    "prior_elsewhere",
+    "prior_history",
+    "prior_typical",
+)
+"""The numbers of the table ``belief_model``."""
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """A concept (or an entity of the map) and its properties."""
+
+    name: str
+    properties: Row = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A directed relation: subject, its name, object, such as coke isA sodacan."""
+
+    subject: str
+    relation: str
+    object: str
+
+    def __str__(self) -> str:
+        return f"{self.subject} {self.relation} {self.object}"
+
+
+@dataclass(frozen=True)
+class Action:
+    """An action, what it needs, and what it brings about."""
+
+    name: str
+    cause: str
+    effect: str
+
+
+@dataclass(frozen=True)
+class TaughtObject:
+    """An object of the environment.
+
+    Attributes
+    ----------
+    name : of the entity
+    type : its class, if taught
+    properties : `base_area` (square metres), `volume` (cubic metres), `mobility` and others
+    occurrences : rows as for `semmap.belief.store.add_observations`, without `object`
+    """
+
+    name: str
+    type: str | None = None
+    properties: Row = field(default_factory=dict)
+    occurrences: tuple[Row, ...] = ()
+
+
+@dataclass(frozen=True)
+class Teaching:
+    """All that one message or file teaches.
+
+    Attributes
+    ----------
+    observations : rows as for `semmap.belief.store.add_observations`
+    model : numbers of the table ``belief_model``
+    """
+
+    knowledge: tuple[Knowledge, ...] = ()
+    relations: tuple[Relation, ...] = ()
+    actions: tuple[Action, ...] = ()
+    objects: tuple[TaughtObject, ...] = ()
+    observations: tuple[Row, ...] = ()
+    model: dict[str, float] = field(default_factory=dict)
+
+
+def is_a(relation: str) -> bool:
+    """Whether a relation is that of a class to what subsumes it: isA, is_a, IsA."""
+    return snake_case(relation) in ("is_a", "isa")
+
+
+def read_teaching(path: Path) -> Teaching:
+    """Return the teaching of a JSON file, or of a Map.xml of the thesis.
+
+    Raises
+    ------
+    BeliefError
+        The file cannot be read, or `parse_teaching` refuses what it says.
+    WorldError
+        The file ends in ``.xml`` and is not XML.
+    """
+    if path.suffix.lower() == ".xml":
+        from semmap.belief.map_xml import read_map_xml
+
+        return parse_teaching(read_map_xml(path), str(path))
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BeliefError(f"{path}: cannot be read ({error.strerror}): check the path") from error
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise BeliefError(f"{path}: is not valid JSON: {error}") from error
+    return parse_teaching(data, str(path))
+
+
+def parse_teaching(data: Any, where: str = "teaching") -> Teaching:
+    """Return a teaching from plain data, as JSON has it.
+
+    Parameters
+    ----------
+    data
+        A mapping with any of `knowledge` (name, properties), `relations` (subject, relation,
+        object), `actions` (action, cause, effect), `objects` (name, class, base_area, volume,
+        mobility, properties, occurrences), `observations` and `model`. The names of the thesis are
+        accepted, too: directedRelations (master, action, slave), actions (action, instance1,
+        instance2), objs (name, clas, base_area, volume, occurrences).
+    where
+        The beginning of messages, such as the file.
+
+    Raises
+    ------
+    BeliefError
+        A part, a name or a number that cannot be used, or classes that subsume each other.
+
+    Examples
+    --------
+    >>> parse_teaching({"relations": [{"master": "coke", "action": "isA", "slave": "sodacan"}]})
+    ... # doctest: +NORMALIZE_WHITESPACE
+    Teaching(knowledge=(), relations=(Relation(subject='coke', relation='isA', object='sodacan'),),
+             actions=(), objects=(), observations=(), model={})
+    """
+    given = _renamed(data, where)
+    _only(given, PARTS, where)
+    teaching = Teaching(
+        _each(given, "knowledge", where, _knowledge),
+        _each(given, "relations", where, _relation),
+        _each(given, "actions", where, _action),
+        _each(given, "objects", where, _object),
+        _each(given, "observations", where, _occurrence),
+        _model(given.get("model", {}), where),
+    )
+    if teaching == Teaching():
+        raise BeliefError(f"{where}: teaches nothing: give any of {', '.join(PARTS)}")
+    _check_cycles(teaching, where)
+    _check_repeats(teaching, where)
+    return teaching
+
+
+def _each(given: Row, part: str, where: str, parse: Callable[[Row, str], Any]) -> tuple[Any, ...]:
+    rows = given.get(part, [])
+    if not isinstance(rows, Sequence) or isinstance(rows, str):
+        raise BeliefError(f"{where}: {part} is {rows!r}: give a list")
+    found = []
+    for number, row in enumerate(rows, 1):
+        place = f"{where}: {part} {number}"
+        found.append(parse(_renamed(row, place), place))
+    return tuple(found)
+
+
+def _renamed(row: Any, where: str) -> Row:
+    if not isinstance(row, Mapping):
+        raise BeliefError(f"{where}: is {row!r}: give names with their values")
+    found: Row = {}
+    for key, value in row.items():
+        name = ALIASES.get(str(key), str(key))
+        if name in found:
+            raise BeliefError(f"{where}: {name} is given twice")
+        found[name] = value
+    return found
+
+
+def _only(row: Row, known: Sequence[str], where: str) -> None:
+    unknown = [key for key in row if key not in known]
+    if unknown:
+        raise BeliefError(f"{where}: {unknown[0]} is not one of {', '.join(known)}")
+
+
+def _knowledge(row: Row, where: str) -> Knowledge:
+    _only(row, ("name", "properties"), where)
+    return Knowledge(_name(row, "name", where), _properties(row, where))
+
+
+def _relation(row: Row, where: str) -> Relation:
+    if "relation" not in row and "action" in row:
+        row = {("relation" if key == "action" else key): value for key, value in row.items()}
+    _only(row, ("subject", "relation", "object"), where)
+    found = Relation(*(_name(row, key, where) for key in ("subject", "relation", "object")))
+    if found.subject == found.object:
+        raise BeliefError(f"{where}: {found}: a relation is between two names")
+    return found
+
+
+def _action(row: Row, where: str) -> Action:
+    _only(row, ("action", "cause", "effect"), where)
+    found = Action(*(_name(row, key, where) for key in ("action", "cause", "effect")))
+    if found.cause == found.effect:
+        raise BeliefError(f"{where}: {found.name}: cause and effect are both {found.cause}")
+    return found
+
+
+def _object(row: Row, where: str) -> TaughtObject:
+    known = ("name", "class", "base_area", "volume", "mobility", "properties", "occurrences")
+    _only(row, known, where)
+    name = _name(row, "name", where)
+    where += f" ({name})"
+    properties = _properties(row, where)
+    for quantity in ("base_area", "volume", "mobility"):
+        if row.get(quantity) is not None:
+            properties[quantity] = _number(row[quantity], quantity, where)
+    for key in ("base_area", "volume"):
+        if key in properties and not _number(properties[key], key, where) > 0:
+            raise BeliefError(f"{where}: {key} is {properties[key]:g}: give a number above 0")
+    if "mobility" in properties and not _number(properties["mobility"], "mobility", where) >= 0:
+        raise BeliefError(f"{where}: mobility is {properties['mobility']:g}: give at least 0")
+    rows = _each(row, "occurrences", where, _occurrence)
+    type_ = _name(row, "class", where) if row.get("class") else None
+    return TaughtObject(name, type_, properties, rows)
+
+
+def _occurrence(row: Row, where: str) -> Row:
+    """An observation: x and y become its position, a number as its time counts from 1970."""
+    found: Row = {"seen": True} | row
+    spot = [found.pop(axis, None) for axis in "xyz"]
+    if spot[:2] != [None, None] or spot[2] is not None:
+        found["position"] = [
+            _number(0.0 if v is None else v, axis, where)
+            for v, axis in zip(spot, "xyz", strict=True)
+        ]
+    if isinstance(found.get("at"), int | float) and not isinstance(found["at"], bool):
+        from datetime import UTC, datetime
+
+        try:
+            found["at"] = datetime.fromtimestamp(found["at"], UTC)
+        except (ValueError, OverflowError, OSError):
+            raise BeliefError(
+                f"{where}: at is {found['at']}: give seconds since 1970, or ISO 8601"
+            ) from None
+    return found
+
+
+def _model(given: Any, where: str) -> dict[str, float]:
+    row = _renamed(given, f"{where}: model")
+    _only(row, MODEL, f"{where}: model")
+    return {key: _number(value, key, f"{where}: model") for key, value in row.items()}
+
+
+def _name(row: Row, key: str, where: str) -> str:
+    value = row.get(key)
+    if not isinstance(value, str) or not value.strip():
+        raise BeliefError(f"{where}: {key} is {value!r}: give a name")
+    return value.strip()
+
+
+def _properties(row: Row, where: str) -> Row:
+    """The properties of a concept; a text, as the thesis has it, is the property `text`."""
+    given = row.get("properties") or {}
+    if isinstance(given, str):
+        return {"text": given}
+    if not isinstance(given, Mapping):
+        raise BeliefError(f"{where}: properties is {given!r}: give names with their values")
+    for key in ("base_area", "volume", "mobility"):
+        if key in given and not _number(given[key], key, where) >= 0:
+            raise BeliefError(f"{where}: {key} is {given[key]:g}: give at least 0")
+    return dict(given)
+
+
+def _number(value: Any, key: str, where: str) -> float:
+    """A finite number; the thesis writes numbers as text."""
+    try:
+        number = float(value) if isinstance(value, int | float | str) else math.nan
+    except ValueError:
+        number = math.nan
+    if isinstance(value, bool) or not math.isfinite(number):
+        raise BeliefError(f"{where}: {key} is {value!r}: give a number")
+    return number
+
+
+def _check_cycles(teaching: Teaching, where: str) -> None:
+    above: dict[str, set[str]] = {}
+    for taught in teaching.relations:
+        if is_a(taught.relation):
+            above.setdefault(snake_case(taught.subject), set()).add(snake_case(taught.object))
+    try:
+        TopologicalSorter(above).prepare()
+    except CycleError as error:
+        circle = " isA ".join(reversed(error.args[1]))
+        raise BeliefError(f"{where}: {circle}: leave out one of these relations") from None
+
+
+def _check_repeats(teaching: Teaching, where: str) -> None:
+    """An object that is taught twice must not be of two classes."""
+    types: dict[str, str | None] = {}
+    for taught in teaching.objects:
+        if types.setdefault(taught.name, taught.type) != taught.type:
+            raise BeliefError(
+                f"{where}: {taught.name} is a {types[taught.name]} and a {taught.type}: teach one"
+            )

@@ -1,0 +1,385 @@
+"""Teachings into the map, all or nothing; what contradicts the map is refused with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import psycopg
+from psycopg import errors, sql
+from psycopg.types.json import Jsonb
+
+from semmap.belief.action_chains import action_chain
+from semmap.belief.error import BeliefError
+from semmap.belief.store import MapConnection, add_observations, driver, refusal
+from semmap.belief.teaching import Action, Relation, TaughtObject, Teaching, is_a
+from semmap.ingest.ontology.tbox import KINDS, snake_case
+from semmap.suggestions import suggestion
+
+__all__ = ["how_to", "teach", "vocabulary"]
+
+PLACED = ("in", "on", "is_in", "is_on")
+"""Relations that say where an object is: they are sightings."""
+
+FIT = 1.05
+"""How much larger than its geometry an object may be taught to be."""
+
+
+def teach(connection: MapConnection, teaching: Teaching) -> dict[str, int]:
+    """Store a teaching, in one transaction; the beliefs follow.
+
+    Classes become types of the T-Box, ``isA`` their subsumption or the type of an entity; an
+    object that the map does not have becomes an entity without a placement; occurrences become
+    observations. A relation ``in`` or ``on`` of two entities is an occurrence at this moment.
+    Relations of two entities are links.
+
+    Returns
+    -------
+    dict
+        How many `types`, `relations`, `actions`, `objects` and `observations` were stored.
+
+    Raises
+    ------
+    LookupError, BeliefError
+        A name that neither the map nor the teaching has, or a statement that contradicts the map:
+        an object of two classes, one that is larger than its geometry, a place without room for it.
+        Nothing is stored.
+    """
+    session = driver(connection)
+    try:
+        with session.transaction():
+            return _Lesson(session).store(teaching)
+    except errors.CheckViolation as error:
+        raise refusal(error) from error
+    except errors.InsufficientPrivilege as error:
+        raise BeliefError(
+            f"this login may not teach that ({error.diag.message_primary}): robots teach objects, "
+            "relations, actions and occurrences; classes are taught by an admin"
+        ) from error
+
+
+def how_to(connection: MapConnection, goal: str, given: Sequence[str] = ()) -> list[Action]:
+    """Return the shortest chain of taught actions that brings about a goal.
+
+    Raises
+    ------
+    BeliefError
+        As `semmap.belief.action_chains.action_chain`.
+    """
+    session = driver(connection)
+    actions = session.execute(
+        "SELECT action, cause, effect FROM taught_action WHERE map_id = current_map() ORDER BY 1, 2"
+    ).fetchall()
+    lesson = _Lesson(session)
+    return action_chain(
+        [Action(*row) for row in actions], lesson.resolved(goal), lesson.subsumes, given
+    )
+
+
+def vocabulary(connection: MapConnection) -> dict[str, list[str]]:
+    """Return the names that a grammar needs: `things`, `places`, `types` and `actions`."""
+    session = driver(connection)
+    queries = {
+        "things": "SELECT name FROM entity WHERE map_id = current_map() "
+        "AND kind IN ('object', 'agent') ORDER BY 1",
+        "places": "SELECT name FROM entity WHERE map_id = current_map() "
+        "AND kind IN ('room', 'storey', 'region') UNION SELECT e.name FROM belief b "
+        "JOIN entity e ON e.id = b.place_id AND e.map_id = current_map() ORDER BY 1",
+        "types": "SELECT name FROM semantic_type ORDER BY 1",
+        "actions": "SELECT DISTINCT action FROM taught_action WHERE map_id = current_map() "
+        "ORDER BY 1",
+    }
+    return {
+        key: [row[0] for row in session.execute(query).fetchall()] for key, query in queries.items()
+    }
+
+
+@dataclass
+class _Lesson:
+    """The names of a map while a teaching is stored.
+
+    Attributes
+    ----------
+    kinds, types : of the entities, by name
+    known : names of semantic types
+    """
+
+    session: psycopg.Connection[Any]
+    kinds: dict[str, str] = field(default_factory=dict)
+    types: dict[str, str | None] = field(default_factory=dict)
+    known: set[str] = field(default_factory=set)
+    closure: set[tuple[str, str]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        rows = self.session.execute(
+            "SELECT name, kind, type FROM entity WHERE map_id = current_map()"
+        ).fetchall()
+        self.kinds = {name: kind for name, kind, _ in rows}
+        self.types = {name: type_ for name, _, type_ in rows}
+        self._read_types()
+
+    def _read_types(self) -> None:
+        self.closure = set(self.session.execute("SELECT sub, super FROM type_closure").fetchall())
+        self.known = {sub for sub, _ in self.closure}
+
+    # -- names ----------------------------------------------------------------------------------
+
+    def resolved(self, name: str) -> str:
+        """The name of an entity or of a type, as the map writes it.
+
+        Raises
+        ------
+        LookupError
+            There is none.
+        """
+        if name in self.kinds:
+            return name
+        if snake_case(name) in self.known:
+            return snake_case(name)
+        hint = suggestion(name, [*self.kinds, *self.known], "teach it as knowledge first")
+        raise LookupError(f"neither the map nor the teaching has {name}{hint}")
+
+    def subsumes(self, name: str, other: str) -> bool:
+        """Whether an entity or type is another one, or a kind of it."""
+        own = self.types.get(name) if name in self.kinds else name
+        return name == other or (own, other) in self.closure
+
+    # -- parts of a teaching --------------------------------------------------------------------
+
+    def store(self, teaching: Teaching) -> dict[str, int]:
+        """Store the parts, those first on which others stand."""
+        counts = {"types": self._add_types(teaching)}
+        self._describe(teaching)
+        created = [self._add_object(taught) for taught in teaching.objects]
+        sightings: list[dict[str, Any]] = []
+        self._subsume([r for r in teaching.relations if is_a(r.relation)])
+        for taught in teaching.objects:
+            self._classify(taught)
+        for relation in teaching.relations:
+            if not is_a(relation.relation):
+                sightings += self._relate(relation)
+        counts["relations"] = len(teaching.relations)
+        counts["actions"] = self._add_actions(teaching.actions)
+        counts["objects"] = len(created)
+        if teaching.model:
+            self._judge(teaching.model)
+        for taught in teaching.objects:
+            sightings += [self._sighting(taught.name, row) for row in taught.occurrences]
+        sightings += [self._sighting(row.get("object"), row) for row in teaching.observations]
+        self.session.execute("SELECT refresh_beliefs()")
+        self.session.execute(
+            "SELECT refresh_belief(ARRAY(SELECT id FROM entity "
+            "WHERE map_id = current_map() AND name = ANY (%s)))",
+            ([taught.name for taught in teaching.objects],),
+        )
+        counts["observations"] = len(add_observations(self.session, sightings))
+        return counts
+
+    def _add_types(self, teaching: Teaching) -> int:
+        """Concepts that are taught, and classes that relations or objects name."""
+        names = [concept.name for concept in teaching.knowledge]
+        objects = {taught.name for taught in teaching.objects}
+        for relation in teaching.relations:
+            if is_a(relation.relation):
+                names += [relation.subject, relation.object]
+        names += [taught.type for taught in teaching.objects if taught.type]
+        new = {
+            snake_case(name): name
+            for name in names
+            if name not in self.kinds and name not in objects
+        }
+        new = {name: label for name, label in new.items() if name not in self.known}
+        if "" in new:
+            raise BeliefError(f"{new['']} is not a name: give letters or digits")
+        if new:
+            self.session.execute(
+                "INSERT INTO semantic_type (name, label) "
+                "SELECT * FROM unnest(%s::text[], %s::text[])",
+                (list(new), list(new.values())),
+            )
+            self._read_types()
+        return len(new)
+
+    def _describe(self, teaching: Teaching) -> None:
+        for concept in teaching.knowledge:
+            if not concept.properties:
+                continue
+            of_entity = concept.name in self.kinds
+            self.session.execute(
+                "UPDATE entity SET properties = properties || %s "
+                "WHERE map_id = current_map() AND name = %s"
+                if of_entity
+                else "UPDATE semantic_type SET properties = properties || %s WHERE name = %s",
+                (Jsonb(concept.properties), self.resolved(concept.name)),
+            )
+
+    def _add_object(self, taught: TaughtObject) -> str:
+        kind = self.kinds.get(taught.name)
+        if kind is None:
+            self.session.execute(
+                "INSERT INTO entity (map_id, kind, name) VALUES (current_map(), 'object', %s)",
+                (taught.name,),
+            )
+            self.kinds[taught.name], self.types[taught.name] = "object", None
+        elif kind not in ("object", "agent"):
+            raise BeliefError(f"{taught.name} is a {kind} of the map: teach objects and agents")
+        if taught.properties:
+            self._check_size(taught)
+            self.session.execute(
+                "UPDATE entity SET properties = properties || %s "
+                "WHERE map_id = current_map() AND name = %s",
+                (Jsonb(taught.properties), taught.name),
+            )
+        return taught.name
+
+    def _check_size(self, taught: TaughtObject) -> None:
+        row = self.session.execute(
+            "SELECT s.sides[1] * s.sides[2], s.sides[1] * s.sides[2] * s.height FROM entity e "
+            "JOIN world w ON w.entity_id = e.id AND w.footprint IS NOT NULL, "
+            "LATERAL size_of(e.id) s WHERE e.map_id = current_map() AND e.name = %s",
+            (taught.name,),
+        ).fetchone()
+        for key, most, unit in zip(("base_area", "volume"), row or (), ("m2", "m3"), strict=False):
+            given = float(taught.properties.get(key, 0))
+            if given > most * FIT:
+                raise BeliefError(
+                    f"{taught.name}: {key} is {given:g} {unit}, but its geometry in the map has at "
+                    f"most {most:.3g} {unit}: correct one of them"
+                )
+
+    # -- classes --------------------------------------------------------------------------------
+
+    def _subsume(self, relations: Sequence[Relation]) -> None:
+        """Subsumption of types, then the types of entities."""
+        pairs = []
+        for relation in relations:
+            sub, above = self.resolved(relation.subject), self._type(relation.object, relation)
+            if sub in self.kinds:
+                continue
+            if (above, sub) in self.closure:
+                raise BeliefError(
+                    f"{relation}: contradicts the map, where {above} is a kind of {sub}"
+                )
+            if (sub, above) not in self.closure:
+                pairs.append((sub, above))
+        if pairs:
+            self.session.execute(
+                "INSERT INTO type_parent (type, parent) SELECT * FROM "
+                "unnest(%s::text[], %s::text[]) ON CONFLICT DO NOTHING",
+                ([sub for sub, _ in pairs], [above for _, above in pairs]),
+            )
+            self._read_types()
+            self._check_kinds({sub for sub, _ in pairs})
+        for relation in relations:
+            if self.resolved(relation.subject) in self.kinds:
+                self._set_type(relation.subject, snake_case(relation.object))
+
+    def _check_kinds(self, names: set[str]) -> None:
+        """A type is for entities of one kind, as are its subtypes and the entities of it."""
+        below = {sub for sub, above in self.closure if above in names}
+        for name in sorted(below):
+            kinds = sorted(above for sub, above in self.closure if sub == name and above in KINDS)
+            if len(kinds) > 1:
+                raise BeliefError(
+                    f"{name} would be {' and '.join(kinds)}: an entity is of one kind"
+                )
+        wrong = self.session.execute(
+            "SELECT name, kind, type FROM entity "
+            "WHERE type = ANY (%s) AND NOT fits_kind(type, kind)",
+            (sorted(below),),
+        ).fetchone()
+        if wrong:
+            raise BeliefError(
+                "{} is an entity of the kind {}, which {} would not be".format(*wrong)
+            )
+
+    def _type(self, name: str, where: object) -> str:
+        if name in self.kinds and snake_case(name) not in self.known:
+            raise BeliefError(f"{where}: {name} is an entity of the map, not a class")
+        if snake_case(name) not in self.known:
+            hint = suggestion(name, self.known, "teach it as knowledge first")
+            raise LookupError(f"{where}: there is no class {name}{hint}")
+        return snake_case(name)
+
+    def _classify(self, taught: TaughtObject) -> None:
+        if taught.type is not None:
+            self._set_type(taught.name, self._type(taught.type, taught.name))
+
+    def _set_type(self, name: str, wanted: str) -> None:
+        """Refine the type of an entity; a type that was guessed from its name gives way."""
+        now, kind = self.types[name], self.kinds[name]
+        if now == wanted or (now, wanted) in self.closure:
+            return
+        if now is not None and now != kind and (wanted, now) not in self.closure:
+            guessed = self.session.execute(
+                "SELECT properties -> 'type_guess' ->> 'type' = type FROM entity "
+                "WHERE map_id = current_map() AND name = %s",
+                (name,),
+            ).fetchone()
+            if not (guessed and guessed[0]):
+                raise BeliefError(
+                    f"{name} isA {wanted}: contradicts the map, where it is a {now}, which is not "
+                    f"a kind of {wanted}. Teach {now} isA {wanted}, or correct its type"
+                )
+        fits = self.session.execute("SELECT fits_kind(%s, %s)", (wanted, kind)).fetchone()
+        if not (fits and fits[0]):
+            raise BeliefError(
+                f"{name} isA {wanted}: contradicts the map, where {name} is of the kind {kind}"
+            )
+        self.session.execute(
+            "UPDATE entity SET type = %s WHERE map_id = current_map() AND name = %s", (wanted, name)
+        )
+        self.types[name] = wanted
+
+    # -- other relations, actions, occurrences --------------------------------------------------
+
+    def _relate(self, relation: Relation) -> list[dict[str, Any]]:
+        """Store a relation; return the sighting that it is, if it says where something is."""
+        subject, other = self.resolved(relation.subject), self.resolved(relation.object)
+        both = subject in self.kinds and other in self.kinds
+        if both and snake_case(relation.relation) in PLACED:
+            return [self._sighting(subject, {"place": other, "seen": True})]
+        if both:
+            statement = (
+                "INSERT INTO link (from_id, relation, to_id) "
+                "SELECT entity_id(%s), %s, entity_id(%s) ON CONFLICT DO NOTHING"
+            )
+        else:
+            statement = (
+                "INSERT INTO taught_relation (map_id, subject, relation, object) "
+                "VALUES (current_map(), %s, %s, %s) ON CONFLICT DO NOTHING"
+            )
+        name = relation.relation
+        if snake_case(name) == "found_in":
+            name = "found_in"
+        self.session.execute(statement, (subject, name, other))
+        return []
+
+    def _add_actions(self, actions: Sequence[Action]) -> int:
+        for action in actions:
+            self.session.execute(
+                "INSERT INTO taught_action (map_id, action, cause, effect) "
+                "VALUES (current_map(), %s, %s, %s) ON CONFLICT DO NOTHING",
+                (action.name, self.resolved(action.cause), self.resolved(action.effect)),
+            )
+        return len(actions)
+
+    def _judge(self, model: dict[str, float]) -> None:
+        columns = [sql.Identifier(key) for key in model]
+        self.session.execute(
+            sql.SQL(
+                "INSERT INTO belief_model (map_id, {}) VALUES (current_map(), {}) "
+                "ON CONFLICT (map_id) DO UPDATE SET {}"
+            ).format(
+                sql.SQL(", ").join(columns),
+                sql.SQL(", ").join([sql.Placeholder()] * len(columns)),
+                sql.SQL(", ").join(sql.SQL("{0} = excluded.{0}").format(c) for c in columns),
+            ),
+            list(model.values()),
+        )
+
+    def _sighting(self, name: Any, row: dict[str, Any]) -> dict[str, Any]:
+        """An observation; in a room or storey, a person means anywhere in it."""
+        wide = self.kinds.get(str(row.get("place"))) in ("room", "storey", "region")
+        return {"inside": wide and row.get("position") is None} | row | {"object": name}

@@ -1,0 +1,139 @@
+"""Which part of each place a camera sees: what a look could have shown, and did not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from semmap.belief.error import BeliefError
+from semmap.belief.places import Place, sample_points
+from semmap.draw.depth_camera import DepthCamera
+
+__all__ = ["camera_at", "visible_points", "visible_shares"]
+
+DEPTH_TOLERANCE = 0.02
+"""Metres by which a surface may be nearer than a point that it carries."""
+
+
+def camera_at(
+    eye: ArrayLike,
+    yaw: float,
+    pitch: float = 0.0,
+    *,
+    field_of_view: float = 1.05,
+    size: tuple[int, int] = (320, 240),
+    nearest: float = 0.1,
+) -> DepthCamera:
+    """Return an upright camera.
+
+    Parameters
+    ----------
+    eye
+        (3,) metres in the map's frame.
+    yaw, pitch
+        Where it looks: heading from +x, and downwards from the horizon, radians.
+    field_of_view
+        Horizontal opening angle, radians.
+    size
+        (width, height), pixels.
+
+    Raises
+    ------
+    BeliefError
+        A number that is not finite, or an angle out of its range.
+    """
+    place = np.asarray(eye, float)
+    if place.shape != (3,) or not np.isfinite([*place, yaw, pitch]).all():
+        raise BeliefError(f"the view is from {place}, {yaw}, {pitch}: give finite numbers")
+    if not 0 < field_of_view < math.pi or abs(pitch) > math.pi / 2 or min(size) < 1:
+        raise BeliefError(
+            f"the view opens {field_of_view} rad and looks {pitch} rad down: give an opening "
+            "between 0 and pi, and at most pi/2"
+        )
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    ahead = np.array([cos * math.cos(pitch), sin * math.cos(pitch), -math.sin(pitch)])
+    right = np.array([sin, -cos, 0.0])
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([right, np.cross(ahead, right), ahead])
+    pose[:3, 3] = place
+    focal = size[0] / 2 / math.tan(field_of_view / 2)
+    intrinsics = (focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2)
+    return DepthCamera(size, intrinsics, pose, nearest)
+
+
+def visible_points(
+    camera: DepthCamera,
+    points: NDArray[np.float64],
+    depths: NDArray[np.float32],
+    furthest: float = math.inf,
+) -> NDArray[np.bool_]:
+    """Return which points no surface hides.
+
+    Parameters
+    ----------
+    points
+        (n, 3) metres in the map's frame.
+    depths
+        (height, width) the camera's image of all surfaces, NaN where there is none.
+    furthest
+        Range of the sensor, metres.
+
+    Returns
+    -------
+    numpy.ndarray
+        (n,) bool
+    """
+    width, height = camera.size
+    offset = points - camera.pose[:3, 3]
+    ahead = offset @ camera.pose[:3, 2]
+    seen = (ahead > camera.nearest) & (np.linalg.norm(offset, axis=1) <= furthest)
+    image = np.zeros((len(points), 3))
+    image[seen] = camera.project(points[seen])
+    column, row = np.floor(image[:, 0]).astype(int), np.floor(image[:, 1]).astype(int)
+    seen &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    surface = depths[row[seen], column[seen]]
+    seen[seen] = np.isnan(surface) | (surface >= ahead[seen] - DEPTH_TOLERANCE)
+    return np.asarray(seen)
+
+
+def visible_shares(
+    places: Iterable[Place],
+    camera: DepthCamera,
+    depths: NDArray[np.float32],
+    *,
+    furthest: float = math.inf,
+    step: float = 0.05,
+    height: float = 0.1,
+) -> dict[str, float]:
+    """Return the share of each place that a camera sees, where it sees any of it.
+
+    Points over the surfaces of a place, at half the height of an object, are visible if a ray from
+    the camera reaches them; the rays are those of a depth image.
+
+    Parameters
+    ----------
+    depths
+        (height, width) the camera's image of all that hides, without the object that is looked for:
+        ``camera.image(triangles)[0]``.
+    furthest
+        Range of the sensor, metres.
+    step
+        Metres between the points of a surface.
+    height
+        Of the object that is looked for, metres.
+
+    Returns
+    -------
+    dict
+        Shares in (0, 1] by names of places.
+    """
+    shares = {}
+    for place in places:
+        points = sample_points(place, step, height / 2)
+        seen = visible_points(camera, points, depths, furthest)
+        if seen.any():
+            shares[place.name] = float(seen.mean())
+    return shares

@@ -1,0 +1,107 @@
+"""What was taught and observed, and where things probably are."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy import BigInteger, ForeignKey, Identity, Index, text
+from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from semmap.model.base import Base
+from semmap.model.entity import Entity, Map
+
+__all__ = ["Belief", "BeliefModel", "Observation", "TaughtAction", "TaughtRelation"]
+
+
+class TaughtRelation(Base):
+    """A directed relation between names of entities and types, such as ``found_in``."""
+
+    __tablename__ = "taught_relation"
+
+    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    subject: Mapped[str] = mapped_column(primary_key=True)
+    relation: Mapped[str] = mapped_column(primary_key=True)
+    object: Mapped[str] = mapped_column(primary_key=True)
+
+
+class TaughtAction(Base):
+    """What an action needs (`cause`) and brings about (`effect`)."""
+
+    __tablename__ = "taught_action"
+
+    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    action: Mapped[str] = mapped_column(primary_key=True)
+    cause: Mapped[str] = mapped_column(primary_key=True)
+    effect: Mapped[str] = mapped_column(primary_key=True)
+
+
+class BeliefModel(Base):
+    """How sightings of a map are judged, and what priors are made of."""
+
+    __tablename__ = "belief_model"
+
+    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    there: Mapped[float] = mapped_column(server_default=text("0.6"))
+    elsewhere: Mapped[float] = mapped_column(server_default=text("0.3"))
+    change: Mapped[float] = mapped_column(server_default=text("0.1"))
+    seconds: Mapped[float] = mapped_column(server_default=text("10"))
+    prior_elsewhere: Mapped[float] = mapped_column(server_default=text("0.1"))
+    prior_history: Mapped[float] = mapped_column(server_default=text("0.5"))
+    prior_typical: Mapped[float] = mapped_column(server_default=text("4"))
+
+
+class Observation(Base):
+    """A look at a place: an object was seen there, or looked for and not seen.
+
+    `position` is x, y, z in the frame of the place, `visible` the share of the place in view. With
+    `inside`, the object was anywhere in the place, also on or in what the place holds.
+    """
+
+    __tablename__ = "observation"
+    __table_args__ = (
+        Index("observation_of", "entity_id", "at"),
+        Index("observation_place", "place_id"),
+        Index("observation_observer", "observer_id"),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    entity_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
+    place_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
+    at: Mapped[datetime] = mapped_column(server_default=text("clock_timestamp()"))
+    seen: Mapped[bool]
+    inside: Mapped[bool] = mapped_column(server_default=text("false"))
+    position: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    visible: Mapped[float] = mapped_column(server_default=text("1"))
+    hit: Mapped[float | None]
+    false_alarm: Mapped[float | None]
+    observer_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
+
+    entity: Mapped[Entity] = relationship(foreign_keys=entity_id)
+    place: Mapped[Entity] = relationship(foreign_keys=place_id)
+
+
+class Belief(Base):
+    """How probable it is that an entity is at a place, elsewhere without one. Kept by triggers."""
+
+    __tablename__ = "belief"
+    __table_args__ = (
+        Index("belief_of", "entity_id", "place_id", unique=True),
+        Index(
+            "belief_elsewhere",
+            "entity_id",
+            unique=True,
+            postgresql_where=text("place_id IS NULL"),
+        ),
+        Index("belief_place", "place_id"),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    entity_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
+    place_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
+    prior: Mapped[float]
+    probability: Mapped[float]
+    at: Mapped[datetime]
+
+    entity: Mapped[Entity] = relationship(foreign_keys=entity_id)
+    place: Mapped[Entity | None] = relationship(foreign_keys=place_id)

@@ -1,0 +1,43 @@
+"""A flat whose places are known, for the tests of beliefs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+import semmap
+from semmap import SemanticMap
+from tests.conftest import MakeDatabase
+
+
+@pytest.fixture(scope="module")
+def flat_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
+    """Two rooms with furniture, a coke without geometry, a cereal box on the table, a robot."""
+    url = make_database().render_as_string(hide_password=False)
+    with semmap.connect(url) as db:
+        flat = db.create_map("flat")
+        flat.add_room(
+            "kitchen", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.7, type="kitchen"
+        )
+        flat.add_room("hall", [(4.1, 0), (8, 0), (8, 3), (4.1, 3)], floor=0, ceiling=2.7)
+        flat.add_object("table", type="table", size=(1.6, 0.8, 0.75), pose=(1.5, 1.5, 0))
+        flat.add_object("counter", type="counter", size=(0.6, 2.0, 0.9), pose=(3.6, 1.5, 0))
+        flat.add_object("bench", type="bench", size=(1.2, 0.4, 0.45), pose=(6, 1, 0))
+        flat.add_object("fridge", type="refrigerator", size=(0.6, 0.6, 1.8), pose=(0.4, 2.6, 0))
+        flat.add_object("cereal", type="food", size=(0.2, 0.08, 0.3), on="table")
+        flat.add_object("mug", type="mug", size=(0.08, 0.08, 0.1), on="bench")
+        flat.add_object("coke", type="can")
+        flat.add_object("piano", type="piano", size=(1.5, 0.6, 1.2), pose=(5, 2.5, 0))
+        flat.add_agent("robot", type="robot", size=(0.5, 0.5, 1.2), pose=(7, 2, 0))
+        yield flat
+
+
+@pytest.fixture
+def flat(flat_map: SemanticMap) -> Iterator[SemanticMap]:
+    """The flat, for one test: what the test changes is undone."""
+    with flat_map.transaction() as transaction:
+        yield flat_map
+        import psycopg
+
+        raise psycopg.Rollback(transaction)
