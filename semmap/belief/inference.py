@@ -73,11 +73,8 @@ def log_ratios(
 ) -> NDArray[np.float64]:
     """Return log(P(outcome | there) / P(outcome | not there)) of each observation."""
     share = 1.0 if observations.share is None else observations.share
-    return np.where(
-        observations.seen,
-        np.log(there / elsewhere),
-        np.log1p(-share * there) - np.log1p(-share * elsewhere),
-    )
+    in_vain = (1 - share * there) / (1 - share * elsewhere)
+    return np.log(np.where(observations.seen, there / elsewhere, in_vain))
 
 
 def log_weights(

@@ -119,9 +119,8 @@ def observation_rates(
     """
     there, elsewhere = model.rates(observations.age, mobility[observations.object])
     for name, rate in (("there", there), ("not there", elsewhere)):
-        fits = (rate > 0) & (rate < 1)
-        if not fits.all():
-            first = int(np.argmin(fits))
+        if len(rate) and not (rate.min() > 0 and rate.max() < 1):
+            first = int(np.argmin((rate > 0) & (rate < 1)))
             raise BeliefError(
                 f"sighting model: P(seen | {name}) is {rate[first]} at age "
                 f"{observations.age[first]:g} s: give rates strictly between 0 and 1"
