@@ -33,7 +33,7 @@ __all__ = ["ImportSummary", "import_file", "read_world"]
 Geometry = Literal["visual", "collision"]
 MeshAs = Literal["object", "room"]
 
-MESHES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
+MESHES = (".3mf", ".bt", ".dae", ".glb", ".gltf", ".obj", ".off", ".ot", ".ply", ".stl")
 """The mesh formats that trimesh reads and whose triangles can be counted."""
 
 

@@ -166,6 +166,19 @@ def ascii_ply() -> Iterator[bytes]:
         yield trimesh.exchange.ply.export_ply(solid, encoding="ascii")
 
 
+def octomap(ending: str) -> Iterator[bytes]:
+    """A tree of OctoMap with a leaf of 8 voxels and one of a voxel, 3 levels above the root's."""
+    head = "# Octomap OcTree" + (" binary file" if ending == "bt" else " file")
+    head += "\nid OcTree\nsize 18\nres 0.1\ndata\n"
+    states = [0xC000] + [0x0003] * 13 + [0x0302 | 0x4000, 0x0002]
+    marks = [(0.0, 0x80)] + [(0.0, 0x01)] * 13 + [(0.0, 0x11), (0.8, 0), (0.0, 1), (0.5, 0)]
+    yield head.encode() + (
+        struct.pack("<16H", *states)
+        if ending == "bt"
+        else b"".join(struct.pack("<fB", *mark) for mark in marks)
+    )
+
+
 def collada() -> Iterator[bytes]:
     yield dae().encode()
     yield from meshes("dae")
@@ -350,6 +363,8 @@ FILE_KINDS = [
     _world("off", ".off", partial(meshes, "off"), TEXT),
     _world("stl", ".stl", partial(meshes, "stl"), BINARY),
     _world("glb", ".glb", partial(meshes, "glb"), [glb_header, glb_header, bytes_of]),
+    _world("octomap", ".bt", partial(octomap, "bt"), BINARY),
+    _world("octomap full", ".ot", partial(octomap, "ot"), BINARY),
     _world("3mf", ".3mf", partial(meshes, "3mf"), [zipped, zipped, bytes_of]),
     Kind("map", lambda: list(map_yaml()), [*TEXT, yaml_tree], run_map, (MapFileError,)),
     Kind(

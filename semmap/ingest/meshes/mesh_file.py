@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.ingest.meshes.mesh_size import check_size
+from semmap.ingest.meshes.octomap_file import read_octomap
 from semmap.ingest.naming import give_type
 from semmap.ingest.world import Entry, PlaceDetail, Shape, World, WorldError
 from semmap.limits import EXTENT, PARTS, TRIANGLES
@@ -61,7 +62,7 @@ def read_mesh(
 
     Parameters
     ----------
-    path : a file of any format that trimesh reads
+    path : a file of any format that trimesh reads, or an OctoMap (.bt, .ot)
     part : take only the node or geometry of this name (SDF's `<submesh>`)
     center : put the middle of the bounding box at the origin
     dae_up_axis : follow a COLLADA file's `<up_axis>`; Gazebo does not
@@ -289,7 +290,16 @@ def _read_any(path: Path, up_axis: bool) -> list[_Part]:
     return parts
 
 
-_READERS: dict[str, Callable[[Path, bool], list[_Part]]] = {".dae": _read_dae}
+def _read_octomap(path: Path, _: bool) -> list[_Part]:
+    check_size(path, MeshFileError)
+    return [_Part(frozenset(), read_octomap(path, MeshFileError))]
+
+
+_READERS: dict[str, Callable[[Path, bool], list[_Part]]] = {
+    ".bt": _read_octomap,
+    ".dae": _read_dae,
+    ".ot": _read_octomap,
+}
 
 _SIGNATURES: dict[str, re.Pattern[bytes]] = {
     ".glb": re.compile(rb"glTF"),

@@ -1,0 +1,168 @@
+"""OctoMap files, .bt and .ot: occupied voxels as a closed surface.
+
+Source of the format: Hornung et al., "OctoMap: An Efficient Probabilistic 3D Mapping Framework
+Based on Octrees", 2013, section 3.5.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.geometry.mesh import Mesh
+from semmap.limits import TRIANGLES
+
+__all__ = ["read_octomap"]
+
+DEPTH = 16
+"""Of the tree: its root has 2^16 voxels along each axis, around the origin of the map."""
+
+FREE, OCCUPIED, INNER = 1, 2, 3
+"""The two bits of a child in a .bt file; 0 is an unknown child."""
+
+Leaf = tuple[int, int, int, int]
+"""Lowest voxel x, y, z and edge, in voxels."""
+
+
+@dataclass(frozen=True)
+class _Header:
+    binary: bool  # two bits a child, as in .bt files
+    nodes: int
+    resolution: float
+    data: bytes
+
+
+def read_octomap(path: Path, error: Callable[[str, str], Exception]) -> Mesh:
+    """Return the surface of the occupied voxels of an OctoMap file.
+
+    Parameters
+    ----------
+    path : .bt (occupied, free, unknown) or .ot (log-odds; occupied above 0)
+    error : makes the exception for a file above the limits, from a problem and how to fix it
+
+    Returns
+    -------
+    Mesh
+        In metres; outward faces between an occupied voxel and one that is not.
+
+    Raises
+    ------
+    ValueError
+        The file is no OctoMap or is damaged, or has no occupied voxel.
+    """
+    header = _read_header(path.read_bytes())
+    leaves = _binary_leaves(header) if header.binary else _full_leaves(header)
+    voxels = _voxels(list(leaves), error)
+    if not len(voxels):
+        raise ValueError("no voxel is occupied")
+    mesh = _surface(voxels)
+    return Mesh(mesh.vertices * header.resolution, mesh.faces)
+
+
+def _read_header(content: bytes) -> _Header:
+    head, found, data = content.partition(b"\ndata\n")
+    lines = head.decode("ascii", "replace").splitlines()
+    if not found or not lines or not lines[0].lower().startswith("# octomap octree"):
+        raise ValueError("it does not begin with '# Octomap OcTree'")
+    pairs = (line.partition(" ") for line in lines[1:] if not line.startswith("#"))
+    values = {key: value.strip() for key, _, value in pairs}
+    if values.get("id") not in ("OcTree", "1"):
+        raise ValueError(f"its trees are of type {values.get('id')}: only OcTree is read")
+    nodes, resolution = int(values.get("size", "-1")), float(values.get("res", "nan"))
+    if not (math.isfinite(resolution) and resolution > 0 and nodes >= 0):
+        raise ValueError(f"its resolution is {resolution} m and its size {nodes} nodes")
+    return _Header("binary" in lines[0].lower(), nodes, resolution, data)
+
+
+def _binary_leaves(header: _Header) -> Iterator[Leaf]:
+    """Yield the occupied leaves of a .bt file: two bytes an inner node, parents before children."""
+    half = 1 << (DEPTH - 1)
+    todo: list[Leaf] = [(-half, -half, -half, 2 * half)] if header.nodes else []
+    records = struct.iter_unpack("<H", header.data[: len(header.data) // 2 * 2])
+    while todo:
+        cube = todo.pop()
+        states = next(records, None)
+        if states is None:
+            raise ValueError("it ends before its last node")
+        children = [(states[0] >> 2 * i & 3, child) for i, child in enumerate(_children(cube))]
+        yield from (child for state, child in children if state == OCCUPIED)
+        inner = [child for state, child in children if state == INNER]
+        if inner and cube[3] == 2:
+            raise ValueError(f"its tree is deeper than {DEPTH} levels")
+        todo.extend(reversed(inner))
+
+
+def _full_leaves(header: _Header) -> Iterator[Leaf]:
+    """Yield the occupied leaves of an .ot file: log-odds and a bit for each child of a node."""
+    half = 1 << (DEPTH - 1)
+    todo: list[Leaf] = [(-half, -half, -half, 2 * half)] if header.nodes else []
+    records = struct.iter_unpack("<fB", header.data[: len(header.data) // 5 * 5])
+    while todo:
+        cube = todo.pop()
+        record = next(records, None)
+        if record is None:
+            raise ValueError("it ends before its last node")
+        log_odds, bits = record
+        if not bits:
+            if log_odds > 0:
+                yield cube
+            continue
+        if cube[3] == 1:
+            raise ValueError(f"its tree is deeper than {DEPTH} levels")
+        inner = [child for i, child in enumerate(_children(cube)) if bits >> i & 1]
+        todo.extend(reversed(inner))
+
+
+def _children(cube: Leaf) -> Iterator[Leaf]:
+    """Yield the eight halves of a cube, x fastest and z slowest."""
+    x, y, z, edge = cube
+    half = edge // 2
+    for i in range(8):
+        yield x + (i & 1) * half, y + (i >> 1 & 1) * half, z + (i >> 2 & 1) * half, half
+
+
+def _voxels(leaves: list[Leaf], error: Callable[[str, str], Exception]) -> NDArray[np.int64]:
+    """(N, 3) the lowest corners of all voxels of some leaves."""
+    count = sum(edge**3 for *_, edge in leaves)
+    TRIANGLES.check(12 * count, error, "Write it with a larger res.", "may have")
+    by_edge: dict[int, list[tuple[int, int, int]]] = {}
+    for x, y, z, edge in leaves:
+        by_edge.setdefault(edge, []).append((x, y, z))
+    parts = [np.empty((0, 3), np.int64)]
+    for edge, corners in by_edge.items():
+        inside = np.indices((edge, edge, edge)).reshape(3, -1).T
+        parts.append((np.array(corners)[:, None] + inside).reshape(-1, 3))
+    return np.concatenate(parts)
+
+
+def _surface(voxels: NDArray[np.int64]) -> Mesh:
+    """Two triangles for each side of a voxel beyond which there is no voxel; vertices in voxels."""
+    low, shape = voxels.min(axis=0) - 1, np.ptp(voxels, axis=0) + 3
+
+    def number(at: NDArray[np.int64]) -> NDArray[np.int64]:
+        x, y, z = (at - low).T
+        return np.asarray((x * shape[1] + y) * shape[2] + z)
+
+    occupied = np.sort(number(voxels))
+    corners: list[NDArray[np.int64]] = []
+    for axis in range(3):
+        one = np.eye(3, dtype=np.int64)[axis]
+        u, v = np.roll(one, 1), np.roll(one, 2)
+        for outward in (1, -1):
+            beside = number(voxels + outward * one)
+            at = np.searchsorted(occupied, beside)
+            taken = occupied[np.minimum(at, len(occupied) - 1)] == beside
+            base = voxels[~taken] + (one if outward > 0 else 0)
+            ring = [base, base + u, base + u + v, base + v]
+            corners.append(np.stack(ring if outward > 0 else ring[::-1], axis=1))
+    squares = np.concatenate(corners)
+    vertices, where = np.unique(squares.reshape(-1, 3), axis=0, return_inverse=True)
+    a, b, c, d = where.reshape(-1, 4).T
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return Mesh(vertices.astype(np.float64), faces.astype(np.int32))
