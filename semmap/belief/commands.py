@@ -64,19 +64,44 @@ def where_command(
     storey: Annotated[
         str | None, typer.Option(help="For --draw; by default the most probable one.")
     ] = None,
+    occlusion: Annotated[
+        bool,
+        typer.Option("--occlusion", help="The larger ones of NAMES may hide the smaller ones."),
+    ] = False,
+    moves: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Objects of mobility 1 move once in this time; sightings keep their value.",
+        ),
+    ] = None,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
     """Show where objects or agents probably are."""
+    from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
+    from semmap.belief.motion import Motion
     from semmap.belief.store import where
     from semmap.ingest.regions.commands import zoned
 
     if draw is not None and len(names) > 1:
         raise typer.BadParameter("--draw is for one name")
+    if occlusion and moves is not None:
+        raise typer.BadParameter("choose --occlusion or --moves: no model has both")
+    motion = None if moves is None else Motion(moves)
     moment = zoned(at)
     with cli.open_database() as db:
         session = db.map(map_name).session_of_map()
         found = {name: where(session, name, moment) for name in names}
+        estimates = {}
+        if occlusion:
+            estimates = belief_with_occlusion(session, names, moment)
+        elif motion is not None:
+            estimates = belief_with_motion(session, names, motion, moment)
+    for name, estimate in estimates.items():
+        for row in found[name]:
+            row["probability"] = estimate[row["place"]]
+        found[name].sort(key=lambda row: -row["probability"])
     columns = ("place", "probability", "holder", "last_seen", "last_missed")
     if json_:
         cli.print_json(
@@ -383,10 +408,15 @@ def field(
 def export(
     names: Annotated[list[str], typer.Argument(metavar="NAME...")],
     problog: Annotated[bool, typer.Option("--problog", help="As a ProbLog program.")] = False,
+    occlusion: Annotated[
+        bool,
+        typer.Option("--occlusion", help="The larger ones of NAMES may hide the smaller ones."),
+    ] = False,
     at: At = None,
     map_name: cli.MapName = None,
 ) -> None:
     """Print priors and observations for another program."""
+    from semmap.belief.estimates import known_volumes
     from semmap.belief.problog_program import problog_program
     from semmap.belief.reader import read_columns, read_model
     from semmap.ingest.regions.commands import zoned
@@ -403,6 +433,7 @@ def export(
             columns.mobility,
             columns.objects,
             columns.places,
+            known_volumes(columns) if occlusion else None,
             model=model,
         )
     )

@@ -1,0 +1,79 @@
+"""Beliefs of objects of the map that may hide each other, or that may have moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.belief.error import BeliefError
+from semmap.belief.motion import Motion, infer_with_motion
+from semmap.belief.occlusion import infer_with_occlusion
+from semmap.belief.reader import BeliefColumns, read_columns, read_model
+from semmap.belief.store import MapConnection
+
+__all__ = ["belief_with_motion", "belief_with_occlusion", "known_volumes"]
+
+Belief = dict[str, dict[str, float]]
+"""The probability of each place, for each object; the place `elsewhere` included."""
+
+
+def belief_with_occlusion(
+    connection: MapConnection, names: Sequence[str], at: datetime | None = None
+) -> Belief:
+    """Return where objects are, if the larger ones among them may hide the smaller ones.
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of a name.
+    BeliefError
+        The volume of an object is unknown, or too many objects and places depend on each other.
+    """
+    columns, model = read_columns(connection, names, at), read_model(connection)
+    probability = infer_with_occlusion(
+        columns.prior,
+        columns.observations,
+        columns.mobility,
+        known_volumes(columns),
+        model=model,
+    )
+    return _by_name(columns, probability)
+
+
+def belief_with_motion(
+    connection: MapConnection, names: Sequence[str], motion: Motion, at: datetime | None = None
+) -> Belief:
+    """Return where objects are, if they may have moved since they were observed.
+
+    Sightings do not lose value by their age; moves are as frequent as the motion says.
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of a name.
+    """
+    columns, model = read_columns(connection, names, at), read_model(connection)
+    probability = infer_with_motion(
+        columns.prior, columns.observations, columns.mobility, motion, model=model
+    )
+    return _by_name(columns, probability)
+
+
+def known_volumes(columns: BeliefColumns) -> NDArray[np.float64]:
+    """Return the volumes of the objects; raise `BeliefError` where one is unknown."""
+    for name, volume in zip(columns.objects, columns.volume, strict=True):
+        if not volume > 0:
+            raise BeliefError(
+                f"{name}: its volume is unknown: teach it, or give the object a shape in the map"
+            )
+    return columns.volume
+
+
+def _by_name(columns: BeliefColumns, probability: NDArray[np.float64]) -> Belief:
+    return {
+        name: dict(zip(columns.places, row, strict=True))
+        for name, row in zip(columns.objects, probability.tolist(), strict=True)
+    }
