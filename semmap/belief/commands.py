@@ -153,10 +153,8 @@ def _draw(
     found = {row["place"]: row["probability"] for row in rows}
     with cli.open_map(map_name) as connection:
         places = read_places(connection, name)
-        totals: dict[str | None, float] = {}
-        for place in places:
-            totals[place.storey] = totals.get(place.storey, 0.0) + found.get(place.name, 0.0)
-        chosen = storey or (max(totals, key=totals.__getitem__) if totals else None)
+        best = max(places, key=lambda place: found.get(place.name, 0.0), default=None)
+        chosen = storey or (best.storey if best else None)
         scenes = read_storeys(connection, chosen)
     if not scenes:
         raise ValueError("the map has no storey to draw")

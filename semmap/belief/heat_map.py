@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib.patheffects as effects
 import shapely
@@ -14,7 +16,7 @@ from matplotlib.path import Path as Curve
 
 from semmap.belief.places import Place
 from semmap.belief.store import ELSEWHERE
-from semmap.draw.floor_plan import floor_plan
+from semmap.draw.floor_plan import FLAT, HIDDEN, floor_plan
 from semmap.draw.view import StoreyView
 
 __all__ = ["heat_map"]
@@ -23,6 +25,9 @@ LEAST_SHOWN = 0.005
 """A place below this probability is not coloured."""
 
 LEAST_WRITTEN = 0.02
+"""A place below this probability has no number."""
+
+PALE = "#f4f4f1"
 
 
 def heat_map(
@@ -48,7 +53,7 @@ def heat_map(
         Of the object, for the title.
     """
     colours = colormaps["YlOrRd"]
-    most = max([p for place, p in belief.items() if place != ELSEWHERE] or [1.0])
+    most = max([p for place, p in belief.items() if place != ELSEWHERE and p > 0] or [1.0])
     shown = [
         (belief.get(place.name, 0.0), place)
         for place in places
@@ -56,45 +61,57 @@ def heat_map(
     ]
     shown.sort(key=lambda found: found[1].kind != "room")  # furniture over its room
 
+    furniture = [o for o in storey.objects if not (HIDDEN | FLAT) & set(o.types)]
+
     def over(axes: Axes) -> None:
+        for room in storey.rooms:
+            _fill(axes, room.outline, fc=PALE, ec="none", zorder=1.2)
+        for each in furniture:
+            if each.footprint is not None:
+                _fill(axes, each.footprint, fc="#e6e6e1", ec="#bdbdb6", lw=0.7, zorder=3.2)
         for probability, place in shown:
-            level = probability / most if most else 0.0
-            room = place.kind == "room"
-            for outline in shapely.get_parts(place.footprint):
-                rings = [outline.exterior, *outline.interiors]
-                curve = Curve.make_compound_path(
-                    *(Curve(shapely.get_coordinates(ring), closed=True) for ring in rings)
-                )
-                axes.add_patch(
-                    PathPatch(
-                        curve,
-                        fc=colours(0.15 + 0.85 * level),
-                        ec="#7a1f10" if not room else "none",
-                        lw=0.8,
-                        alpha=0.45 if room else 0.85,
-                        zorder=5.0 if not room else 1.5,
-                    )
-                )
-        for probability, place in shown:
-            if probability < LEAST_WRITTEN:
-                continue
-            middle = place.footprint.representative_point()  # type: ignore[union-attr]
-            axes.text(
-                middle.x,
-                middle.y,
-                f"{100 * probability:.0f} %",
-                ha="center",
-                va="center",
-                fontsize=8,
-                weight="bold",
-                color="#3a0d05",
-                zorder=12,
-                path_effects=[effects.withStroke(linewidth=2.2, foreground="white")],
+            room_like = place.kind == "room"
+            _fill(
+                axes,
+                place.footprint,
+                fc=colours(0.1 + 0.9 * probability / most),
+                ec="none" if room_like else "#7a1f10",
+                lw=0.8,
+                zorder=1.5 if room_like else 5.0,
             )
+            if probability >= LEAST_WRITTEN:
+                label = "" if room_like else f"{place.name}\n"
+                _write(axes, place.footprint, f"{label}{100 * probability:.0f} %", room_like)
 
     here = sum(belief.get(place.name, 0.0) for place in places)
     title = (
         f"{storey.name}: where {name or 'the object'} probably is "
         f"({100 * here:.0f} % on this storey, {100 * belief.get(ELSEWHERE, 0.0):.0f} % elsewhere)"
     )
-    return floor_plan(storey, path, title=title, dpi=dpi, over=over)
+    plain = replace(storey, objects=[replace(o, types=()) for o in furniture], regions=[])
+    return floor_plan(plain, path, title=title, dpi=dpi, over=over)
+
+
+def _fill(axes: Axes, area: shapely.Geometry, **style: Any) -> None:
+    for outline in shapely.get_parts(area):
+        rings = [outline.exterior, *outline.interiors]
+        curves = (Curve(shapely.get_coordinates(ring), closed=True) for ring in rings)
+        axes.add_patch(PathPatch(Curve.make_compound_path(*curves), **style))
+
+
+def _write(axes: Axes, area: shapely.Geometry, text: str, below: bool) -> None:
+    """A text in the middle of an area, or below the name that the plan has there."""
+    middle = area.representative_point() if below else area.centroid
+    axes.annotate(
+        text,
+        (middle.x, middle.y),
+        xytext=(0, -11 if below else 0),
+        textcoords="offset points",
+        ha="center",
+        va="center",
+        fontsize=7.5,
+        weight="bold",
+        color="#3a0d05",
+        zorder=12,
+        path_effects=[effects.withStroke(linewidth=2.2, foreground="white")],
+    )
