@@ -50,6 +50,7 @@ class Place:
     footprint : the area that it covers
     pose : its frame in the map's frame
     storey : the storey that holds it, if any
+    stores : whether objects are in it, too, as in a container
     """
 
     name: str
@@ -60,6 +61,7 @@ class Place:
     footprint: shapely.Geometry | None = None
     pose: Pose = field(default=IDENTITY)
     storey: str | None = None
+    stores: bool = False
 
 
 def place_at(places: Iterable[Place], point: ArrayLike) -> Place | None:
@@ -90,7 +92,8 @@ def place_at(places: Iterable[Place], point: ArrayLike) -> Place | None:
     around = [
         (_volume(place), place)
         for place in places
-        if place.low is not None
+        if (place.stores or place.kind == "room")
+        and place.low is not None
         and place.high is not None
         and place.footprint is not None
         and place.footprint.distance(here) <= (0.0 if place.kind == "room" else BORDER)

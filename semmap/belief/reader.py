@@ -37,7 +37,9 @@ SELECT e.name, e.kind, y.name AS storey, coalesce(w.pose, '{0,0,0,0,0,0,1}') AS 
        ST_AsBinary(w.footprint) AS footprint,
        ARRAY[ST_XMin(w.box), ST_YMin(w.box), ST_ZMin(w.box)] AS low,
        ARRAY[ST_XMax(w.box), ST_YMax(w.box), ST_ZMax(w.box)] AS high,
-       w.pose[3] + r.floor AS floor, w.pose[3] + r.ceiling AS ceiling, s.outlines, s.heights
+       coalesce(e.type = ANY (subtypes('container') || subtypes('storage_furniture')), false)
+           AS stores, w.pose[3] + r.floor AS floor, w.pose[3] + r.ceiling AS ceiling,
+       s.outlines, s.heights
 FROM places_for(ARRAY[CAST(:id AS bigint)]) p JOIN entity e ON e.id = p.place_id
 LEFT JOIN world w ON w.entity_id = e.id LEFT JOIN room r ON r.entity_id = e.id
 LEFT JOIN entity y ON y.id = w.storey_id LEFT JOIN LATERAL (
@@ -80,7 +82,17 @@ def _place(row: Any) -> Place:
         high[2] = top
         surfaces = [Surface(footprint, float(low[2]))]
     pose = Pose(*row.pose)
-    return Place(row.name, row.kind, tuple(surfaces), low, high, footprint, pose, row.storey)
+    return Place(
+        row.name,
+        row.kind,
+        tuple(surfaces),
+        low,
+        high,
+        footprint,
+        pose,
+        row.storey,
+        stores=row.stores,
+    )
 
 
 def read_occluders(connection: Connection, without: Collection[str]) -> NDArray[np.float64]:

@@ -22,6 +22,9 @@ __all__ = ["how_to", "teach", "vocabulary"]
 PLACED = ("in", "on", "is_in", "is_on")
 """Relations that say where an object is: they are sightings."""
 
+FOUND_IN = "found_in"
+"""The relation of a thing or a class to where it is usually found: a part of the prior."""
+
 FIT = 1.05
 """How much larger than its geometry an object may be taught to be."""
 
@@ -338,22 +341,21 @@ class _Lesson:
         """Store a relation; return the sighting that it is, if it says where something is."""
         subject, other = self.resolved(relation.subject), self.resolved(relation.object)
         both = subject in self.kinds and other in self.kinds
-        if both and snake_case(relation.relation) in PLACED:
+        name = snake_case(relation.relation)
+        if both and name in PLACED:
             return [self._sighting(subject, {"place": other, "seen": True})]
-        if both:
-            statement = (
+        if both and name != FOUND_IN:
+            self.session.execute(
                 "INSERT INTO link (from_id, relation, to_id) "
-                "SELECT entity_id(%s), %s, entity_id(%s) ON CONFLICT DO NOTHING"
+                "SELECT entity_id(%s), %s, entity_id(%s) ON CONFLICT DO NOTHING",
+                (subject, relation.relation, other),
             )
         else:
-            statement = (
+            self.session.execute(
                 "INSERT INTO taught_relation (map_id, subject, relation, object) "
-                "VALUES (current_map(), %s, %s, %s) ON CONFLICT DO NOTHING"
+                "VALUES (current_map(), %s, %s, %s) ON CONFLICT DO NOTHING",
+                (subject, FOUND_IN if name == FOUND_IN else relation.relation, other),
             )
-        name = relation.relation
-        if snake_case(name) == "found_in":
-            name = "found_in"
-        self.session.execute(statement, (subject, name, other))
         return []
 
     def _add_actions(self, actions: Sequence[Action]) -> int:
