@@ -79,7 +79,8 @@ def moved_or_new(
         (k, n) P(detected as this class | class of the instance), such as a row of a confusion
         matrix.
     size, known_size
-        (k,) and (n,) a length of detections and instances, above 0; None to ignore sizes.
+        (k,) and (n,) a length of detections and instances, above 0; NaN where it is unknown, None
+        to ignore sizes.
     hit
         P(detected | in view), strictly between 0 and 1.
     new
@@ -212,9 +213,10 @@ def _size_density(
     measured, true = np.asarray(size, np.float64), np.asarray(known, np.float64)
     if (len(measured), len(true)) != shape:
         raise BeliefError(f"sizes: {len(measured)} and {len(true)} are given: give {shape}")
-    if not ((measured > 0).all() and (true > 0).all()):
-        raise BeliefError("sizes: give lengths above 0")
+    if (measured <= 0).any() or (true <= 0).any():
+        raise BeliefError("sizes: give lengths above 0, or NaN")
     if not spread > 0:
         raise BeliefError(f"spread is {spread}: give a number above 0")
     away = (np.log(measured)[:, None] - np.log(true)) / spread
-    return np.asarray(np.exp(-0.5 * away**2) / (spread * math.sqrt(2 * math.pi)))
+    density = np.exp(-0.5 * away**2) / (spread * math.sqrt(2 * math.pi))
+    return np.where(np.isnan(density), 1 / LOG_SIZE_RANGE, density)

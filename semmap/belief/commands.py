@@ -18,6 +18,8 @@ from semmap import cli
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
+    from semmap.belief.identify import Detection
+
 __all__ = ["belief", "observe_command", "teach_command", "where_command"]
 
 At = Annotated[
@@ -353,6 +355,55 @@ def how(
         chain = how_to(db.map(map_name).session_of_map(), goal, given or ())
     rows = [{"action": a.name, "cause": a.cause, "effect": a.effect} for a in chain]
     cli.show_table(rows, json_, ("action", "cause", "effect"))
+
+
+@belief.command()
+def identify(
+    seen: Annotated[
+        list[str],
+        typer.Argument(metavar="TYPE=X,Y,Z[,W,D,H]...", help="Detections of one view; metres."),
+    ],
+    frame: Annotated[str | None, typer.Option(help="The agent in whose frame they are.")] = None,
+    moves: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", help="Objects of mobility 1 move once in this time."),
+    ] = 86_400.0,
+    new: Annotated[
+        float, typer.Option(help="Expected number of objects at a place that the map lacks.")
+    ] = 0.05,
+    at: At = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Tell which known objects were detected, perhaps moved, and which are new.
+
+    semmap belief identify mug=1.2,3.4,0.8 mug=6.1,0.9,0.5,0.08,0.08,0.1
+    """
+    from semmap.belief.identify import identify
+    from semmap.belief.motion import Motion
+    from semmap.ingest.regions.commands import zoned
+
+    detections = [_detection(text) for text in seen]
+    with cli.open_map(map_name) as connection:
+        found = identify(
+            connection, detections, frame=frame, at=zoned(at), motion=Motion(moves), new=new
+        )
+    rows = [
+        {"seen": text, "place": one.place, "object": name, "probability": round(probability, 4)}
+        for text, one in zip(seen, found, strict=True)
+        for name, probability in [*one.known.items(), (None if json_ else "(new)", one.new)]
+    ]
+    cli.show_table(rows, json_, ("seen", "place", "object", "probability"))
+
+
+def _detection(text: str) -> Detection:
+    from semmap.belief.identify import Detection
+
+    type_, _, numbers = text.partition("=")
+    count = 6 if numbers.count(",") > 2 else 3
+    values = _numbers(numbers, count, f"TYPE=X,Y,Z[,W,D,H]: {text!r}")
+    x, y, z, *sides = values
+    return Detection(type_, (x, y, z), (sides[0], sides[1], sides[2]) if sides else None)
 
 
 @belief.command()

@@ -78,6 +78,8 @@ def test_a_cup_elsewhere_is_new_unless_the_known_one_had_time_to_move() -> None:
 def test_a_cup_of_another_size_is_new() -> None:
     assert cup(0, [0.9, 0.1], size=[0.1], known_size=[0.102]) > 0.95
     assert cup(0, [0.9, 0.1], size=[0.1], known_size=[0.2]) < 0.01
+    unknown = cup(0, [0.9, 0.1], size=[0.1], known_size=[np.nan])
+    assert unknown == pytest.approx(cup(0, [0.9, 0.1]), rel=1e-12)
 
 
 def test_a_cup_of_another_class_is_new() -> None:

@@ -1,0 +1,161 @@
+"""Which objects of the map were detected: known ones that perhaps moved, or new ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from sqlalchemy import Connection
+
+from semmap.belief.association import moved_or_new
+from semmap.belief.error import BeliefError
+from semmap.belief.motion import DAILY, Motion, infer_with_motion
+from semmap.belief.places import place_at
+from semmap.belief.reader import read_agent_pose, read_columns, read_model, read_places
+from semmap.belief.store import driver
+from semmap.query.entity_query import find
+
+__all__ = ["Detection", "Identity", "identify"]
+
+
+@dataclass(frozen=True)
+class Detection:
+    """An object of a type that a detector found.
+
+    Attributes
+    ----------
+    type
+        A semantic type of the map.
+    point
+        (x, y, z) of its middle or foot, metres.
+    sides
+        (width, depth, height) in metres; None if unknown.
+    """
+
+    type: str
+    point: tuple[float, float, float]
+    sides: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What a detection may be.
+
+    Attributes
+    ----------
+    place
+        Where it is; None if no known object of the type was found, so that it is new.
+    known
+        The probability of each known object that it may be, the most probable first.
+    new
+        The probability that the map lacks it.
+    """
+
+    place: str | None
+    known: dict[str, float]
+    new: float
+
+
+def identify(
+    connection: Connection,
+    detections: Sequence[Detection],
+    *,
+    frame: str | None = None,
+    at: datetime | None = None,
+    motion: Motion = DAILY,
+    new: float = 0.05,
+) -> list[Identity]:
+    """Return for each detection of one view which objects of its type it may be.
+
+    The likelihood has the type, the size, and where each object is believed to be, as it may have
+    moved since it was observed. Two detections are different objects. The places of the detections
+    count as seen in full, so that other objects that are believed there were missed.
+
+    Parameters
+    ----------
+    frame
+        The agent in whose frame the points are; the map's frame where None.
+    at
+        The time of the detections; now where None.
+    new
+        The expected number of objects of a type at a place that the map lacks.
+
+    Raises
+    ------
+    LookupError
+        The map has no such type or agent.
+    BeliefError
+        A point or size that is not finite, or a point at no place.
+    """
+    session = driver(connection)
+    candidates = [
+        [row["name"] for row in find(session, type=seen.type) if row["kind"] == "object"]
+        for seen in detections
+    ]
+    names = sorted({name for of_type in candidates for name in of_type})
+    rows = [j for j, of_type in enumerate(candidates) if of_type]
+    found = [Identity(None, {}, 1.0) for _ in detections]
+    if not rows:
+        return found
+    columns = read_columns(connection, names, at)
+    belief = infer_with_motion(
+        columns.prior,
+        columns.observations,
+        columns.mobility,
+        motion,
+        model=read_model(connection),
+    )
+    place = [_place(connection, detections[j], candidates[j][0], frame, at) for j in rows]
+    at_place = np.array([columns.places.index(name) for name in place])
+    view = np.zeros(len(columns.places))
+    view[at_place] = 1.0
+    best = moved_or_new(
+        belief,
+        view,
+        at_place,
+        [[float(name in candidates[j]) for name in names] for j in rows],
+        [_size(detections[j]) for j in rows],
+        np.cbrt(columns.volume),
+        new=np.full(len(rows), new),
+        keep=100,
+    )
+    for j, where, share in zip(rows, place, best.marginals(len(names)), strict=True):
+        order = np.argsort(-share[:-1], kind="stable")
+        known = {names[i]: float(share[i]) for i in order if share[i] > 0}
+        found[j] = Identity(where, known, float(share[-1]))
+    return found
+
+
+def _place(
+    connection: Connection,
+    seen: Detection,
+    like: str,
+    frame: str | None,
+    at: datetime | None,
+) -> str:
+    """The place of a detection among those with room for an object like it."""
+    point = seen.point
+    if not all(math.isfinite(v) for v in point):
+        raise BeliefError(f"{seen.type} was detected at {point}: give x, y, z in metres")
+    if frame is not None:
+        point = tuple(read_agent_pose(connection, frame, at).apply([point])[0])
+    place = place_at(read_places(connection, like), point)
+    if place is None:
+        x, y, z = point
+        raise BeliefError(
+            f"{seen.type} was detected at ({x:.2f}, {y:.2f}, {z:.2f}) in the map, where no place "
+            "has room for it: check the frame, or add the furniture or room to the map"
+        )
+    return place.name
+
+
+def _size(seen: Detection) -> float:
+    """The edge of a cube of the volume of a detection, metres; NaN if unknown."""
+    if seen.sides is None:
+        return math.nan
+    if not all(math.isfinite(side) and side > 0 for side in seen.sides):
+        raise BeliefError(f"{seen.type} has the sides {seen.sides}: give metres above 0")
+    return math.prod(seen.sides) ** (1 / 3)

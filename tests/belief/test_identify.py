@@ -1,0 +1,97 @@
+"""Which objects of a map were detected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+import pytest
+from sqlalchemy import Connection
+
+from semmap import SemanticMap
+from semmap.belief.error import BeliefError
+from semmap.belief.identify import Detection, identify
+from semmap.belief.motion import Motion
+from semmap.belief.store import add_observations, read_belief
+from semmap.query.maps import see_map
+
+ON_BENCH, ON_TABLE = (6.0, 1.0, 0.5), (1.5, 1.5, 0.8)
+SELDOM = Motion(1e12)
+
+
+@pytest.fixture
+def connection(flat_map: SemanticMap) -> Iterator[Connection]:
+    """Sees the flat, in which the mug was seen on the bench six times; all is undone."""
+    with flat_map.database.engine.connect() as connection:
+        see_map(connection, "flat")
+        seen = {"object": "mug", "place": "bench", "seen": True, "at": datetime.now(UTC)}
+        add_observations(connection, [seen] * 6)
+        yield connection
+        connection.rollback()
+
+
+def test_a_mug_where_it_was_seen_is_that_one(connection: Connection) -> None:
+    (one,) = identify(connection, [Detection("mug", ON_BENCH)])
+    assert one.place == "bench"
+    assert list(one.known) == ["mug"]
+    assert one.known["mug"] > 0.95
+    assert one.known["mug"] + one.new == pytest.approx(1)
+
+
+def test_a_mug_elsewhere_is_new_unless_the_known_one_may_have_moved(
+    connection: Connection,
+) -> None:
+    (one,) = identify(connection, [Detection("mug", ON_TABLE)], motion=SELDOM)
+    assert one.place == "table"
+    assert one.new > 0.95
+    (one,) = identify(connection, [Detection("mug", ON_TABLE)], motion=Motion(1e-9))
+    belief = read_belief(connection, "mug")["table"]
+    assert one.known["mug"] > 0.3 > belief
+
+
+def test_two_mugs_are_two(connection: Connection) -> None:
+    two = [Detection("mug", ON_TABLE), Detection("mug", ON_BENCH)]
+    on_table, on_bench = identify(connection, two)
+    assert on_bench.known["mug"] > 0.95
+    assert on_table.new > 0.95
+    assert on_table.known.get("mug", 0) + on_bench.known["mug"] <= 1
+
+
+def test_a_mug_of_another_size_is_new(connection: Connection) -> None:
+    large, same = (
+        identify(connection, [Detection("mug", ON_BENCH, sides)])[0]
+        for sides in ((0.3, 0.3, 0.3), (0.08, 0.08, 0.1))
+    )
+    assert large.new > 0.99
+    assert same.known["mug"] > 0.95
+
+
+def test_types_are_those_of_the_t_box(connection: Connection) -> None:
+    drinkware, book = identify(
+        connection, [Detection("drinkware", ON_BENCH), Detection("book", ON_BENCH)]
+    )
+    assert drinkware.known["mug"] > 0.95
+    assert (book.place, book.known, book.new) == (None, {}, 1.0)
+
+
+def test_a_point_in_the_frame_of_the_robot(connection: Connection) -> None:
+    """The robot is at (7, 2): the bench is 1 m behind it and 1 m to its right."""
+    (one,) = identify(connection, [Detection("mug", (-1.0, -1.0, 0.5))], frame="robot")
+    assert one.place == "bench"
+
+
+@pytest.mark.parametrize(
+    ("detection", "error", "text"),
+    [
+        (Detection("mugg", ON_BENCH), LookupError, "no type mugg; did you mean mug"),
+        (Detection("mug", (99.0, 0.0, 0.0)), BeliefError, "where no place has room for it"),
+        (Detection("mug", (math.nan, 0.0, 0.0)), BeliefError, "give x, y, z in metres"),
+        (Detection("mug", ON_BENCH, (1.0, 0.0, 1.0)), BeliefError, "give metres above 0"),
+    ],
+)
+def test_what_is_no_detection(
+    connection: Connection, detection: Detection, error: type[Exception], text: str
+) -> None:
+    with pytest.raises(error, match=text):
+        identify(connection, [detection])
