@@ -13,14 +13,14 @@ __all__ = ["make_prior"]
 def make_prior(
     fits: ArrayLike,
     typical: ArrayLike | None = None,
-    counts: ArrayLike | None = None,
-    elsewhere: float = 0.05,
-    strength: float = 4.0,
+    stays: ArrayLike | None = None,
+    elsewhere: float = 0.1,
+    history: float = 0.5,
 ) -> NDArray[np.float64]:
-    """Return prior probabilities of n objects at m places and *elsewhere*.
+    """Return prior probabilities of n objects at m places and *elsewhere*, as those of the map.
 
-    An object is elsewhere with the given probability; else its place has a Dirichlet prior with
-    mean `typical` and weight `strength`, which the counts of earlier stays update.
+    An object is elsewhere with the given probability. Else it is at a place of its history with
+    probability `history`, and at any place where it fits otherwise.
 
     Parameters
     ----------
@@ -29,12 +29,11 @@ def make_prior(
     typical
         (n, m) at least 0: how common a place is for objects of this type, relative to the other
         places (cereals are mostly in kitchens). Equal by default.
-    counts
-        (n, m) at least 0: how often, or in what share of its history, the object was there.
-    elsewhere
-        Probability that the object is at none of the places, in [0, 1).
-    strength
-        The number of stays that `typical` is worth, above 0.
+    stays
+        (n, m) at least 0: how much each place counts in the history of the object. An object whose
+        stays are all 0 has no history.
+    elsewhere, history
+        Probabilities in [0, 1).
 
     Returns
     -------
@@ -50,34 +49,40 @@ def make_prior(
 
     Examples
     --------
-    >>> make_prior([[True, True, False]], counts=[[4, 0, 0]], elsewhere=0.2).round(3)
+    >>> make_prior([[True, True, False]], stays=[[4, 0, 0]], elsewhere=0.2).round(3)
     array([[0.6, 0.2, 0. , 0.2]])
     """
     possible = np.asarray(fits, np.bool_)
     if possible.ndim != 2:
         raise BeliefError(f"fits has shape {possible.shape}: give (objects, places)")
-    if not 0 <= elsewhere < 1:
-        raise BeliefError(f"elsewhere is {elsewhere}: give a probability in [0, 1)")
-    if not (np.isfinite(strength) and strength > 0):
-        raise BeliefError(f"strength is {strength}: give a number above 0")
+    for name, value in (("elsewhere", elsewhere), ("history", history)):
+        if not 0 <= value < 1:
+            raise BeliefError(f"{name} is {value}: give a probability in [0, 1)")
     common = _weights("typical", 1.0 if typical is None else typical, possible)
-    stays = _weights("counts", 0.0 if counts is None else counts, possible)
-    contradicting = (stays > 0) & ~possible
+    former = _weights("stays", 0.0 if stays is None else stays, possible)
+    contradicting = (former > 0) & ~possible
     if contradicting.any():
         o, p = np.argwhere(contradicting)[0]
         raise BeliefError(
-            f"counts say that object {o} was at place {p}, where it does not fit: correct its size "
+            f"stays say that object {o} was at place {p}, where it does not fit: correct its size "
             "or the history"
         )
     common = np.where(possible, common, 0.0)
     unknown = common.sum(axis=1) == 0
     common[unknown] = possible[unknown]
-    total = common.sum(axis=1, keepdims=True)
-    mean = np.divide(common, total, out=np.zeros_like(common), where=total > 0)
-    place = (strength * mean + stays) / (strength + stays.sum(axis=1, keepdims=True))
+    place, former = _shares(common), _shares(former)
+    with_history = former.any(axis=1)
+    place[with_history] *= 1 - history
+    place += history * former
     found = np.column_stack([(1 - elsewhere) * place, np.full(len(place), elsewhere)])
-    found[total[:, 0] == 0, -1] = 1.0
+    found[~possible.any(axis=1), -1] = 1.0
     return np.asarray(found / found.sum(axis=1, keepdims=True))
+
+
+def _shares(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The weights of each row over their sum; zeros stay."""
+    total = weights.sum(axis=1, keepdims=True)
+    return np.asarray(np.divide(weights, total, out=np.zeros_like(weights), where=total > 0))
 
 
 def _weights(name: str, values: ArrayLike, possible: NDArray[np.bool_]) -> NDArray[np.float64]:
