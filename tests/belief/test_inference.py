@@ -26,7 +26,7 @@ def test_agrees_with_the_sum_over_all_placements(seed: int) -> None:
     np.testing.assert_allclose(found, posterior(case.prior, looks_of(case)), rtol=0, atol=1e-13)
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(seeds, st.integers(0, 60))
 def test_observations_one_by_one_lead_to_the_same_belief(seed: int, looks: int) -> None:
     random = np.random.default_rng(seed)
