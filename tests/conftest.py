@@ -90,7 +90,8 @@ def home() -> Iterator[Path]:
     Cluster(folder).stop()
     os.environ.clear()
     os.environ.update(before)
-    subprocess.run(["rm", "-rf", folder], check=True)  # hundreds of thousands of files
+    # Hundreds of thousands of files: they go while other workers still test.
+    subprocess.run(["sh", "-c", 'rm -rf "$0" &', folder], check=True)
 
 
 @pytest.fixture(scope="session")

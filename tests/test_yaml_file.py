@@ -43,10 +43,10 @@ UNBOUNDED = {
 @pytest.mark.parametrize("name", UNBOUNDED)
 def test_what_would_take_gigabytes_or_minutes_is_refused(name):
     text, message = UNBOUNDED[name]
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(MendError, match=rf"^mine\.yaml: is not valid YAML: .*{message}"):
         parse_yaml(text, "mine.yaml", MendError)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 def test_aliases_are_followed():

@@ -78,9 +78,9 @@ def test_shapes_that_qhull_refuses_have_a_hull(shape: str) -> None:
 def test_a_round_room_of_20_000_corners_takes_no_minutes() -> None:
     turn = np.linspace(0, 2 * np.pi, 20_000, endpoint=False)
     room = prism_mesh(shapely.Polygon(10 * np.column_stack([np.cos(turn), np.sin(turn)])), 0, 2.5)
-    start = time.perf_counter()
+    start = time.process_time()
     hull = hull_points(room)
-    assert time.perf_counter() - start < 10, "it took 240 s"
+    assert time.process_time() - start < 10, "it took 240 s"
     assert len(np.unique(hull, axis=0)) == 40_000
     assert np.linalg.norm(hull[:, :2], axis=1).min() == pytest.approx(10)
 

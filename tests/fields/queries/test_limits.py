@@ -45,10 +45,10 @@ QUICK = ["^(a+)+$", "(?:a?){60}a{60}c", "^(.*a){60}x"]
 @pytest.mark.parametrize("pattern", ATTACKS)
 def test_a_regular_expression_that_takes_too_long_is_refused(pattern: str) -> None:
     text = f"SELECT ?x {{ ?x :on ?y FILTER(REGEX('{'a' * 60}b', '{pattern}')) }}"
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(QueryError, match=r"longer than 1 s for one name.*SEMMAP_MAX_REGEX_SECONDS"):
         query(kitchen(), PREFIX + text)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 @pytest.mark.parametrize("pattern", QUICK)
@@ -80,21 +80,21 @@ def test_time_and_rows_of_a_query_are_limited(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_the_length_of_a_query_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     prefixes = "".join(f"PREFIX p{i}: <urn:{i}>\n" for i in range(12_500))
     with pytest.raises(QueryError, match=r"2,501 words, the limit is 2,500 words.*MAX_QUERY_WORDS"):
         query(kitchen(), PREFIX + prefixes + "SELECT ?v { ?v :occupiedBy ?o }")
     with pytest.raises(QueryError, match=r"1,000,0\d\d characters.*SEMMAP_MAX_QUERY_CHARACTERS"):
         query(kitchen(), PREFIX + "SELECT ?v { ?v :occupiedBy ?o }" + " " * 1_000_000)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 @pytest.mark.parametrize("text", ['"""a' + '\\"' * 50_000, '"\\' * 50_000, "'''" + '"' * 99_999])
 def test_open_quotation_marks_are_found_quickly(text: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(QueryError) as error:
         query(kitchen(), PREFIX + "SELECT ?v { ?v :occupiedBy " + text)
-    assert time.perf_counter() - start < 5, "it took 88 s"
+    assert time.process_time() - start < 5, "it took 88 s"
     assert len(str(error.value)) < 1500
 
 
@@ -128,7 +128,7 @@ def test_a_region_that_is_too_large_is_refused_with_its_place() -> None:
             update(regions, f"{PREFIX}{small} ; {large}")
         assert len(regions) == 0
     much = 'DELETE DATA { :a :occupies "BOX(0 0 0 40 40 40)"^^:region }'
-    start = time.perf_counter()
+    start = time.process_time()
     update(regions, f"{PREFIX}{small} ; {much}")
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
     assert len(regions) == 0

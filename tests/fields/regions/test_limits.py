@@ -55,10 +55,10 @@ TOO_LARGE: dict[str, Region] = {
 @pytest.mark.parametrize("name", TOO_LARGE)
 def test_a_region_that_is_too_large_is_refused_in_time(name: str) -> None:
     regions = RegionMap(SIZE)
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(ValueError, match=r"thing: .*take|thing: .*nearer"):
         regions.insert("thing", TOO_LARGE[name])
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
     assert len(regions) == 0
     regions.check()
 
