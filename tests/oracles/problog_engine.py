@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 
+_LIMIT = sys.getrecursionlimit()
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # its copy of pyparsing
     from problog import get_evaluatable
     from problog.program import PrologString
+sys.setrecursionlimit(_LIMIT)  # ProbLog raises it for the whole process
 
 __all__ = ["places_by_problog"]
 
