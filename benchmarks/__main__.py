@@ -19,6 +19,7 @@ TABLES = (
     "topology",
     "plans",
     "belief",
+    "belief_store",
 )
 
 for name in sys.argv[1:] or TABLES:

@@ -151,18 +151,18 @@ BEGIN
     ), history AS (
         SELECT r.id, r.at, sum(power(0.5, r.age)) / sum(sum(power(0.5, r.age))) OVER (PARTITION BY r.id) AS share
         FROM ranked r WHERE r.age <= 50 GROUP BY r.id, r.at
-    ), general AS (
-        SELECT t.*, p.at, p.weight / sum(p.weight) OVER (PARTITION BY t.id) AS share
-        FROM thing t JOIN LATERAL (
-            SELECT p.at, CASE WHEN EXISTS (SELECT FROM typical y WHERE y.id = p.id AND y.at = p.at) THEN t.prior_typical ELSE 1 END AS weight
-            FROM place p WHERE p.id = t.id) p ON true
+    ), weighed AS (
+        SELECT p.id, p.at, CASE WHEN y.id IS NULL THEN 1 ELSE t.prior_typical END AS weight, t.prior_elsewhere,
+               CASE WHEN k.id IS NULL THEN 0 ELSE t.prior_history END AS known
+        FROM thing t JOIN place p ON p.id = t.id LEFT JOIN typical y ON y.id = p.id AND y.at = p.at
+        LEFT JOIN (SELECT DISTINCT h.id FROM history h) k ON k.id = t.id
     )
-    SELECT g.id, g.at, (1 - g.prior_elsewhere)
-           * CASE WHEN EXISTS (SELECT FROM history h WHERE h.id = g.id)
-                  THEN (1 - g.prior_history) * g.share + g.prior_history * coalesce(h.share, 0) ELSE g.share END
-    FROM general g LEFT JOIN history h ON h.id = g.id AND h.at = g.at
+    SELECT w.id, w.at, (1 - w.prior_elsewhere)
+           * ((1 - w.known) * w.weight / sum(w.weight) OVER (PARTITION BY w.id) + w.known * coalesce(h.share, 0))
+    FROM weighed w LEFT JOIN history h ON h.id = w.id AND h.at = w.at
   UNION ALL
-    SELECT t.id, NULL, CASE WHEN EXISTS (SELECT FROM place p WHERE p.id = t.id) THEN t.prior_elsewhere ELSE 1 END FROM thing t;
+    SELECT t.id, NULL, CASE WHEN p.id IS NULL THEN 1 ELSE t.prior_elsewhere END
+    FROM thing t LEFT JOIN (SELECT DISTINCT p.id FROM place p) p ON p.id = t.id;
 END $$;
 
 CREATE FUNCTION belief_given(things bigint[], places bigint[], priors double precision[], moment timestamptz)
@@ -188,11 +188,18 @@ BEGIN
         SELECT l.entity_id, l.place_id, l.inside,
                sum(CASE WHEN l.seen THEN ln(l.a / l.b) ELSE ln((1 - l.visible * l.a) / (1 - l.visible * l.b)) END) AS weight
         FROM looked l GROUP BY 1, 2, 3
+    ), given AS MATERIALIZED (
+        SELECT p.* FROM unnest(things, places, priors) p (id, place, prior)
+    ), at_place AS (
+        SELECT v.entity_id, v.place_id, v.weight FROM evidence v WHERE NOT v.inside
+    ), around AS (
+        SELECT g.id, g.place, sum(v.weight) AS weight FROM evidence v JOIN given g ON g.id = v.entity_id
+        WHERE v.inside AND (g.place = v.place_id OR is_held_by(g.place, v.place_id)) GROUP BY g.id, g.place
     ), weighed AS (
-        SELECT p.id, p.place, p.prior, CASE WHEN p.prior > 0 THEN ln(p.prior) + coalesce((
-                   SELECT sum(v.weight) FROM evidence v WHERE v.entity_id = p.id
-                   AND (v.place_id = p.place OR v.inside AND is_held_by(p.place, v.place_id))), 0) END AS weight
-        FROM unnest(things, places, priors) p (id, place, prior)
+        SELECT g.id, g.place, g.prior,
+               CASE WHEN g.prior > 0 THEN ln(g.prior) + coalesce(p.weight, 0) + coalesce(a.weight, 0) END AS weight
+        FROM given g LEFT JOIN at_place p ON p.entity_id = g.id AND p.place_id = g.place
+        LEFT JOIN around a ON a.id = g.id AND a.place = g.place
     ), scaled AS (
         SELECT w.*, coalesce(exp(greatest(w.weight - max(w.weight) OVER (PARTITION BY w.id), -700)), 0) AS share FROM weighed w
     )
