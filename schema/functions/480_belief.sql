@@ -245,10 +245,16 @@ DECLARE
     ids bigint[] := ARRAY(SELECT e.id FROM entity e WHERE e.id = ANY (things) AND e.kind IN ('object', 'agent') ORDER BY e.id
                           FOR NO KEY UPDATE);
     moment timestamptz := clock_timestamp();
+    portion CONSTANT integer := 200;  -- the joins of many things take more than linear time
     given record;
     wanted record;
 BEGIN
-    IF ids = '{}' THEN
+    IF cardinality(ids) > portion THEN
+        FOR i IN 1 .. cardinality(ids) BY portion LOOP
+            PERFORM refresh_belief(ids[i:i + portion - 1], keep_priors);
+        END LOOP;
+        RETURN;
+    ELSIF ids = '{}' THEN
         RETURN;
     END IF;
     IF keep_priors THEN

@@ -27,7 +27,8 @@ def flat_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
         flat.add_object("fridge", type="refrigerator", size=(0.6, 0.6, 1.8), pose=(0.4, 2.6, 0))
         flat.add_object("cereal", type="food", size=(0.2, 0.08, 0.3), on="table")
         flat.add_object("mug", type="mug", size=(0.08, 0.08, 0.1), on="bench")
-        flat.add_object("coke", type="can")
+        # of a type that the ontology has neither a size nor usual places for
+        flat.add_object("coke", type="umbrella")
         flat.add_object("piano", type="piano", size=(1.5, 0.6, 1.2), pose=(5, 2.5, 0))
         flat.add_agent("robot", type="robot", size=(0.5, 0.5, 1.2), pose=(7, 2, 0))
         yield flat

@@ -63,6 +63,9 @@ def test_without_evidence_typical_places_and_the_placement_of_the_map_count(
     coke = belief(flat, "coke")
     assert coke.pop(ELSEWHERE) == pytest.approx(0.1)
     assert list(coke.values()) == pytest.approx([0.9 / 7] * 7)
+    flat["coke"].type = "can"  # the T-Box has cans in kitchens and refrigerators
+    can = belief(flat, "coke")
+    assert can["fridge"] == can["table"] == pytest.approx(4 * can["bench"])
     mug = belief(flat, "mug")
     assert max(mug, key=mug.__getitem__) == "bench"
     assert mug["bench"] > 0.45

@@ -84,7 +84,9 @@ def test_each_field_of_the_thesis_has_a_home(flat: SemanticMap) -> None:
 
 def test_teaching_where_things_are_found_changes_the_prior(flat: SemanticMap) -> None:
     before = flat.where("coke")
-    flat.teach({"relations": [{"subject": "can", "relation": "found_in", "object": "kitchen"}]})
+    flat.teach(
+        {"relations": [{"subject": "umbrella", "relation": "found_in", "object": "kitchen"}]}
+    )
     after = flat.where("coke")
     inside = {"kitchen", "table", "counter", "fridge"}
     assert {place for place in after if after[place] > before[place] + 1e-9} == inside

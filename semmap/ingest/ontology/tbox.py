@@ -22,6 +22,7 @@ ENDINGS = (".ttl", ".nt")
 """Endings of Turtle, and of N-Triples, which is a part of Turtle."""
 
 TYPICAL_SIZE = URIRef("urn:semmap:ontology#typicalSize")
+FOUND_IN = URIRef("urn:semmap:ontology#foundIn")
 
 KINDS = ("room", "object", "region", "connector", "elevator", "storey", "agent")
 """The types that are kinds of entity; each subtype is for entities of that kind."""
@@ -41,6 +42,7 @@ class TypeRecord:
     comment : its meaning
     synonyms : its other names
     typical_size : depth (along its front), width and height, metres
+    found_in : names of the types of places where such things are usually found
     """
 
     name: str
@@ -51,6 +53,7 @@ class TypeRecord:
     comment: str | None
     synonyms: tuple[str, ...] = ()
     typical_size: tuple[float, float, float] | None = None
+    found_in: tuple[str, ...] = ()
 
 
 @dataclass
@@ -61,6 +64,7 @@ class _Class:
     comment: str | None = None
     synonyms: tuple[str, ...] = ()
     typical_size: tuple[float, float, float] | None = None
+    found_in: frozenset[URIRef] = frozenset()
 
 
 def ontology_files() -> list[Path]:
@@ -97,6 +101,7 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
     names = _names(classes)
     for iri, found in classes.items():
         _check_parents(iri, found, classes)
+        _check_places(iri, found, classes)
     parents = {
         names[iri]: sorted(names[p] for p in found.parents if p in classes)
         for iri, found in classes.items()
@@ -116,6 +121,7 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
             comment=found.comment,
             synonyms=found.synonyms,
             typical_size=found.typical_size,
+            found_in=tuple(sorted(names[place] for place in found.found_in if place in names)),
         )
     return list(records.values())
 
@@ -180,6 +186,7 @@ def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
         found.label = found.label or _text(graph, iri, RDFS.label)
         found.comment = found.comment or _text(graph, iri, RDFS.comment)
         found.synonyms += tuple(sorted(str(o) for o in graph.objects(iri, SKOS.altLabel)))
+        found.found_in |= {o for o in graph.objects(iri, FOUND_IN) if isinstance(o, URIRef)}
         size = _text(graph, iri, TYPICAL_SIZE)
         if size is not None:
             found.typical_size = _size(size, path, iri)
@@ -234,6 +241,16 @@ def _check_parents(iri: URIRef, found: _Class, classes: dict[URIRef, _Class]) ->
                 f"its superclass <{parent}> is declared in none of the files",
                 "Declare it (a owl:Class), correct its name, or give the file that declares it.",
             )
+
+
+def _check_places(iri: URIRef, found: _Class, classes: dict[URIRef, _Class]) -> None:
+    for place in sorted(found.found_in - classes.keys()):
+        raise WorldError(
+            found.path,
+            f"class <{iri}>",
+            f"it is found in <{place}>, which is declared in none of the files",
+            "Declare it (a owl:Class), correct its name, or give the file that declares it.",
+        )
 
 
 def _namespace(iri: URIRef) -> str:

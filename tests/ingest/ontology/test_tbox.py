@@ -143,6 +143,16 @@ def test_a_size_may_be_in_another_file(turtle: Callable[..., Path], tmp_path: Pa
     assert found == {"object": None, "bed": (2.1, 1.6, 0.6)}
 
 
+def test_usual_places_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "t.ttl"
+    head = "@prefix : <urn:semmap:ontology#> . @prefix owl: <http://www.w3.org/2002/07/owl#> . "
+    path.write_text(head + ":Kitchen a owl:Class . :Food a owl:Class ; :foundIn :Kitchen .")
+    assert {r.name: r.found_in for r in read_tbox([path])} == {"kitchen": (), "food": ("kitchen",)}
+    path.write_text(head + ":Food a owl:Class ; :foundIn :Kichen .")
+    with pytest.raises(WorldError, match=r"found in <.*Kichen>, which is declared in none"):
+        read_tbox([path])
+
+
 def test_common_furniture_has_a_typical_size(records: dict[str, TypeRecord]) -> None:
     sizes = {name: r.typical_size for name, r in records.items() if r.typical_size is not None}
     assert {"bed", "table", "chair", "sofa", "toilet", "refrigerator"} <= {*sizes}
