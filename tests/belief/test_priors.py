@@ -36,16 +36,18 @@ def test_an_object_without_history_has_the_prior_of_its_type() -> None:
 
 
 def test_the_map_has_the_same_priors(flat: SemanticMap) -> None:
-    """Of a mug that stayed at three places, and of a can, as cans are in refrigerators."""
+    """Of a mug that stayed at three places, and of a taught type, found in refrigerators."""
     session = flat.session_of_map()
     for place in ("table", "counter"):
         flat["mug"].put_on(place)
     session.execute(
-        "INSERT INTO taught_relation VALUES (current_map(), 'can', 'found_in', 'refrigerator')"
+        "INSERT INTO taught_relation VALUES (current_map(), 'umbrella', 'found_in', 'refrigerator')"
     )
     columns = read_columns(session, ["mug", "coke"])
     typical = np.ones((2, len(columns.places) - 1))
     typical[1, columns.places.index("fridge")] = 4.0
+    for place in ("kitchen", "table", "counter", "fridge"):  # the ontology has mugs in kitchens
+        typical[0, columns.places.index(place)] = 4.0
     stays = np.zeros((2, len(columns.places) - 1))
     for place, weight in (("bench", 0.125), ("table", 0.25), ("counter", 0.5)):
         stays[0, columns.places.index(place)] = weight

@@ -15,6 +15,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.inference import Observations, infer
 from semmap.belief.store import ELSEWHERE, add_observations, read_belief, where
 from semmap.model import Belief, Entity
+from semmap.query.change_feed import ChangeFeed
 from semmap.query.maps import see_map
 
 NOW = datetime.now(UTC)
@@ -199,6 +200,19 @@ def test_a_new_observation_is_announced(flat_map: SemanticMap) -> None:
             ).one()  # fmt: skip
             assert row.place is not None
             assert row.place.name == "bench"
+    finally:
+        flat_map.execute("DELETE FROM observation")
+        flat_map.execute("DELETE FROM belief")
+
+
+def test_a_belief_does_not_concern_those_who_follow_the_geometry(flat_map: SemanticMap) -> None:
+    feed = ChangeFeed(flat_map.database.engine, "flat")
+    with feed.look() as look:
+        feed.take_in(look)
+    observe(flat_map, {"object": "mug", "place": "table", "seen": True})
+    try:
+        with feed.look() as look:
+            assert look.changed == frozenset()
     finally:
         flat_map.execute("DELETE FROM observation")
         flat_map.execute("DELETE FROM belief")

@@ -354,6 +354,13 @@ def test_what_a_robot_carries_is_not_in_its_way(changing, live, robot):
     check(live, changing, robot)
 
 
+def test_beliefs_are_no_work(live):
+    assert live._is_irrelevant('{"xid": 1, "maps": ["m"], "belief": [3]}')
+    assert not live._is_irrelevant('{"xid": 1, "belief": [3], "moved": [-1]}')
+    assert not live._is_irrelevant('{"xid": 1, "belief": [3], "added": [3]}')
+    assert not live._is_irrelevant('{"xid": 1}')
+
+
 def test_poses_of_agents_are_no_work(changing, live, monkeypatch):
     with committed(changing) as run:
         run(
