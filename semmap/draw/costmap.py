@@ -93,7 +93,7 @@ def costmap_picture(
     axes.set_axis_off()
     axes.set_xlim(extent[:2])
     axes.set_ylim(extent[2:])
-    draw_title(figure, title, 1 - 0.22 / (height + 0.45), 12, margin=0.01)
+    draw_title(figure, title, 1 - 0.22 / (height + 0.45), 12, left=0.01, right=0.99)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)

@@ -24,6 +24,7 @@ from scipy.ndimage import label
 
 from semmap.draw.labels import AROUND, Labels
 from semmap.draw.palette import INK, PAPER, PATH, family, object_colour, room_colour
+from semmap.draw.title import draw_title
 from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, RegionView, StoreyView
 
 __all__ = ["floor_plan"]
@@ -126,16 +127,7 @@ def floor_plan(
     if over is not None:
         over(axes)
     _frame(axes, x0, y0, x1, y1)
-    figure.text(
-        0.6 / width,
-        1 - 0.36 / whole,
-        title or storey.name,
-        fontsize=15,
-        weight="bold",
-        color=INK,
-        va="center",
-    )
-    figure.text(
+    summary = figure.text(
         1 - 0.3 / width,
         1 - 0.36 / whole,
         _summary(storey),
@@ -144,6 +136,8 @@ def floor_plan(
         va="center",
         ha="right",
     )
+    free = summary.get_window_extent().x0 / figure.bbox.width - 0.2 / width
+    draw_title(figure, title or storey.name, 1 - 0.36 / whole, 15, left=0.6 / width, right=free)
     _write(axes, storey, objects, per_metre)
     _legend(figure, axes, storey, objects, foot / whole)
     path = Path(path)

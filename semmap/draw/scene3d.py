@@ -136,7 +136,7 @@ def scene3d(
     axes.set_ylim(2 * h, 0)
     axes.axis("off")
     if title:
-        draw_title(figure, title, 1 - 60 / (h + head), 15).set_color(INK)
+        draw_title(figure, title, 1 - 60 / (h + head), 15)
     for line in lines:
         _draw_line(axes, camera, depth, line)
     labels = Labels(axes)

@@ -5,11 +5,15 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from semmap.draw.palette import INK
+
 __all__ = ["draw_title"]
 
 
-def draw_title(figure: Figure, title: str, y: float, size: float, margin: float = 0.025) -> Text:
-    """Draw a title in bold at the left; one that is too long for the figure is made smaller.
+def draw_title(
+    figure: Figure, title: str, y: float, size: float, left: float = 0.025, right: float = 0.975
+) -> Text:
+    """Draw a title in bold at the left; one that is too long is made smaller.
 
     Parameters
     ----------
@@ -19,12 +23,12 @@ def draw_title(figure: Figure, title: str, y: float, size: float, margin: float 
         Of its middle, as a part of the figure's height.
     size : float
         Of the font at most, points.
-    margin : float
-        On both sides, as a part of the figure's width.
+    left, right : float
+        Where it begins, and where it ends at most, as parts of the figure's width.
     """
-    text = figure.text(margin, y, title, fontsize=size, weight="bold", va="center")
+    text = figure.text(left, y, title, fontsize=size, weight="bold", color=INK, va="center")
     width = text.get_window_extent().width
-    room = (1 - 2 * margin) * figure.bbox.width
+    room = (right - left) * figure.bbox.width
     if width > room:
         text.set_fontsize(size * room / width)
     return text

@@ -18,6 +18,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from semmap.draw.palette import INK, PAPER
+from semmap.draw.title import draw_title
 
 __all__ = ["VoxelSet", "VoxelSlice", "draw_slices", "set_colour", "slices_picture"]
 
@@ -111,7 +112,7 @@ def draw_slices(
         table[number, :3] = set_colour(each.members, colours)
     for i, each_slice in enumerate(slices):
         _slice(figure.add_subplot(grid[i, 0]), each_slice, table)
-    figure.text(0.05, 0.955, title, fontsize=14, weight="bold", color=INK, va="center")
+    draw_title(figure, title, 0.955, 14, left=0.05)
     _beside(figure.add_subplot(grid[:, 1]), sets, table, events, relations)
 
 
