@@ -32,8 +32,8 @@ def belief_map(
 ) -> RepresentationMap:
     """Return a float32 map of the property ``probability``.
 
-    Each voxel up to `HEADROOM` above a surface of a place has the probability of that place; of a
-    container without a surface, all voxels of its box have it. Where places overlap, as furniture
+    Each voxel up to `HEADROOM` above a surface of a place has the probability of that place, and
+    each voxel of the box of a place that stores objects. Where places overlap, as furniture
     in a room, the more special one counts. *Elsewhere* has no voxels.
 
     Parameters
@@ -56,11 +56,12 @@ def belief_map(
 
 def _spaces(place: Place) -> list[tuple[Surface, float]]:
     """The surfaces of a place, and the height above each that belongs to it."""
-    if place.surfaces:
-        return [(surface, HEADROOM) for surface in place.surfaces]
-    if place.footprint is None or place.low is None or place.high is None:
-        return []
-    return [(Surface(place.footprint, place.low[2]), float(place.high[2] - place.low[2]))]
+    found = [(surface, HEADROOM) for surface in place.surfaces]
+    within = place.stores or not found
+    if within and place.footprint is not None and place.low is not None and place.high is not None:
+        height = float(place.high[2] - place.low[2])
+        found.append((Surface(place.footprint, float(place.low[2])), height))
+    return found
 
 
 def _voxels(surface: Surface, height: float, voxel_size: float) -> NDArray[np.int32]:

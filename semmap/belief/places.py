@@ -110,7 +110,9 @@ def _volume(place: Place) -> float:
 
 
 def sample_points(place: Place, step: float, lift: float) -> NDArray[np.float64]:
-    """Return points evenly over the surfaces of a place; of a container without one, in its middle.
+    """Return points evenly over the surfaces of a place, and in the middle of what can store.
+
+    A view of the top of a closed cabinet shows a part of the place, not all of it.
 
     Parameters
     ----------
@@ -125,9 +127,9 @@ def sample_points(place: Place, step: float, lift: float) -> NDArray[np.float64]
         (n, 3) metres in the map's frame.
     """
     areas = [(surface.outline, surface.height + lift) for surface in place.surfaces]
-    if not areas and place.footprint is not None and place.low is not None:
-        assert place.high is not None
-        areas = [(place.footprint, float(place.low[2] + place.high[2]) / 2)]
+    within = place.stores or not areas
+    if within and place.footprint is not None and place.low is not None and place.high is not None:
+        areas.append((place.footprint, float(place.low[2] + place.high[2]) / 2))
     parts = [_grid(outline, height, step) for outline, height in areas]
     return np.concatenate(parts) if parts else np.empty((0, 3))
 

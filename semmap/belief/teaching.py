@@ -15,6 +15,7 @@ from typing import Any
 
 from semmap.belief.error import BeliefError
 from semmap.ingest.ontology.tbox import snake_case
+from semmap.limits import TEXT_BYTES
 
 __all__ = [
     "Action",
@@ -143,6 +144,11 @@ def read_teaching(path: Path) -> Teaching:
 
         return parse_teaching(read_map_xml(path), str(path))
     try:
+        TEXT_BYTES.check(
+            path.stat().st_size,
+            lambda problem, fix: BeliefError(f"{path}: {problem}. {fix}"),
+            "Split the file.",
+        )
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise BeliefError(f"{path}: cannot be read ({error.strerror}): check the path") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import threading
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -249,6 +250,36 @@ def test_a_sqlalchemy_connection_reads_and_writes_too(flat_map: SemanticMap) -> 
         assert next(iter(found)) == "fridge"
         connection.rollback()
     assert flat_map.execute("SELECT count(*) FROM observation") == [(0,)]
+
+
+def test_two_who_observe_one_object_at_once_both_count(flat_map: SemanticMap) -> None:
+    engine = flat_map.database.engine
+    row = {"object": "coke", "place": "fridge", "seen": True, "at": ago(1e6)}
+    observe(flat_map, row)
+
+    def second() -> None:
+        with engine.begin() as connection:
+            see_map(connection, "flat")
+            add_observations(connection, [row])
+
+    try:
+        with engine.begin() as connection:
+            see_map(connection, "flat")
+            add_observations(connection, [row])
+            other = threading.Thread(target=second)
+            other.start()
+            other.join(0.5)
+            assert other.is_alive()  # it waits for this transaction
+        other.join()
+        prior = {r["place"]: r["prior"] for r in where(flat_map.database.session, "coke")}
+        (stored,) = flat_map.execute(
+            "SELECT probability FROM belief WHERE entity_id = entity_id('coke') "
+            "AND place_id = entity_id('fridge')"
+        )
+        assert stored[0] == pytest.approx(expected(prior, [row] * 3, NOW, 1)["fridge"], abs=1e-9)
+    finally:
+        flat_map.execute("DELETE FROM observation")
+        flat_map.execute("DELETE FROM belief")
 
 
 def test_copies_and_their_end(flat_map: SemanticMap) -> None:

@@ -163,6 +163,18 @@ STATE = (
 )
 
 
+def test_a_robot_teaches_objects_and_what_it_saw_but_no_classes(flat: SemanticMap) -> None:
+    flat.execute("SET LOCAL ROLE semmap_robot")
+    apple = {"name": "apple1", "class": "apple", "occurrences": [{"place": "table"}]}
+    relation = {"subject": "apple1", "relation": "found_in", "object": "fridge"}
+    assert flat.teach({"objects": [apple], "relations": [relation]})["observations"] == 1
+    assert flat.where("apple1")["table"] > 0.2
+    with pytest.raises(BeliefError, match=r"this login may not teach that .*classes are taught by"):
+        flat.teach({"knowledge": [{"name": "gadget"}]})
+    with pytest.raises(BeliefError, match="may not teach that"):
+        flat.teach({"model": {"there": 0.7}})
+
+
 def test_cycles_within_a_teaching_are_refused() -> None:
     circle = [("a", "isA", "b"), ("b", "is_a", "c"), ("c", "IsA", "a")]
     rows = [dict(zip(("subject", "relation", "object"), row, strict=True)) for row in circle]

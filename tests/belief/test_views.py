@@ -86,6 +86,8 @@ def test_points_are_spread_over_the_surfaces_of_a_place() -> None:
     points = sample_points(box_place("table", 1, 2, 0.7), 0.1, 0.05)
     assert len(points) == 100
     assert points.mean(axis=0) == pytest.approx([1, 2, 0.75])
+    cabinet = sample_points(replace(box_place("cabinet", 1, 2, 0.7), stores=True), 0.1, 0.05)
+    assert sorted(set(cabinet[:, 2].round(9))) == [0.35, 0.75]  # on it and in it
     assert len(sample_points(box_place("pin", 1, 2, 0.7, 0.01), 0.1, 0.0)) == 1
 
 
