@@ -1,0 +1,413 @@
+"""The next step of a search of any size: plan a tour of viewpoints, make its first step, repeat.
+
+Until an object is seen, a tour is a fixed order of looks, and what it costs follows from products
+of arrays: how long the objects probably stay unseen, and what to declare at its end. The best tour
+is found greedily and improved by moving and exchanging its viewpoints. Where few answers are
+possible, the next looks are also expanded answer by answer, with tours at their ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from planner.search.search_problem import NOT_SEEN, SearchProblem
+
+__all__ = ["Decision", "Option", "decide"]
+
+Floats = NDArray[np.float64]
+
+VOTES = ((1, 1), (2, 2), (4, 3))
+"""Numbers of looks from one viewpoint, and how many must show an object until it is declared."""
+
+LONGEST = 30
+"""Number of stops of a tour, at most."""
+
+ROUNDS = 6
+"""Number of improvements of a tour, at most."""
+
+BUDGET = 2e6
+"""Number of values in the arrays of one round of improvements."""
+
+MOST_OPTIONS = 6
+"""Number of ways to go on that are expanded answer by answer, the best first."""
+
+LEAVES = 40
+"""Number of beliefs that are expanded answer by answer."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One way to go on.
+
+    Attributes
+    ----------
+    viewpoint
+        Number of the viewpoint to look from first; None: declare now.
+    seconds
+        Until that look ends.
+    chance
+        Probability that it shows one of the objects that are not declared yet.
+    cost
+        Expected seconds of the whole search, wrong answers included.
+    """
+
+    viewpoint: int | None
+    seconds: float
+    chance: float
+    cost: float
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What to do next, and why.
+
+    Attributes
+    ----------
+    action
+        go, open, look or declare.
+    viewpoint
+        Where; None to declare.
+    options
+        The ways to go on, the best first.
+    tour
+        The viewpoints of the search while nothing is found.
+    """
+
+    action: Literal["go", "open", "look", "declare"]
+    viewpoint: int | None
+    options: tuple[Option, ...]
+    tour: tuple[int, ...] = ()
+
+    @property
+    def cost(self) -> float:
+        """Expected seconds of the rest of the search, wrong answers included."""
+        return self.options[0].cost
+
+
+def decide(
+    problem: SearchProblem,
+    belief: Floats,
+    at: int | None = None,
+    opened: frozenset[int] = frozenset(),
+    *,
+    depth: int | None = None,
+    rounds: int = ROUNDS,
+) -> Decision:
+    """The next step of a search.
+
+    Parameters
+    ----------
+    belief : (O, S) float64
+        P(spot) of each object; rows sum to 1.
+    at
+        Number of the viewpoint at which the robot is; None: where `problem.start` counts from.
+    opened
+        The viewpoints whose container is open.
+    depth
+        Number of looks that are expanded answer by answer; by default as many as stay quick.
+    rounds
+        Most improvements of the tour.
+
+    Returns
+    -------
+    Decision
+        Its `cost` is that of a plan that can be carried out, if no object hides another.
+    """
+    options, tour = _options(problem, belief, at, opened, rounds)
+    depth = _affordable(problem, options) if depth is None else depth
+    if depth > 0:
+        options = _expanded(problem, belief, at, opened, options, depth)
+    best = options[0].viewpoint
+    if best is None:
+        return Decision("declare", None, tuple(options))
+    if best != at:
+        return Decision("go", best, tuple(options), tour)
+    shut = problem.opening[best] > 0 and best not in opened
+    return Decision("open" if shut else "look", best, tuple(options), tour)
+
+
+def _affordable(problem: SearchProblem, options: Sequence[Option]) -> int:
+    """How many looks can be expanded: none where an answer can only be true or missing."""
+    if not problem.false_alarm.any() and len(problem.objects) == 1:
+        return 0  # then the tour is the best plan already
+    stops = min(len(options), MOST_OPTIONS)
+    most = max(int(problem.in_view.sum(axis=1).max(initial=0)), 1)
+    branches = stops * float(1 + most) ** len(problem.objects)
+    return 2 if branches**2 <= LEAVES else int(branches <= LEAVES)
+
+
+def _expanded(
+    problem: SearchProblem,
+    belief: Floats,
+    at: int | None,
+    opened: frozenset[int],
+    options: Sequence[Option],
+    depth: int,
+) -> list[Option]:
+    """The options with the costs that follow if each answer of the next looks is decided upon."""
+    found = []
+    for option in options[:MOST_OPTIONS]:
+        if option.viewpoint is None:
+            found.append(option)
+            continue
+        cost = option.seconds
+        then = opened | {option.viewpoint}
+        for seen, chance in _joint_outcomes(problem, belief, option.viewpoint):
+            after = problem.after(belief, option.viewpoint, seen)
+            if depth > 1:
+                further, _ = _options(problem, after, option.viewpoint, then)
+                further = _expanded(problem, after, option.viewpoint, then, further, depth - 1)
+                cost += chance * further[0].cost
+            else:
+                cost += chance * _cost_by_tour(problem, after, option.viewpoint, then)
+        found.append(Option(option.viewpoint, option.seconds, option.chance, cost))
+    return sorted(found, key=lambda o: o.cost)
+
+
+def _joint_outcomes(
+    problem: SearchProblem, belief: Floats, viewpoint: int
+) -> list[tuple[tuple[int, ...], float]]:
+    """The answers of a look that are possible, each with its probability."""
+    chances = np.einsum("os,osp->op", belief, problem.answers(belief, viewpoint))
+    places = [*range(len(problem.places)), NOT_SEEN]
+    possible = [[p for p, c in zip(places, row, strict=True) if c > 1e-9] for row in chances]
+    outcomes = [
+        (seen, float(np.prod([chances[i, p] for i, p in enumerate(seen)])))
+        for seen in product(*possible)
+    ]
+    return [(seen, chance) for seen, chance in outcomes if chance > 1e-6]
+
+
+# -- tours --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """What each viewpoint does to the unnormalised belief of objects that are not declared yet.
+
+    Attributes
+    ----------
+    unseen : (V, O, S)
+        P(not declared at a stop | spot).
+    falsely : (V, O, S)
+        P(declared in another place than it is | spot).
+    seconds : float
+        Of a stop.
+    """
+
+    unseen: Floats
+    falsely: Floats
+    seconds: float
+
+
+def _options(
+    problem: SearchProblem,
+    belief: Floats,
+    at: int | None,
+    opened: frozenset[int],
+    rounds: int = ROUNDS,
+) -> tuple[list[Option], tuple[int, ...]]:
+    """All ways to go on by their costs, and the best tour."""
+    declared = Option(None, 0.0, 0.0, problem.declared(belief)[1])
+    legs = problem.start if at is None else problem.travel[at]
+    usable = np.isfinite(legs) & (problem.visible @ belief.max(axis=0) > 1e-9)
+    if not usable.any():
+        return [declared], ()
+    shut = problem.opening * [k not in opened for k in range(len(problem.opening))]
+    _, looks, order = _first_tour(problem, belief, legs, shut, usable)
+    order, cost = _improve(problem, belief, looks, legs, shut, order, rounds)
+    firsts = np.flatnonzero(usable)  # each viewpoint first, then the best tour without it
+    tours = np.full((len(firsts), len(order) + 1), -1, np.intp)
+    for row, first in enumerate(firsts):
+        rest = order.tolist()
+        if first in rest:
+            rest.remove(first)
+        tours[row, : len(rest) + 1] = [first, *rest]
+    costs = _totals(problem, belief, looks, legs, shut, tours)[:, 1:].min(axis=1)
+    if len(order):
+        costs[firsts == order[0]] = np.minimum(cost, costs[firsts == order[0]])
+    options = [declared]
+    for viewpoint, value in zip(firsts.tolist(), costs.tolist(), strict=True):
+        once = problem.detection(belief, viewpoint)
+        chance = 1 - float(np.prod(1 - (belief * once).sum(axis=1)))
+        seconds = float(legs[viewpoint] + shut[viewpoint] + problem.look)
+        options.append(Option(viewpoint, seconds, chance, value))
+    options.sort(key=lambda o: (o.cost, o.viewpoint is not None))
+    return options, tuple(int(k) for k in order)
+
+
+def _first_tour(
+    problem: SearchProblem,
+    belief: Floats,
+    legs: Floats,
+    shut: Floats,
+    usable: NDArray[np.bool_],
+) -> tuple[float, _Looks, NDArray[np.intp]]:
+    """The greedy tour with the best number of looks at each stop, and its cost."""
+    found = []
+    for looks in _all_looks(problem, belief):
+        order = _greedy(problem, belief, looks, legs, shut, usable)
+        cost = float(_totals(problem, belief, looks, legs, shut, order[None]).min())
+        found.append((cost, looks, order))
+    return min(found, key=lambda f: f[0])
+
+
+def _cost_by_tour(problem: SearchProblem, belief: Floats, at: int, opened: frozenset[int]) -> float:
+    """The cost of the best greedy tour, or of declaring now."""
+    legs = problem.travel[at]
+    usable = np.isfinite(legs) & (problem.visible @ belief.max(axis=0) > 1e-9)
+    shut = problem.opening * [k not in opened for k in range(len(problem.opening))]
+    return _first_tour(problem, belief, legs, shut, usable)[0]
+
+
+def _all_looks(problem: SearchProblem, belief: Floats) -> list[_Looks]:
+    """The looks for each number of votes; kept with the problem where no object hides another."""
+    if problem.shows is None and "looks" in problem.memory:
+        kept: list[_Looks] = problem.memory["looks"]
+        return kept
+    votes = VOTES if problem.false_alarm.any() else VOTES[:1]
+    problem.memory["looks"] = made = [_looks(problem, belief, n, k) for n, k in votes]
+    return made
+
+
+def _looks(problem: SearchProblem, belief: Floats, looks: int, needed: int) -> _Looks:
+    """A stop with a number of looks, of which some must show the object."""
+    seen = np.stack([problem.detection(belief, v) for v in range(len(problem.viewpoints))])
+    shown = problem.in_view  # (V, P)
+    count = shown.sum(axis=1)
+    here = shown[:, problem.place_of]  # (V, S)
+    alarm = problem.false_alarm[None, :, None] * (count > 0)[:, None, None]
+    by_chance = (1 - seen) * alarm
+    to_it = by_chance * (here / np.maximum(count, 1)[:, None])[:, None]
+    right = _at_least(looks, needed, np.clip(seen + to_it, 0, 1))
+    wrong = _at_least(looks, needed, np.clip(by_chance - to_it, 0, 1))
+    return _Looks(np.clip(1 - right - wrong, 0, 1), wrong, looks * problem.look)
+
+
+def _at_least(looks: int, needed: int, chance: Floats) -> Floats:
+    if looks == 1:
+        return chance
+    enough: Floats = binom.sf(needed - 1, looks, chance)
+    return enough
+
+
+def _totals(
+    problem: SearchProblem,
+    belief: Floats,
+    looks: _Looks,
+    legs: Floats,
+    shut: Floats,
+    tours: NDArray[np.intp],
+) -> Floats:
+    """(T, L + 1) what T tours cost if they end after each of their stops.
+
+    A negative number in a tour (T, L) ends it.
+    """
+    count, length = tours.shape
+    mass = np.broadcast_to(belief, (count, *belief.shape)).copy()
+    totals = np.full((count, length + 1), np.inf)
+    spent = np.zeros(count)
+    going_on = np.ones(count)
+    here = np.full(count, -1)
+    totals[:, 0] = problem.declared(belief)[1]
+    ends = _ends_of_places(problem)
+    for stop in range(length):
+        there = tours[:, stop]
+        alive = there >= 0
+        if not alive.any():
+            break
+        to = np.where(alive, there, 0)
+        leg = legs[to] if stop == 0 else problem.travel[here, to]
+        first = ~(tours[:, :stop] == there[:, None]).any(axis=1)
+        spent = spent + np.where(alive, going_on * (leg + shut[to] * first + looks.seconds), np.inf)
+        spent += problem.wrong * np.einsum("tos,tos->t", mass, looks.falsely[to])
+        mass *= looks.unseen[to]
+        unseen = mass.sum(axis=2)
+        going_on = 1 - np.prod(1 - np.minimum(unseen, 1), axis=1)
+        likeliest = np.add.reduceat(mass, ends, axis=2).max(axis=2)
+        totals[:, stop + 1] = spent + problem.wrong * (unseen - likeliest).sum(axis=1)
+        here = to
+    return totals
+
+
+def _ends_of_places(problem: SearchProblem) -> NDArray[np.intp]:
+    """The first spot of each place that has one."""
+    return np.flatnonzero(np.diff(problem.place_of, prepend=-1))
+
+
+def _greedy(
+    problem: SearchProblem,
+    belief: Floats,
+    looks: _Looks,
+    legs: Floats,
+    shut: Floats,
+    usable: NDArray[np.bool_],
+) -> NDArray[np.intp]:
+    """A tour that goes where the chance to find an object per second is highest."""
+    mass, tour = belief.copy(), []
+    shut = shut.copy()
+    for _ in range(LONGEST):
+        found = mass.sum() - np.einsum("os,vos->v", mass, looks.unseen)
+        seconds = legs + shut + looks.seconds
+        index = np.where(usable & np.isfinite(seconds), found / seconds, -1.0)
+        best = int(index.argmax())
+        if index[best] <= 0 or mass.sum() < 1e-3 * len(mass):
+            break
+        tour.append(best)
+        mass *= looks.unseen[best]
+        legs, shut[best] = problem.travel[best], 0.0
+    return np.array(tour, np.intp)
+
+
+def _improve(
+    problem: SearchProblem,
+    belief: Floats,
+    looks: _Looks,
+    legs: Floats,
+    shut: Floats,
+    tour: NDArray[np.intp],
+    rounds: int,
+) -> tuple[NDArray[np.intp], float]:
+    """Move or exchange stops of a tour while this lowers its cost; end it where it is lowest."""
+    size = belief.size
+    totals = _totals(problem, belief, looks, legs, shut, tour[None])[0]
+    end = int(totals.argmin())
+    best = float(totals[end])
+    for _ in range(rounds):
+        most = max(int(BUDGET / (size * max(len(tour), 1))), 1)
+        others = _neighbours(tour, max(end, min(len(tour), 3)), most)
+        if not len(others):
+            break
+        totals = _totals(problem, belief, looks, legs, shut, others)
+        row, column = np.unravel_index(int(totals.argmin()), totals.shape)
+        if totals[row, column] >= best - 1e-9:
+            break
+        tour, end, best = others[row], int(column), float(totals[row, column])
+    return tour[:end], best
+
+
+def _neighbours(tour: NDArray[np.intp], end: int, most: int) -> NDArray[np.intp]:
+    """Tours with one stop moved, left out, or two exchanged, near the beginning first."""
+    found: list[list[int]] = []
+    stops = tour.tolist()
+    for i in range(len(stops)):
+        rest = stops[:i] + stops[i + 1 :]
+        found.append([*rest, -1])
+        for j in range(min(end, len(stops))):
+            if j == i:
+                continue
+            found.append([*rest[:j], stops[i], *rest[j:]])
+            if j < i - 1:
+                swapped = stops.copy()
+                swapped[i], swapped[j] = stops[j], stops[i]
+                found.append(swapped)
+        if len(found) > most:
+            break
+    return np.array(found[:most], np.intp).reshape(-1, len(stops))

@@ -1,0 +1,374 @@
+"""The search for objects as arrays: where they may be, what each viewpoint shows, what time costs.
+
+A *spot* is a part of a place that a viewpoint sees as a whole or not at all, so that a second look
+from the same viewpoint does not find what the first could not see. The cost of a search is its
+seconds, and `wrong` seconds for each object whose place is declared wrongly.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.search.pomdp import Pomdp
+
+__all__ = ["NOT_SEEN", "SearchProblem", "as_pomdp"]
+
+Floats = NDArray[np.float64]
+
+NOT_SEEN = -1
+"""Stands for a place in the answer of a look: the object was not seen."""
+
+END = "end"
+
+
+@dataclass(frozen=True, eq=False)
+class SearchProblem:
+    """What is known before a search, except where the objects are.
+
+    Parameters
+    ----------
+    objects : tuple of O str
+        The objects to find.
+    places : tuple of P str
+        Where they may be; the last one may be *elsewhere*, which nothing shows.
+    viewpoints : tuple of V str
+    place_of : (S,) int
+        The place of each spot, ascending.
+    visible : (V, S) float64
+        The share of a spot that a viewpoint shows.
+    travel : (V, V) float64, seconds
+        From viewpoint to viewpoint; infinite where no way leads.
+    start : (V,) float64, seconds
+        From where the robot is to each viewpoint.
+    look : float, seconds
+        The duration of a look.
+    hit : (O,) float64
+        P(an object is seen | it is in what the viewpoint shows).
+    false_alarm : (O,) float64
+        P(an object is seen where it is not | it is not seen where it is).
+    wrong : float, seconds
+        What a wrong answer for an object costs.
+    opening : (V,) float64, seconds
+        The duration of opening what the viewpoint looks into; 0 where nothing is shut. What a
+        viewpoint shows is hidden until then.
+    shows : (V, O, O) float64, optional
+        P(object i is not hidden | object j is in the same place), from each viewpoint.
+
+    Raises
+    ------
+    ValueError
+        A name is not unique, or a value is out of range.
+    """
+
+    objects: tuple[str, ...]
+    places: tuple[str, ...]
+    viewpoints: tuple[str, ...]
+    place_of: NDArray[np.intp]
+    visible: Floats
+    travel: Floats
+    start: Floats
+    look: float
+    hit: Floats
+    false_alarm: Floats
+    wrong: float
+    opening: Floats
+    shows: Floats | None = None
+
+    def __post_init__(self) -> None:
+        o, p, v, s = (*map(len, (self.objects, self.places, self.viewpoints)), len(self.place_of))
+        for kind, names in (
+            ("object", self.objects),
+            ("place", self.places),
+            ("viewpoint", self.viewpoints),
+        ):
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if twice is not None:
+                raise ValueError(f"{kind} {twice} is there twice; name each {kind} once")
+        if not (o and p and s):
+            raise ValueError(f"{o} objects, {p} places and {s} spots; give 1 or more of each")
+        shapes = {
+            "visible": (v, s),
+            "travel": (v, v),
+            "start": (v,),
+            "hit": (o,),
+            "false_alarm": (o,),
+            "opening": (v,),
+        }
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name}: its shape is {getattr(self, name).shape}; give {shape}")
+        if self.shows is not None and self.shows.shape != (v, o, o):
+            raise ValueError(f"shows: its shape is {self.shows.shape}; give {(v, o, o)}")
+        _refuse_outside("visible", self.visible, 0, 1)
+        _refuse_outside("shows", self.shows, 0, 1)
+        for name in ("travel", "start", "opening", "look", "wrong"):
+            _refuse_outside(name, getattr(self, name), 0, np.inf)
+        for name in ("hit", "false_alarm"):
+            for of, rate in zip(self.objects, getattr(self, name), strict=True):
+                if not (0 < rate <= 1 if name == "hit" else 0 <= rate < 1):
+                    raise ValueError(f"{of}: its rate {name} is {rate:g}; give one in (0, 1)")
+        if (self.hit <= self.false_alarm).any():
+            of = self.objects[int(np.argmax(self.hit <= self.false_alarm))]
+            raise ValueError(
+                f"{of}: it is seen no more often where it is than where it is not; give a rate "
+                "hit above false_alarm"
+            )
+        unsorted = (np.diff(self.place_of) < 0).any()
+        if unsorted or self.place_of[0] < 0 or self.place_of[-1] >= p:
+            raise ValueError(f"place_of: give ascending numbers from 0 to {p - 1}")
+        if not (np.isfinite(self.look) and np.isfinite(self.wrong) and self.look > 0):
+            raise ValueError(
+                f"look is {self.look} s and wrong {self.wrong} s; give finite numbers above 0"
+            )
+
+    @cached_property
+    def memory(self) -> dict[str, Any]:
+        """Results that depend on the problem alone, for solvers."""
+        return {}
+
+    # -- beliefs --------------------------------------------------------------------------------
+
+    @cached_property
+    def membership(self) -> Floats:
+        """(S, P) float64: 1 where a spot belongs to a place."""
+        return np.eye(len(self.places))[self.place_of]
+
+    @cached_property
+    def in_view(self) -> Floats:
+        """(V, P) float64: 1 where a viewpoint shows a part of a place."""
+        return ((self.visible @ self.membership) > 0).astype(float)
+
+    def spread(self, belief: Sequence[Mapping[str, float]], share: Floats | None = None) -> Floats:
+        """The belief over spots, from one over places for each object.
+
+        Parameters
+        ----------
+        share : (S,) float64, optional
+            The share of its place that a spot is; by default all spots of a place are equal.
+
+        Returns
+        -------
+        (O, S) float64
+        """
+        per_place = np.array([[b.get(name, 0.0) for name in self.places] for b in belief])
+        _refuse_outside("belief", per_place, 0, 1)
+        sums = per_place.sum(axis=1)
+        for of, total in zip(self.objects, sums, strict=True):
+            if abs(total - 1) > 1e-6:
+                raise ValueError(f"{of}: its belief sums to {total:.6f}, not to 1")
+        parts = np.ones(len(self.place_of)) if share is None else share
+        whole = parts @ self.membership
+        spread: Floats = (per_place / sums[:, None])[:, self.place_of] * (
+            parts / whole[self.place_of]
+        )
+        return spread
+
+    def by_place(self, belief: Floats) -> Floats:
+        """(O, P) the belief over places, from one over spots (O, S)."""
+        return belief @ self.membership
+
+    def detection(self, belief: Floats, viewpoint: int) -> Floats:
+        """(O, S) P(a look sees the object where it is), for each spot.
+
+        What other objects may hide is averaged over where they may be.
+        """
+        seen: Floats = self.hit[:, None] * self.visible[viewpoint]
+        if self.shows is not None:
+            with_it = self.by_place(belief)[:, self.place_of]  # (O, S): in the place of a spot
+            hidden = (1 - self.shows[viewpoint])[:, :, None] * with_it[None]
+            hidden[np.arange(len(self.objects)), np.arange(len(self.objects))] = 0
+            seen = seen * (1 - hidden).prod(axis=1)
+        return seen
+
+    def answers(self, belief: Floats, viewpoint: int) -> Floats:
+        """(O, S, P + 1) P(answer of a look | spot): seen in each place, and at the end not seen."""
+        seen = self.detection(belief, viewpoint)
+        shown = self.in_view[viewpoint]
+        alarm = self.false_alarm * bool(shown.any())
+        missed = 1 - seen
+        found = seen[:, :, None] * self.membership[None]
+        falsely = (missed * alarm[:, None])[:, :, None] * (shown / max(shown.sum(), 1))
+        return np.concatenate([found + falsely, (missed * (1 - alarm[:, None]))[:, :, None]], 2)
+
+    def after(self, belief: Floats, viewpoint: int, seen: Sequence[int]) -> Floats:
+        """The belief (O, S) after a look.
+
+        Parameters
+        ----------
+        seen
+            For each object the number of the place in which it was seen, or `NOT_SEEN`.
+
+        Raises
+        ------
+        ValueError
+            The answer is impossible.
+        """
+        answers = self.answers(belief, viewpoint)
+        posterior = belief * answers[np.arange(len(self.objects)), :, np.asarray(seen)]
+        total = posterior.sum(axis=1, keepdims=True)
+        if (total <= 0).any():
+            of = self.objects[int(np.argmin(total))]
+            raise ValueError(f"{of}: by the belief and the rates, this answer is impossible")
+        after: Floats = posterior / total
+        return after
+
+    def declared(self, belief: Floats) -> tuple[list[str], float]:
+        """The most likely place of each object, and what declaring them costs, seconds."""
+        chances = self.by_place(belief)
+        best = chances.argmax(axis=1)
+        return [self.places[k] for k in best], float(self.wrong * (1 - chances.max(axis=1)).sum())
+
+
+def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000) -> Pomdp:
+    """The search as a POMDP whose actions are go, look, open, and declare.
+
+    A state is a spot for each object, the viewpoint of the robot (or its start), and what is open.
+
+    Parameters
+    ----------
+    belief : (O, S)
+    most_states
+        A search with more states is refused.
+
+    Raises
+    ------
+    ValueError
+        There are too many states: use `planner.search.receding_horizon.decide`.
+    """
+    o, s, v = len(problem.objects), len(problem.place_of), len(problem.viewpoints)
+    shut = [int(k) for k in np.flatnonzero(problem.opening > 0)]
+    hidden = list(itertools.product(range(s), repeat=o)) if s**o <= most_states else []
+    count = s**o * (v + 1) * 2 ** len(shut) + 1
+    if count > most_states:
+        raise ValueError(
+            f"the search has {count} states; up to {most_states} can be listed: use "
+            "planner.search.receding_horizon"
+        )
+    modes = list(itertools.product(range(v + 1), itertools.product((0, 1), repeat=len(shut))))
+    mode_number = {mode: k for k, mode in enumerate(modes)}
+    n, h = count, len(hidden)
+
+    def state(spots: int, mode: int) -> int:
+        return spots * len(modes) + mode
+
+    outcomes = list(itertools.product([NOT_SEEN, *range(len(problem.places))], repeat=o))
+    nothing = outcomes.index((NOT_SEEN,) * o)
+
+    names = []
+    for spots in hidden:
+        where = " ".join(
+            f"{x}@{problem.places[problem.place_of[k]]}.{k}"
+            for x, k in zip(problem.objects, spots, strict=True)
+        )
+        for at, opened in modes:
+            here = "start" if at == v else problem.viewpoints[at]
+            flags = "".join(
+                f" open:{problem.viewpoints[c]}" for c, f in zip(shut, opened, strict=True) if f
+            )
+            names.append(f"{where} robot@{here}{flags}")
+    names.append(END)
+
+    actions: list[str] = []
+    moves: list[Floats] = []
+    answers: list[Floats] = []
+    rewards: list[Floats] = []
+    quiet = np.zeros((n, len(outcomes)))
+    quiet[:, nothing] = 1
+
+    def add(name: str, following: NDArray[np.intp], answer: Floats, reward: Floats) -> None:
+        actions.append(name)
+        moves.append(np.eye(n)[following])
+        answers.append(answer)
+        rewards.append(reward)
+
+    stay = np.arange(n)
+    legs = np.concatenate([problem.travel, problem.start[None]])  # (V + 1, V)
+    np.fill_diagonal(legs, problem.look)  # to wait takes time: a search that never ends costs more
+    far = 10 * (problem.wrong * o + legs[np.isfinite(legs)].sum() + 1.0)
+    for to in range(v):
+        following, reward = stay.copy(), np.zeros(n)
+        for k in range(h):
+            for number, (at, opened) in enumerate(modes):
+                following[state(k, number)] = state(k, mode_number[to, opened])
+                reward[state(k, number)] = -(legs[at, to] if np.isfinite(legs[at, to]) else far)
+        add(f"go {problem.viewpoints[to]}", following, quiet, reward)
+    for c in shut:
+        following, reward = stay.copy(), np.zeros(n)
+        for k in range(h):
+            for number, (at, opened) in enumerate(modes):
+                reward[state(k, number)] = -problem.opening[c]
+                if at == c:
+                    after = tuple(1 if d == c else f for d, f in zip(shut, opened, strict=True))
+                    following[state(k, number)] = state(k, mode_number[at, after])
+        add(f"open {problem.viewpoints[c]}", following, quiet, reward)
+    answer = quiet.copy()
+    for k, spots in enumerate(hidden):
+        for number, (at, opened) in enumerate(modes):
+            closed = any(c == at and not f for c, f in zip(shut, opened, strict=True))
+            if at < v and not closed:
+                answer[state(k, number)] = _joint_answers(problem, at, spots, outcomes)
+    add("look", stay, answer, np.where(stay < n - 1, -problem.look, 0.0))
+    for said in itertools.product(range(len(problem.places)), repeat=o):
+        reward = np.zeros(n)
+        for k, spots in enumerate(hidden):
+            errors = sum(problem.place_of[x] != place for x, place in zip(spots, said, strict=True))
+            reward[state(k, 0) : state(k + 1, 0)] = -problem.wrong * errors
+        name = "declare " + " ".join(
+            f"{x}@{problem.places[p]}" for x, p in zip(problem.objects, said, strict=True)
+        )
+        add(name, np.full(n, n - 1), quiet, reward)
+
+    start = np.zeros(n)
+    for k, spots in enumerate(hidden):
+        start[state(k, mode_number[v, (0,) * len(shut)])] = np.prod(
+            [belief[i, x] for i, x in enumerate(spots)]
+        )
+    likelihoods = np.stack(answers)
+    possible = np.asarray(likelihoods.any(axis=(0, 1)))
+    labels = [
+        " ".join(
+            f"{x}@{problem.places[p]}" if p != NOT_SEEN else f"no-{x}"
+            for x, p in zip(problem.objects, outcome, strict=True)
+        )
+        for outcome in outcomes
+    ]
+    return Pomdp(
+        tuple(names),
+        tuple(actions),
+        tuple(label for label, keep in zip(labels, possible, strict=True) if keep),
+        np.stack(moves),
+        likelihoods[:, :, possible],
+        np.stack(rewards),
+        start / start.sum(),
+    )
+
+
+def _joint_answers(
+    problem: SearchProblem,
+    viewpoint: int,
+    spots: tuple[int, ...],
+    outcomes: Sequence[tuple[int, ...]],
+) -> Floats:
+    """The probability of each outcome of a look, if each object is at a spot for certain."""
+    belief = np.eye(len(problem.place_of))[list(spots)]
+    answers = problem.answers(belief, viewpoint)[np.arange(len(spots)), list(spots)]
+    return np.array(
+        [np.prod([answers[i, place] for i, place in enumerate(outcome)]) for outcome in outcomes]
+    )
+
+
+def _refuse_outside(name: str, value: Floats | float | None, low: float, high: float) -> None:
+    if value is None:
+        return
+    values = np.asarray(value, float)
+    wrong = ~((values >= low) & (values <= high))  # true for NaN as well
+    if wrong.any():
+        limits = f"in [{low:g}, {high:g}]" if np.isfinite(high) else f"from {low:g} on"
+        raise ValueError(f"{name}: {values[wrong][0]:g} is not {limits}")

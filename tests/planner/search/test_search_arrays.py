@@ -1,0 +1,293 @@
+import numpy as np
+import pytest
+
+from planner.search.point_based import solve
+from planner.search.pomdp import Pomdp
+from planner.search.pomdp_file import read_pomdp, write_pomdp
+from planner.search.receding_horizon import decide
+from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
+from tests.planner.search.brute import best_order, expectimax
+from tests.planner.search.problems import random_search
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_both_solvers_find_the_best_search_for_one_object(seed):
+    problem, belief = random_search(seed, hit=1.0, elsewhere=seed % 2 == 1, shut=seed // 2)
+    best = best_order(problem, belief, 4)
+    assert decide(problem, belief).cost == pytest.approx(best, rel=1e-9)
+    pomdp = as_pomdp(problem, belief)
+    assert -solve(pomdp).value(pomdp.start) == pytest.approx(best, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_point_based_value_is_that_of_expectimax(seed):
+    problem, belief = random_search(seed, places=2, viewpoints=2, hit=0.8, false_alarm=0.2)
+    pomdp = as_pomdp(problem, belief)
+    exact = expectimax(pomdp, 9)
+    found = solve(pomdp, tolerance=1e-6).value(pomdp.start)
+    assert found == pytest.approx(exact, rel=0.02)
+    assert found >= exact - 1e-6  # the policy may take more than nine steps
+
+
+def expected_cost(problem, belief, choose, draws):
+    """The mean cost of a policy over random truths and answers, and its standard error."""
+    draw = np.random.default_rng(8)
+    costs = []
+    for _ in range(draws):
+        truth = [draw.choice(len(row), p=row) for row in belief]
+        now, at, cost = belief, None, 0.0
+        for _ in range(100):
+            action, viewpoint = choose(now, at)
+            if action == "declare":
+                said, _ = problem.declared(now)
+                wrong = sum(
+                    problem.places[problem.place_of[t]] != name
+                    for t, name in zip(truth, said, strict=True)
+                )
+                cost += problem.wrong * wrong
+                break
+            if action == "go":
+                cost += problem.start[viewpoint] if at is None else problem.travel[at, viewpoint]
+                at = viewpoint
+                continue
+            cost += problem.look
+            answers = problem.answers(now, at)
+            seen = [draw.choice(answers.shape[2], p=answers[i, t]) for i, t in enumerate(truth)]
+            now = problem.after(
+                now, at, [NOT_SEEN if k == len(problem.places) else k for k in seen]
+            )
+        else:
+            pytest.fail("the search does not end")
+        costs.append(cost)
+    return np.mean(costs), np.std(costs) / draws**0.5
+
+
+def test_receding_horizon_agrees_with_point_based_iteration_for_two_objects():
+    problem, belief = random_search(2, objects=2, false_alarm=0.05)
+    pomdp = as_pomdp(problem, belief)
+    best = -solve(pomdp).value(pomdp.start)
+    kept = {}
+
+    def choose(now, at):
+        key = (now.round(7).tobytes(), at)
+        if key not in kept:
+            decision = decide(problem, now, at, depth=1)
+            kept[key] = decision.action, decision.viewpoint
+        return kept[key]
+
+    mean, error = expected_cost(problem, belief, choose, 80)
+    assert mean == pytest.approx(best, abs=3 * error)
+    assert error < 0.15 * best
+
+
+def test_a_policy_attains_its_value():
+    problem, belief = random_search(1, objects=2, hit=0.7, false_alarm=0.2)
+    pomdp = as_pomdp(problem, belief)
+    policy = solve(pomdp)
+    count = len(problem.viewpoints)
+
+    def choose(now, at):
+        state = np.zeros(len(pomdp.states))
+        joint = np.outer(*now).ravel()
+        modes = count + 1
+        state[np.arange(len(joint)) * modes + (count if at is None else at)] = joint
+        action, *rest = pomdp.actions[policy.action(state)].split()
+        return action, problem.viewpoints.index(rest[0]) if action == "go" else at
+
+    mean, error = expected_cost(problem, belief, choose, 300)
+    assert mean < -policy.value(pomdp.start) + 3 * error
+
+
+def test_an_object_behind_another_one_is_looked_for_from_the_other_side():
+    # The box hides the mug from one side; from there, a look says nothing about the mug.
+    sides = np.ones((2, 2, 2))
+    sides[0, 0, 1] = 0.0
+    problem = SearchProblem(
+        ("mug", "box"),
+        ("table", "elsewhere"),
+        ("front", "back"),
+        np.arange(2),
+        np.array([[1.0, 0], [1, 0]]),
+        np.array([[0, 5.0], [5, 0]]),
+        np.array([1.0, 6.0]),
+        2.0,
+        np.array([0.95, 0.95]),
+        np.zeros(2),
+        100.0,
+        np.zeros(2),
+        sides,
+    )
+    belief = np.array([[0.5, 0.5], [1.0, 0.0]])
+    after = problem.after(belief, 0, [NOT_SEEN, 0])
+    assert after[0] == pytest.approx([0.5, 0.5])
+    assert problem.after(belief, 1, [NOT_SEEN, 0])[0, 0] == pytest.approx(0.05 / 1.05)
+    decision = decide(problem, after, at=0)
+    assert (decision.action, decision.viewpoint) == ("go", 1)
+    pomdp = as_pomdp(problem, belief)
+    assert pomdp.actions[solve(pomdp).action(pomdp.start)] == "go back"
+
+
+def test_what_a_viewpoint_cannot_see_is_not_found_by_a_second_look():
+    # Two spots of a table; only the second viewpoint shows the one behind the box.
+    problem = SearchProblem(
+        ("mug",),
+        ("table", "shelf"),
+        ("front", "back", "shelf"),
+        np.array([0, 0, 1]),
+        np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        np.array([[0, 4.0, 9], [4, 0, 9], [9, 9, 0]]),
+        np.array([1.0, 4.0, 9.0]),
+        2.0,
+        np.array([0.99]),
+        np.zeros(1),
+        200.0,
+        np.zeros(3),
+    )
+    belief = problem.spread([{"table": 0.8, "shelf": 0.2}], np.array([0.5, 0.5, 1.0]))
+    once = problem.after(belief, 0, [NOT_SEEN])
+    twice = problem.after(once, 0, [NOT_SEEN])
+    assert once[0, 1] > 0.6
+    assert twice[0, 1] > once[0, 1]
+    decision = decide(problem, once, at=0)
+    assert (decision.action, problem.viewpoints[decision.viewpoint]) == ("go", "back")
+
+
+def test_a_container_is_opened_once():
+    problem, belief = random_search(3, shut=1, wrong=1000.0)
+    belief = np.array([[0.9, 0.05, 0.05]])
+    first = decide(problem, belief)
+    assert (first.action, first.viewpoint) == ("go", 0)
+    assert decide(problem, belief, 0).action == "open"
+    assert decide(problem, belief, 0, frozenset([0])).action == "look"
+    pomdp = as_pomdp(problem, belief)
+    assert "open view0" in pomdp.actions
+    closed = next(k for k, s in enumerate(pomdp.states) if "place0" in s and "robot@view0" in s)
+    look = pomdp.actions.index("look")
+    nothing = pomdp.observations.index("no-object0")
+    assert pomdp.likelihoods[look, closed, nothing] == 1
+
+
+def test_the_penalty_decides_between_a_look_and_an_answer():
+    problem, _ = random_search(0)
+    belief = np.array([[0.96, 0.02, 0.02]])
+    careless = SearchProblem(**{**vars_of(problem), "wrong": 20.0})
+    careful = SearchProblem(**{**vars_of(problem), "wrong": 2000.0})
+    assert decide(careless, belief).action == "declare"
+    assert decide(careful, belief).action == "go"
+
+
+def vars_of(problem):
+    return {f: getattr(problem, f) for f in SearchProblem.__dataclass_fields__}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"hit": np.array([1.5])}, "object0: its rate hit is 1.5"),
+        ({"false_alarm": np.array([-0.1])}, "object0: its rate false_alarm is -0.1"),
+        ({"false_alarm": np.array([0.95])}, "seen no more often where it is"),
+        ({"wrong": np.nan}, "wrong: nan"),
+        ({"look": 0.0}, "look is 0"),
+        ({"visible": np.full((3, 3), 2.0)}, "visible: 2 is not in"),
+        ({"place_of": np.array([0, 2, 1])}, "place_of"),
+        ({"objects": ("a", "a")}, "object a is there twice"),
+        ({"travel": np.zeros((2, 2))}, r"travel: its shape is \(2, 2\)"),
+    ],
+)
+def test_bad_searches_are_refused(change, message):
+    problem, _ = random_search(0)
+    with pytest.raises(ValueError, match=message):
+        SearchProblem(**{**vars_of(problem), **change})
+
+
+def test_beliefs_that_do_not_sum_to_1_and_impossible_answers_are_refused():
+    problem, belief = random_search(0)
+    with pytest.raises(ValueError, match=r"object0: its belief sums to 0\.4"):
+        problem.spread([{"place0": 0.4}])
+    with pytest.raises(ValueError, match=r"object0: .* impossible"):
+        problem.after(belief, 0, [1])  # the viewpoint does not show that place
+
+
+def test_a_search_with_too_many_states_is_refused():
+    problem, belief = random_search(0, objects=3, places=6, viewpoints=6)
+    with pytest.raises(ValueError, match="1513 states"):
+        as_pomdp(problem, belief)
+
+
+def test_a_pomdp_file_is_read_back_exactly(tmp_path):
+    problem, belief = random_search(5, objects=2, hit=0.7, false_alarm=0.2, shut=1)
+    pomdp = as_pomdp(problem, belief, most_states=100)
+    again = read_pomdp(write_pomdp(pomdp, tmp_path / "search.pomdp"))
+    for name in ("transitions", "likelihoods", "rewards", "start"):
+        assert np.array_equal(getattr(again, name), getattr(pomdp, name)), name
+    assert again.discount == pomdp.discount
+    assert len(again.states) == len(pomdp.states)
+
+
+TIGER = """
+# Cassandra's tiger, as others write it
+discount: 0.95
+values: reward
+states: tiger-left tiger-right
+actions: listen open-left open-right
+observations: tiger-left tiger-right
+T:listen
+identity
+T:open-left
+uniform
+T:open-right
+uniform
+O:listen : tiger-left : tiger-left 0.85
+O:listen : tiger-left : tiger-right 0.15
+O:listen : tiger-right : tiger-left 0.15
+O:listen : tiger-right : tiger-right 0.85
+O:open-left
+uniform
+O:open-right
+uniform
+R:listen : * : * : * -1
+R:open-left : tiger-left : * : * -100
+R:open-left : tiger-right : * : * 10
+R:open-right : tiger-left : * : * 10
+R:open-right : tiger-right : * : * -100
+"""
+
+
+def test_the_tiger_of_the_literature_has_its_published_value(tmp_path):
+    file = tmp_path / "tiger.pomdp"
+    file.write_text(TIGER)
+    pomdp = read_pomdp(file)
+    policy = solve(pomdp, sweeps=300, tolerance=1e-6)
+    assert policy.value(pomdp.start) == pytest.approx(19.3713, abs=0.01)
+    assert pomdp.actions[policy.action(pomdp.start)] == "listen"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("0.85", "0.95", "likelihoods: 0, 0 is not a distribution"),
+        ("open-left : tiger-left", "open-it : tiger-left", "line 23: open-it is not among"),
+        ("-100", "much", "'much' is not a number"),
+        ("discount: 0.95", "", "no line discount"),
+    ],
+)
+def test_bad_pomdp_files_are_refused(tmp_path, old, new, message):
+    file = tmp_path / "tiger.pomdp"
+    file.write_text(TIGER.replace(old, new, 1))
+    with pytest.raises(ValueError, match=message):
+        read_pomdp(file)
+
+
+def test_an_undiscounted_process_without_an_end_is_refused():
+    one = np.ones((1, 1, 1))
+    endless = Pomdp(("a",), ("wait",), ("o",), one, one, -np.ones((1, 1)), np.ones(1))
+    with pytest.raises(ValueError, match="no action ends the process"):
+        solve(endless)
+
+
+def test_a_search_among_many_objects_and_places_takes_a_step():
+    problem, belief = random_search(0, objects=20, places=30, viewpoints=40, elsewhere=True)
+    decision = decide(problem, belief)
+    assert decision.action == "go"
+    assert len(set(decision.tour)) > 10
+    assert decision.cost < problem.declared(belief)[1]
