@@ -18,6 +18,7 @@ TABLES = (
     "routes",
     "topology",
     "plans",
+    "search",
     "belief",
     "belief_store",
 )

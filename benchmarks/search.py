@@ -1,0 +1,167 @@
+"""Searches: how long a policy and a step take, and the eight runs of O'Neill's thesis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.timing import Row, median_seconds, print_rows
+from planner.search.point_based import solve
+from planner.search.receding_horizon import decide
+from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
+
+__all__ = ["main", "random_search", "thesis_search"]
+
+Floats = NDArray[np.float64]
+
+HIT, FALSE_ALARM = 0.7, 0.2
+"""The rates of the thesis for a sighting of no age (section 4.4.1)."""
+
+TABLE, COUNTER = 0, 1
+THESIS_MOVES, THESIS_LOOKS = 12, 41
+
+DRAWS = 200
+"""Detections of each run of the thesis that are drawn at those rates."""
+
+
+def random_search(
+    objects: int, places: int, viewpoints: int, seed: int = 0
+) -> tuple[SearchProblem, Floats]:
+    """A search with random viewpoints, each of which shows a place, and a random belief."""
+    draw = np.random.default_rng(seed)
+    at = draw.uniform(0, 10, (viewpoints, 2))
+    visible = np.zeros((viewpoints, places))
+    visible[np.arange(viewpoints), np.arange(viewpoints) % places] = 1
+    problem = SearchProblem(
+        tuple(f"object{k}" for k in range(objects)),
+        tuple(f"place{k}" for k in range(places)),
+        tuple(f"view{k}" for k in range(viewpoints)),
+        np.arange(places),
+        visible,
+        np.linalg.norm(at[:, None] - at[None], axis=2),
+        np.linalg.norm(at, axis=1),
+        2.0,
+        np.full(objects, HIT),
+        np.full(objects, FALSE_ALARM),
+        60.0,
+        np.zeros(viewpoints),
+    )
+    return problem, draw.dirichlet(np.ones(places), objects)
+
+
+def thesis_search(wrong: float = 200.0) -> SearchProblem:
+    """The scene of the thesis: two viewpoints at each of two places; the cereal hides the coke.
+
+    The bench is left out, as in the decision module of the thesis (section 6.1.2).
+    """
+    hides = np.ones((4, 2, 2))
+    hides[[0, 2], 0, 1] = 0.2  # from the first viewpoint of a place, mostly
+    return SearchProblem(
+        ("coke", "cereal"),
+        ("table", "counter"),
+        ("table1", "table2", "counter1", "counter2"),
+        np.array([TABLE, COUNTER]),
+        np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]]),
+        np.array([[0, 2.0, 6, 7], [2, 0, 7, 6], [6, 7, 0, 2], [7, 6, 2, 0]]),
+        np.array([6.0, 7.0, 5.0, 6.0]),
+        2.0,
+        np.full(2, 0.9),
+        np.full(2, 0.02),
+        wrong,
+        np.zeros(4),
+        hides,
+    )
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of the thesis: the initial belief in table and counter, and where the objects are."""
+
+    name: str
+    coke: tuple[float, float]
+    cereal: tuple[float, float]
+    truth: tuple[int, int]
+
+
+RUNS = (
+    Run("1.1", (0.33, 0.33), (0.33, 0.33), (COUNTER, COUNTER)),
+    Run("1.2", (0.33, 0.33), (0.25, 0.50), (COUNTER, COUNTER)),
+    Run("2.1", (0.33, 0.33), (0.33, 0.33), (TABLE, COUNTER)),
+    Run("2.2", (0.87, 0.065), (0.065, 0.87), (TABLE, COUNTER)),
+    Run("2.3", (0.94, 0.03), (0.065, 0.87), (COUNTER, COUNTER)),
+    Run("2.4", (0.94, 0.03), (0.065, 0.87), (COUNTER, TABLE)),
+    Run("3.1", (0.33, 0.33), (0.33, 0.33), (TABLE, TABLE)),
+    Run("3.2", (0.94, 0.03), (0.86, 0.07), (TABLE, TABLE)),
+)
+
+
+def search(
+    problem: SearchProblem, run: Run, kept: dict[bytes, int | None], draw: np.random.Generator
+) -> tuple[int, int, int]:
+    """The numbers of moves, looks and right answers of one run."""
+    pair = np.array([run.coke, run.cereal])
+    belief = pair / pair.sum(axis=1, keepdims=True)
+    truth = np.eye(2)[list(run.truth)]
+    at: int | None = None
+    moves = looks = 0
+    while looks < 30:
+        key = belief.round(9).tobytes() + bytes([255 if at is None else at])
+        if key not in kept:
+            kept[key] = decide(problem, belief, at, depth=1).viewpoint
+        to = kept[key]
+        if to is None:
+            break
+        moves += to != at
+        at = to
+        looks += 1
+        answers = problem.answers(truth, at)[[0, 1], list(run.truth)]
+        seen = [int(draw.choice(3, p=a)) for a in answers]
+        belief = problem.after(belief, at, [NOT_SEEN if k == 2 else k for k in seen])
+    said = belief.argmax(axis=1)
+    return moves, looks, int((said == run.truth).sum())
+
+
+def main() -> None:
+    """Print the table of searches."""
+    problem, belief = random_search(2, 3, 3)
+    policy = median_seconds(lambda: solve(as_pomdp(problem, belief)), times=5)
+    wide, beliefs = random_search(20, 30, 40)
+    step = median_seconds(lambda: decide(wide, beliefs), times=5)
+    scene = thesis_search()
+    kept: dict[bytes, int | None] = {}
+    sums = np.zeros((len(RUNS), 3))
+    for number, run in enumerate(RUNS):
+        draw = np.random.default_rng(number)
+        sums[number] = np.mean([search(scene, run, kept, draw) for _ in range(DRAWS)], axis=0)
+    moves, looks, _ = sums.sum(axis=0)
+    honest = [k for k, run in enumerate(RUNS) if run.name not in ("2.3", "2.4")]
+    right = sums[honest, 2].mean() / 2
+    misled = sums[[4, 5], 2].mean() / 2
+    rows = [
+        Row(
+            "policy for two objects and three places",
+            f"{policy * 1000:.0f} ms",
+            "-",
+            "< 500 ms",
+            policy < 0.5,
+        ),
+        Row(
+            "20 objects x 30 places, one step of search",
+            f"{step * 1000:.0f} ms",
+            "-",
+            "< 1 s",
+            step < 1.0,
+        ),
+        Row(
+            "the thesis's eight runs in sum",
+            f"{moves:.1f} moves, {looks:.1f} looks; {right:.0%} right, {misled:.0%} in 2.3 and 2.4",
+            f"thesis: {THESIS_MOVES} moves, {THESIS_LOOKS} looks",
+            "at most the thesis's",
+            moves <= THESIS_MOVES and looks <= THESIS_LOOKS and right > 0.95,
+        ),
+    ]
+    print_rows("Searches", rows)
+    for run, (m, n, k) in zip(RUNS, sums, strict=True):
+        print(f"  run {run.name}: {m:.2f} moves, {n:.2f} looks, {k / 2:.0%} right")
