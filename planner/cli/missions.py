@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-import socket
-from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from semmap import cli
 
-if TYPE_CHECKING:
-    from planner.mission.mission_list import MissionList
-    from planner.mission.runner import MissionEvent, MissionResult
-
 __all__ = ["missions_command", "run_command"]
-
-_WORLDS = Path("out/missions")
-"""Folder for the states of simulated worlds."""
 
 
 def run_command(
@@ -44,6 +34,10 @@ def run_command(
         typer.Option(help="'door5 locked', 'pickup fails twice', 'drop fails .1'"),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of random failures.")] = 0,
+    put: Annotated[
+        list[str] | None,
+        typer.Option("--put", help="'mug on desk1': where an object truly is; repeatable."),
+    ] = None,
     world: Annotated[
         Path | None,
         typer.Option(help="File with the state of the simulation; several robots may share it."),
@@ -73,60 +67,22 @@ def run_command(
     if resume == (goal is not None):
         raise typer.BadParameter("give either a goal, or --resume")
 
-    from planner.live_topology import LiveTopology
-    from planner.mission.failures import FailureRule
-    from planner.mission.mission_list import MissionList
-    from planner.mission.mission_store import MissionStore
-    from planner.mission.runner import Runner
-    from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
-    from planner.mission.simulation_map import simulation_map
-    from planner.task_planner import TaskPlanner
-    from planner.tasks.domain_file import read_domain
-    from planner.tasks.goal import parse_goal
+    from planner.cli.simulated_run import SimulatedRun
 
-    rules = [FailureRule.parse(text) for text in fail or ()]
-    domain = None if domain_file is None else read_domain(domain_file)
-    if goal is not None:
-        parse_goal(goal, () if domain is None else domain.relations)
-    process = f"{socket.gethostname()} {os.getpid()}"
-    with cli.database() as engine, ExitStack() as opened_here:
-        with MissionList(engine, map_name) as missions:
-            original = happens_in = missions.map_name
-            number = _resumed(missions, mission) if resume else None
-            if number is not None:
-                robot, happens_in = missions.robot_of(number), missions.map_of(number)
-        if not (apply or resume):
-            happens_in = opened_here.enter_context(simulation_map(engine, original, world))
-        store = opened_here.enter_context(MissionStore(engine, happens_in, process))
-        live = LiveTopology(engine, happens_in, robot_class)
-        planner = TaskPlanner(live, domain)
-        if start is not None:
-            if number is not None:
-                raise typer.BadParameter("a mission resumes where its robot is: leave out --from")
-            live.topology.place(start)
-            store.add_robot(robot, start, entry_pose(live.topology, start), robot_class)
-        if number is None:
-            assert goal is not None
-            number = store.add(robot, goal)
-        file = world or _WORLDS / f"{original}-{number}.sqlite"
-        opened = open_world(file, store, live.topology, robot, rules, resume=resume)
-        with closing(opened) as sim_world:
-            runner = Runner(
-                store,
-                simulated_robot(live, sim_world, robot, speed=speed, seed=seed),
-                planner,
-                speed=speed,
-                tick=min(0.05, 1.0 / speed),
-                on_event=None if json_ else _show_event,
-            )
-            result = runner.run(number)
-        steps = store.steps(number)
-    if json_:
-        print(json.dumps(_result_as_json(result, steps, file) | {"map": happens_in}, default=str))
-    elif happens_in != original:
-        cli.out.print(f"in {happens_in}; {original} is unchanged (--apply changes it)", style="dim")
-    if result.state != "done":
-        raise typer.Exit(1)
+    SimulatedRun(
+        start,
+        robot,
+        robot_class,
+        speed=speed,
+        fail=fail or (),
+        seed=seed,
+        world=world,
+        apply=apply,
+        domain_file=domain_file,
+        map_name=map_name,
+        json_=json_,
+        put=put or (),
+    ).run(goal, mission, resume=resume)
 
 
 def missions_command(
@@ -162,49 +118,9 @@ def missions_command(
     cli.out.print(table if rows else "none")
 
 
-def _show_event(event: MissionEvent) -> None:
-    """Print an event of a runner as a line."""
-    number = "" if event.number is None else f"{event.number:>4}"
-    if event.kind == "planned":
-        cli.out.print(f"plan: {event.message}", style="dim")
-    elif event.kind == "ended":
-        cli.out.print(f"{number} {event.command}")
-    elif event.kind == "failed" and event.command is not None:
-        cli.out.print(f"{number} {event.command}: {event.message}", style="yellow")
-    elif event.kind == "waits":
-        cli.out.print(f"{number} waits: {event.message}", style="dim")
-    elif event.command is None:
-        message = f": {event.message}" if event.message else ""
-        cli.out.print(f"{event.kind}{message}", style="bold")
-
-
-def _result_as_json(
-    result: MissionResult, steps: list[dict[str, Any]], world: Path
-) -> dict[str, Any]:
-    return {
-        "mission": result.mission,
-        "state": result.state,
-        "reason": result.reason,
-        "world": str(world),
-        "steps": steps,
-    }
-
-
 def _readable(value: Any) -> str:
     if value is None:
         return ""
     if isinstance(value, list):
         return ", ".join(map(str, value))
     return f"{value:%Y-%m-%d %H:%M:%S}" if hasattr(value, "strftime") else str(value)
-
-
-def _resumed(missions: MissionList, mission: int | None) -> int:
-    """The number of the mission to resume."""
-    from planner.mission.map_connection import MissionError
-
-    if mission is not None:
-        return mission
-    unfinished = missions.unfinished()
-    if not unfinished:
-        raise MissionError("there is no mission to resume: `semmap missions` lists them")
-    return unfinished[0]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from planner.mission.command import Command
 from semmap.geometry.pose import Pose
 
-__all__ = ["Behaviours", "Observation", "Outcome", "RunningBehaviour", "Sighting"]
+__all__ = ["Behaviours", "Look", "Observation", "Outcome", "RunningBehaviour", "Sighting"]
 
 Cause = Literal[
     "locked",
@@ -71,6 +71,31 @@ class Sighting:
 
 
 @dataclass(frozen=True)
+class Look:
+    """What a look showed of one place: the object was seen there, or it was not.
+
+    Attributes
+    ----------
+    object, place
+        Names of the map.
+    seen
+        Whether the object was seen there.
+    visible
+        The share of the place that the look showed, in (0, 1].
+    hit, false_alarm
+        P(seen | the object is in what was shown) and P(seen | it is not). These do not age: only
+        give them for what does not move. None: those of the map, which age.
+    """
+
+    object: str
+    place: str
+    seen: bool
+    visible: float = 1.0
+    hit: float | None = None
+    false_alarm: float | None = None
+
+
+@dataclass(frozen=True)
 class Observation:
     """What a robot observes at present.
 
@@ -85,6 +110,8 @@ class Observation:
     doors
         The states of the connectors near it: open, closed or locked; ajar if a robot has opened it
         to pass.
+    looks
+        What a look has shown that ended since the last observation.
     """
 
     place: str
@@ -92,6 +119,7 @@ class Observation:
     holds: Mapping[str, Pose] = field(default_factory=dict)
     seen: Mapping[str, Sighting] = field(default_factory=dict)
     doors: Mapping[str, str] = field(default_factory=dict)
+    looks: Sequence[Look] = ()
 
 
 class RunningBehaviour(Protocol):
@@ -110,7 +138,8 @@ class Behaviours(Protocol):
     """The behaviours of a robot. Each method starts a behaviour and returns at once.
 
     A connector or a domain file may name additional behaviours: they are methods of that name. A
-    robot without the method fails with the cause ``unable``.
+    search needs `look`, for the object ``command.arguments[0]``, whose answer is in the next
+    observation, and `open_container`. A robot without the method fails with the cause ``unable``.
     """
 
     def observe(self) -> Observation:

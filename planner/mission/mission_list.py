@@ -43,6 +43,16 @@ class MissionList(MapConnection):
         with self._begin() as connection:
             return str(read_mission(connection, mission).robot)
 
+    def goal_of(self, mission: int) -> str:
+        """The goal of a mission.
+
+        Raises
+        ------
+        MissionError
+        """
+        with self._begin() as connection:
+            return str(read_mission(connection, mission).goal)
+
     def map_of(self, mission: int) -> str:
         """The name of the map of a mission: this map, or a copy of it for simulated runs.
 

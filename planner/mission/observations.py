@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import shapely
 from sqlalchemy import Connection, text
@@ -15,6 +15,7 @@ from sqlalchemy import Connection, text
 from planner.mission.behaviours import Observation, Outcome, Sighting
 from planner.mission.command import Command
 from planner.mission.placement_search import find_free_spot
+from semmap.belief.store import add_observations
 from semmap.geometry.pose import Pose
 
 __all__ = [
@@ -44,7 +45,7 @@ class ObjectRow:
 
 
 def write_observation(connection: Connection, robot: int, seen: Observation) -> None:
-    """Write the pose of a robot, the objects that it holds, sees, or no longer holds."""
+    """Write the pose of a robot, what it holds, sees or no longer holds, and what looks showed."""
     connection.execute(
         text(_PLACE_ROBOT), {"robot": robot, "place": seen.place, "pose": seen.pose.row}
     )
@@ -63,6 +64,9 @@ def write_observation(connection: Connection, robot: int, seen: Observation) -> 
     for name, state in seen.doors.items():
         if state in ("open", "closed", "locked"):
             write_door(connection, name, state)
+    if seen.looks:
+        observer = connection.execute(text(_NAME), {"id": robot}).scalar_one()
+        add_observations(connection, [asdict(look) | {"observer": observer} for look in seen.looks])
 
 
 def write_door(connection: Connection, name: str, state: str) -> None:
@@ -155,6 +159,8 @@ WHERE e.map_id = current_map() AND e.name = s.item AND e.kind = 'object'
        OR abs(w.pose[1] - s.pose[1]) > 0.01 OR abs(w.pose[2] - s.pose[2]) > 0.01
        OR abs(w.pose[3] - s.pose[3]) > 0.01)
 """
+
+_NAME = "SELECT name FROM entity WHERE id = :id"
 
 _HELD = """
 SELECT e.name FROM placement p JOIN entity e ON e.id = p.entity_id

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
@@ -13,7 +14,7 @@ from planner.mission.sim_world import SimWorld
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 
-__all__ = ["entry_pose", "open_world", "simulated_robot"]
+__all__ = ["body_options", "entry_pose", "open_world", "simulated_robot"]
 
 _NOWHERE = "no room holds {}: give its start (--from)"
 
@@ -72,12 +73,14 @@ def simulated_robot(
     live: LiveTopology, world: SimWorld, name: str, *, speed: float, seed: int = 0
 ) -> SimulatedRobot:
     """A robot of the class of a live topology, on its costmaps; `speed` is that of its clock."""
-    return SimulatedRobot(
-        name,
-        world,
-        live.topology,
-        speed=speed,
-        seed=seed,
-        velocity=live.graph.robot.speed,
-        path=live.costmaps.path if live.costmaps is not None else None,
-    )
+    return SimulatedRobot(name, world, live.topology, **body_options(live, speed=speed, seed=seed))
+
+
+def body_options(live: LiveTopology, *, speed: float, seed: int = 0) -> dict[str, Any]:
+    """How a simulated robot of the class of a live topology moves."""
+    return {
+        "speed": speed,
+        "seed": seed,
+        "velocity": live.graph.robot.speed,
+        "path": live.costmaps.path if live.costmaps is not None else None,
+    }

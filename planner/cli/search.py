@@ -1,0 +1,164 @@
+"""`semmap search`: where to look for an object, and a mission that looks for it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from semmap import cli
+
+if TYPE_CHECKING:
+    from planner.search.problem_builder import MapSearch
+    from planner.search.receding_horizon import Decision
+
+__all__ = ["search_command"]
+
+
+def search_command(
+    name: Annotated[str, typer.Argument(help="Name of the object.")],
+    start: Annotated[
+        str | None,
+        typer.Option("--from", help="Room in which the robot starts; by default its room."),
+    ] = None,
+    robot: Annotated[str, typer.Option("--agent", help="Name of the robot in the map.")] = "robot",
+    robot_class: Annotated[
+        str | None, typer.Option("--robot", help="Class of the robot (semmap robot).")
+    ] = None,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Let a simulated robot search.")
+    ] = False,
+    put: Annotated[
+        list[str] | None,
+        typer.Option("--put", help="'mug on desk1': where an object truly is; repeatable."),
+    ] = None,
+    wrong: Annotated[
+        float, typer.Option(help="Seconds that a wrong answer costs; with more, it looks longer.")
+    ] = 3600.0,
+    hit: Annotated[float, typer.Option(help="P(seen | the object is in view).")] = 0.9,
+    false_alarm: Annotated[float, typer.Option(help="P(seen | it is not there).")] = 0.02,
+    look: Annotated[float, typer.Option(help="Seconds of a look.")] = 3.0,
+    camera_height: Annotated[float, typer.Option(help="Of the camera, metres.")] = 1.2,
+    range_: Annotated[
+        float, typer.Option("--range", help="Metres within which the robot recognises objects.")
+    ] = 3.5,
+    trials: Annotated[
+        int, typer.Option(help="Compare so many random searches with other strategies.")
+    ] = 0,
+    pomdp: Annotated[
+        Path | None, typer.Option(help="Write the search as a .pomdp file for other solvers.")
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(help="Speed of the simulated clock; 1 is real time.")
+    ] = 20.0,
+    fail: Annotated[
+        list[str] | None, typer.Option(help="'door5 locked', 'navigate fails once', ...")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of detections and failures.")] = 0,
+    world: Annotated[
+        Path | None,
+        typer.Option(help="File with the state of the simulation; several runs may share it."),
+    ] = None,
+    apply: Annotated[
+        bool,
+        typer.Option("--apply", help="Write what is seen into the map; by default into a copy."),
+    ] = False,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Search for an object: say where to look first and why, or let a simulated robot do it."""
+    from planner.search.problem_builder import Detector
+    from planner.search.viewpoints import Sight
+
+    try:
+        sight = Sight(height=camera_height, furthest=range_)
+        detector = Detector(hit, false_alarm, look, wrong)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    if simulate:
+        from planner.cli.simulated_run import SimulatedRun
+
+        run = SimulatedRun(
+            start,
+            robot,
+            robot_class,
+            speed=speed,
+            fail=fail or (),
+            seed=seed,
+            world=world,
+            apply=apply,
+            map_name=map_name,
+            json_=json_,
+            put=put or (),
+            sight=sight,
+            detector=detector,
+        )
+        run.run(f'found("{name}")')
+        return
+    from planner.live_topology import LiveTopology
+    from planner.search.receding_horizon import decide
+    from planner.search.search_mission import SearchPlanner, explain
+    from planner.tasks.reader import read_state
+
+    with cli.database() as engine:
+        live = LiveTopology(engine, map_name, robot_class)
+        with live.snapshot() as connection:
+            state = read_state(connection, live.topology, start)
+            begin = live.graph.endpoint(state.place, state.pose)
+            search = SearchPlanner(live, sight, detector).begin(connection, name, begin)
+    decision = decide(search.problem, search.belief)
+    if pomdp is not None:
+        from planner.search.pomdp_file import write_pomdp
+        from planner.search.search_problem import as_pomdp
+
+        write_pomdp(as_pomdp(search.problem, search.belief), pomdp)
+    if trials:
+        from planner.search.trials import compare, show
+
+        found = compare(search, trials, seed)
+        print(json.dumps(found)) if json_ else show(found)
+        return
+    if json_:
+        print(json.dumps(_as_json(search, decision)))
+        return
+    cli.out.print(explain(search, search.belief, decision))
+    _show_tour(search, decision)
+
+
+def _show_tour(search: MapSearch, decision: Decision) -> None:
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("look from", "x", "y", "shows"):
+        table.add_column(column, overflow="fold")
+    for number in decision.tour:
+        view = search.viewpoints[number]
+        shows = ", ".join(f"{place} {share:.0%}" for place, share in view.shows[:6])
+        opens = f"open {view.opens}: " if view.opens else ""
+        table.add_row(view.name, f"{view.pose.x:.2f}", f"{view.pose.y:.2f}", opens + shows)
+    if decision.tour:
+        cli.out.print(table)
+
+
+def _as_json(search: MapSearch, decision: Decision) -> dict[str, Any]:
+    problem = search.problem
+    return {
+        "object": problem.objects[0],
+        "belief": dict(
+            zip(problem.places, problem.by_place(search.belief)[0].tolist(), strict=True)
+        ),
+        "action": decision.action,
+        "seconds": decision.cost,
+        "tour": [
+            {
+                "viewpoint": search.viewpoints[k].name,
+                "room": search.viewpoints[k].room,
+                "pose": search.viewpoints[k].pose._asdict(),
+                "shows": dict(search.viewpoints[k].shows),
+                "opens": search.viewpoints[k].opens,
+            }
+            for k in decision.tour
+        ],
+    }

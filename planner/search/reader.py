@@ -1,0 +1,182 @@
+"""Reads what a search needs from the map: beliefs, places, what hides them, and past looks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Connection, text
+
+from semmap.belief.places import Place
+from semmap.belief.reader import read_height, read_occluders, read_places
+from semmap.belief.store import read_belief
+from semmap.query.storey_reader import read_entities
+from semmap.query.storey_scene import SceneEntity
+
+__all__ = [
+    "BelievedObject",
+    "LookRow",
+    "has_observations",
+    "read_believed_object",
+    "read_entity_shapes",
+    "read_holder",
+    "read_kind",
+    "read_looks",
+    "read_opened",
+    "read_room",
+    "read_seen_by",
+]
+
+HEIGHT = 0.1
+"""Metres, of an object whose size is unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class BelievedObject:
+    """An object and where it may be.
+
+    Attributes
+    ----------
+    belief : P(place)
+    places : those of the belief
+    occluders : (F, 3, 3) triangles that hide it, metres in the map's frame
+    height : of the object, metres
+    shut : the places that must be opened before one sees into them
+    """
+
+    name: str
+    belief: dict[str, float]
+    places: Sequence[Place]
+    occluders: NDArray[np.float64]
+    height: float
+    shut: frozenset[str]
+
+    @property
+    def all_shut(self) -> frozenset[str]:
+        """The places into which one sees only when they are open, with those without a surface."""
+        closed = (p.name for p in self.places if p.kind != "room" and not p.surfaces)
+        return self.shut.union(closed)
+
+
+@dataclass(frozen=True)
+class LookRow:
+    """The answer of a look for one place."""
+
+    number: int
+    place: str
+    seen: bool
+
+
+def read_believed_object(connection: Connection, name: str) -> BelievedObject:
+    """An object or agent of the current map, with the places at which it has room.
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of this name.
+    """
+    belief = read_belief(connection, name)
+    shut = connection.execute(text(_SHUT)).scalars()
+    return BelievedObject(
+        name,
+        belief,
+        read_places(connection, name),
+        read_occluders(connection, [name]),
+        read_height(connection, name) or HEIGHT,
+        frozenset(map(str, shut)),
+    )
+
+
+def read_entity_shapes(connection: Connection) -> dict[str, SceneEntity]:
+    """The rooms, objects and shut doors of the current map with their triangles, by name."""
+    entities = read_entities(connection, kinds=("room", "object", "connector"))
+    return {e.name: e for e in entities if e.kind != "connector" or e.state != "open"}
+
+
+def has_observations(connection: Connection, name: str) -> bool:
+    """Whether anyone has looked for an entity: then its place is believed, not only recorded."""
+    return bool(connection.execute(text(_OBSERVED), {"name": name}).scalar())
+
+
+def read_looks(
+    connection: Connection, name: str, robot: str, after: int
+) -> tuple[list[LookRow], int]:
+    """What a robot has observed of an object since an observation, and the newest one of all."""
+    rows = connection.execute(text(_LOOKS), {"name": name, "robot": robot, "after": after}).all()
+    newest = connection.execute(text("SELECT coalesce(max(id), 0) FROM observation")).scalar_one()
+    return [LookRow(row.id, row.place, row.seen) for row in rows], int(newest)
+
+
+def read_opened(connection: Connection, robot: str) -> frozenset[str]:
+    """The containers that a robot has opened in the mission that it runs."""
+    rows = connection.execute(text(_OPENED), {"robot": robot}).scalars()
+    return frozenset(map(str, rows))
+
+
+def read_seen_by(connection: Connection, name: str, robot: str) -> bool:
+    """Whether a robot has seen an object in the mission that it runs."""
+    return bool(connection.execute(text(_SEEN), {"name": name, "robot": robot}).scalar())
+
+
+def read_holder(connection: Connection, name: str) -> str | None:
+    """The name of what an entity is on or in; None if nothing holds it."""
+    holder = connection.execute(text(_HOLDER), {"name": name}).scalar()
+    return None if holder is None else str(holder)
+
+
+def read_kind(connection: Connection, name: str) -> str | None:
+    """The kind of an entity of the current map; None if there is none of this name."""
+    kind = connection.execute(text(_KIND), {"name": name}).scalar()
+    return None if kind is None else str(kind)
+
+
+def read_room(connection: Connection, name: str) -> str | None:
+    """The room in or on whose contents an entity is, or the room itself; None if there is none."""
+    room = connection.execute(text(_ROOM), {"name": name}).scalar()
+    return None if room is None else str(room)
+
+
+_KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
+
+_ROOM = """
+SELECT k.name FROM holders_of(ARRAY[entity_id(:name)]) WITH ORDINALITY o (id, n)
+JOIN entity k ON k.id = o.id AND k.kind = 'room' ORDER BY o.n LIMIT 1
+"""
+
+_SHUT = """
+SELECT name FROM entity
+WHERE map_id = current_map() AND kind = 'object' AND properties->'shut' = 'true'
+"""
+
+_OBSERVED = """
+SELECT EXISTS (SELECT FROM observation o JOIN entity e ON e.id = o.entity_id
+               WHERE e.map_id = current_map() AND e.name = :name)
+"""
+
+_LOOKS = """
+SELECT o.id, p.name AS place, o.seen FROM observation o JOIN entity p ON p.id = o.place_id
+WHERE o.entity_id = entity_id(:name) AND o.observer_id = entity_id(:robot) AND o.id > :after
+ORDER BY o.id
+"""
+
+_OPENED = """
+SELECT s.arguments[1] FROM mission_step s JOIN mission m ON m.id = s.mission_id
+WHERE m.robot_id = entity_id(:robot) AND m.state = 'running' AND s.action = 'open_container'
+  AND s.state = 'done'
+"""
+
+_SEEN = """
+SELECT EXISTS (
+    SELECT FROM observation o JOIN mission m ON m.robot_id = o.observer_id
+    JOIN mission_step s ON s.mission_id = m.id AND s.action = 'look' AND s.state = 'done'
+     AND o.at BETWEEN s.started_at AND s.ended_at
+    WHERE o.entity_id = entity_id(:name) AND o.observer_id = entity_id(:robot)
+      AND m.state = 'running' AND o.seen)
+"""
+
+_HOLDER = """
+SELECT h.name FROM placement p JOIN entity h ON h.id = p.holder_id
+WHERE p.entity_id = entity_id(:name)
+"""

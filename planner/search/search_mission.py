@@ -1,0 +1,327 @@
+"""Plans the steps of a mission that searches for objects, and says why (O'Neill, section 4.4.2).
+
+A mission's runner plans again after each look, on what the map has learnt from it. So the plan of a
+search is its next look alone, and a mission continues where it was after its process has ended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.live_topology import LiveTopology
+from planner.mission.robot_placement import read_robot
+from planner.plan import Action, Plan
+from planner.route_search import find_route
+from planner.routing_graph import Endpoint, RoutingGraph
+from planner.search.problem_builder import ELSEWHERE, OPENING, Detector, MapSearch, build_search
+from planner.search.reader import read_believed_object, read_looks, read_opened
+from planner.search.receding_horizon import Decision, decide
+from planner.search.search_problem import NOT_SEEN
+from planner.search.viewpoints import Sight
+
+__all__ = ["Answer", "NotFoundError", "SearchPlanner", "explain"]
+
+Floats = NDArray[np.float64]
+
+MOST_NAMES = 4
+"""Number of places that an explanation or a command names."""
+
+LEAST_CHANCE = 0.02
+"""Chance to see the object below which a look is not worth it, whatever an answer costs."""
+
+TRIES = 2
+"""How often a viewpoint may fail until the search does without it."""
+
+
+class NotFoundError(ValueError):
+    """The object is not where the robot can see; the message says where it looked."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a search ends with.
+
+    Attributes
+    ----------
+    place
+        Where the object most probably is.
+    probability
+        Of that place.
+    seen
+        Whether the robot saw it there during this search.
+    looks
+        Number of looks.
+    """
+
+    place: str
+    probability: float
+    seen: bool
+    looks: int
+
+
+@dataclass(eq=False)
+class _State:
+    """What a planner knows of the search for one object."""
+
+    search: MapSearch
+    belief: Floats
+    newest: int
+    seen_in: str | None = None
+    looks: int = 0
+    planned: int | None = None
+    failures: int = 0
+
+
+class SearchPlanner:
+    """Plans searches for a class of robots on a map that changes.
+
+    Parameters
+    ----------
+    live
+        Topology and travel times of the class.
+    sight, detector
+        The robot's camera, and how well it recognises objects.
+    say
+        Called with each explanation.
+
+    Attributes
+    ----------
+    answers : dict of str to Answer
+        Of the searches that ended, by object.
+    """
+
+    def __init__(
+        self,
+        live: LiveTopology,
+        sight: Sight | None = None,
+        detector: Detector | None = None,
+        say: Callable[[str], None] | None = None,
+    ) -> None:
+        self.live = live
+        self.sight = sight or Sight()
+        self.detector = detector or Detector()
+        self._say = say or (lambda text: None)
+        self._states: dict[str, _State] = {}
+        self.answers: dict[str, Answer] = {}
+
+    def begin(
+        self, connection: Any, name: str, start: Endpoint, graph: RoutingGraph | None = None
+    ) -> MapSearch:
+        """The search for an object from where the robot is.
+
+        Raises
+        ------
+        LookupError
+            The map has no entity of this name.
+        ValueError
+            The robot can see no place at which the object may be.
+        """
+        known = read_believed_object(connection, name)
+        return build_search(
+            name,
+            known.belief,
+            known.places,
+            known.occluders,
+            graph or self.live.graph,
+            start,
+            height=known.height,
+            sight=self.sight,
+            detector=self.detector,
+            shut=known.shut,
+        )
+
+    def next_steps(
+        self,
+        connection: Any,
+        robot: str,
+        name: str,
+        goal: str,
+        *,
+        without: frozenset[str] = frozenset(),
+        accepted: str | None = ELSEWHERE,
+    ) -> Plan:
+        """The way to the next look and the look; no action if the search is over.
+
+        Parameters
+        ----------
+        accepted
+            The place at which the object need not be seen; by default it need not be seen at all.
+
+        Raises
+        ------
+        NotFoundError
+            No look is worth its time any more, and the object is probably elsewhere.
+        """
+        graph = self._graph(without)
+        where = read_robot(connection, robot)
+        if where is None:
+            raise LookupError(f"no room holds {robot}: give its start with --from")
+        start = graph.endpoint(*where)
+        state = self._state(connection, robot, name, graph, start)
+        opened = frozenset(
+            k
+            for k, v in enumerate(state.search.viewpoints)
+            if v.opens in read_opened(connection, robot)
+        )
+        at = state.search.nearest(*where)
+        search = state.search if at is not None else state.search.from_here(start)
+        search = _without_failed(search, state, at)
+        decision = decide(search.problem, state.belief, at, opened)
+        if decision.action == "declare":
+            decision = _with_last_look(search, state, decision, accepted)
+        if decision.action == "declare":
+            self._declare(search, state, name, decision)
+            return Plan(goal, (), 0.0, 0.0)
+        assert decision.viewpoint is not None
+        self._say(explain(search, state.belief, decision))
+        state.failures = state.failures + 1 if state.planned == decision.viewpoint else 0
+        state.planned = decision.viewpoint
+        return _plan(goal, name, search, graph, start, decision, at, opened)
+
+    def _graph(self, without: frozenset[str]) -> RoutingGraph:
+        graph = self.live.graph
+        if not without:
+            return graph
+        topology = graph.topology.without(without)
+        return RoutingGraph(topology, graph.robot, graph.costs, durations=graph.durations)
+
+    def _state(
+        self, connection: Any, robot: str, name: str, graph: RoutingGraph, start: Endpoint
+    ) -> _State:
+        """The belief after what the robot has seen since the last call."""
+        state = self._states.get(name)
+        if state is None:
+            search = self.begin(connection, name, start, graph)
+            _, newest = read_looks(connection, name, robot, 0)
+            self._states[name] = state = _State(search, search.belief, newest)
+            return state
+        rows, state.newest = read_looks(connection, name, robot, state.newest)
+        if not rows or start.pose is None:
+            return state
+        at = state.search.nearest(start.place, start.pose)
+        seen = next((row.place for row in rows if row.seen), None)
+        problem = state.search.problem
+        answer = NOT_SEEN if seen not in problem.places else problem.places.index(seen)
+        state.looks += 1
+        state.planned = None
+        state.seen_in = seen or state.seen_in
+        if at is not None:
+            try:
+                state.belief = problem.after(state.belief, at, [answer])
+            except ValueError:  # it is where no look from here should show it: begin again
+                del self._states[name]
+                return self._state(connection, robot, name, graph, start)
+        return state
+
+    def _declare(self, search: MapSearch, state: _State, name: str, decision: Decision) -> None:
+        chances = search.problem.by_place(state.belief)[0]
+        best = int(chances.argmax())
+        place, chance = search.problem.places[best], float(chances[best])
+        self.answers[name] = Answer(place, chance, state.seen_in == place, state.looks)
+        if place == ELSEWHERE:
+            others = _likeliest(search, state.belief)
+            raise NotFoundError(
+                f"{name} was not found in {state.looks} looks: it is probably at no place of the "
+                f"map ({chance:.0%}; {others})"
+            )
+        self._say(explain(search, state.belief, decision))
+
+
+def _with_last_look(
+    search: MapSearch, state: _State, decision: Decision, accepted: str | None
+) -> Decision:
+    """The answer, if the object was seen there or need not be; else the best look."""
+    places, _ = search.problem.declared(state.belief)
+    if accepted == ELSEWHERE or places[0] in (accepted, state.seen_in):
+        return decision
+    looks = [o for o in decision.options if o.viewpoint is not None and o.chance > LEAST_CHANCE]
+    if not looks:
+        return decision
+    return Decision("go", looks[0].viewpoint, (looks[0], *decision.options))
+
+
+def _without_failed(search: MapSearch, state: _State, at: int | None) -> MapSearch:
+    """The search without the viewpoint that the robot did not reach."""
+    if state.planned is None or state.failures < TRIES or state.planned == at:
+        return search
+    start, travel = search.problem.start.copy(), search.problem.travel.copy()
+    start[state.planned] = travel[:, state.planned] = np.inf
+    problem = replace(search.problem, start=start, travel=travel)
+    state.search = replace(state.search, problem=problem)
+    return replace(search, problem=problem)
+
+
+def _plan(
+    goal: str,
+    name: str,
+    search: MapSearch,
+    graph: RoutingGraph,
+    start: Endpoint,
+    decision: Decision,
+    at: int | None,
+    opened: frozenset[int],
+) -> Plan:
+    """The actions until the next look ends."""
+    number = decision.viewpoint
+    assert number is not None
+    viewpoint = search.viewpoints[number]
+    actions = []
+    if number != at:
+        route = find_route(graph, start, graph.endpoint(viewpoint.room, viewpoint.pose))
+        for step in route.steps:
+            subject = step.connector.name if step.connector is not None else step.from_place
+            actions.append(Action(step.behaviour, (subject,), step.seconds, (step,)))
+    if viewpoint.opens is not None and number not in opened:
+        arguments = (viewpoint.opens,)
+        actions.append(Action("open_container", arguments, OPENING, at=viewpoint.pose))
+    shown = [place for place, _ in viewpoint.shows[:MOST_NAMES]]
+    look = search.problem.look
+    actions.append(Action("look", (name, *shown), look, at=viewpoint.pose))
+    seconds = sum(action.seconds for action in actions)
+    return Plan(goal, tuple(actions), seconds, seconds)
+
+
+def explain(search: MapSearch, belief: Floats, decision: Decision) -> str:
+    """Why a search goes on as it does, in one sentence or two."""
+    name = search.problem.objects[0]
+    if decision.action == "declare":
+        places, cost = search.problem.declared(belief)
+        others = [o for o in decision.options if o.viewpoint is not None]
+        chance = float(search.problem.by_place(belief)[0].max())
+        why = f"a wrong answer costs {search.problem.wrong:.0f} s, so this one {cost:.0f} s"
+        if others:
+            best = search.viewpoints[others[0].viewpoint or 0].name
+            why += f"; to look on, from {best} first, costs {others[0].cost:.0f} s"
+        else:
+            why += "; no viewpoint shows where else it may be"
+        return f"{name} is at {places[0]} ({chance:.0%}): {why}"
+    assert decision.viewpoint is not None
+    viewpoint = search.viewpoints[decision.viewpoint]
+    chosen = decision.options[0]
+    text = f"{name}: {_likeliest(search, belief)}. To {viewpoint.name}"
+    if viewpoint.opens is not None:
+        text += f", to open {viewpoint.opens}"
+    shows = ", ".join(f"{p} ({s:.0%} of it)" for p, s in viewpoint.shows[:MOST_NAMES])
+    text += (
+        f": {chosen.seconds:.0f} s until a look shows {shows}, and {name} with "
+        f"{chosen.chance:.0%}; {chosen.cost:.0f} s with what a wrong answer would cost"
+    )
+    others = [o for o in decision.options if o.viewpoint not in (None, decision.viewpoint)]
+    if others:
+        next_ = others[0]
+        text += (
+            f". From {search.viewpoints[next_.viewpoint or 0].name} first ({next_.seconds:.0f} s, "
+            f"{next_.chance:.0%}), {next_.cost:.0f} s"
+        )
+    return text
+
+
+def _likeliest(search: MapSearch, belief: Floats) -> str:
+    chances = search.problem.by_place(belief)[0]
+    order = np.argsort(-chances, kind="stable")[:3]
+    return ", ".join(f"{search.problem.places[k]} {chances[k]:.0%}" for k in order)

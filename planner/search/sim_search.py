@@ -1,0 +1,196 @@
+"""A simulated robot that sees what its camera shows, and nothing else."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.mission.behaviours import Look, Observation, Sighting
+from planner.mission.command import Command
+from planner.mission.sim_body import Work, lasting
+from planner.mission.sim_hands import place as _placing
+from planner.mission.sim_robot import SimBehaviour, SimulatedRobot
+from planner.search.problem_builder import Detector
+from planner.search.viewpoints import Sight
+from semmap.belief.places import Place, place_at
+from semmap.belief.views import visible_shares
+from semmap.geometry.mesh import box_mesh
+from semmap.geometry.pose import Pose
+from semmap.query.storey_scene import NO_TRIANGLES, SceneEntity
+
+__all__ = ["SearchingRobot", "SimEyes"]
+
+Floats = NDArray[np.float64]
+
+RECOGNISED = 0.25
+"""Share of an object's picture that must be in view."""
+
+LEAST_SHARE = 0.02
+"""Share of a place below which a look says nothing about it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimEyes:
+    """What the camera of a simulated robot shows.
+
+    Attributes
+    ----------
+    places
+        Those at which the object may be.
+    entities
+        Of the map, with their triangles where the map has them.
+    shut
+        The containers that must be opened before one sees into them.
+    seed
+        Of detections and false alarms.
+    """
+
+    places: Sequence[Place]
+    entities: Mapping[str, SceneEntity]
+    sight: Sight
+    detector: Detector
+    shut: frozenset[str] = frozenset()
+    height: float = 0.1
+    seed: int = 0
+    _triangles: dict[str, Floats] = field(default_factory=dict)
+
+    def share_in_view(self, name: str, base: Pose, objects: Mapping[str, Sighting]) -> float:
+        """The share of an object's picture that nothing hides; 0 if it is out of view.
+
+        Parameters
+        ----------
+        objects
+            Where the objects of the simulated world truly are.
+        """
+        if name not in objects:
+            return 0.0
+        camera = self.sight.camera(base)
+        at = np.array(objects[name].pose[:3])
+        if np.linalg.norm(at - self.sight.eye(base)) > self.sight.furthest:
+            return 0.0
+        own = self._placed(name, objects[name].pose)
+        around = [self._placed(n, seen.pose) for n, seen in objects.items() if n != name]
+        fixed = [e.triangles for n, e in self.entities.items() if n not in objects]
+        others = np.concatenate([NO_TRIANGLES, *around, *fixed])
+        eye, far = self.sight.eye(base), self.sight.furthest
+        near = (others.min(axis=1) <= eye + far) & (others.max(axis=1) >= eye - far)
+        others = others[near.all(axis=1)]
+        _, alone = camera.image(own)
+        _, faces = camera.image(np.concatenate([own, others]))
+        whole = int((alone >= 0).sum())
+        return float(((faces >= 0) & (faces < len(own))).sum()) / whole if whole else 0.0
+
+    def shares(self, base: Pose, opened: frozenset[str], target: str) -> dict[str, float]:
+        """The share of each place that a look shows, by the map."""
+        fixed = [e.triangles for n, e in self.entities.items() if n != target]
+        triangles = np.concatenate([NO_TRIANGLES, *fixed])
+        eye, far = self.sight.eye(base), self.sight.furthest
+        near = (triangles.min(axis=1) <= eye + far) & (triangles.max(axis=1) >= eye - far)
+        triangles = triangles[near.all(axis=1)]
+        open_ = [p for p in self.places if p.name not in self.shut]
+        camera = self.sight.camera(base)
+        depths, _ = camera.image(triangles)
+        shares = visible_shares(open_, camera, depths, furthest=far, step=0.1, height=self.height)
+        return shares | dict.fromkeys(opened, 1.0)
+
+    def _placed(self, name: str, pose: Pose) -> Floats:
+        """(F, 3, 3) the triangles of an object at its true pose."""
+        entity = self.entities.get(name)
+        if entity is None or not len(entity.triangles):
+            half = self.height / 2
+            return _at(box_mesh((-half, -half, -half), (half, half, half)).triangles, pose)
+        return _at(entity.triangles, pose @ entity.pose.inverse())
+
+
+def _at(triangles: Floats, pose: Pose) -> Floats:
+    return pose.apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+
+
+class SearchingRobot(SimulatedRobot):
+    """A simulated robot that sees an object only if a look shows it.
+
+    It has two more behaviours: `look` for ``command.arguments[0]``, and `open_container`.
+    """
+
+    def __init__(self, *arguments: Any, eyes: Mapping[str, SimEyes], **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._eyes = eyes
+        self._looks: tuple[Look, ...] = ()
+        self._known: set[str] = set()
+
+    def look(self, command: Command) -> SimBehaviour:
+        """Look for an object; what the look shows is part of the next observation."""
+        return SimBehaviour(self._look(command), self.speed)
+
+    def open_container(self, command: Command) -> SimBehaviour:
+        """Open a container, so that looks show what is in it."""
+        return SimBehaviour(self._open(command), self.speed)
+
+    def place(self, command: Command) -> SimBehaviour:
+        """Put an object down; the robot knows where it is then."""
+        return SimBehaviour(self._place(command), self.speed)
+
+    def observe(self) -> Observation:
+        """The robot, what it holds, what it knows to be around it, and the last look's answers."""
+        seen = super().observe()
+        looks, self._looks = self._looks, ()
+        known = {name: s for name, s in seen.seen.items() if name in self._known}
+        return replace(seen, seen=known, looks=looks)
+
+    def _open(self, command: Command) -> Work:
+        yield from lasting(command.seconds)
+        if self._body.fails("open_container"):
+            return "missed", f"{command.arguments[0]} does not open"
+        with self._body.world.change():
+            self._body.world.log(self.name, "opened", command.arguments[0])
+        return None, ""
+
+    def _place(self, command: Command) -> Work:
+        item = command.arguments[0]
+        outcome = yield from _placing(self._body, command)
+        if outcome[0] is None:
+            self._known.add(item)
+            self._looks = (Look(item, command.arguments[-1], True),)
+        return outcome
+
+    def _look(self, command: Command) -> Work:
+        yield from lasting(command.seconds)
+        name, world = command.arguments[0], self._body.world
+        eyes = self._eyes[name]
+        with world.change():
+            place, base = world.robot(self.name)
+            objects = world.objects()
+            past = world.events()
+            opened = frozenset(n for r, what, n in past if r == self.name and what == "opened")
+            world.log(self.name, "looked", name)
+        draw = random.Random(f"{eyes.seed} {self.name} {len(past)}")
+        there, sighting = objects.get(name, ("", None))
+        inside = sighting is not None and sighting.holder in eyes.shut
+        near = frozenset(p for p in opened if sighting is not None and p in command.arguments[1:])
+        if inside:
+            share = float(sighting is not None and sighting.holder in near)
+        else:
+            visible = {n: s for n, (p, s) in objects.items() if not world.has_robot(s.holder)}
+            share = eyes.share_in_view(name, base, visible) if there == place else 0.0
+        shares = {p: s for p, s in eyes.shares(base, near, name).items() if s >= LEAST_SHARE}
+        found = None
+        if share >= RECOGNISED and draw.random() < eyes.detector.hit and sighting is not None:
+            at = place_at(eyes.places, sighting.pose[:3])
+            found = at.name if at is not None and not inside else sighting.holder
+            self._known.add(name)
+        elif shares and draw.random() < eyes.detector.false_alarm:
+            found = draw.choices([*shares], [*shares.values()])[0]
+            self._known.discard(name)
+        else:
+            self._known.discard(name)
+        if found is not None:
+            shares[found] = max(shares.get(found, 0.0), LEAST_SHARE)
+        self._looks = tuple(Look(name, p, p == found, share) for p, share in shares.items())
+        if found is not None:
+            return None, f"{name} is seen at {found}"
+        return None, f"{name} is not seen" + (f" at {', '.join([*shares][:4])}" if shares else "")

@@ -1,0 +1,143 @@
+"""Missions whose goal names an object that must be found first, such as ``found(mug)``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+from planner.plan import Action, Plan
+from planner.search.problem_builder import ELSEWHERE
+from planner.search.reader import has_observations, read_holder, read_kind, read_seen_by
+from planner.search.receding_horizon import decide
+from planner.search.search_mission import MOST_NAMES, SearchPlanner, explain
+from planner.task_planner import TaskPlanner
+from planner.tasks.goal import Atom, Goal, parse_goal
+from planner.tasks.reader import read_state
+
+__all__ = ["FOUND", "SearchingPlanner", "objects_to_find", "plan_with_search"]
+
+FOUND = "found"
+"""The relation of a goal that is reached when the robot knows where an object is."""
+
+
+class SearchingPlanner:
+    """Plans missions that search for objects first (`planner.mission.runner.Planner`).
+
+    Parameters
+    ----------
+    tasks
+        Plans what follows.
+    search
+        Plans the searches.
+    relations
+        Those of a domain file, with their numbers of arguments.
+    """
+
+    def __init__(
+        self,
+        tasks: TaskPlanner,
+        search: SearchPlanner,
+        relations: Iterable[tuple[str, int]] = (),
+    ) -> None:
+        self._tasks, self._search = tasks, search
+        self._relations = tuple(relations)
+
+    def __call__(
+        self,
+        connection: Any,
+        robot: str,
+        goal: str,
+        *,
+        without: frozenset[str] = frozenset(),
+    ) -> Plan:
+        """The next look of a search, or the plan of the rest of the goal."""
+        self._search.live.catch_up()
+        parsed = parse_goal(goal, ((FOUND, 1), *self._relations))
+        wanted = {w.text for atom in parsed.atoms if atom.relation == FOUND for w in atom.words}
+        for name in objects_to_find(connection, parsed):
+            if name in self._search.answers:
+                continue
+            holder = read_holder(connection, name)
+            if name not in wanted and (holder == robot or read_seen_by(connection, name, robot)):
+                continue
+            accepted = ELSEWHERE if name in wanted else holder
+            plan = self._search.next_steps(
+                connection, robot, name, goal, without=without, accepted=accepted
+            )
+            if plan.actions:
+                return plan
+        rest = [atom for atom in parsed.atoms if atom.relation != FOUND]
+        if not rest:
+            return Plan(goal, (), 0.0, 0.0)
+        text = goal if len(rest) == len(parsed.atoms) else " and ".join(map(_text, rest))
+        return replace(self._tasks(connection, robot, text, without=without), goal=goal)
+
+
+def objects_to_find(connection: Any, goal: Goal) -> list[str]:
+    """The names in a goal whose place is only believed, in order.
+
+    They are those in ``found(...)``, those that someone has looked for, and those that nothing
+    holds. What else the map has is where the map has it.
+    """
+    found: list[str] = []
+    for atom in goal.atoms:
+        for word in atom.words:
+            name = word.text
+            if name in found:
+                continue
+            if atom.relation == FOUND or (
+                read_kind(connection, name) == "object"
+                and (has_observations(connection, name) or read_holder(connection, name) is None)
+            ):
+                found.append(name)
+    return found
+
+
+def plan_with_search(
+    connection: Any,
+    tasks: TaskPlanner,
+    search: SearchPlanner,
+    goal: str,
+    start: str | None,
+    *,
+    agent: str | None = None,
+    relations: Iterable[tuple[str, int]] = (),
+    patience: float,
+) -> tuple[Plan, list[str]] | None:
+    """The plan of a goal with objects whose place is only believed, and why; None without such.
+
+    It begins with an action ``search`` for each such object; what follows is planned for the place
+    at which the map has the object. A mission plans again after each look.
+    """
+    parsed = parse_goal(goal, ((FOUND, 1), *relations))
+    names = objects_to_find(connection, parsed)
+    if not names:
+        return None
+    graph = search.live.graph
+    actions: list[Action] = []
+    reasons: list[str] = []
+    state = read_state(connection, graph.topology, start)
+    begin = graph.endpoint(state.place, state.pose)
+    for name in names:
+        found = search.begin(connection, name, begin)
+        decision = decide(found.problem, found.belief)
+        reasons.append(explain(found, found.belief, decision))
+        if decision.action == "declare":
+            continue
+        rooms = [found.viewpoints[k].name for k in decision.tour]
+        actions.append(Action("search", (name, *rooms[:MOST_NAMES]), decision.cost))
+    rest = [atom for atom in parsed.atoms if atom.relation != FOUND]
+    bound = 0.0
+    if rest:
+        task = tasks.task(connection, " and ".join(map(_text, rest)), start, agent=agent)
+        plan = task.plan(patience)
+        actions += plan.actions
+        bound = plan.bound
+    return Plan(goal, tuple(actions), sum(a.seconds for a in actions), bound), reasons
+
+
+def _text(atom: Atom) -> str:
+    """The text of a condition, which `parse_goal` reads again."""
+    words = [str(w) if w.number else f'"{w.text}"' for w in atom.words]
+    return f"{atom.relation}({', '.join(words)})"

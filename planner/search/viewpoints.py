@@ -1,0 +1,213 @@
+"""Viewpoints: where the robot's base stands to see the places at which an object may be.
+
+Candidates are free positions with some headings each. Those are taken that together show most of
+the belief, one after another: the next is the one that adds most (a cover within 63 % of the best).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from scipy.sparse import csr_array
+
+from navgrid.inflation import INSCRIBED
+from planner.search.line_of_sight import LineOfSight
+from planner.storey_costmaps import StoreyCostmaps
+from semmap.belief.views import camera_at
+from semmap.draw.depth_camera import DepthCamera
+from semmap.geometry.pose import Pose
+
+__all__ = ["Sight", "choose_views", "free_positions", "views_from"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+HEADINGS = 8
+"""Number of headings that are tried at each position."""
+
+BODY = (0.25, 0.05, 1.2)
+"""Radius, and lower and upper end above the floor, of a robot whose shape is unknown, metres."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """The camera of a robot: above its base, looking ahead and down.
+
+    Attributes
+    ----------
+    height
+        Above the floor, metres.
+    pitch
+        Downwards from the horizon, radians.
+    field_of_view
+        Horizontal opening angle, radians; the picture is 4 : 3.
+    nearest, furthest
+        Between which it recognises objects, metres.
+    """
+
+    height: float = 1.2
+    pitch: float = 0.26
+    field_of_view: float = 1.2
+    nearest: float = 0.3
+    furthest: float = 3.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.height < math.inf:
+            raise ValueError(
+                f"the camera is {self.height} m above the floor; give a height above 0"
+            )
+        if not 0 <= self.nearest < self.furthest < math.inf:
+            raise ValueError(
+                f"the camera sees from {self.nearest} to {self.furthest} m; give the nearer end "
+                "first"
+            )
+
+    def eye(self, base: Pose) -> Floats:
+        """(3,) where the camera is, for a base pose in the map's frame."""
+        return np.array([base.x, base.y, base.z + self.height])
+
+    def camera(self, base: Pose, size: tuple[int, int] = (240, 180)) -> DepthCamera:
+        """The camera in the map's frame, for a base pose."""
+        return camera_at(
+            self.eye(base),
+            base.yaw,
+            self.pitch,
+            field_of_view=self.field_of_view,
+            size=size,
+            nearest=self.nearest,
+        )
+
+    def frames(self, base: Pose, points: Floats) -> Mask:
+        """(N,) which points (N, 3) are in the picture, if nothing hides them."""
+        x, y, z = (points - self.eye(base)).T
+        level = x * math.cos(base.yaw) + y * math.sin(base.yaw)
+        right = x * math.sin(base.yaw) - y * math.cos(base.yaw)
+        ahead = level * math.cos(self.pitch) - z * math.sin(self.pitch)
+        down = -level * math.sin(self.pitch) - z * math.cos(self.pitch)
+        half = math.tan(self.field_of_view / 2)
+        mask: Mask = (
+            (abs(right) <= half * ahead)
+            & (abs(down) <= 0.75 * half * ahead)
+            & (ahead > self.nearest)
+            & (x * x + y * y + z * z <= self.furthest**2)
+        )
+        return mask
+
+
+def free_positions(
+    place: str,
+    floor: float,
+    outline: shapely.Geometry,
+    space: LineOfSight,
+    costmaps: StoreyCostmaps | None,
+    step: float = 0.7,
+) -> Floats:
+    """(N, 2) positions of the base in a place, about a step apart, the clearest ones.
+
+    Parameters
+    ----------
+    floor
+        z of the floor.
+    outline
+        Of the place.
+    space
+        The free space, for a robot without a costmap.
+    """
+    if costmaps is not None:
+        room, costs = costmaps.room(place), costmaps.costs(place)
+        if room is None or costs is None:
+            return np.empty((0, 2))
+        cells = np.argwhere(costs < INSCRIBED)
+        points = np.array(room.grid.origin) + (cells[:, ::-1] + 0.5) * room.grid.resolution
+        price = costs[cells[:, 0], cells[:, 1]].astype(float)
+    else:
+        points, price = _free_without_costmap(floor, outline, space)
+    if not len(points):
+        return np.empty((0, 2))
+    order = np.lexsort((*points.T, price))
+    block = np.floor(points[order] / step).astype(int)
+    _, first = np.unique(block, axis=0, return_index=True)
+    chosen: Floats = points[order][np.sort(first)]
+    return chosen
+
+
+def _free_without_costmap(
+    floor: float, outline: shapely.Geometry, space: LineOfSight
+) -> tuple[Floats, Floats]:
+    radius, low, high = BODY
+    size = space.size
+    x, y = (np.arange(outline.bounds[k], outline.bounds[k + 2] + size, size) for k in (0, 1))
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    heights = np.arange(floor + low + size, floor + high, size)
+    column = np.concatenate(
+        [
+            np.broadcast_to(grid[:, :, None], (*grid.shape[:2], len(heights), 2)),
+            np.broadcast_to(heights[None, None, :, None], (*grid.shape[:2], len(heights), 1)),
+        ],
+        axis=-1,
+    )
+    blocked = ~space.is_free(column).all(axis=2)
+    reach = math.ceil(radius / size)
+    disc = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
+    free = ~binary_dilation(blocked, disc)
+    points = grid[free]
+    points = points[shapely.contains_xy(outline, points)]
+    return points, np.zeros(len(points))
+
+
+def views_from(
+    positions: Floats, floor: float, points: Floats, space: LineOfSight, sight: Sight
+) -> tuple[list[Pose], Mask]:
+    """The base poses at positions (C, 2), and which points (N, 3) each sees, (C * headings, N)."""
+    poses: list[Pose] = []
+    seen: list[Mask] = []
+    for x, y in positions:
+        eye = np.array([x, y, floor + sight.height])
+        near = np.flatnonzero(np.linalg.norm(points - eye, axis=1) <= sight.furthest)
+        clear = near[space.sees(eye, points[near])] if space.is_free(eye) else near[:0]
+        for k in range(HEADINGS):
+            base = Pose.planar(float(x), float(y), 2 * math.pi * k / HEADINGS - math.pi, floor)
+            mask = np.zeros(len(points), np.bool_)
+            mask[clear] = sight.frames(base, points[clear])
+            if mask.any():
+                poses.append(base)
+                seen.append(mask)
+    return poses, np.array(seen, np.bool_).reshape(-1, len(points))
+
+
+def choose_views(
+    seen: Mask, weights: Floats, seconds: Floats, most: int = 30, least: float = 0.002
+) -> list[int]:
+    """The numbers of the views that together show most.
+
+    Parameters
+    ----------
+    seen : (C, N)
+        Which points each of C views shows.
+    weights : (N,)
+        The belief in each point.
+    seconds : (C,)
+        From the robot to each view; of two that add the same, the nearer one is taken. Those that
+        are infinite are left out.
+    least
+        A view that adds less than this share of what can be seen is the last one.
+    """
+    left = weights.copy()
+    shown = csr_array(seen, dtype=np.float64)
+    reachable = np.isfinite(seconds)
+    whole = float(weights[seen[reachable].any(axis=0)].sum()) if reachable.any() else 0.0
+    chosen: list[int] = []
+    while len(chosen) < most and whole > 0:
+        gain = np.where(reachable, shown @ left, -1.0)
+        best = np.flatnonzero(gain >= gain.max() * (1 - 1e-9))
+        view = int(best[np.argmin(seconds[best])])
+        if gain[view] <= least * whole:
+            break
+        chosen.append(view)
+        left[seen[view]] = 0.0
+    return chosen

@@ -1,0 +1,264 @@
+"""Searches in the office: what they say, what a simulated robot finds, and what it stores."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from planner.live_topology import LiveTopology
+from planner.mission import Runner
+from planner.mission.runner import MissionEvent
+from planner.search import search_mission
+from planner.search.line_of_sight import LineOfSight
+from planner.search.point_based import solve
+from planner.search.problem_builder import Detector, MapSearch, build_search
+from planner.search.search_mission import NotFoundError, SearchPlanner
+from planner.search.search_problem import as_pomdp
+from planner.search.setup import put_objects, searching_robot
+from planner.search.task_search import SearchingPlanner
+from planner.search.trials import compare
+from planner.search.viewpoints import Sight
+from planner.task_planner import TaskPlanner
+from semmap.geometry.mesh import box_mesh
+from tests.command_line import semmap
+from tests.planner.mission.conftest import SPEED, World, mission_url, world
+from tests.planner.search.problems import random_search
+
+__all__ = ["mission_url", "world"]
+
+SURE = Detector(hit=0.99, false_alarm=0.001)
+
+
+@pytest.fixture
+def clean(world: World) -> Iterator[World]:
+    """The office without observations."""
+    world.ask("DELETE FROM observation RETURNING 1")
+    yield world
+    world.ask("DELETE FROM observation RETURNING 1")
+
+
+_BUILT: dict[object, MapSearch] = {}
+
+
+@pytest.fixture(autouse=True)
+def build_once(monkeypatch):
+    """The same search, of the same belief from the same place, is built once for all tests."""
+
+    def build(name, belief, places, occluders, graph, start, **more):
+        key = name, tuple(belief.items()), start.place, start.pose, repr(more["detector"])
+        if key not in _BUILT:
+            _BUILT[key] = build_search(name, belief, places, occluders, graph, start, **more)
+        return _BUILT[key]
+
+    monkeypatch.setattr(search_mission, "build_search", build)
+
+
+class Died(Exception):
+    pass
+
+
+def search(
+    world, goal="found(muffin1)", put=(), detector=SURE, mission=None, on_event=None, **more
+):
+    """The result of a mission, its answers, and its number."""
+    said: list[str] = []
+    live = LiveTopology(world.engine, "office")
+    with world.store() as store:
+        put_objects(world.world, store, live, put)
+        planner = SearchPlanner(live, Sight(), detector, said.append)
+        body = searching_robot(
+            live, world.world, "robot", ["muffin1"], Sight(), detector, speed=SPEED, **more
+        )
+        runner = Runner(
+            store,
+            body,
+            SearchingPlanner(TaskPlanner(live), planner),
+            speed=SPEED,
+            tick=0.0,
+            on_event=on_event,
+        )
+        number = store.add("robot", goal) if mission is None else mission
+        return runner.run(number), planner.answers, said
+
+
+def test_a_moved_muffin_is_found_and_what_was_seen_is_stored(clean):
+    result, answers, said = search(clean, put=["muffin1 on coffee_table3"])
+    assert result.state == "done"
+    answer = answers["muffin1"]
+    assert (answer.place, answer.seen) == ("coffee_table3", True)
+    assert answer.looks >= 2
+    assert clean.holder("muffin1") == ("coffee_table3", "on")
+    rows = clean.ask(
+        "SELECT p.name, o.seen, o.visible FROM observation o JOIN entity p ON p.id = o.place_id "
+        "WHERE o.entity_id = entity_id('muffin1') AND o.observer_id = entity_id('robot')"
+    )
+    seen = {name for name, found, _ in rows if found}
+    assert seen == {"coffee_table3"}
+    assert ("desk4", False) in {(name, found) for name, found, _ in rows}  # where the map had it
+    assert all(0 < share <= 1 for _, _, share in rows)
+    steps = clean.ask("SELECT action, state FROM mission_step ORDER BY number")
+    assert [s for a, s in steps if a == "look"] == ["done"] * answer.looks
+    assert "desk4" in said[0]
+    assert "a wrong answer costs 3600 s" in said[-1]
+    best = clean.ask("SELECT place FROM where_is('muffin1') LIMIT 1")
+    assert best == [("coffee_table3",)]
+
+
+def test_a_search_continues_after_its_process_has_died(clean):
+    def die(event: MissionEvent) -> None:
+        if event.kind == "acted" and event.command.behaviour == "look":
+            raise Died
+
+    with pytest.raises(Died):
+        search(clean, on_event=die)
+    (number,) = clean.ask("SELECT id FROM mission")[0]
+    result, answers, _ = search(clean, mission=number)
+    assert result.state == "done"
+    assert answers["muffin1"].place == "desk4"
+    steps = clean.ask("SELECT action, state, cause FROM mission_step ORDER BY number")
+    first = next(step for step in steps if step.action == "look")
+    assert (first.state, first.cause) == ("failed", "interrupted")
+
+
+def test_what_is_searched_for_is_then_fetched(clean):
+    clean.ask(
+        "INSERT INTO observation (entity_id, place_id, seen) "
+        "VALUES (entity_id('muffin1'), entity_id('desk4'), true) RETURNING 1"
+    )
+    result, answers, _ = search(clean, "on(muffin1, desk1)", ["muffin1 on coffee_table3"])
+    assert result.state == "done"
+    assert answers["muffin1"].place == "coffee_table3"
+    assert clean.holder("muffin1") == ("desk1", "on")
+    assert clean.world.objects()["muffin1"][1].holder == "desk1"
+
+
+def test_an_object_that_is_nowhere_ends_the_mission_with_a_reason(clean):
+    with clean.world.change() as file:
+        file.execute("DELETE FROM thing WHERE name = 'muffin1'")
+    result, answers, _ = search(clean, detector=Detector(0.99, 0.001, wrong=400.0))
+    assert result.state == "failed"
+    assert "probably at no place" in result.reason
+    assert answers["muffin1"].place == "elsewhere"
+    assert NotFoundError.__mro__[1] is ValueError
+
+
+@pytest.fixture(scope="module")
+def office_search(mission_url: str):
+    """The search for the muffin in the office, from lab1."""
+    from semmap.database import connect
+
+    engine = connect(mission_url)
+    live = LiveTopology(engine, "office")
+    with live.snapshot() as connection:
+        found = SearchPlanner(live).begin(connection, "muffin1", live.graph.endpoint("lab1"))
+    engine.dispose()
+    return found
+
+
+def test_viewpoints_show_most_of_what_is_believed(office_search):
+    problem, belief = office_search.problem, office_search.belief[0]
+    in_view = problem.visible.max(axis=0) > 0
+    assert belief[in_view].sum() > 0.6
+    assert np.isfinite(problem.travel).all()
+    desk4 = problem.places.index("desk4")
+    best = max(office_search.viewpoints, key=lambda v: dict(v.shows).get("desk4", 0.0))
+    assert problem.in_view[office_search.viewpoints.index(best), desk4] == 1
+    assert np.hypot(best.pose.x - 8.9, best.pose.y - 1.5) < 4.0
+    for number, viewpoint in enumerate(office_search.viewpoints):
+        shares = (problem.visible[number] * office_search.share) @ problem.membership
+        for place, share in viewpoint.shows:
+            assert shares[problem.places.index(place)] == pytest.approx(share)
+
+
+def test_later_searches_are_shorter():
+    problem, belief = random_search(
+        4, places=10, viewpoints=10, hit=0.95, false_alarm=0.01, wrong=3600.0
+    )
+    found = compare(MapSearch(problem, belief, (), np.ones(10), None), 40, seed=1)
+    shorter = found["later searches are shorter than"]
+    for name in ("first search", "without memory"):
+        assert shorter[name]["mean"] > shorter[name]["half_width"], name
+    rows = found["strategies"]
+    assert rows["later searches"]["right"] >= 0.9
+    assert rows["first search"]["seconds"]["half_width"] > 0
+    with pytest.raises(ValueError, match="1 trials"):
+        compare(MapSearch(problem, belief, (), np.ones(10), None), 1)
+
+
+def test_a_wall_hides_what_is_behind_it():
+    wall = box_mesh((1.0, -2.0, 0.0), (1.1, 2.0, 2.0)).triangles
+    space = LineOfSight(wall)
+    points = np.array([[0.5, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 0.0, 3.5], [2.0, 5.0, 1.0]])
+    assert space.sees(np.array([0.0, 0.0, 1.5]), points).tolist() == [True, False, True, True]
+    assert not space.is_free(np.array([1.0, 0.0, 1.0]))
+
+
+def test_the_command_says_where_to_look_and_why(clean):
+    found = json.loads(semmap(clean.url, "search", "muffin1", "--from", "lab1", "--json").stdout)
+    assert found["action"] == "go"
+    assert sum(found["belief"].values()) == pytest.approx(1)
+    assert max(found["belief"], key=found["belief"].get) == "desk4"
+    assert "desk4" in found["tour"][0]["shows"]
+
+
+def test_a_plan_says_that_it_searches_first(clean):
+    clean.ask(
+        "INSERT INTO observation (entity_id, place_id, seen) "
+        "VALUES (entity_id('muffin1'), entity_id('desk4'), true) RETURNING 1"
+    )
+    plan = json.loads(
+        semmap(clean.url, "plan", "on(muffin1, desk1)", "--from", "lab1", "--json").stdout
+    )
+    names = [action["name"] for action in plan["actions"]]
+    assert names[0] == "search"
+    assert plan["actions"][0]["arguments"][0] == "muffin1"
+    assert names[-1] == "place"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--hit", "1.5"), "hit is 1.5"),
+        (("--false-alarm", "0.95"), "must be seen more often"),
+        (("--wrong", "-1"), "wrong is -1"),
+        (("--range", "0"), "camera sees from"),
+    ],
+)
+def test_bad_rates_are_refused(clean, options, message):
+    result = semmap(clean.url, "search", "muffin1", "--from", "lab1", *options)
+    assert result.exit_code != 0
+    assert message in " ".join(result.output.split())
+
+
+def test_an_unknown_object_is_refused(clean):
+    with pytest.raises(LookupError, match="mufin"):
+        semmap(clean.url, "search", "mufin", "--from", "lab1")
+
+
+def test_a_small_search_of_the_map_is_solved_as_a_pomdp(office_search):
+    problem = office_search.problem
+    from planner.search.search_problem import SearchProblem
+
+    few = [0, 1, 2]
+    spots = np.flatnonzero(problem.visible[few].any(axis=0))[:6]
+    places = np.unique(problem.place_of[spots])
+    small = SearchProblem(
+        problem.objects,
+        tuple(problem.places[p] for p in places),
+        tuple(problem.viewpoints[v] for v in few),
+        np.searchsorted(places, problem.place_of[spots]),
+        problem.visible[np.ix_(few, spots)],
+        problem.travel[np.ix_(few, few)],
+        problem.start[few],
+        problem.look,
+        problem.hit,
+        problem.false_alarm,
+        problem.wrong,
+        problem.opening[few],
+    )
+    belief = np.full((1, len(spots)), 1 / len(spots))
+    pomdp = as_pomdp(small, belief)
+    assert solve(pomdp).value(pomdp.start) > -small.declared(belief)[1]
