@@ -17,6 +17,7 @@ from planner.demo.demo_robot import DemoRobot
 from planner.demo.fields import field_demo
 from planner.demo.office import demo_robot, office_files
 from planner.demo.route_lines import Line, route_lines
+from planner.demo.search import search_demo
 from planner.demo.task import task_demo
 from planner.exchange.picture import topology_plan
 from planner.readers.topology import read_topology
@@ -117,7 +118,12 @@ def run_demo(
         say,
         lambda connection: _ask(connection, choices, say, again=True),
     )
-    say("\n8. Pictures")
+    say("\n8. A search, as if nobody had seen the object lately")
+    pictures += search_demo(
+        map_name, replace(choices, start=start or choices.start), storeys, folder, say
+    )
+
+    say("\n9. Pictures")
     for picture in _draw(map_name, folder, storeys, topology, grids, paths, pixels):
         pictures.append(picture)
         say(f"   {picture}")
