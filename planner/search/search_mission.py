@@ -178,7 +178,7 @@ class SearchPlanner:
             self._declare(search, state, name, decision)
             return Plan(goal, (), 0.0, 0.0)
         assert decision.viewpoint is not None
-        self._say(explain(search, state.belief, decision))
+        self._say(explain(search, state.belief, decision, opened))
         state.failures = state.failures + 1 if state.planned == decision.viewpoint else 0
         state.planned = decision.viewpoint
         return _plan(goal, name, search, graph, start, decision, at, opened)
@@ -286,8 +286,16 @@ def _plan(
     return Plan(goal, tuple(actions), seconds, seconds)
 
 
-def explain(search: MapSearch, belief: Floats, decision: Decision) -> str:
-    """Why a search goes on as it does, in one sentence or two."""
+def explain(
+    search: MapSearch, belief: Floats, decision: Decision, opened: frozenset[int] = frozenset()
+) -> str:
+    """Why a search goes on as it does, in one sentence or two.
+
+    Parameters
+    ----------
+    opened
+        The viewpoints whose container is open.
+    """
     name = search.problem.objects[0]
     if decision.action == "declare":
         places, cost = search.problem.declared(belief)
@@ -304,7 +312,7 @@ def explain(search: MapSearch, belief: Floats, decision: Decision) -> str:
     viewpoint = search.viewpoints[decision.viewpoint]
     chosen = decision.options[0]
     text = f"{name}: {_likeliest(search, belief)}. To {viewpoint.name}"
-    if viewpoint.opens is not None:
+    if viewpoint.opens is not None and decision.viewpoint not in opened:
         text += f", to open {viewpoint.opens}"
     shows = ", ".join(f"{p} ({s:.0%} of it)" for p, s in viewpoint.shows[:MOST_NAMES])
     text += (
