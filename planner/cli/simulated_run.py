@@ -171,7 +171,8 @@ class SimulatedRun:
         for name, answer in self.answers.items():
             if answer.place == ELSEWHERE:
                 continue
-            how = f"seen there, after {answer.looks} looks" if answer.seen else "not seen there"
+            looks = "1 look" if answer.looks == 1 else f"{answer.looks} looks"
+            how = f"seen there, after {looks}" if answer.seen else "not seen there"
             cli.out.print(f"{name} is at {answer.place} ({answer.probability:.0%}; {how})")
         if happens_in != original:
             cli.out.print(
