@@ -80,7 +80,7 @@ BEGIN
         FROM entity e LEFT JOIN world w ON w.entity_id = e.id
         WHERE e.map_id IN (SELECT t.map_id FROM thing t)
           AND (e.kind = 'room' OR e.kind = 'object' AND w.footprint IS NOT NULL
-               AND (e.type = ANY (bearing) OR coalesce(e.type, 'object') = 'object'))
+               AND (e.type IN (SELECT unnest(bearing)) OR coalesce(e.type, 'object') = 'object'))  -- IN: hashed
     ), board AS MATERIALIZED (  -- the surfaces of each model, and the height to the next one above
         SELECT s.model_id, sides_of(s.outline) AS sides, ST_Area(s.outline) AS area,
                (SELECT min(u.height) - s.height FROM support_surface u
@@ -135,7 +135,8 @@ BEGIN
       UNION ALL
         SELECT a.start, p.holder_id, a.depth + 1 FROM above a JOIN placement p ON p.entity_id = a.id WHERE p.holder_id IS NOT NULL
     ), known AS (  -- the words that are true of a place
-        SELECT a.start AS at, w.word FROM above a JOIN entity e ON e.id = a.id,
+        SELECT a.start AS at, w.word
+        FROM above a, LATERAL (SELECT e.name, e.label, e.type FROM entity e WHERE e.id = a.id OFFSET 0) e,  -- by index
              LATERAL (SELECT e.name UNION SELECT e.label UNION SELECT c.super FROM type_closure c WHERE c.sub = e.type) w (word)
         WHERE EXISTS (SELECT FROM word)
     ), typical AS (
