@@ -71,7 +71,7 @@ class _State:
     search: MapSearch
     belief: Floats
     newest: int
-    seen_in: str | None = None
+    seen_in: frozenset[str] = frozenset()
     looks: int = 0
     planned: int | None = None
     failures: int = 0
@@ -209,7 +209,7 @@ class SearchPlanner:
         answer = NOT_SEEN if seen not in problem.places else problem.places.index(seen)
         state.looks += 1
         state.planned = None
-        state.seen_in = seen or state.seen_in
+        state.seen_in |= {seen} if seen is not None else frozenset()
         if at is not None:
             try:
                 state.belief = problem.after(state.belief, at, [answer])
@@ -222,7 +222,7 @@ class SearchPlanner:
         chances = search.problem.by_place(state.belief)[0]
         best = int(chances.argmax())
         place, chance = search.problem.places[best], float(chances[best])
-        self.answers[name] = Answer(place, chance, state.seen_in == place, state.looks)
+        self.answers[name] = Answer(place, chance, place in state.seen_in, state.looks)
         if place == ELSEWHERE:
             others = _likeliest(search, state.belief)
             raise NotFoundError(
@@ -237,7 +237,7 @@ def _with_last_look(
 ) -> Decision:
     """The answer, if the object was seen there or need not be; else the best look."""
     places, _ = search.problem.declared(state.belief)
-    if accepted == ELSEWHERE or places[0] in (accepted, state.seen_in):
+    if accepted in (ELSEWHERE, places[0]) or places[0] in state.seen_in:
         return decision
     looks = [o for o in decision.options if o.viewpoint is not None and o.chance > LEAST_CHANCE]
     if not looks:
