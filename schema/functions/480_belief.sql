@@ -360,10 +360,12 @@ CREATE FUNCTION belief_moved()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- A placement by the map is a part of the prior.
-BEGIN
-    PERFORM refresh_belief(ARRAY(
+DECLARE
+    moved bigint[] := ARRAY(
         SELECT n.entity_id FROM former o FULL JOIN fresh n USING (entity_id)  -- full: as in placement_updated
-        WHERE coalesce(o.entity_id = n.entity_id, false) AND o.holder_id IS DISTINCT FROM n.holder_id AND EXISTS (SELECT FROM belief b WHERE b.entity_id = n.entity_id)));
+        WHERE coalesce(o.entity_id = n.entity_id, false) AND o.holder_id IS DISTINCT FROM n.holder_id);
+BEGIN
+    PERFORM refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM belief b WHERE b.entity_id = ANY (moved)));
     RETURN NULL;
 END $$;
 
@@ -371,10 +373,12 @@ CREATE FUNCTION belief_described()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- Size, mobility and usual places follow from the type and the properties.
-BEGIN
-    PERFORM refresh_belief(ARRAY(
+DECLARE
+    described bigint[] := ARRAY(
         SELECT n.id FROM former o FULL JOIN fresh n USING (id)
-        WHERE coalesce(o.id = n.id, false) AND (o.type, o.properties) IS DISTINCT FROM (n.type, n.properties) AND EXISTS (SELECT FROM belief b WHERE b.entity_id = n.id)));
+        WHERE coalesce(o.id = n.id, false) AND (o.type, o.properties) IS DISTINCT FROM (n.type, n.properties));
+BEGIN
+    PERFORM refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM belief b WHERE b.entity_id = ANY (described)));
     RETURN NULL;
 END $$;
 

@@ -19,6 +19,7 @@ EXECUTABLE = {
     "hold_still": {"semmap_robot", "semmap_admin"},
     "prune_changes": {"semmap_admin"},
     "prune_history": {"semmap_admin"},
+    "refresh_belief": {"semmap_robot", "semmap_admin"},
 }
 """Who may call the functions that run with their owner's rights; the others are for triggers."""
 
