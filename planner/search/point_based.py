@@ -86,8 +86,8 @@ def solve(
     ...     np.stack([np.eye(3), guess, guess]), np.stack([look, silence, silence]),
     ...     np.array([[-1.0, -1, 0], [0, -10, 0], [-10, 0, 0]]), np.array([0.5, 0.5, 0]))
     >>> policy = solve(door)
-    >>> door.actions[policy.action(door.start)], round(policy.value(door.start), 2)
-    ('look', -2.49)
+    >>> door.actions[policy.action(door.start)], round(policy.value(door.start), 1)
+    ('look', -2.5)
     """
     plans = _Plans(*_repeated_actions(pomdp))
     now = np.arange(len(plans.actions))
