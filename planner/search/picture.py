@@ -52,8 +52,9 @@ def search_picture(
             axes.add_patch(
                 Wedge(at, 2.0, yaw - half, yaw + half, color=VIEW, alpha=alpha, lw=0, zorder=6)
             )
-            axes.text(
-                *at,
+            axes.text(  # inside of its wedge: looks from one pose differ in heading
+                at[0] + 0.45 * math.cos(view.pose.yaw),
+                at[1] + 0.45 * math.sin(view.pose.yaw),
                 str(number),
                 zorder=7,
                 ha="center",
