@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.timing import Row, median_seconds, print_rows
 from planner.search.point_based import solve
 from planner.search.receding_horizon import decide
 from planner.search.search_problem import NOT_SEEN, SearchProblem, as_pomdp
+from tests.planner.search.problems import random_search
 
-__all__ = ["main", "random_search", "thesis_search"]
-
-Floats = NDArray[np.float64]
+__all__ = ["main", "thesis_search"]
 
 HIT, FALSE_ALARM = 0.7, 0.2
 """The rates of the thesis for a sighting of no age (section 4.4.1)."""
@@ -24,31 +22,6 @@ THESIS_MOVES, THESIS_LOOKS = 12, 41
 
 DRAWS = 200
 """Detections of each run of the thesis that are drawn at those rates."""
-
-
-def random_search(
-    objects: int, places: int, viewpoints: int, seed: int = 0
-) -> tuple[SearchProblem, Floats]:
-    """A search with random viewpoints, each of which shows a place, and a random belief."""
-    draw = np.random.default_rng(seed)
-    at = draw.uniform(0, 10, (viewpoints, 2))
-    visible = np.zeros((viewpoints, places))
-    visible[np.arange(viewpoints), np.arange(viewpoints) % places] = 1
-    problem = SearchProblem(
-        tuple(f"object{k}" for k in range(objects)),
-        tuple(f"place{k}" for k in range(places)),
-        tuple(f"view{k}" for k in range(viewpoints)),
-        np.arange(places),
-        visible,
-        np.linalg.norm(at[:, None] - at[None], axis=2),
-        np.linalg.norm(at, axis=1),
-        2.0,
-        np.full(objects, HIT),
-        np.full(objects, FALSE_ALARM),
-        60.0,
-        np.zeros(viewpoints),
-    )
-    return problem, draw.dirichlet(np.ones(places), objects)
 
 
 def thesis_search(wrong: float = 200.0) -> SearchProblem:
@@ -125,9 +98,9 @@ def search(
 
 def main() -> None:
     """Print the table of searches."""
-    problem, belief = random_search(2, 3, 3)
+    problem, belief = random_search(0, 2, 3, 3, hit=HIT, false_alarm=FALSE_ALARM)
     policy = median_seconds(lambda: solve(as_pomdp(problem, belief)), times=5)
-    wide, beliefs = random_search(20, 30, 40)
+    wide, beliefs = random_search(0, 20, 30, 40, hit=HIT, false_alarm=FALSE_ALARM)
     step = median_seconds(lambda: decide(wide, beliefs), times=5)
     scene = thesis_search()
     kept: dict[bytes, int | None] = {}

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from planner.cli import options
 from semmap import cli
 
 __all__ = ["missions_command", "run_command"]
@@ -17,35 +18,16 @@ def run_command(
     goal: Annotated[
         str | None, typer.Argument(help="on(muffin, desk1) and in(robot, kitchen), ...")
     ] = None,
-    start: Annotated[
-        str | None,
-        typer.Option("--from", help="Room in which the robot starts; by default its room."),
-    ] = None,
-    robot: Annotated[str, typer.Option("--agent", help="Name of the robot in the map.")] = "robot",
-    robot_class: Annotated[
-        str | None, typer.Option("--robot", help="Class of the robot (semmap robot).")
-    ] = None,
+    start: options.Start = None,
+    robot: options.Agent = "robot",
+    robot_class: options.RobotName = None,
     simulate: Annotated[bool, typer.Option("--simulate", help="Simulate the robot.")] = False,
-    speed: Annotated[
-        float, typer.Option(help="Speed of the simulated clock; 1 is real time.")
-    ] = 20.0,
-    fail: Annotated[
-        list[str] | None,
-        typer.Option(help="'door5 locked', 'pickup fails twice', 'drop fails .1'"),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of random failures.")] = 0,
-    put: Annotated[
-        list[str] | None,
-        typer.Option("--put", help="'mug on desk1': where an object truly is; repeatable."),
-    ] = None,
-    world: Annotated[
-        Path | None,
-        typer.Option(help="File with the state of the simulation; several robots may share it."),
-    ] = None,
-    apply: Annotated[
-        bool,
-        typer.Option("--apply", help="Write what happens into the map; by default into a copy."),
-    ] = False,
+    speed: options.Speed = 20.0,
+    fail: options.Fail = None,
+    seed: options.Seed = 0,
+    put: options.Put = None,
+    world: options.WorldFile = None,
+    apply: options.Apply = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue a mission whose process has ended.")
     ] = False,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from planner.cli import options
 from semmap import cli
 
 if TYPE_CHECKING:
@@ -19,21 +20,13 @@ __all__ = ["search_command"]
 
 def search_command(
     name: Annotated[str, typer.Argument(help="Name of the object.")],
-    start: Annotated[
-        str | None,
-        typer.Option("--from", help="Room in which the robot starts; by default its room."),
-    ] = None,
-    robot: Annotated[str, typer.Option("--agent", help="Name of the robot in the map.")] = "robot",
-    robot_class: Annotated[
-        str | None, typer.Option("--robot", help="Class of the robot (semmap robot).")
-    ] = None,
+    start: options.Start = None,
+    robot: options.Agent = "robot",
+    robot_class: options.RobotName = None,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Let a simulated robot search.")
     ] = False,
-    put: Annotated[
-        list[str] | None,
-        typer.Option("--put", help="'mug on desk1': where an object truly is; repeatable."),
-    ] = None,
+    put: options.Put = None,
     wrong: Annotated[
         float, typer.Option(help="Seconds that a wrong answer costs; with more, it looks longer.")
     ] = 3600.0,
@@ -50,21 +43,11 @@ def search_command(
     pomdp: Annotated[
         Path | None, typer.Option(help="Write the search as a .pomdp file for other solvers.")
     ] = None,
-    speed: Annotated[
-        float, typer.Option(help="Speed of the simulated clock; 1 is real time.")
-    ] = 20.0,
-    fail: Annotated[
-        list[str] | None, typer.Option(help="'door5 locked', 'navigate fails once', ...")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of detections and failures.")] = 0,
-    world: Annotated[
-        Path | None,
-        typer.Option(help="File with the state of the simulation; several runs may share it."),
-    ] = None,
-    apply: Annotated[
-        bool,
-        typer.Option("--apply", help="Write what is seen into the map; by default into a copy."),
-    ] = False,
+    speed: options.Speed = 20.0,
+    fail: options.Fail = None,
+    seed: options.Seed = 0,
+    world: options.WorldFile = None,
+    apply: options.Apply = False,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:

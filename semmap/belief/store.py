@@ -244,7 +244,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _moment(given: Any, where: str) -> datetime | None:
-    """The time of an observation, aware; None for now."""
+    """The time of an observation, aware; None for the present."""
     if given is None:
         return None
     if isinstance(given, str):

@@ -1,4 +1,4 @@
-"""What of an SDF world is left out, and what makes it be refused."""
+"""Parts of SDF worlds that are left out, and worlds that are refused."""
 
 from __future__ import annotations
 
