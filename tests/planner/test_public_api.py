@@ -48,5 +48,5 @@ def test_importing_the_package_imports_no_library():
 
 @pytest.mark.parametrize("path", COMMANDS, ids=lambda p: p.stem)
 def test_commands_import_the_planner_only_when_they_run(path):
-    names = [n for n in imports(path) if n != "planner"]
+    names = [n for n in imports(path) if n != "planner" and module_file(n) not in COMMANDS]
     assert names == []
