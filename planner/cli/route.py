@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from planner.cli.place_progress import place_progress
 from semmap import cli
 
 if TYPE_CHECKING:
@@ -110,17 +111,10 @@ def _live_topology(
     map_name: str | None, robot: str | RobotClass, *, quiet: bool
 ) -> Iterator[LiveTopology]:
     """The present topology; shows the progress while travel times are measured."""
-    from rich.progress import Progress
-
     from planner.live_topology import LiveTopology
 
     with cli.database() as engine:
-        with Progress(console=cli.out, transient=True, disable=quiet) as bar:
-            task = bar.add_task("measuring travel times", total=None, visible=False)
-
-            def progress(place: str, number: int, total: int) -> None:
-                bar.update(task, description=place, completed=number, total=total, visible=True)
-
+        with place_progress(quiet=quiet) as progress:
             live = LiveTopology(engine, map_name, robot, progress=progress)
         yield live
 

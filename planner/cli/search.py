@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from planner.cli import options
+from planner.cli.place_progress import place_progress
 from semmap import cli
 
 if TYPE_CHECKING:
@@ -90,7 +91,9 @@ def search_command(
         with live.snapshot() as connection:
             state = read_state(connection, live.topology, start)
             begin = live.graph.endpoint(state.place, state.pose)
-            search = SearchPlanner(live, sight, detector).begin(connection, name, begin)
+            with place_progress(quiet=json_) as progress:
+                planner = SearchPlanner(live, sight, detector)
+                search = planner.begin(connection, name, begin, progress=progress)
     decision = decide(search.problem, search.belief)
     if pomdp is not None:
         from planner.search.pomdp_file import write_pomdp

@@ -6,6 +6,8 @@ It chooses among thousands of viewpoints. What the chosen ones see is then compu
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,30 +46,51 @@ class LineOfSight:
             u, v = u[u + v <= 1 + 1e-9], v[u + v <= 1 + 1e-9]
             weights = np.column_stack([1 - u - v, u, v])
             for chunk in np.array_split(some, max(1, len(some) * len(weights) // 1_000_000)):
-                self.occupied.ravel()[self._cells((weights @ chunk).reshape(-1, 3))] = True
+                points = (weights @ chunk).reshape(-1, 3)
+                self.occupied.ravel()[self._cells(*self._in_voxels(points))] = True
 
-    def _cells(self, points: Floats) -> NDArray[np.int64]:
+    def _in_voxels(self, points: Floats) -> Floats:
+        """(3, N) points (N, 3) in voxels from the grid's corner."""
+        return np.ascontiguousarray(((points - self.low) / self.size).T)
+
+    def _cells(self, x: Floats, y: Floats, z: Floats) -> NDArray[np.int64]:
         """(...,) the number of the voxel of each point; outside, of a free one at the border."""
-        cells = ((points - self.low) / self.size).astype(np.int32)
-        x, y, z = (
-            np.clip(cells[..., k], 0, self.occupied.shape[k] - 1).astype(np.int64) for k in range(3)
+        i, j, k = (
+            np.clip(values, 0, length - 1).astype(np.int64)
+            for values, length in zip((x, y, z), self.occupied.shape, strict=True)
         )
-        numbers: NDArray[np.int64] = (x * self.occupied.shape[1] + y) * self.occupied.shape[2] + z
+        numbers: NDArray[np.int64] = (i * self.occupied.shape[1] + j) * self.occupied.shape[2] + k
         return numbers
 
     def is_free(self, points: Floats) -> NDArray[np.bool_]:
         """(...,) whether points (..., 3) are in no obstacle."""
-        return ~self.occupied.ravel()[self._cells(points)]
+        cells = self._cells(*self._in_voxels(points.reshape(-1, 3)))
+        return (~self.occupied.ravel()[cells]).reshape(points.shape[:-1])
+
+    def free_columns(self, x: Floats, y: Floats, low: float, high: float) -> NDArray[np.bool_]:
+        """(X, Y) whether no obstacle is between two heights, at ascending x (X,) and y (Y,)."""
+        shape = self.occupied.shape
+        bottom, top = ((z - self.low[2]) / self.size for z in (low, high))
+        i = np.clip((x - self.low[0]) / self.size, 0, shape[0] - 1).astype(np.int64)
+        j = np.clip((y - self.low[1]) / self.size, 0, shape[1] - 1).astype(np.int64)
+        columns = self.occupied[i[0] : i[-1] + 1, j[0] : j[-1] + 1]
+        layers = columns[:, :, max(0, math.ceil(bottom)) : max(0, math.floor(top))]
+        free: NDArray[np.bool_] = ~np.any(layers, axis=2)
+        return free[np.ix_(i - i[0], j - j[0])]
 
     def sees(self, eye: Floats, points: Floats) -> NDArray[np.bool_]:
         """(N,) whether nothing is between an eye (3,) and points (N, 3)."""
-        offset = points - eye
-        length = np.linalg.norm(offset, axis=1)
-        count = int(np.ceil(length.max(initial=0) / (0.8 * self.size))) + 1
         clear = np.ones(len(points), np.bool_)
+        if not len(points):
+            return clear
+        length = np.linalg.norm(points - eye, axis=1)
+        count = math.ceil(length.max() / (0.8 * self.size)) + 1
         share = np.clip((length - SPARED) / np.maximum(length, 1e-9), 0, 1)
-        for step in np.array_split(np.linspace(0, 1, count), max(1, count // 16)):
+        start = self._in_voxels(eye[None])
+        offset = share * (self._in_voxels(points) - start)
+        occupied = self.occupied.ravel()
+        for steps in np.array_split(np.linspace(0, 1, count), max(1, count // 16)):
             left = np.flatnonzero(clear)
-            along = step[None, :, None] * (share[left, None] * offset[left])[:, None]
-            clear[left] = self.is_free(eye + along).all(axis=1)
+            along = (s + o[left, None] * steps for s, o in zip(start, offset, strict=True))
+            clear[left] = ~occupied[self._cells(*along)].any(axis=1)
         return clear

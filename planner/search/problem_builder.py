@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,6 +148,7 @@ def build_search(
     detector: Detector | None = None,
     shut: frozenset[str] = frozenset(),
     most_viewpoints: int = 30,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> MapSearch:
     """The search for an object whose place is believed.
 
@@ -170,6 +171,9 @@ def build_search(
     shut
         Names of the places that must be opened before the robot sees into them; a place without a
         surface is one of them.
+    progress
+        Called for each place in which viewpoints are sought: its name, its number, and how many
+        places there are.
 
     Raises
     ------
@@ -192,10 +196,9 @@ def build_search(
     counts = np.bincount(of, minlength=len(wanted))
     weights = np.array([belief[p] for p in wanted])[of] / counts[of]
 
-    space = LineOfSight(occluders)
     rooms = {p.name: p for p in places if p.kind == "room" and p.footprint is not None}
     poses, in_room, seen, seconds, ends = _candidates(
-        rooms, points, inside, space, sight, graph, start
+        rooms, points, inside, occluders, sight, graph, start, progress or (lambda *_: None)
     )
     chosen = choose_views(seen, weights, seconds, most_viewpoints)
     viewpoints: list[tuple[str, Pose, str | None]] = []
@@ -278,19 +281,23 @@ def _candidates(
     rooms: Mapping[str, Place],
     points: Floats,
     inside: NDArray[np.bool_],
-    space: LineOfSight,
+    occluders: Floats,
     sight: Sight,
     graph: RoutingGraph,
     start: Endpoint,
+    progress: Callable[[str, int, int], None],
 ) -> tuple[list[Pose], list[str], NDArray[np.bool_], Floats, list[Endpoint]]:
     """Base poses, their rooms, the points that they show, seconds to them, and endpoints."""
     costmaps = graph.costs if isinstance(graph.costs, StoreyCostmaps) else None
+    space = LineOfSight(occluders)
     poses: list[Pose] = []
     in_room: list[str] = []
     seen: list[NDArray[np.bool_]] = [np.empty((0, len(points)), np.bool_)]
     ends: list[Endpoint] = []
     open_points = np.where(inside[:, None], np.inf, points)
-    for name, place in graph.topology.places.items():
+    places = graph.topology.places
+    for number, (name, place) in enumerate(places.items(), 1):
+        progress(name, number, len(places))
         if name == OUTSIDE or name not in rooms or place.elevator is not None:
             continue
         outline = rooms[name].footprint
@@ -298,13 +305,7 @@ def _candidates(
         near = shapely.distance(shapely.points(points[:, :2]), outline) <= sight.furthest
         if not near.any():
             continue
-        positions = free_positions(
-            name,
-            place.floor,
-            outline,
-            space,
-            costmaps,
-        )
+        positions = free_positions(name, place.floor, outline, space, costmaps)
         views, masks = views_from(positions, place.floor, open_points, space, sight)
         beside = _beside(positions, place.floor, points[inside])
         views += beside

@@ -110,7 +110,12 @@ class SearchPlanner:
         self.answers: dict[str, Answer] = {}
 
     def begin(
-        self, connection: Any, name: str, start: Endpoint, graph: RoutingGraph | None = None
+        self,
+        connection: Any,
+        name: str,
+        start: Endpoint,
+        graph: RoutingGraph | None = None,
+        progress: Callable[[str, int, int], None] | None = None,
     ) -> MapSearch:
         """The search for an object from where the robot is.
 
@@ -133,6 +138,7 @@ class SearchPlanner:
             sight=self.sight,
             detector=self.detector,
             shut=known.shut,
+            progress=progress,
         )
 
     def next_steps(

@@ -82,11 +82,12 @@ class Sight:
             nearest=self.nearest,
         )
 
-    def frames(self, base: Pose, points: Floats) -> Mask:
-        """(N,) which points (N, 3) are in the picture, if nothing hides them."""
-        x, y, z = (points - self.eye(base)).T
-        level = x * math.cos(base.yaw) + y * math.sin(base.yaw)
-        right = x * math.sin(base.yaw) - y * math.cos(base.yaw)
+    def frames(self, eye: Floats, yaws: Floats, points: Floats) -> Mask:
+        """(H, N) which points (N, 3) are in the picture of each yaw (H,), if nothing hides them."""
+        x, y, z = (points - eye).T
+        cos, sin = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+        level = x * cos + y * sin
+        right = x * sin - y * cos
         ahead = level * math.cos(self.pitch) - z * math.sin(self.pitch)
         down = -level * math.sin(self.pitch) - z * math.cos(self.pitch)
         half = math.tan(self.field_of_view / 2)
@@ -143,15 +144,7 @@ def _free_without_costmap(
     size = space.size
     x, y = (np.arange(outline.bounds[k], outline.bounds[k + 2] + size, size) for k in (0, 1))
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    heights = np.arange(floor + low + size, floor + high, size)
-    column = np.concatenate(
-        [
-            np.broadcast_to(grid[:, :, None], (*grid.shape[:2], len(heights), 2)),
-            np.broadcast_to(heights[None, None, :, None], (*grid.shape[:2], len(heights), 1)),
-        ],
-        axis=-1,
-    )
-    blocked = ~space.is_free(column).all(axis=2)
+    blocked = ~space.free_columns(x, y, floor + low + size, floor + high)
     reach = math.ceil(radius / size)
     disc = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach
     free = ~binary_dilation(blocked, disc)
@@ -166,16 +159,16 @@ def views_from(
     """The base poses at positions (C, 2), and which points (N, 3) each sees, (C * headings, N)."""
     poses: list[Pose] = []
     seen: list[Mask] = []
+    yaws = 2 * math.pi * np.arange(HEADINGS) / HEADINGS - math.pi
     for x, y in positions:
         eye = np.array([x, y, floor + sight.height])
         near = np.flatnonzero(np.linalg.norm(points - eye, axis=1) <= sight.furthest)
         clear = near[space.sees(eye, points[near])] if space.is_free(eye) else near[:0]
-        for k in range(HEADINGS):
-            base = Pose.planar(float(x), float(y), 2 * math.pi * k / HEADINGS - math.pi, floor)
-            mask = np.zeros(len(points), np.bool_)
-            mask[clear] = sight.frames(base, points[clear])
-            if mask.any():
-                poses.append(base)
+        for yaw, framed in zip(yaws, sight.frames(eye, yaws, points[clear]), strict=True):
+            if framed.any():
+                mask = np.zeros(len(points), np.bool_)
+                mask[clear] = framed
+                poses.append(Pose.planar(float(x), float(y), float(yaw), floor))
                 seen.append(mask)
     return poses, np.array(seen, np.bool_).reshape(-1, len(points))
 
