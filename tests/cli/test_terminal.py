@@ -108,7 +108,7 @@ def test_element_of_a_file(office: str, tmp_path: Path) -> None:
     said = semmap(office, "import", world, "--map", "filed").output
     assert "left out: 1" in said
     assert "cup\\u202e" in said
-    assert controls(said) == set()
+    assert controls(said) == set(), repr(said)
 
 
 PRINTS = """
