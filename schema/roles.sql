@@ -133,6 +133,7 @@ BEGIN
         FROM pg_proc p LEFT JOIN (VALUES
             ('copy_map', ARRAY['semmap_admin']), ('drop_map', ARRAY['semmap_admin']), ('drop_unused_models', ARRAY['semmap_admin']),
             ('prune_history', ARRAY['semmap_admin']), ('prune_changes', ARRAY['semmap_admin']),
+            ('prune_observations', ARRAY['semmap_admin']),
             ('derive_again', ARRAY['semmap_admin']),
             ('refresh_belief', ARRAY['semmap_robot', 'semmap_admin']), ('refresh_beliefs', ARRAY['semmap_robot', 'semmap_admin']),
             ('hold_still', ARRAY['semmap_robot', 'semmap_admin']), ('queue_writer', ARRAY['semmap_robot', 'semmap_admin']),

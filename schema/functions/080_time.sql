@@ -73,6 +73,20 @@ BEGIN
     RETURN n;
 END $$;
 
+CREATE FUNCTION prune_observations(most bigint DEFAULT NULL)
+RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Deletes what agents observed longer ago than the `keep_for` of the retention 'observation', at most so many (all if
+-- null); returns how many. The beliefs follow.
+DECLARE
+    n bigint;
+BEGIN
+    DELETE FROM observation o
+        USING (SELECT id FROM observation WHERE observer_id IS NOT NULL ORDER BY id LIMIT most) oldest
+        WHERE o.id = oldest.id AND o.at < now() - (SELECT keep_for FROM retention WHERE kind = 'observation');
+    GET DIAGNOSTICS n = ROW_COUNT;
+    RETURN n;
+END $$;
+
 CREATE FUNCTION change_deleted()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Stores the number of the newest transaction of which a change was pruned; changes of a dropped map do not
@@ -107,6 +121,7 @@ BEGIN
         RETURN;
     END IF;
     PERFORM prune_changes(5000);
+    PERFORM prune_observations(1000);
     FOR ended IN
         SELECT h.entity_id FROM entity_history h JOIN retention r ON r.kind = h.kind
         WHERE h.ended AND upper(h.during) < now() - r.keep_for ORDER BY upper(h.during) LIMIT 100

@@ -328,11 +328,21 @@ CREATE FUNCTION observation_added()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The places of a thing and their priors are found at its first observation, and at one of a place that is new.
+-- Of repeated looks of an agent within `keep_every`, the last is kept: they are not independent.
 DECLARE
+    every interval := (SELECT keep_every FROM retention WHERE kind = 'observation');
     ids bigint[] := ARRAY(SELECT DISTINCT entity_id FROM fresh);
     unknown bigint[] := ARRAY(SELECT DISTINCT entity_id FROM fresh f WHERE NOT has_place(f.entity_id, f.place_id, f.inside));
     wrong record;
 BEGIN
+    IF every IS NOT NULL THEN
+        PERFORM set_config('semmap.believing', 'on', true);
+        DELETE FROM observation o USING fresh f
+            WHERE o.entity_id = f.entity_id AND o.place_id = f.place_id AND o.observer_id = f.observer_id
+              AND o.seen = f.seen AND o.inside = f.inside AND (o.at, o.id) < (f.at, f.id)
+              AND floor(extract(epoch FROM o.at) / extract(epoch FROM every)) = floor(extract(epoch FROM f.at) / extract(epoch FROM every));
+        PERFORM set_config('semmap.believing', '', true);
+    END IF;
     PERFORM refresh_belief(unknown);
     PERFORM refresh_belief(ARRAY(SELECT unnest(ids) EXCEPT SELECT unnest(unknown)), true);
     SELECT t.name, p.name AS place INTO wrong

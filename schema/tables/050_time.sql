@@ -28,14 +28,16 @@ CREATE TABLE placement_history (
 CREATE INDEX placement_history_entity ON placement_history (entity_id, lower(during));
 
 -- Former placements and versions of a kind of entity: at most one placement is kept per `keep_every`, none
--- that ended longer than `keep_for` ago; `change`: the rows of the table of that name. Writers apply it.
+-- that ended longer than `keep_for` ago. `change`: the rows of the table of that name. `observation`: what agents
+-- observed, of each look of an agent at a thing in a place with one result. What people taught is kept. Writers apply it.
 CREATE TABLE retention (
     kind       text PRIMARY KEY,
     keep_every interval CHECK (keep_every > '0'),
     keep_for   interval CHECK (keep_for > '0')
 );
 INSERT INTO retention (kind, keep_every, keep_for) VALUES
-    ('agent', '1 second', '30 days'), ('object', NULL, '1 year'), ('change', NULL, '7 days');
+    ('agent', '1 second', '30 days'), ('object', NULL, '1 year'), ('change', NULL, '7 days'),
+    ('observation', NULL, '30 days');
 
 -- One row per changing statement. A reader catches up by transaction snapshot, not by id: ids can
 -- commit out of order.

@@ -297,3 +297,30 @@ def test_copies_and_their_end(flat_map: SemanticMap) -> None:
         flat_map.execute("DELETE FROM observation")
         flat_map.execute("DELETE FROM belief")
     assert flat_map.execute("SELECT count(*) FROM belief") == [(0,)]
+
+
+def test_repeated_looks_of_an_agent_count_once_and_old_ones_go(flat: SemanticMap) -> None:
+    second = datetime(2026, 5, 1, tzinfo=UTC)
+    frames = [second + timedelta(milliseconds=200 * k) for k in range(10)]  # two seconds at 5 Hz
+    of = {"object": "mug", "place": "table", "seen": True}
+    flat.execute("UPDATE retention SET keep_every = '1 second' WHERE kind = 'observation'")
+    observe(flat, *[of | {"at": at, "observer": "robot"} for at in frames])
+    observe(flat, *[of | {"at": at} for at in frames[:3]])  # a person says so three times
+    kept = flat.execute("SELECT observer_id IS NULL, at FROM observation ORDER BY 1, 2")
+    assert kept == [(False, frames[4]), (False, frames[9]), *((True, at) for at in frames[:3])]
+    prior = {r["place"]: r["prior"] for r in where(flat.database.session, "mug", at=NOW)}
+    rows = [of | {"at": at} for _, at in kept]
+    (table,) = flat.execute(
+        "SELECT probability FROM belief WHERE entity_id = entity_id('mug') "
+        "AND place_id = entity_id('table')"
+    )
+    assert table[0] == pytest.approx(expected(prior, rows, NOW, 1)["table"], abs=1e-9)
+    flat.execute(
+        "UPDATE retention SET keep_for = now() - '2026-05-01 00:00:01'::timestamptz "
+        "WHERE kind = 'observation'"
+    )
+    flat.execute("SELECT apply_retention()")
+    assert flat.execute("SELECT at FROM observation WHERE observer_id IS NOT NULL") == [
+        (frames[9],)
+    ]
+    assert flat.execute("SELECT count(*) FROM observation") == [(4,)]

@@ -18,6 +18,7 @@ EXECUTABLE = {
     "drop_unused_models": {"semmap_admin"},
     "hold_still": {"semmap_robot", "semmap_admin"},
     "prune_changes": {"semmap_admin"},
+    "prune_observations": {"semmap_admin"},
     "prune_history": {"semmap_admin"},
     "refresh_belief": {"semmap_robot", "semmap_admin"},
 }

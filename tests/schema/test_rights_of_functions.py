@@ -49,6 +49,7 @@ CALLS: dict[str, set[str]] = {
     "move_to({other}, 1, 2, 3)": {"admin"},
     "move_to({room}, 1, 2, 3)": {"admin"},
     "prune_changes()": {"admin"},
+    "prune_observations()": {"admin"},
     "prune_history()": {"admin"},
     "put({mug}, NULL)": WRITERS,
     "put({other}, NULL)": {"admin"},
