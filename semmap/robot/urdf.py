@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.geometry.outline import hull_points
@@ -79,13 +80,16 @@ class Robot:
         """All links, parents before their children."""
         return (self._urdf.base_link, *(joint.child for joint in self.joints))
 
-    def link_poses(self, state: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
-        """Return the pose (4, 4) of each link with geometry, in the robot's frame on the ground.
+    def link_poses(
+        self, state: Mapping[str, float], links: Iterable[str] | None = None
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return the pose (4, 4) of links in the robot's frame on the ground.
 
         Parameters
         ----------
         state : joint positions, radians or metres; other joints are at 0, or at
             the limit that is nearest to 0
+        links : by default those with geometry
 
         Raises
         ------
@@ -94,11 +98,33 @@ class Robot:
         """
         self._urdf.update_cfg(self._complete(state))
         poses = {}
-        for link in self.meshes:
+        for link in self.meshes if links is None else links:
             pose = np.array(self._urdf.get_transform(link, self.base), dtype=np.float64)
             pose[2, 3] -= self._ground
             poses[link] = pose
         return poses
+
+    def transform(self, joint: Joint, state: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the pose (4, 4) of a joint's child in the frame of its parent.
+
+        Joints that `state` does not name are at 0; a joint that mimics another follows it.
+        """
+        read = self._urdf.joint_map[joint.name]
+        pose = np.eye(4) if read.origin is None else np.array(read.origin, np.float64)
+        multiplier, offset = self.mimicry(joint)
+        position = multiplier * float(state.get(joint.mimics or joint.name, 0.0)) + offset
+        axis = np.array(joint.axis) / max(float(np.linalg.norm(joint.axis)), 1e-12)
+        if joint.type in ("revolute", "continuous"):
+            pose[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(position * axis).as_matrix()
+        elif joint.type == "prismatic":
+            pose[:3, 3] += pose[:3, :3] @ axis * position
+        return pose
+
+    def mimicry(self, joint: Joint) -> tuple[float, float]:
+        """Return (multiplier, offset) with which a joint follows the one that it mimics."""
+        mimic = self._urdf.joint_map[joint.name].mimic
+        given = (None, None) if mimic is None else (mimic.multiplier, mimic.offset)
+        return 1.0 if given[0] is None else float(given[0]), float(given[1] or 0.0)
 
     def axis(self, joint: Joint) -> NDArray[np.float64]:
         """Return the axis (3,) of a joint in the robot's frame, with all joints at rest."""
@@ -106,6 +132,10 @@ class Robot:
         turned = np.asarray(self._urdf.get_transform(joint.child, self.base))[:3, :3] @ joint.axis
         axis: NDArray[np.float64] = turned / np.linalg.norm(turned)
         return axis
+
+    def hull(self, link: str) -> NDArray[np.float64]:
+        """Return the corners (N, 3) of the hull of a link in its own frame."""
+        return self._hulls[link]
 
     def hulls(self, state: Mapping[str, float]) -> dict[str, NDArray[np.float64]]:
         """Return the hull's corners (N, 3) of each link, in the robot's frame on the ground."""

@@ -37,7 +37,11 @@ REAL = {
 
 def real_robot(name: str) -> Path:
     """The URDF of a real robot; skips the test where its package is not installed."""
-    package, file = REAL[name]
+    return installed_file(*REAL[name])
+
+
+def installed_file(package: str, file: str) -> Path:
+    """A file of an installed package; skips the test where the package is not installed."""
     try:
         files = importlib.metadata.files(package) or []
     except importlib.metadata.PackageNotFoundError:

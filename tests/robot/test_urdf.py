@@ -256,3 +256,19 @@ def test_meshes_beside_the_file_and_in_packages(tmp_path: Path) -> None:
     near = BY_HAND.replace('<sphere radius="0.1"/>', '<mesh filename="../meshes/ball.stl"/>')
     robot = load_robot(by_hand(package / "urdf", near))
     assert np.ptp(robot.meshes["head_link"].vertices) == pytest.approx(300)
+
+
+@pytest.mark.parametrize("name", ["tiago", "pr2"])
+def test_transforms_of_joints_lead_to_the_poses_of_links(name):
+    robot = load_robot(real_robot(name))
+    random = np.random.default_rng(3)
+    state = {
+        j.name: float(random.uniform(max(j.limits[0], -3), min(j.limits[1], 3)))
+        for j in robot.joints
+        if j.mimics is None and j.type in ("revolute", "prismatic", "continuous")
+    }
+    expected = robot.link_poses(state, robot.links)
+    poses = {robot.links[0]: expected[robot.links[0]]}
+    for joint in robot.joints:
+        poses[joint.child] = poses[joint.parent] @ robot.transform(joint, state)
+        np.testing.assert_allclose(poses[joint.child], expected[joint.child], atol=1e-9)

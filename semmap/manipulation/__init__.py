@@ -1,0 +1,1 @@
+"""Manipulation (Tosello et al.): grasps, pushes and places, from shapes and from experience."""

@@ -1,0 +1,156 @@
+"""Which grasps a gripper can reach without touching anything else than the object.
+
+The links of a gripper are their convex hulls. An approach is a straight move of the open gripper:
+the hull of both ends is all that a convex link passes, so it is checked exactly and at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from semmap.manipulation.candidates import Grasps
+from semmap.manipulation.extra import library
+from semmap.manipulation.gripper import Gripper
+
+__all__ = ["Obstacles", "convex_body", "free_grasps"]
+
+Floats = NDArray[np.float64]
+
+_BODIES: WeakKeyDictionary[Gripper, dict[tuple[float, ...], Any]] = WeakKeyDictionary()
+"""Swept links: the passes of all shapes approach along few directions in the grasp frame."""
+
+
+def convex_body(points: Floats) -> Any:
+    """Return the convex hull of (N, 3) points as a shape of FCL."""
+    fcl = library("fcl")
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # flat
+        hull = ConvexHull(points, qhull_options="QJ")
+    corners = points[hull.vertices]
+    number = np.empty(len(points), np.intp)
+    number[hull.vertices] = np.arange(len(corners))
+    triangles = _outward(corners, number[hull.simplices])
+    faces = np.column_stack([np.full(len(triangles), 3), triangles]).astype(np.int32).ravel()
+    return fcl.Convex(corners, len(triangles), faces)
+
+
+def _outward(corners: Floats, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
+    a, b, c = np.moveaxis(corners[triangles], 1, 0)
+    turned = np.einsum("ni,ni->n", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0
+    return np.where(turned[:, None], triangles[:, ::-1], triangles)
+
+
+class Obstacles:
+    """Triangles (F, 3, 3) in the map's frame that a robot must not touch, metres."""
+
+    def __init__(self, triangles: Floats) -> None:
+        self.triangles = np.ascontiguousarray(triangles, np.float64).reshape(-1, 3, 3)
+        self._low = self.triangles.min(axis=1)
+        self._high = self.triangles.max(axis=1)
+        self._body: Any = None
+
+    def __len__(self) -> int:
+        return len(self.triangles)
+
+    def within(self, low: Floats, high: Floats) -> Obstacles:
+        """Return the obstacles whose boxes meet a box: quicker to search."""
+        met = np.all((self._low <= high) & (self._high >= low), axis=1)
+        return Obstacles(self.triangles[met])
+
+    def joined(self, triangles: Floats) -> Obstacles:
+        """Return these and more obstacles."""
+        return Obstacles(np.concatenate([self.triangles, triangles.reshape(-1, 3, 3)]))
+
+    def touched_by(self, bodies: Sequence[Any], poses: Sequence[Floats]) -> bool:
+        """Return whether any of the bodies, each at its pose (4, 4), touches a triangle."""
+        if not len(self):
+            return False
+        fcl = library("fcl")
+        request, result = fcl.CollisionRequest(), fcl.CollisionResult()
+        for body, pose in zip(bodies, poses, strict=True):
+            placed = fcl.CollisionObject(body, fcl.Transform(pose[:3, :3], pose[:3, 3]))
+            if fcl.collide(placed, self._object(), request, result):
+                return True
+        return False
+
+    def _object(self) -> Any:
+        if self._body is None:
+            fcl = library("fcl")
+            corners, index = np.unique(self.triangles.reshape(-1, 3), axis=0, return_inverse=True)
+            faces = index.reshape(-1, 3)
+            model = fcl.BVHModel()
+            model.beginModel(len(corners), len(faces))
+            model.addSubModel(corners, faces)
+            model.endModel()
+            self._body = fcl.CollisionObject(model)
+        return self._body
+
+
+def free_grasps(
+    grasps: Grasps, model: Floats, obstacles: Obstacles, skip: Iterable[str] = ()
+) -> NDArray[np.bool_]:
+    """Return (N,) whether the gripper reaches each grasp without touching an obstacle.
+
+    The open gripper moves straight from pre-grasp to grasp, then closes to the width of the object.
+
+    Parameters
+    ----------
+    grasps : Grasps
+    model : (4, 4)
+        The pose of the model in the frame of the obstacles.
+    obstacles : Obstacles
+        With the object itself, if the palm must not touch it either.
+    skip : names of links that are not checked
+    """
+    gripper = grasps.gripper
+    left_out = frozenset(skip)
+    chosen = [i for i, link in enumerate(gripper.links) if link not in left_out]
+    poses = model @ grasps.poses
+    inverse = np.linalg.inv(grasps.poses)
+    back = (inverse @ grasps.pre_grasps)[:, :3, 3]
+    if not len(grasps):
+        return np.zeros(0, bool)
+    near = obstacles.within(*_box(gripper, poses, back))
+    moved = [k for k in chosen if any(gripper.links[k] in f for f in gripper.fingers)]
+    free = np.ones(len(grasps), bool)
+    for i, pose in enumerate(poses):
+        way = [_swept(gripper, 0, link, back[i]) for link in chosen]
+        free[i] = not near.touched_by(way, [pose] * len(way))
+        if free[i]:
+            posture = gripper.index(float(grasps.widths[i]))
+            closed = [_swept(gripper, posture, link, np.zeros(3)) for link in moved]
+            free[i] = not near.touched_by(closed, [pose] * len(closed))
+    return free
+
+
+def _hull_points(gripper: Gripper, posture: int, link: int) -> Floats:
+    pose = gripper.poses[posture, link]
+    corners = gripper.robot.hull(gripper.links[link])
+    points: Floats = corners @ pose[:3, :3].T + pose[:3, 3]
+    return points
+
+
+def _swept(gripper: Gripper, posture: int, link: int, back: Floats) -> Any:
+    """The convex hull of a link at the grasp and moved by `back`, in the grasp frame."""
+    bodies = _BODIES.setdefault(gripper, {})
+    key = (posture, link, *(back.round(6) + 0.0).tolist())
+    if key not in bodies:
+        points = _hull_points(gripper, posture, link)
+        bodies[key] = convex_body(np.concatenate([points, points + back]) if back.any() else points)
+    return bodies[key]
+
+
+def _box(gripper: Gripper, poses: Floats, back: Floats) -> tuple[Floats, Floats]:
+    """The lowest and highest corner of all that the gripper passes."""
+    points = np.concatenate([_hull_points(gripper, 0, i) for i in range(len(gripper.links))])
+    radius = float(np.linalg.norm(points, axis=1).max())
+    before = poses[:, :3, 3] + np.einsum("nij,nj->ni", poses[:, :3, :3], back)
+    ends = np.concatenate([poses[:, :3, 3], before])
+    return ends.min(axis=0) - radius, ends.max(axis=0) + radius

@@ -1,0 +1,491 @@
+"""Grippers, as the URDF of a gripper or of a whole robot describes them.
+
+A palm is a link on which at least two fingers move: short chains without a branch. The grasp frame
+has its origin between the pads of the open fingers, +z is the approach and +x the direction in
+which the fingers close.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from semmap.geometry.mesh import Mesh, join
+from semmap.manipulation.error import ManipulationError
+from semmap.robot.urdf import Joint, Robot, load_robot
+
+__all__ = ["Gripper", "find_grippers", "read_gripper"]
+
+Floats = NDArray[np.float64]
+
+FINGER = 0.35
+"""The greatest length of a finger, metres; longer chains are arms and legs."""
+
+PAD = 0.02
+"""The length of a finger's end that touches the object, metres."""
+
+STEPS = 33
+"""Postures between open and closed that are computed in advance."""
+
+SAMPLES = 1500
+"""Points on the surface of a link from which the width between fingers is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gripper:
+    """A gripper with its postures from open to closed.
+
+    Attributes
+    ----------
+    name : str
+    kind : "parallel", whose fingers have one joint each, or "multi-finger"
+    palm : str
+        The link that holds the fingers.
+    frame : (4, 4)
+        The grasp frame in the frame of the palm.
+    fingers : tuple of tuples of str
+        The links of each finger that touches objects.
+    postures : tuple of dict
+        Positions of the finger joints, from open to closed, radians or metres.
+    widths, reaches : (S,) arrays
+        Metres between the pads in each posture, falling; z of the middle of the pads in the grasp
+        frame (fingers that turn reach further as they close).
+    depth : float
+        Metres between the palm and the middle of the pads: thicker objects touch the palm.
+    spread : (P,) array
+        Offsets along y of the fingers on the side of +x, metres; a single 0 where two fingers
+        oppose each other.
+    is_symmetric : bool
+        Half a turn about the approach changes nothing.
+    links : tuple of str
+        All links of the gripper, the rigid ones first.
+    poses : (S, L, 4, 4)
+        Of `links` in the grasp frame, in each posture.
+    """
+
+    name: str
+    kind: Literal["parallel", "multi-finger"]
+    palm: str
+    frame: Floats
+    fingers: tuple[tuple[str, ...], ...]
+    postures: tuple[dict[str, float], ...]
+    widths: Floats
+    reaches: Floats
+    depth: float
+    spread: Floats
+    is_symmetric: bool
+    links: tuple[str, ...]
+    poses: Floats = field(repr=False)
+    robot: Robot = field(repr=False)
+
+    @property
+    def opening(self) -> float:
+        """Metres between the pads of the open gripper."""
+        return float(self.widths[0])
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that move the fingers; joints that mimic others are left out."""
+        return tuple(self.postures[0])
+
+    def posture(self, width: float) -> dict[str, float]:
+        """Return the positions of the finger joints at a width between the pads."""
+        at = self._at(width)
+        low = min(int(at), len(self.postures) - 2)
+        a, b = self.postures[low], self.postures[low + 1]
+        return {name: a[name] + (at - low) * (b[name] - a[name]) for name in a}
+
+    def reach(self, width: float) -> float:
+        """Return z of the middle of the pads in the grasp frame at a width between them."""
+        return float(np.interp(-width, -self.widths, self.reaches))
+
+    def index(self, width: float) -> int:
+        """Return the number of the narrowest posture that is at least this wide."""
+        return int(np.floor(self._at(width) + 1e-9))
+
+    def meshes(self, width: float) -> dict[str, Mesh]:
+        """Return the meshes of the links in the grasp frame, near a width between the pads."""
+        return {
+            link: _placed_mesh(self.robot, link, pose)
+            for link, pose in zip(self.links, self.poses[self.index(width)], strict=True)
+            if link in self.robot.meshes
+        }
+
+    def _at(self, width: float) -> float:
+        return float(np.interp(-width, -self.widths, np.arange(len(self.widths))))
+
+
+def read_gripper(path: Path | str, palm: str | None = None) -> Gripper:
+    """Return the gripper of a URDF, of a gripper or of a whole robot.
+
+    Parameters
+    ----------
+    palm : the link that holds the fingers; by default, of the first gripper in the file
+
+    Raises
+    ------
+    ManipulationError
+        No link holds fingers that open, or `palm` does not.
+    RobotError
+        The file is not a usable URDF.
+    """
+    robot = load_robot(path)
+    found = find_grippers(robot, None if palm is None else (palm,))
+    if not found:
+        which = "no link has" if palm is None else f"link {palm} does not have"
+        raise ManipulationError(
+            f"{path}: {which} two fingers that open. Give the URDF of a gripper, or of a robot "
+            "with one, whose finger joints have limits"
+        )
+    return found[0]
+
+
+def find_grippers(robot: Robot, palms: Sequence[str] | None = None) -> list[Gripper]:
+    """Return the grippers of a robot, in the order of its links."""
+    tree = _Tree(robot)
+    found = []
+    for palm in tree.palms():
+        if palms is None or palm in palms or set(tree.rigid(palm)) & set(palms):
+            gripper = _gripper(robot, tree, palm)
+            if gripper is not None:
+                found.append(gripper)
+    if len(found) > 1:
+        return [replace(each, name=f"{robot.name}/{each.palm}") for each in found]
+    return found
+
+
+class _Tree:
+    """Rigid groups of links, and the joints that move one against another."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.below: dict[str, list[Joint]] = {link: [] for link in robot.links}
+        for joint in robot.joints:
+            self.below[joint.parent].append(joint)
+        self.group = {robot.links[0]: robot.links[0]}
+        for joint in robot.joints:
+            self.group[joint.child] = joint.child if joint.moves else self.group[joint.parent]
+
+    def rigid(self, link: str) -> tuple[str, ...]:
+        """All links that are fixed to a link."""
+        return tuple(each for each in self.robot.links if self.group[each] == self.group[link])
+
+    def moving(self, link: str) -> list[Joint]:
+        """The joints that move other links against a link's rigid group."""
+        return [j for each in self.rigid(link) for j in self.below[each] if j.moves]
+
+    def chain(self, joint: Joint) -> list[Joint] | None:
+        """The moving joints from a joint to the end; None where they branch or are no finger."""
+        chain = [joint]
+        while True:
+            if chain[-1].type not in ("revolute", "prismatic"):
+                return None
+            below = self.moving(chain[-1].child)
+            if not below:
+                return chain
+            if len(below) > 1:
+                return None
+            chain.append(below[0])
+
+    def palms(self) -> list[str]:
+        """Links with at least two moving chains, none of which branches."""
+        found = []
+        for link in dict.fromkeys(self.group.values()):
+            moving = self.moving(link)
+            if len(moving) > 1 and all(self.chain(joint) for joint in moving):
+                found.append(moving[0].parent)
+        return found
+
+
+@dataclass
+class _Finger:
+    """A chain of moving joints, with points on its links."""
+
+    joints: list[Joint]
+    links: tuple[str, ...]
+    points: dict[str, Floats]
+
+
+def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
+    """Return the gripper of a palm; None if its fingers do not open."""
+    fingers = []
+    for joint in tree.moving(palm):
+        chain = tree.chain(joint)
+        assert chain is not None
+        links = tuple(link for each in chain for link in tree.rigid(each.child))
+        points = {link: _surface(robot.meshes[link]) for link in links if link in robot.meshes}
+        if points:
+            fingers.append(_Finger(chain, links, points))
+    if len(fingers) < 2:
+        return None
+    opened, closed = _ends(robot, palm, fingers)
+    if opened == closed:
+        return None
+    middle = {name: (opened[name] + closed[name]) / 2 for name in opened}
+    poses = _poses(robot, palm, middle, fingers)
+    roots = [poses[f.joints[0].child][:3, 3] for f in fingers]
+    tips = np.array([_tip(f, poses) for f in fingers])
+    lengths = [float(np.linalg.norm(t - r)) for t, r in zip(tips, roots, strict=True)]
+    if max(lengths) > FINGER:
+        return None
+    along = (tips - np.mean(roots, axis=0)) @ _unit(np.mean(tips - np.array(roots), axis=0))
+    kept = [f for f, far in zip(fingers, along, strict=True) if far > 0.7 * along.max()]
+    if len(kept) < 2:
+        return None
+    hand = any(sum(j.mimics is None for j in f.joints) > 1 for f in kept)
+    fractions = np.linspace(0, 1, STEPS)
+    postures = [
+        {name: opened[name] + s * (closed[name] - opened[name]) for name in opened}
+        for s in fractions
+    ]
+    frame, sides = _frame(robot, palm, kept, postures, hand)
+    inverse = np.linalg.inv(frame)
+    measured = []
+    for posture in postures:
+        placed = _poses(robot, palm, posture, kept)
+        measured.append(_measure(kept, sides, {k: inverse @ p for k, p in placed.items()}))
+    widths = [m.width for m in measured]
+    first, last = _closing(widths)
+    if widths[first] - widths[last] < 5e-3:
+        return None
+    postures, measured = postures[first : last + 1], measured[first : last + 1]
+    opened_at, ends = measured[0], np.array([m.end for m in measured])
+    middle_y = float(np.mean(opened_at.across))
+    frame[:3, 3] += frame[:3, :3] @ [opened_at.middle, middle_y, ends[0] - PAD / 2]
+    inverse = np.linalg.inv(frame)
+    rigid = tuple(link for link in tree.rigid(palm) if link in robot.meshes)
+    moved = tuple(link for f in fingers for link in f.links if link in robot.meshes)
+    links = rigid + moved
+    at_rest = robot.link_poses({}, (palm, *rigid))
+    fixed = [inverse @ np.linalg.inv(at_rest[palm]) @ at_rest[link] for link in rigid]
+    poses_all = np.array(
+        [
+            [*fixed, *(inverse @ p for p in _link_poses(robot, palm, posture, moved).values())]
+            for posture in postures
+        ]
+    )
+    front = _front(robot, rigid, poses_all[0], opened_at.width)
+    beside = np.array(opened_at.across)[np.array(sides) > 0] - middle_y
+    return Gripper(
+        robot.name,
+        "multi-finger" if hand else "parallel",
+        palm,
+        frame,
+        tuple(f.links for f in kept),
+        tuple(postures),
+        np.maximum([m.width for m in measured], 0.0),
+        ends - ends[0],
+        max(0.0, -front),
+        beside if hand else np.zeros(1),
+        _is_symmetric(robot, links, poses_all[0], (palm, *moved)),
+        links,
+        poses_all,
+        robot,
+    )
+
+
+def _closing(widths: Sequence[float]) -> tuple[int, int]:
+    """The postures between which the width falls, from the widest to touching pads."""
+    first = last = int(np.argmax(widths))
+    while last + 1 < len(widths) and widths[last] > 1e-3 and widths[last + 1] < widths[last]:
+        last += 1
+    return first, last
+
+
+def _placed_mesh(robot: Robot, link: str, pose: Floats) -> Mesh:
+    mesh = robot.meshes[link]
+    return Mesh(mesh.vertices @ pose[:3, :3].T + pose[:3, 3], mesh.faces)
+
+
+def _unit(vector: Floats) -> Floats:
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
+
+
+def _surface(mesh: Mesh) -> Floats:
+    """(N, 3) points on a mesh, the same in each run."""
+    corners = mesh.triangles
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    if areas.sum() == 0:
+        return mesh.used
+    random = np.random.default_rng(0)
+    face = random.choice(len(corners), SAMPLES, p=areas / areas.sum())
+    u, v = random.random((2, SAMPLES))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    a, b, c = np.moveaxis(corners[face], 1, 0)
+    return np.concatenate([a + u[:, None] * (b - a) + v[:, None] * (c - a), mesh.used])
+
+
+def _link_poses(
+    robot: Robot, palm: str, posture: Mapping[str, float], links: Sequence[str]
+) -> dict[str, Floats]:
+    """The poses of links that hang on the palm, in its frame."""
+    poses = {palm: np.eye(4)}
+    for joint in robot.joints:
+        if joint.parent in poses:
+            poses[joint.child] = poses[joint.parent] @ robot.transform(joint, posture)
+    return {link: poses[link] for link in links}
+
+
+def _poses(
+    robot: Robot, palm: str, posture: Mapping[str, float], fingers: Sequence[_Finger]
+) -> dict[str, Floats]:
+    """The poses of the fingers' links in the frame of the palm."""
+    return _link_poses(robot, palm, posture, [link for f in fingers for link in f.links])
+
+
+def _placed(finger: _Finger, poses: Mapping[str, Floats]) -> Floats:
+    return np.concatenate(
+        [points @ poses[k][:3, :3].T + poses[k][:3, 3] for k, points in finger.points.items()]
+    )
+
+
+def _tip(finger: _Finger, poses: Mapping[str, Floats]) -> Floats:
+    """The middle of the tenth of a finger's points that is farthest from its first joint."""
+    points = _placed(finger, poses)
+    far = np.linalg.norm(points - poses[finger.joints[0].child][:3, 3], axis=1)
+    tip: Floats = points[far >= np.quantile(far, 0.9)].mean(axis=0)
+    return tip
+
+
+def _ends(
+    robot: Robot, palm: str, fingers: Sequence[_Finger]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """The open and the closed positions of the joints that do not mimic others."""
+    known = {joint.name: joint for joint in robot.joints}
+    names = list(dict.fromkeys(j.mimics or j.name for f in fingers for j in f.joints))
+    limits = {name: known[name].limits for name in names}
+    rest = {name: min(max(0.0, low), high) for name, (low, high) in limits.items()}
+    opened, closed = dict(rest), dict(rest)
+    single = all(len({j.mimics or j.name for j in f.joints}) == 1 for f in fingers)
+    middle = {name: (low + high) / 2 for name, (low, high) in limits.items()}
+    outward = _tips(robot, palm, middle, fingers)
+    outward -= outward.mean(axis=0)
+    for name, (low, high) in limits.items():
+        if not np.isfinite((low, high)).all():
+            continue
+        if single:
+            gaps = []
+            for end in (low, high):
+                tips = _tips(robot, palm, middle | {name: end}, fingers)
+                gaps.append(float(np.sum((tips - tips.mean(axis=0)) * outward)))
+            opened[name], closed[name] = (low, high) if gaps[0] > gaps[1] else (high, low)
+        elif high > -2 * low or -low > 2 * high:  # bends; else it spreads the fingers
+            closed[name] = high if high > -low else low
+    if not single:  # a thumb opposes the fingers before the hand closes
+        for finger in fingers:
+            first = finger.joints[0].name
+            if len(finger.joints) > 2 and first in opened:
+                opened[first] = closed[first]
+    return opened, closed
+
+
+def _tips(
+    robot: Robot, palm: str, posture: Mapping[str, float], fingers: Sequence[_Finger]
+) -> Floats:
+    poses = _poses(robot, palm, posture, fingers)
+    return np.array([_tip(f, poses) for f in fingers])
+
+
+def _frame(
+    robot: Robot,
+    palm: str,
+    fingers: Sequence[_Finger],
+    postures: Sequence[Mapping[str, float]],
+    hand: bool,
+) -> tuple[Floats, list[int]]:
+    """The axes of the grasp frame in the palm's frame, and the side (-1 or 1) of each finger."""
+    posture = postures[STEPS // 4 if hand else 0]
+    poses = _poses(robot, palm, posture, fingers)
+    tips = np.array([_tip(f, poses) for f in fingers])
+    roots = np.array([poses[f.joints[0].child][:3, 3] for f in fingers])
+    if hand:
+        apart = [np.linalg.norm(t - np.delete(tips, i, 0).mean(axis=0)) for i, t in enumerate(tips)]
+        thumb = int(np.argmax(apart))
+        x = np.delete(tips, thumb, 0).mean(axis=0) - tips[thumb]
+        sides = [-1 if i == thumb else 1 for i in range(len(tips))]
+    else:
+        spread = tips - tips.mean(axis=0)
+        x = np.linalg.svd(spread, full_matrices=False)[2][0]
+        x *= np.sign(x[np.argmax(np.abs(x))])
+        sides = [1 if s > 0 else -1 for s in spread @ x]
+    x = _snapped(x)
+    z = tips.mean(axis=0) - roots.mean(axis=0)
+    z = _snapped(z - (z @ x) * x)
+    z = _unit(z - (z @ x) * x)
+    frame = np.eye(4)
+    frame[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    thumb_side = tips[np.array(sides) < 0].mean(axis=0)
+    frame[:3, 3] = (thumb_side + tips[np.array(sides) > 0].mean(axis=0)) / 2
+    return frame, sides
+
+
+def _snapped(vector: Floats) -> Floats:
+    """The axis of the palm within 15 degrees of a direction, else the direction."""
+    vector = _unit(vector)
+    axis = int(np.argmax(np.abs(vector)))
+    if abs(vector[axis]) < np.cos(np.radians(15)):
+        return vector
+    return np.asarray(np.eye(3)[axis] * np.sign(vector[axis]))
+
+
+class _Measures(NamedTuple):
+    """The width between the pads, x of their middle, z of the ends, and y of each finger's pad."""
+
+    width: float
+    middle: float
+    end: float
+    across: list[float]
+
+
+def _measure(
+    fingers: Sequence[_Finger], sides: Sequence[int], poses: Mapping[str, Floats]
+) -> _Measures:
+    inner = {-1: [], 1: []}  # type: dict[int, list[float]]
+    ends, across = [], []
+    for finger, side in zip(fingers, sides, strict=True):
+        points = _placed(finger, poses)
+        end = float(points[:, 2].max())
+        pad = points[points[:, 2] > end - PAD]
+        inner[side].append(float((pad[:, 0] * side).min()))
+        ends.append(end)
+        across.append(float((pad[:, 1].min() + pad[:, 1].max()) / 2))
+    left, right = min(inner[-1]), min(inner[1])
+    return _Measures(left + right, (right - left) / 2, float(np.mean(ends)), across)
+
+
+def _front(robot: Robot, rigid: Sequence[str], poses: Floats, opening: float) -> float:
+    """The highest z of the palm between the fingers, in the grasp frame."""
+    if not rigid:
+        return -0.1
+    points = np.concatenate(
+        [
+            _surface(robot.meshes[link]) @ pose[:3, :3].T + pose[:3, 3]
+            for link, pose in zip(rigid, poses, strict=False)
+        ]
+    )
+    between = (np.abs(points[:, 0]) < opening / 2) & (np.abs(points[:, 1]) < PAD)
+    return float(points[between, 2].max()) if between.any() else float(points[:, 2].max())
+
+
+def _is_symmetric(
+    robot: Robot, links: Sequence[str], poses: Floats, compared: Sequence[str]
+) -> bool:
+    """Whether half a turn about the approach moves no surface by more than some millimetres."""
+    whole = join(
+        [
+            _placed_mesh(robot, link, pose)
+            for link, pose in zip(links, poses, strict=True)
+            if link in compared and link in robot.meshes
+        ]
+    )
+    points = _surface(whole)
+    apart = cKDTree(points).query(points * [-1, -1, 1])[0]
+    return bool(np.quantile(apart, 0.95) < 0.012)

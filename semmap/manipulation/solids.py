@@ -1,0 +1,190 @@
+"""Solids that objects are modelled as: cuboid, cylinder, sphere, cone, in their own frames.
+
+The origin is the centre, of a cone the centre of its base; z is the axis of cylinder and cone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.geometry.mesh import Mesh
+from semmap.manipulation.error import ManipulationError
+
+__all__ = ["SIZES", "Shape", "Solid", "solid_of"]
+
+Floats = NDArray[np.float64]
+
+SIZES = {
+    "cuboid": ("x", "y", "z"),
+    "cylinder": ("radius", "height"),
+    "sphere": ("radius",),
+    "cone": ("radius", "height"),
+}
+"""The sizes of each kind, metres."""
+
+
+class Shape(Protocol):
+    """A primitive that was fitted to points or to a mesh (`semmap.perception`)."""
+
+    @property
+    def kind(self) -> str:
+        """One of `SIZES`."""
+        ...
+
+    @property
+    def size(self) -> tuple[float, ...]:
+        """Metres, as `SIZES` names them."""
+        ...
+
+    @property
+    def pose(self) -> Floats:
+        """(4, 4): the frame of the solid in the frame of the model."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A convex solid: the points p with N p <= b and p A p + k p <= c.
+
+    Attributes
+    ----------
+    kind : str
+    size : tuple of float, metres
+    planes, offsets : (P, 3) and (P,)
+        Outward normals N and b.
+    quadric, linear, level : (3,), (3,) and float
+        The diagonal of A, k and c; all 0 for none.
+    centre : (3,)
+        The centre of mass, of even density.
+    volume : cubic metres
+    """
+
+    kind: str
+    size: tuple[float, ...]
+    planes: Floats
+    offsets: Floats
+    quadric: Floats
+    linear: Floats
+    level: float
+    centre: Floats
+    volume: float
+
+    def contains(self, points: Floats, slack: float = 1e-9) -> NDArray[np.bool_]:
+        """Return whether each of (..., 3) points is in the solid."""
+        inside = np.all(points @ self.planes.T <= self.offsets + slack, axis=-1)
+        if self.quadric.any():
+            inside &= (points**2) @ self.quadric + points @ self.linear <= self.level + slack
+        return np.asarray(inside)
+
+    def exits(self, points: Floats, directions: Floats) -> tuple[Floats, Floats]:
+        """Return where rays from inside leave the solid.
+
+        Parameters
+        ----------
+        points, directions : (N, 3), unit directions
+
+        Returns
+        -------
+        distances : (N,) metres
+        normals : (N, 3) outward normals there
+        """
+        towards = directions @ self.planes.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            flat = np.where(
+                towards > 1e-12, (self.offsets - points @ self.planes.T) / towards, np.inf
+            )
+        face = np.argmin(flat, axis=1) if len(self.planes) else np.zeros(len(points), np.intp)
+        distance = np.min(flat, axis=1, initial=np.inf)
+        normals = self.planes[face] if len(self.planes) else np.zeros(points.shape)
+        if self.quadric.any():
+            a = (directions**2) @ self.quadric
+            b = 2 * (points * directions) @ self.quadric + directions @ self.linear
+            c = (points**2) @ self.quadric + points @ self.linear - self.level
+            root = np.sqrt(np.maximum(b**2 - 4 * a * c, 0))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                roots = np.stack([-2 * c / (b + root), -2 * c / (b - root)])
+            curved = np.where(roots > 1e-12, roots, np.inf).min(axis=0)
+            round_first = curved < distance
+            distance = np.where(round_first, curved, distance)
+            at = points + np.where(np.isfinite(distance), distance, 0)[:, None] * directions
+            gradient = 2 * at * self.quadric + self.linear
+            length = np.linalg.norm(gradient, axis=1, keepdims=True)
+            steep = length > 1e-4 * self.size[0]  # the tip of a cone has no normal
+            curved_normals = np.where(steep, gradient / np.maximum(length, 1e-12), 0)
+            normals = np.where(round_first[:, None], curved_normals, normals)
+        return distance, normals
+
+    def mesh(self, sections: int = 48) -> Mesh:
+        """Return the surface; round faces are polygons of `sections` sides within the solid."""
+        import trimesh
+
+        if self.kind == "cuboid":
+            made = trimesh.creation.box(extents=self.size)
+        elif self.kind == "cylinder":
+            made = trimesh.creation.cylinder(self.size[0], self.size[1], sections=sections)
+        elif self.kind == "cone":
+            made = trimesh.creation.cone(self.size[0], self.size[1], sections=sections)
+        else:
+            made = trimesh.creation.icosphere(subdivisions=3, radius=self.size[0])
+        return Mesh(np.asarray(made.vertices, np.float64), np.asarray(made.faces, np.int32))
+
+
+def solid_of(kind: str, size: Sequence[float]) -> Solid:
+    """Return the solid of a kind and its sizes.
+
+    Raises
+    ------
+    ManipulationError
+        The kind is unknown, or the sizes do not give it a volume.
+
+    Examples
+    --------
+    >>> solid_of("cylinder", (0.03, 0.1)).exits(np.zeros((1, 3)), np.array([[1.0, 0, 0]]))
+    (array([0.03]), array([[1., 0., 0.]]))
+    """
+    names = SIZES.get(kind)
+    if names is None:
+        raise ManipulationError(f"shape {kind}: give one of {', '.join(SIZES)}")
+    sizes = tuple(float(s) for s in size)
+    if len(sizes) != len(names):
+        raise ManipulationError(f"{kind}: has {len(sizes)} sizes; give {', '.join(names)}")
+    if not all(np.isfinite(s) and s > 0 for s in sizes):
+        raise ManipulationError(
+            f"{kind}: its sizes {', '.join(f'{s:g}' for s in sizes)} give no volume; "
+            f"give {', '.join(names)} above 0 m"
+        )
+    none = np.zeros(3)
+    if kind == "cuboid":
+        normals = np.concatenate([np.eye(3), -np.eye(3)])
+        offsets = np.tile(np.array(sizes) / 2, 2)
+        return Solid(kind, sizes, normals, offsets, none, none, 0.0, none, float(np.prod(sizes)))
+    radius = sizes[0]
+    if kind == "sphere":
+        nothing = np.zeros((0, 3)), np.zeros(0)
+        volume = 4 / 3 * np.pi * radius**3
+        return Solid(kind, sizes, *nothing, np.ones(3), none, radius**2, none, float(volume))
+    height = sizes[1]
+    if kind == "cylinder":
+        ends = np.array([[0.0, 0, 1], [0, 0, -1]])
+        volume = np.pi * radius**2 * height
+        disc = np.array([1.0, 1, 0])
+        half = np.full(2, height / 2)
+        return Solid(kind, sizes, ends, half, disc, none, radius**2, none, float(volume))
+    # (x, y) within r (1 - z / h): x² + y² - (r/h)² z² + 2 (r²/h) z <= r²
+    slope = radius / height
+    return Solid(
+        kind,
+        sizes,
+        np.array([[0.0, 0, -1], [0, 0, 1]]),
+        np.array([0.0, height * (1 + 1e-6)]),  # above the tip
+        np.array([1.0, 1, -(slope**2)]),
+        np.array([0, 0, 2 * slope * radius]),
+        radius**2,
+        np.array([0, 0, height / 4]),
+        float(np.pi * radius**2 * height / 3),
+    )

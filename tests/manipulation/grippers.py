@@ -1,0 +1,53 @@
+"""Grippers of the tests: real ones where their packages are installed, and one by hand."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.manipulation.gripper import Gripper, read_gripper
+from tests.robot.robots import installed_file
+
+REAL = {
+    "panda": "panda_description/urdf/panda.urdf",
+    "pr2": "pr2_description/urdf/pr2.urdf",
+    "tiago_pro": "tiago_pro_description/robots/tiago_pro.urdf",
+    "tiago": "tiago_description/robots/tiago.urdf",
+    "allegro": "allegro_hand_description/urdf/allegro_right_hand.urdf",
+    "ur5": "ur_description/urdf/ur5_robot.urdf",
+}
+
+BY_HAND = """<robot name="two_plates">
+  <link name="palm"><collision><origin xyz="0 0 -0.02"/><geometry><box size="0.14 0.04 0.04"/></geometry></collision></link>
+  <link name="left"><collision><origin xyz="0.005 0 0.03"/><geometry><box size="0.01 0.02 0.06"/></geometry></collision></link>
+  <link name="right"><collision><origin xyz="-0.005 0 0.03"/><geometry><box size="0.01 0.02 0.06"/></geometry></collision></link>
+  <joint name="open_left" type="prismatic"><parent link="palm"/><child link="left"/><axis xyz="1 0 0"/><limit lower="0" upper="0.05" effort="20" velocity="1"/></joint>
+  <joint name="open_right" type="prismatic"><parent link="palm"/><child link="right"/><axis xyz="-1 0 0"/><limit lower="0" upper="0.05" effort="20" velocity="1"/></joint>
+</robot>
+"""  # noqa: E501
+"""Two plates of 6 cm that open to 10 cm; the pads' middle is 5 cm above the palm."""
+
+
+class Shape(NamedTuple):
+    kind: str
+    size: tuple[float, ...]
+    pose: NDArray[np.float64] = np.eye(4)
+
+
+def urdf(name: str) -> Path:
+    return installed_file("example-robot-data", REAL[name])
+
+
+@functools.cache
+def real_gripper(name: str) -> Gripper:
+    return read_gripper(urdf(name))
+
+
+def gripper_by_hand(folder: Path) -> Gripper:
+    path = folder / "two_plates.urdf"
+    path.write_text(BY_HAND)
+    return read_gripper(path)

@@ -1,0 +1,97 @@
+"""The frames, widths and postures of grippers, from URDF."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.gripper import find_grippers, read_gripper
+from tests.manipulation.grippers import BY_HAND, gripper_by_hand, real_gripper, urdf
+
+
+def test_a_gripper_by_hand(tmp_path):
+    gripper = gripper_by_hand(tmp_path)
+    assert (gripper.kind, gripper.palm, gripper.is_symmetric) == ("parallel", "palm", True)
+    assert gripper.opening == pytest.approx(0.1, abs=1e-9)
+    assert gripper.depth == pytest.approx(0.05, abs=1e-9)
+    np.testing.assert_allclose(gripper.frame[:3, 3], [0, 0, 0.05], atol=1e-9)
+    np.testing.assert_allclose(gripper.frame[:3, 2], [0, 0, 1], atol=1e-9)
+    np.testing.assert_allclose(np.abs(gripper.frame[:3, 0]), [1, 0, 0], atol=1e-9)
+    assert gripper.posture(0.04) == pytest.approx({"open_left": 0.02, "open_right": 0.02})
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "opening", "approach"),
+    [
+        ("panda", "parallel", (0.079, 0.081), "panda_hand_tcp"),  # the data sheet: 80 mm
+        ("pr2", "parallel", (0.085, 0.095), "r_gripper_tool_frame"),  # 86 to 90 mm
+        ("tiago_pro", "parallel", (0.07, 0.09), None),
+        ("allegro", "multi-finger", (0.1, 0.2), None),
+        ("tiago", "multi-finger", (0.05, 0.1), "hand_grasping_frame"),
+    ],
+)
+def test_real_grippers(name, kind, opening, approach):
+    gripper = real_gripper(name)
+    assert gripper.kind == kind
+    assert opening[0] < gripper.opening < opening[1]
+    assert (np.diff(gripper.widths) < 0).all()
+    if approach is not None:  # the maker's own frame of the tool lies between the fingers
+        poses = gripper.robot.link_poses({}, [gripper.palm, approach])
+        tool = np.linalg.inv(poses[gripper.palm] @ gripper.frame) @ poses[approach]
+        assert np.linalg.norm(tool[:3, 3]) < 0.06
+
+
+@pytest.mark.parametrize("name", ["panda", "pr2", "tiago_pro"])
+def test_a_plate_of_the_width_fits_between_the_fingers_and_a_thicker_one_does_not(name):
+    """Rays across the opening meet the fingers at the width that the gripper states."""
+    gripper = real_gripper(name)
+    for width in (0.02, 0.05, gripper.opening):
+        index = gripper.index(width)
+        meshes = gripper.meshes(width)
+        fingers: trimesh.Trimesh = trimesh.util.concatenate(
+            [
+                trimesh.Trimesh(meshes[k].vertices, meshes[k].faces)
+                for finger in gripper.fingers
+                for k in finger
+                if k in meshes
+            ]
+        )
+        height = np.linspace(-0.009, 0.009, 31) + gripper.reaches[index]
+        starts = np.column_stack([np.zeros((31, 2)), height])
+        across = 0.0
+        for side in (1.0, -1.0):
+            hits, _, _ = fingers.ray.intersects_location(starts, np.tile([side, 0, 0], (31, 1)))
+            across += np.abs(hits[:, 0]).min()
+        assert across == pytest.approx(gripper.widths[index], abs=0.006)
+
+
+def test_both_grippers_of_a_robot_are_found_and_chosen_by_palm():
+    names = [g.palm for g in find_grippers(real_gripper("pr2").robot)]
+    assert names == ["r_gripper_palm_link", "l_gripper_palm_link"]
+    assert read_gripper(urdf("pr2"), "l_gripper_palm_link").palm == "l_gripper_palm_link"
+
+
+def test_postures_lead_to_the_widths():
+    gripper = real_gripper("pr2")
+    for width in (0.0, 0.03, 0.06):
+        index = gripper.index(width)
+        assert gripper.widths[index] >= width - 1e-9
+        assert gripper.posture(gripper.widths[index]) == pytest.approx(gripper.postures[index])
+
+
+def test_no_fingers(tmp_path):
+    with pytest.raises(ManipulationError, match="no link has two fingers that open"):
+        read_gripper(urdf("ur5"))
+    with pytest.raises(ManipulationError, match="link right does not have two fingers"):
+        read_gripper(gripper_file(tmp_path, BY_HAND), "right")
+    shut = BY_HAND.replace('upper="0.05"', 'upper="0"')
+    with pytest.raises(ManipulationError, match="whose finger joints have limits"):
+        read_gripper(gripper_file(tmp_path, shut))
+
+
+def gripper_file(folder, text):
+    path = folder / "gripper.urdf"
+    path.write_text(text)
+    return path
