@@ -1,0 +1,122 @@
+"""Point clouds: checks, downsampling, normals and noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from semmap.perception.error import PerceptionError
+
+__all__ = ["Floats", "Surfels", "checked_points", "surfels", "voxel_downsample"]
+
+Floats = NDArray[np.float64]
+
+NEIGHBOURS = 20
+"""Points of a local plane."""
+
+
+def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Floats:
+    """Return the finite points of a cloud.
+
+    Parameters
+    ----------
+    points
+        (n, 3), or an organised cloud (height, width, 3), metres; NaN where a camera saw nothing.
+    least
+        The number of points that are needed.
+    what
+        Names the cloud in errors.
+
+    Returns
+    -------
+    numpy.ndarray
+        (m, 3)
+
+    Raises
+    ------
+    PerceptionError
+        Another shape, or too few finite points.
+    """
+    try:
+        found = np.asarray(points, np.float64)
+    except (TypeError, ValueError) as error:
+        raise PerceptionError(f"{what} is not an array of numbers: give (n, 3) metres") from error
+    if found.ndim not in (2, 3) or found.shape[-1] != 3:
+        raise PerceptionError(f"{what} has shape {found.shape}: give (n, 3) or (height, width, 3)")
+    found = found.reshape(-1, 3)
+    finite = found[np.isfinite(found).all(axis=1)]
+    if len(finite) < least:
+        raise PerceptionError(
+            f"{what} has {len(finite)} finite points of {len(found)}, {least} are needed: "
+            "check the range and the mask of the camera"
+        )
+    return finite
+
+
+def voxel_downsample(points: Floats, size: float) -> Floats:
+    """Return the mean point of each occupied voxel.
+
+    Parameters
+    ----------
+    points
+        (n, 3) metres, finite.
+    size
+        Edge of a voxel, metres.
+
+    Returns
+    -------
+    numpy.ndarray
+        (m, 3), ordered by voxel.
+    """
+    if not size > 0:
+        raise PerceptionError(f"the voxel size is {size} m: give a number above 0")
+    cell = np.floor(points / size).astype(np.int64)
+    cell -= cell.min(axis=0)
+    span = cell.max(axis=0) + 1
+    if np.prod(span.astype(float)) > 2**62:
+        raise PerceptionError(
+            f"the cloud is {np.ptp(points, axis=0).max():.3g} m wide, too wide for voxels of "
+            f"{size} m: remove far points or give larger voxels"
+        )
+    key = (cell[:, 0] * span[1] + cell[:, 1]) * span[2] + cell[:, 2]
+    _, of, count = np.unique(key, return_inverse=True, return_counts=True)
+    sums = [np.bincount(of, weights=column) for column in points.T]
+    return np.stack(sums, axis=1) / count[:, None]
+
+
+class Surfels:
+    """Points of a surface with normals.
+
+    Attributes
+    ----------
+    points : (n, 3), metres
+    normals : (n, 3), unit length; the sign is arbitrary
+    noise : float
+        Standard deviation of the points about their local planes, metres.
+    spacing : float
+        Median distance of neighbours, metres.
+    """
+
+    def __init__(self, points: Floats, normals: Floats, noise: float, spacing: float) -> None:
+        self.points, self.normals = points, normals
+        self.noise, self.spacing = noise, spacing
+
+
+def surfels(points: Floats, neighbours: int = NEIGHBOURS) -> Surfels:
+    """Return points with the normals of the planes through their nearest neighbours.
+
+    Parameters
+    ----------
+    points
+        (n, 3) metres, finite.
+    neighbours
+        Points of each plane, itself included.
+    """
+    k = min(neighbours, len(points))
+    distance, near = cKDTree(points, balanced_tree=False).query(points, k)
+    offset = points[near] - points[near].mean(axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset) / k)
+    noise = float(np.sqrt(max(np.median(values[:, 0]), 0.0) * k / max(k - 3, 1)))
+    spacing = float(np.median(distance[:, min(4, k - 1)])) / np.sqrt(4 / np.pi)
+    return Surfels(points, vectors[:, :, 0], noise, spacing)

@@ -1,0 +1,247 @@
+"""The sphere, cylinder, cuboid or cone that fits points best, also if only one side is seen.
+
+RANSAC suggests shapes (`hypotheses`), iteratively reweighted least squares refine them. What a view
+does not show is not guessed: an end of a shape is a face that is seen, the table that the object
+stands on, or the edge of a face that leads there; else the deviation of the size is infinite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from semmap.perception.error import PerceptionError
+from semmap.perception.hypotheses import SLIMMEST, WIDEST, hypotheses
+from semmap.perception.plane import Plane
+from semmap.perception.point_cloud import Floats, Surfels, checked_points, surfels
+from semmap.perception.refinement import Fit, refined
+from semmap.perception.shapes import SHAPES, size_of, surface
+
+if TYPE_CHECKING:
+    import trimesh
+
+__all__ = ["SHAPES", "Primitive", "fit_primitive", "mesh_primitive"]
+
+FEWEST = 30
+"""Points that a fit needs."""
+
+FITTED = 1200
+"""Points that are fitted: more make the result no better than their common errors."""
+
+PRICE = 0.004
+"""Of each bound of a shape, as a share of the points."""
+
+
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """A shape in the frame of the points that it was fitted to.
+
+    Attributes
+    ----------
+    kind
+        A key of `SHAPES`.
+    size
+        The parameters that `SHAPES` names, metres.
+    pose
+        (4, 4) the frame of the shape. The origin is at the centre (of a cone: at the centre of its
+        base); z is the axis of a cylinder, and points to the tip of a cone.
+    inliers
+        Share of the points within the tolerance of the surface.
+    deviation
+        Standard deviation of each size, metres; infinite where the points do not show it. The size
+        is then the least one.
+    tolerance
+        Distance of inliers, metres.
+    """
+
+    kind: str
+    size: tuple[float, ...]
+    pose: Floats
+    inliers: float
+    deviation: tuple[float, ...]
+    tolerance: float
+
+    def distance(self, points: ArrayLike) -> Floats:
+        """Return the distances of points (n, 3) to the surface, metres."""
+        local = (np.asarray(points, float) - self.pose[:3, 3]) @ self.pose[:3, :3]
+        return surface(self.kind, local, _bounds_of(self.kind, self.size))[0]
+
+
+def fit_primitive(
+    points: ArrayLike,
+    normals: ArrayLike | None = None,
+    *,
+    table: Plane | None = None,
+    kinds: Collection[str] = tuple(SHAPES),
+    tolerance: float | None = None,
+    seed: int = 0,
+) -> Primitive:
+    """Return the shape that fits a cluster of points best.
+
+    Parameters
+    ----------
+    points
+        (n, 3) metres; NaN rows are left out.
+    normals
+        (n, 3) of the surface, of any sign; estimated from neighbours where None.
+    table
+        The plane that the object stands on: it ends what no camera sees.
+    kinds
+        The shapes to try, of `SHAPES`.
+    tolerance
+        Distance of inliers, metres; by default three deviations of the noise, at least 1 % of the
+        cluster's diameter.
+    seed
+        Of the random choices.
+
+    Raises
+    ------
+    PerceptionError
+        Fewer than 30 finite points, arrays of other shapes, an unknown kind, or points to which no
+        shape fits, such as points on a line.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> unit = np.random.default_rng(1).normal(size=(500, 3))
+    >>> ball = 0.1 * unit / np.linalg.norm(unit, axis=1, keepdims=True)
+    >>> found = fit_primitive(ball)
+    >>> found.kind, round(found.size[0], 3)
+    ('sphere', 0.1)
+    """
+    unknown = [kind for kind in kinds if kind not in SHAPES]
+    if unknown or not kinds:
+        raise PerceptionError(f"the kinds {unknown} are unknown: choose of {', '.join(SHAPES)}")
+    if tolerance is not None and not tolerance > 0:
+        raise PerceptionError(f"the tolerance is {tolerance} m: give a number above 0")
+    random = np.random.default_rng(seed)
+    cloud, fitted = _surfels_of(points, normals, random)
+    diameter = float(np.linalg.norm(np.ptp(fitted.points, axis=0)))
+    noise = max(fitted.noise, 2e-4 * diameter)
+    within = tolerance if tolerance is not None else max(3 * noise, 0.01 * diameter)
+    up = None if table is None else table.normal
+    rough = hypotheses(fitted, max(within, 4 * noise), up, random)
+    fits = [refined(shape, fitted, cloud, noise, table) for shape in rough if shape.kind in kinds]
+    usable = [fit for fit in fits if fit is not None and _is_plausible(fit, fitted, diameter)]
+    if not usable:
+        raise PerceptionError(
+            f"no {' or '.join(kinds)} fits the {len(cloud)} points: give points of a surface"
+        )
+    best = min(usable, key=lambda fit: _cost(fit, fitted, within))
+    return _primitive(best, cloud, within)
+
+
+def mesh_primitive(mesh: trimesh.Trimesh, *, samples: int = 4000, seed: int = 0) -> Primitive:
+    """Return the shape that fits the surface of a mesh best, in the frame of the mesh.
+
+    Raises
+    ------
+    PerceptionError
+        A mesh without faces, with vertices that are not finite, or of no volume.
+    """
+    import trimesh
+
+    vertices = np.asarray(mesh.vertices, float)
+    if not len(mesh.faces) or not np.isfinite(vertices).all() or not mesh.area > 0:
+        raise PerceptionError("the mesh has no surface: give a mesh with faces and finite vertices")
+    widths = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    if widths[2] < 1e-6 * widths[0]:
+        raise PerceptionError("the mesh is flat, it has no volume: give the mesh of a solid")
+    points, faces = trimesh.sample.sample_surface(mesh, samples, seed=seed)
+    return fit_primitive(points, np.asarray(mesh.face_normals)[faces], seed=seed)
+
+
+def _surfels_of(
+    points: ArrayLike, normals: ArrayLike | None, random: np.random.Generator
+) -> tuple[Floats, Surfels]:
+    """All finite points; and those that are fitted, with normals."""
+    if normals is None:
+        cloud = checked_points(points, FEWEST, "the cluster")
+        return cloud, surfels(cloud[random.permutation(len(cloud))[:FITTED]])
+    given, across = np.asarray(points, float), np.asarray(normals, float)
+    if given.shape != across.shape:
+        raise PerceptionError(
+            f"there are {across.shape} normals for {given.shape} points: give one for each point"
+        )
+    checked_points(given, FEWEST, "the cluster")
+    both = np.concatenate([given.reshape(-1, 3), across.reshape(-1, 3)], axis=1)
+    both = both[np.isfinite(both).all(axis=1)]
+    checked_points(both[:, :3], FEWEST, "the cluster with its normals")
+    chosen = both[random.permutation(len(both))[:FITTED]]
+    flat = surfels(chosen[:, :3])
+    length = np.maximum(np.linalg.norm(chosen[:, 3:], axis=1, keepdims=True), 1e-12)
+    return both[:, :3], Surfels(flat.points, chosen[:, 3:] / length, 0.0, flat.spacing)
+
+
+def _is_plausible(fit: Fit, cloud: Surfels, diameter: float) -> bool:
+    """Whether a shape is of the size of its points, and a cone has points near its tip."""
+    kind, bounds = fit.placed.kind, fit.placed.bounds
+    size = size_of(kind, bounds)
+    if not (size > 0).all() or size.max() > 2 * diameter:
+        return False
+    if kind != "cone":
+        return True
+    z = fit.local(cloud.points)[:, 2]
+    top = float(np.quantile(z[z <= bounds[2]], 0.98)) if (z <= bounds[2]).any() else -np.inf
+    return fit.seen[0] and bounds[2] - top < 0.3 * size[1] and SLIMMEST < bounds[0] < WIDEST
+
+
+def _cost(fit: Fit, cloud: Surfels, within: float) -> float:
+    """How badly a shape explains the points: distances and normals; complex shapes pay a little."""
+    kind = fit.placed.kind
+    distance, normal = surface(kind, fit.local(cloud.points), fit.placed.bounds)
+    across = np.abs(np.einsum("ni,ni->n", normal, cloud.normals @ fit.placed.rotation))
+    far = np.minimum((distance / within) ** 2, 1)
+    turned = np.minimum((1 - across) / 0.3, 1)
+    return float(np.maximum(far, 0.5 * turned).mean()) + PRICE * len(fit.placed.bounds)
+
+
+def _primitive(fit: Fit, points: Floats, within: float) -> Primitive:
+    """A fit with its origin in the middle, z upwards, and the axes of a cuboid in a fixed order."""
+    kind, rotation, origin, bounds = fit.placed
+    size, deviation = size_of(kind, bounds), fit.deviation
+    distance, _ = surface(kind, fit.local(points), bounds)
+    middle = np.zeros(3)
+    if kind == "cuboid":
+        middle = (bounds[:3] + bounds[3:]) / 2
+    elif kind == "cylinder":
+        middle[2] = (bounds[1] + bounds[2]) / 2
+    elif kind == "cone":
+        middle[2] = bounds[1]
+    centre = origin + rotation @ middle
+    if kind == "sphere":
+        rotation = np.eye(3)
+    elif kind == "cylinder" and rotation[2, 2] < 0:
+        rotation = rotation @ np.diag([1.0, -1, -1])
+    elif kind == "cuboid":
+        z = int(np.abs(rotation[2]).argmax())
+        x = max((z + 1) % 3, (z + 2) % 3, key=lambda i: abs(rotation[0, i]))
+        order = [x, 3 - x - z, z]
+        rotation, size, deviation = rotation[:, order], size[order], deviation[order]
+        rotation = rotation * np.where(np.diag(rotation) < 0, -1, 1)
+        rotation[:, 1] *= np.sign(np.linalg.det(rotation))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, centre
+    return Primitive(
+        kind,
+        tuple(map(float, size)),
+        pose,
+        float((distance <= within).mean()),
+        tuple(map(float, deviation)),
+        within,
+    )
+
+
+def _bounds_of(kind: str, size: tuple[float, ...]) -> Floats:
+    """The bounds of a shape in the frame of a `Primitive`."""
+    if kind == "cuboid":
+        return np.concatenate([np.negative(size), size]) / 2
+    if kind == "cylinder":
+        return np.array([size[0], -size[1] / 2, size[1] / 2])
+    if kind == "cone":
+        return np.array([size[0] / size[1], 0.0, size[1]])
+    return np.array(size)

@@ -1,0 +1,263 @@
+"""A rough shape refined to the points: robust least squares on the faces that the points show.
+
+The iteration is Gauss-Newton with weights, written out: `scipy.optimize.least_squares` takes 10 ms
+a shape, as it decomposes the whole Jacobian in each step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from semmap.perception.hypotheses import Placed
+from semmap.perception.plane import Plane
+from semmap.perception.point_cloud import Floats, Surfels
+from semmap.perception.shapes import face_distances, size_gradient
+
+__all__ = ["Fit", "refined"]
+
+STANDS = math.cos(math.radians(15))
+"""An end that is level within 15 degrees stands on the table."""
+
+TABLE_DEVIATION = 1e-3
+"""Of the height of a table, metres."""
+
+TURNS = 3
+
+UNKNOWN = 0.3
+"""A size of which the points leave more deviation than this, in metres, is not seen."""
+
+ENDS: dict[str, tuple[tuple[int, int, int, int], ...]] = {
+    "sphere": (),
+    "cylinder": ((1, 1, 2, -1), (2, 2, 2, 1)),
+    "cone": ((1, 1, 2, -1),),
+    "cuboid": tuple((3 * k + i, 3 * k + i, i, 2 * k - 1) for k in range(2) for i in range(3)),
+}
+"""The flat faces: number of the face, of its bound, the axis across, and the side of it."""
+
+
+class Fit(NamedTuple):
+    """A refined shape.
+
+    Attributes
+    ----------
+    placed : the shape
+    seen : (faces,) bool, which faces have points
+    deviation : standard deviations of the sizes, metres; infinite for those that are not seen
+    """
+
+    placed: Placed
+    seen: NDArray[np.bool_]
+    deviation: Floats
+
+    def local(self, points: Floats) -> Floats:
+        """Return points (n, 3) in the frame of the shape."""
+        return np.asarray((points - self.placed.origin) @ self.placed.rotation)
+
+
+class _End(NamedTuple):
+    """What is known about a bound that no points are on."""
+
+    face: int
+    bound: int
+    value: float
+    deviation: float
+
+
+def refined(
+    shape: Placed, cloud: Surfels, whole: Floats, noise: float, table: Plane | None
+) -> Fit | None:
+    """Return a rough shape fitted to the points, or None if they show none of its faces.
+
+    Parameters
+    ----------
+    cloud
+        Points that are fitted.
+    whole
+        (n, 3) all points, which tell where edges are.
+    noise
+        Standard deviation of the points, metres.
+    table
+        The plane that the object stands on, if known.
+    """
+    kind, rotation, origin, bounds = shape
+    scale = max(2 * noise, 0.02 * float(np.linalg.norm(np.ptp(cloud.points, axis=0))))
+    if kind in ("cylinder", "cone"):
+        bounds = _first_ends(shape, cloud, scale)
+    for turn in range(TURNS):
+        placed = Placed(kind, rotation, origin, bounds)
+        seen = _seen_faces(placed, cloud, scale)
+        if not seen.any():
+            return None
+        for _ in range(4):
+            rows, residual, weights = _equations(placed, cloud, seen, scale)
+            normal = (rows * weights[:, None]).T @ rows
+            normal[np.diag_indices_from(normal)] += 1e-7 * np.trace(normal) + 1e-12
+            step = -np.linalg.solve(normal, rows.T @ (weights * residual))
+            placed = _moved(placed, step)
+            if np.abs(residual @ rows[:, :6] / len(rows)).max() < 1e-3 * noise:
+                break
+        scale = min(scale, max(noise, 1.48 * float(np.median(np.abs(residual)))))
+        points = whole if turn == TURNS - 1 else cloud.points
+        spacing = cloud.spacing * math.sqrt(len(cloud.points) / len(points))
+        placed, ends = _ended(placed, seen, points, spacing, noise, table)
+        _, rotation, origin, bounds = placed
+        if not np.isfinite(bounds).all() or np.abs(bounds).max() > 1e3:
+            return None
+    return Fit(placed, seen, _deviation(placed, rows, weights, ends, noise))
+
+
+def _local(placed: Placed, cloud: Surfels) -> tuple[Floats, Floats]:
+    return (cloud.points - placed.origin) @ placed.rotation, cloud.normals @ placed.rotation
+
+
+def _first_ends(shape: Placed, cloud: Surfels, scale: float) -> Floats:
+    """Bounds along the axis from the points near the shape."""
+    points, _ = _local(shape, cloud)
+    tangent = shape.bounds[0]
+    if shape.kind == "cone":
+        reach = np.hypot(points[:, 0], points[:, 1]) < tangent * -points[:, 2] + 3 * scale
+        z = points[reach, 2]
+        return np.array([tangent, np.quantile(z, 0.01) if len(z) else -1e-3, 0.0])
+    z = points[np.hypot(points[:, 0], points[:, 1]) < tangent + 3 * scale, 2]
+    low, high = np.quantile(z, (0.01, 0.99)) if len(z) else (0.0, 0.0)
+    return np.array([tangent, low, high])
+
+
+def _seen_faces(placed: Placed, cloud: Surfels, scale: float) -> NDArray[np.bool_]:
+    """(faces,) whether a face has points on it with normals across it."""
+    points, normals = _local(placed, cloud)
+    faces = face_distances(placed.kind, points, placed.bounds)
+    own = faces.distance.argmax(axis=0)
+    every = np.arange(len(points))
+    across = np.abs(np.einsum("ni,ni->n", faces.normal[own, every], normals))
+    on = (np.abs(faces.distance[own, every]) < 3 * scale) & (across > 0.85)
+    count = np.bincount(own[on], minlength=len(faces.distance))
+    return np.asarray(count >= max(10, 0.02 * len(points)))
+
+
+def _equations(
+    placed: Placed, cloud: Surfels, seen: NDArray[np.bool_], scale: float
+) -> tuple[Floats, Floats, Floats]:
+    """The Jacobian (n, 6 + bounds), the residuals and weights (n,) of the points.
+
+    The first six columns are a motion of the shape in its own frame: translation, rotation vector.
+    """
+    points, normals = _local(placed, cloud)
+    faces = face_distances(placed.kind, points, placed.bounds)
+    own = np.where(seen[:, None], faces.distance, -np.inf).argmax(axis=0), np.arange(len(points))
+    residual, normal = faces.distance[own], faces.normal[own]
+    across = np.einsum("ni,ni->n", normal, normals)
+    weights = across**4 / (1 + (residual / (2 * scale)) ** 2) ** 2
+    rows = np.hstack([-normal, -np.cross(points, normal), faces.slope[own]])
+    return rows, residual, weights
+
+
+def _moved(placed: Placed, step: Floats) -> Placed:
+    turn = Rotation.from_rotvec(step[3:6]).as_matrix()
+    return placed._replace(
+        rotation=placed.rotation @ turn,
+        origin=placed.origin + placed.rotation @ step[:3],
+        bounds=placed.bounds + step[6:],
+    )
+
+
+def _ended(
+    placed: Placed,
+    seen: NDArray[np.bool_],
+    cloud: Floats,
+    spacing: float,
+    noise: float,
+    table: Plane | None,
+) -> tuple[Placed, list[_End]]:
+    """The shape with the ends that have no points on them: by the table, by edges, or unknown."""
+    kind = placed.kind
+    points = (cloud - placed.origin) @ placed.rotation
+    ends: list[_End] = []
+    if kind == "cylinder" and not seen[0]:
+        placed, points, rim = _disk(placed, points, noise)
+        ends.append(rim)
+    faces = face_distances(kind, points, placed.bounds)
+    own = np.where(seen[:, None], faces.distance, -np.inf).argmax(axis=0)
+    near = np.abs(faces.distance[own, np.arange(len(points))]) < 4 * noise
+    bounds = placed.bounds.copy()
+    for face, bound, axis, side in ENDS[kind]:
+        if seen[face]:
+            continue
+        outward = side * placed.rotation[:, axis]
+        leads_there = near & ~np.isin(own, [e[0] for e in ENDS[kind] if e[2] == axis])
+        along = side * points[leads_there, axis]
+        if table is not None and outward @ table.normal < -STANDS:
+            middle = placed.rotation @ _middle(kind, bounds) + placed.origin
+            down = table.height(middle[None])[0] / -(outward @ table.normal)
+            value, deviation = side * _middle(kind, bounds)[axis] + down, TABLE_DEVIATION
+        elif len(along) >= 20:
+            value, deviation = _edge(along, 4 * max(noise, spacing), spacing)
+        else:
+            value, deviation = float((side * points[near, axis]).max(initial=0.0)), math.inf
+        bounds[bound] = side * value
+        ends.append(_End(face, bound, side * value, deviation))
+    return placed._replace(bounds=bounds), ends
+
+
+def _middle(kind: str, bounds: Floats) -> Floats:
+    """A point on the axis of a shape, in its frame."""
+    if kind == "cuboid":
+        return np.asarray((bounds[:3] + bounds[3:]) / 2)
+    return np.array([0, 0, bounds[1:].mean()])
+
+
+def _disk(placed: Placed, points: Floats, noise: float) -> tuple[Placed, Floats, _End]:
+    """A cylinder of which an end alone is seen: its points fill the circle evenly."""
+    z = placed.bounds[1:]
+    on = np.abs(points[:, 2, None] - z).min(axis=1) < 4 * noise
+    middle = np.array([*points[on, :2].mean(axis=0), 0.0])
+    points = points - middle
+    rho2 = np.square(points[on, :2]).sum(axis=1)
+    radius = math.sqrt(2 * max(float(rho2.mean()) - 2 * noise**2, 1e-12))
+    placed = placed._replace(
+        origin=placed.origin + placed.rotation @ middle, bounds=np.array([radius, *z])
+    )
+    return placed, points, _End(0, 0, radius, radius / math.sqrt(max(int(on.sum()), 1)))
+
+
+def _edge(along: Floats, width: float, spacing: float) -> tuple[float, float]:
+    """Where evenly spread points with noise end, and its standard deviation.
+
+    The points beyond a line are as many as the density inside of it times the distance to the end:
+    noise moves as many over the edge as back.
+    """
+    last = float(np.quantile(along, 0.99))
+    line = last - width
+    inside = along[(along > line - 3 * width) & (along <= line)]
+    beyond = int(((along > line) & (along < last + width)).sum())
+    if len(inside) < 10:
+        return last, max(width, spacing)
+    reach = line - max(line - 3 * width, float(along.min()))
+    density = len(inside) / reach
+    counted = math.sqrt(beyond + beyond**2 / len(inside)) / density
+    return line + beyond / density, math.hypot(counted, spacing / math.sqrt(12))
+
+
+def _deviation(
+    placed: Placed, rows: Floats, weights: Floats, ends: list[_End], noise: float
+) -> Floats:
+    """Standard deviations of the sizes, by the normal equations of points and ends."""
+    normal = (rows * weights[:, None]).T @ rows / noise**2
+    for face, bound, _, deviation in ends:
+        row = np.zeros(len(normal))
+        row[6 + bound] = 1
+        for number, _, axis, _ in ENDS[placed.kind]:
+            if number == face:
+                row[axis] = 1
+        if math.isfinite(deviation):
+            normal += np.outer(row, row) / deviation**2
+    normal[np.diag_indices_from(normal)] += 1.0  # nothing is known better than to a metre
+    gradient = size_gradient(placed.kind, placed.bounds)
+    every = np.hstack([np.zeros((len(gradient), 6)), gradient])
+    deviation = np.sqrt(np.einsum("ij,ji->i", every, np.linalg.solve(normal, every.T)))
+    return np.where(deviation > UNKNOWN, math.inf, deviation)
