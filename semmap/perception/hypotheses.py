@@ -12,15 +12,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.distance import cdist
 
 from semmap.perception.point_cloud import Floats, Surfels
 
 __all__ = ["Placed", "frame_with_axis", "hypotheses", "smallest_rectangle"]
 
-TRIES = 160
+TRIES = 120
 """Hypotheses of each kind."""
 
-SCORED = 250
+SCORED = 200
 """Points that score them."""
 
 SLIMMEST, WIDEST = 0.09, 5.7
@@ -129,10 +130,16 @@ def _meeting_points(
     return (p + s[:, None] * n + q + t[:, None] * m) / 2, usable
 
 
+def _along_and_across(sample: Floats, centre: Floats, axis: Floats) -> tuple[Floats, Floats]:
+    """Coordinates along h axes, and distances from them, of s points: (h, s) each."""
+    along = axis @ sample.T - np.einsum("hi,hi->h", axis, centre)[:, None]
+    return along, np.sqrt(np.maximum(cdist(centre, sample, "sqeuclidean") - along**2, 0))
+
+
 def _sphere(p: Floats, n: Floats, sample: Floats, scale: float, widest: float) -> Placed | None:
     centre, usable = _meeting_points(p[:, 0], n[:, 0], p[:, 1], n[:, 1])
     radius = np.linalg.norm(p[:, :2] - centre[:, None], axis=2).mean(axis=1)
-    distance = np.linalg.norm(sample - centre[:, None], axis=2) - radius[:, None]
+    distance = cdist(centre, sample) - radius[:, None]
     cost = np.minimum((distance / scale) ** 2, 1)
     best = _best(cost, usable & (radius < widest))
     if best is None:
@@ -163,9 +170,7 @@ def _cylinders(
     centre, crossing = _meeting_points(flat_p[:, 0], flat_n[:, 0], flat_p[:, 1], flat_n[:, 1])
     radius = np.linalg.norm(flat_p - centre[:, None], axis=2).mean(axis=1)
     usable &= crossing & (radius < widest)
-    offset = sample - centre[:, None]
-    along = np.einsum("hsi,hi->hs", offset, axis)
-    rho = np.sqrt(np.maximum(np.einsum("hsi,hsi->hs", offset, offset) - along**2, 0))
+    _, rho = _along_and_across(sample, centre, axis)
     on_side = np.minimum(((rho - radius[:, None]) / scale) ** 2, 1)
     # Points inside, whose normal is along the axis, are of an end.
     is_end = (np.abs(axis @ normals.T) > 0.9) & (rho < radius[:, None] + scale)
@@ -195,10 +200,8 @@ def _cone(p: Floats, n: Floats, sample: Floats, scale: float, widest: float) -> 
     cos = np.clip(np.abs(cos), 1e-3, 1)
     tangent = np.sqrt(1 - cos**2) / cos
     usable &= (tangent > SLIMMEST) & (tangent < WIDEST)
-    offset = sample - tip[:, None]
-    below = -np.einsum("hsi,hi->hs", offset, axis)
-    rho = np.sqrt(np.maximum(np.einsum("hsi,hsi->hs", offset, offset) - below**2, 0))
-    distance = cos[:, None] * (rho - tangent[:, None] * below)
+    along, rho = _along_and_across(sample, tip, axis)
+    distance = cos[:, None] * (rho + tangent[:, None] * along)
     best = _best(np.minimum((distance / scale) ** 2, 1), usable)
     if best is None:
         return None
@@ -210,13 +213,15 @@ def _cuboids(
     n: Floats, sample: Floats, normals: Floats, scale: float, known: Floats
 ) -> list[Placed]:
     """The frame that most normals agree with; and the smallest rectangles along known axes."""
-    first, second = n[:, 0], n[:, 1]
+    first, second = n[:TRIES // 2, 0], n[:TRIES // 2, 1]
     second = second - np.einsum("hi,hi->h", first, second)[:, None] * first
     length = np.linalg.norm(second, axis=1)
     usable = length > 0.95
     second /= np.maximum(length, 1e-12)[:, None]
-    frame = np.stack([first, second, np.cross(first, second)], axis=2)
-    along = np.abs(np.einsum("hij,si->hsj", frame, normals)).max(axis=2)
+    third = np.cross(first, second)
+    frame = np.stack([first, second, third], axis=2)
+    along = np.maximum(np.abs(first @ normals.T), np.abs(second @ normals.T))
+    along = np.maximum(along, np.abs(third @ normals.T))
     best = _best(np.minimum((1 - along) / 0.05, 1), usable)
     frames = [] if best is None else [frame[best]]
     for axis in known:
@@ -224,7 +229,10 @@ def _cuboids(
         heading, _ = smallest_rectangle((sample @ upright)[:, :2])
         cos, sin = np.cos(heading), np.sin(heading)
         frames.append(upright @ np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]))
+    # The frames that most normals are along: two, as a rectangle may fit where normals are few.
+    frames.sort(key=lambda f: -float((np.abs(normals @ f).max(axis=1) > 0.95).mean()))
+    few = len(sample) // 50
     return [
-        Placed("cuboid", f, np.zeros(3), np.quantile(sample @ f, (0.02, 0.98), axis=0).ravel())
-        for f in frames
+        Placed("cuboid", f, np.zeros(3), np.sort(sample @ f, axis=0)[[few, -1 - few]].ravel())
+        for f in frames[:2]
     ]

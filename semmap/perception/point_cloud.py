@@ -102,6 +102,11 @@ class Surfels:
         self.points, self.normals = points, normals
         self.noise, self.spacing = noise, spacing
 
+    def take(self, count: int) -> Surfels:
+        """Return the first points, whose spacing is wider."""
+        wider = self.spacing * max(len(self.points) / count, 1.0) ** 0.5
+        return Surfels(self.points[:count], self.normals[:count], self.noise, wider)
+
 
 def surfels(points: Floats, neighbours: int = NEIGHBOURS) -> Surfels:
     """Return points with the normals of the planes through their nearest neighbours.
@@ -116,7 +121,7 @@ def surfels(points: Floats, neighbours: int = NEIGHBOURS) -> Surfels:
     k = min(neighbours, len(points))
     distance, near = cKDTree(points, balanced_tree=False).query(points, k)
     offset = points[near] - points[near].mean(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset) / k)
+    values, vectors = np.linalg.eigh(offset.transpose(0, 2, 1) @ offset / k)
     noise = float(np.sqrt(max(np.median(values[:, 0]), 0.0) * k / max(k - 3, 1)))
     spacing = float(np.median(distance[:, min(4, k - 1)])) / np.sqrt(4 / np.pi)
     return Surfels(points, vectors[:, :, 0], noise, spacing)

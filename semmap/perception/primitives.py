@@ -29,8 +29,14 @@ __all__ = ["SHAPES", "Primitive", "fit_primitive", "mesh_primitive"]
 FEWEST = 30
 """Points that a fit needs."""
 
-FITTED = 1200
+FITTED = 800
 """Points that are fitted: more make the result no better than their common errors."""
+
+SELECTED = 300
+"""Points that select among hypotheses."""
+
+CLOSE = 0.05
+"""Hypotheses whose costs differ less are both refined."""
 
 PRICE = 0.004
 """Of each bound of a shape, as a share of the points."""
@@ -119,20 +125,27 @@ def fit_primitive(
     if tolerance is not None and not tolerance > 0:
         raise PerceptionError(f"the tolerance is {tolerance} m: give a number above 0")
     random = np.random.default_rng(seed)
-    cloud, fitted = _surfels_of(points, normals, random)
+    cloud, fitted, centre = _surfels_of(points, normals, random)
+    if table is not None:
+        table = Plane(table.normal, table.offset - float(centre @ table.normal))
     diameter = float(np.linalg.norm(np.ptp(fitted.points, axis=0)))
     noise = max(fitted.noise, 2e-4 * diameter)
     within = tolerance if tolerance is not None else max(3 * noise, 0.01 * diameter)
     up = None if table is None else table.normal
     rough = hypotheses(fitted, max(within, 4 * noise), up, random)
-    fits = [refined(shape, fitted, cloud, noise, table) for shape in rough if shape.kind in kinds]
+    few = fitted.take(SELECTED)
+    fits = [refined(shape, few, few.points, noise, table, 1) for shape in rough if shape.kind in kinds]
+    usable = [fit for fit in fits if fit is not None and _is_plausible(fit, few, diameter)]
+    costs = sorted([(_cost(fit, few, within), i) for i, fit in enumerate(usable)])
+    finalists = [usable[i].placed for cost, i in costs[:2] if cost < costs[0][0] + CLOSE]
+    fits = [refined(shape, fitted, cloud, noise, table) for shape in finalists]
     usable = [fit for fit in fits if fit is not None and _is_plausible(fit, fitted, diameter)]
     if not usable:
         raise PerceptionError(
             f"no {' or '.join(kinds)} fits the {len(cloud)} points: give points of a surface"
         )
     best = min(usable, key=lambda fit: _cost(fit, fitted, within))
-    return _primitive(best, cloud, within)
+    return _primitive(best, cloud, centre, within)
 
 
 def mesh_primitive(mesh: trimesh.Trimesh, *, samples: int = 4000, seed: int = 0) -> Primitive:
@@ -157,11 +170,13 @@ def mesh_primitive(mesh: trimesh.Trimesh, *, samples: int = 4000, seed: int = 0)
 
 def _surfels_of(
     points: ArrayLike, normals: ArrayLike | None, random: np.random.Generator
-) -> tuple[Floats, Surfels]:
-    """All finite points; and those that are fitted, with normals."""
+) -> tuple[Floats, Surfels, Floats]:
+    """All finite points about their mean; those that are fitted, with normals; and the mean."""
     if normals is None:
         cloud = checked_points(points, FEWEST, "the cluster")
-        return cloud, surfels(cloud[random.permutation(len(cloud))[:FITTED]])
+        centre = cloud.mean(axis=0)
+        cloud = cloud - centre
+        return cloud, surfels(cloud[random.permutation(len(cloud))[:FITTED]]), centre
     given, across = np.asarray(points, float), np.asarray(normals, float)
     if given.shape != across.shape:
         raise PerceptionError(
@@ -171,10 +186,13 @@ def _surfels_of(
     both = np.concatenate([given.reshape(-1, 3), across.reshape(-1, 3)], axis=1)
     both = both[np.isfinite(both).all(axis=1)]
     checked_points(both[:, :3], FEWEST, "the cluster with its normals")
+    centre = both[:, :3].mean(axis=0)
+    both[:, :3] -= centre
     chosen = both[random.permutation(len(both))[:FITTED]]
     flat = surfels(chosen[:, :3])
     length = np.maximum(np.linalg.norm(chosen[:, 3:], axis=1, keepdims=True), 1e-12)
-    return both[:, :3], Surfels(flat.points, chosen[:, 3:] / length, 0.0, flat.spacing)
+    cloud = Surfels(flat.points, chosen[:, 3:] / length, 0.0, flat.spacing)
+    return both[:, :3], cloud, centre
 
 
 def _is_plausible(fit: Fit, cloud: Surfels, diameter: float) -> bool:
@@ -200,7 +218,7 @@ def _cost(fit: Fit, cloud: Surfels, within: float) -> float:
     return float(np.maximum(far, 0.5 * turned).mean()) + PRICE * len(fit.placed.bounds)
 
 
-def _primitive(fit: Fit, points: Floats, within: float) -> Primitive:
+def _primitive(fit: Fit, points: Floats, mean: Floats, within: float) -> Primitive:
     """A fit with its origin in the middle, z upwards, and the axes of a cuboid in a fixed order."""
     kind, rotation, origin, bounds = fit.placed
     size, deviation = size_of(kind, bounds), fit.deviation
@@ -212,7 +230,7 @@ def _primitive(fit: Fit, points: Floats, within: float) -> Primitive:
         middle[2] = (bounds[1] + bounds[2]) / 2
     elif kind == "cone":
         middle[2] = bounds[1]
-    centre = origin + rotation @ middle
+    centre = mean + origin + rotation @ middle
     if kind == "sphere":
         rotation = np.eye(3)
     elif kind == "cylinder" and rotation[2, 2] < 0:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from semmap.perception.hypotheses import Placed
 from semmap.perception.plane import Plane
@@ -25,8 +24,6 @@ STANDS = math.cos(math.radians(15))
 
 TABLE_DEVIATION = 1e-3
 """Of the height of a table, metres."""
-
-TURNS = 3
 
 UNKNOWN = 0.3
 """A size of which the points leave more deviation than this, in metres, is not seen."""
@@ -69,7 +66,12 @@ class _End(NamedTuple):
 
 
 def refined(
-    shape: Placed, cloud: Surfels, whole: Floats, noise: float, table: Plane | None
+    shape: Placed,
+    cloud: Surfels,
+    whole: Floats,
+    noise: float,
+    table: Plane | None,
+    turns: int = 2,
 ) -> Fit | None:
     """Return a rough shape fitted to the points, or None if they show none of its faces.
 
@@ -83,12 +85,14 @@ def refined(
         Standard deviation of the points, metres.
     table
         The plane that the object stands on, if known.
+    turns
+        How often the faces that are seen are determined.
     """
     kind, rotation, origin, bounds = shape
     scale = max(2 * noise, 0.02 * float(np.linalg.norm(np.ptp(cloud.points, axis=0))))
     if kind in ("cylinder", "cone"):
         bounds = _first_ends(shape, cloud, scale)
-    for turn in range(TURNS):
+    for turn in range(turns):
         placed = Placed(kind, rotation, origin, bounds)
         seen = _seen_faces(placed, cloud, scale)
         if not seen.any():
@@ -99,16 +103,17 @@ def refined(
             normal[np.diag_indices_from(normal)] += 1e-7 * np.trace(normal) + 1e-12
             step = -np.linalg.solve(normal, rows.T @ (weights * residual))
             placed = _moved(placed, step)
-            if np.abs(residual @ rows[:, :6] / len(rows)).max() < 1e-3 * noise:
+            if np.abs(step).max() < 0.02 * noise:
                 break
         scale = min(scale, max(noise, 1.48 * float(np.median(np.abs(residual)))))
-        points = whole if turn == TURNS - 1 else cloud.points
+        points = whole if turn == turns - 1 else cloud.points
         spacing = cloud.spacing * math.sqrt(len(cloud.points) / len(points))
         placed, ends = _ended(placed, seen, points, spacing, noise, table)
         _, rotation, origin, bounds = placed
         if not np.isfinite(bounds).all() or np.abs(bounds).max() > 1e3:
             return None
-    return Fit(placed, seen, _deviation(placed, rows, weights, ends, noise))
+    known = normal / noise**2
+    return Fit(placed, seen, _deviation(placed, known, ends))
 
 
 def _local(placed: Placed, cloud: Surfels) -> tuple[Floats, Floats]:
@@ -153,12 +158,18 @@ def _equations(
     residual, normal = faces.distance[own], faces.normal[own]
     across = np.einsum("ni,ni->n", normal, normals)
     weights = across**4 / (1 + (residual / (2 * scale)) ** 2) ** 2
-    rows = np.hstack([-normal, -np.cross(points, normal), faces.slope[own]])
+    rows = np.empty((len(points), 6 + len(placed.bounds)))
+    x, y, z = points.T
+    a, b, c = normal.T
+    rows[:, :3], rows[:, 6:] = -normal, faces.slope[own]
+    rows[:, 3], rows[:, 4], rows[:, 5] = z * b - y * c, x * c - z * a, y * a - x * b
     return rows, residual, weights
 
 
 def _moved(placed: Placed, step: Floats) -> Placed:
-    turn = Rotation.from_rotvec(step[3:6]).as_matrix()
+    x, y, z = np.clip(step[3:6], -0.5, 0.5) / 2
+    half = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = np.linalg.solve(np.eye(3) - half, np.eye(3) + half)  # Cayley's map: a rotation
     return placed._replace(
         rotation=placed.rotation @ turn,
         origin=placed.origin + placed.rotation @ step[:3],
@@ -184,13 +195,14 @@ def _ended(
     faces = face_distances(kind, points, placed.bounds)
     own = np.where(seen[:, None], faces.distance, -np.inf).argmax(axis=0)
     near = np.abs(faces.distance[own, np.arange(len(points))]) < 4 * noise
+    across = {e[0]: e[2] for e in ENDS[kind]}
+    axis_of = np.array([across.get(face, -1) for face in range(len(seen))])[own]
     bounds = placed.bounds.copy()
     for face, bound, axis, side in ENDS[kind]:
         if seen[face]:
             continue
         outward = side * placed.rotation[:, axis]
-        leads_there = near & ~np.isin(own, [e[0] for e in ENDS[kind] if e[2] == axis])
-        along = side * points[leads_there, axis]
+        along = side * points[near & (axis_of != axis), axis]
         if table is not None and outward @ table.normal < -STANDS:
             middle = placed.rotation @ _middle(kind, bounds) + placed.origin
             down = table.height(middle[None])[0] / -(outward @ table.normal)
@@ -243,11 +255,8 @@ def _edge(along: Floats, width: float, spacing: float) -> tuple[float, float]:
     return line + beyond / density, math.hypot(counted, spacing / math.sqrt(12))
 
 
-def _deviation(
-    placed: Placed, rows: Floats, weights: Floats, ends: list[_End], noise: float
-) -> Floats:
+def _deviation(placed: Placed, normal: Floats, ends: list[_End]) -> Floats:
     """Standard deviations of the sizes, by the normal equations of points and ends."""
-    normal = (rows * weights[:, None]).T @ rows / noise**2
     for face, bound, _, deviation in ends:
         row = np.zeros(len(normal))
         row[6 + bound] = 1
