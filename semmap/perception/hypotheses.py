@@ -52,16 +52,20 @@ def hypotheses(
     points, normals = cloud.points, cloud.normals
     chosen = random.permutation(len(points))[:SCORED]
     sample, sampled_normals = points[chosen], normals[chosen]
-    triple = random.integers(0, len(points), (TRIES, 3))
-    p, n = points[triple], normals[triple]
     widest = float(np.linalg.norm(np.ptp(points, axis=0)))
     known = _faces_of(sampled_normals, random)
+    triple = random.integers(0, len(points), (TRIES, 3))
+    side = np.flatnonzero(np.abs(normals @ known[0]) < 0.9)
+    if len(side) > 0.1 * len(points):  # curved sides beside a large flat end
+        triple[::2] = side[random.integers(0, len(side), (len(triple[::2]), 3))]
+    p, n = points[triple], normals[triple]
     if up is not None:
         known = np.vstack([up, known])
     found = [
         _sphere(p, n, sample, scale, widest),
         *_cylinders(p, n, sample, sampled_normals, scale, widest, known),
         _cone(p, n, sample, scale, widest),
+        _disk(sample, sampled_normals, known[0]),
         *_cuboids(n, sample, sampled_normals, scale, known),
     ]
     return [shape for shape in found if shape is not None]
@@ -179,6 +183,20 @@ def _cylinders(
         return []
     frame = frame_with_axis(axis[best])
     return [Placed("cylinder", frame, centre[best], np.array([radius[best], 0.0, 0.0]))]
+
+
+def _disk(sample: Floats, normals: Floats, axis: Floats) -> Placed | None:
+    """The end of a cylinder that fills the largest plane."""
+    frame = frame_with_axis(axis)
+    local = sample[np.abs(normals @ axis) > 0.95] @ frame
+    if not len(local):
+        return None
+    local = local[np.abs(local[:, 2] - np.median(local[:, 2])) < 0.1 * np.ptp(sample)]
+    if len(local) < 10:
+        return None
+    middle = np.median(local, axis=0)
+    radius = np.sqrt(2 * np.square(local[:, :2] - middle[:2]).sum(axis=1).mean())
+    return Placed("cylinder", frame, frame @ middle, np.array([radius, 0.0, 0.0]))
 
 
 def _cone(p: Floats, n: Floats, sample: Floats, scale: float, widest: float) -> Placed | None:

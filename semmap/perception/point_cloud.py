@@ -108,7 +108,9 @@ class Surfels:
         return Surfels(self.points[:count], self.normals[:count], self.noise, wider)
 
 
-def surfels(points: Floats, neighbours: int = NEIGHBOURS) -> Surfels:
+def surfels(
+    points: Floats, neighbours: int = NEIGHBOURS, alone: float | None = None
+) -> Surfels:
     """Return points with the normals of the planes through their nearest neighbours.
 
     Parameters
@@ -117,11 +119,18 @@ def surfels(points: Floats, neighbours: int = NEIGHBOURS) -> Surfels:
         (n, 3) metres, finite.
     neighbours
         Points of each plane, itself included.
+    alone
+        Points are left out whose neighbours are so many times farther than usual; none where None.
     """
     k = min(neighbours, len(points))
     distance, near = cKDTree(points, balanced_tree=False).query(points, k)
+    kept = np.ones(len(points), bool)
+    if alone is not None:
+        reach = distance[:, k // 2]
+        kept = reach < alone * np.median(reach)
+        distance, near = distance[kept], near[kept]
     offset = points[near] - points[near].mean(axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(offset.transpose(0, 2, 1) @ offset / k)
     noise = float(np.sqrt(max(np.median(values[:, 0]), 0.0) * k / max(k - 3, 1)))
     spacing = float(np.median(distance[:, min(4, k - 1)])) / np.sqrt(4 / np.pi)
-    return Surfels(points, vectors[:, :, 0], noise, spacing)
+    return Surfels(points[kept], vectors[:, :, 0], noise, spacing)

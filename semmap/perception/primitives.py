@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from scipy.spatial import ConvexHull, QhullError
 
 from semmap.perception.error import PerceptionError
 from semmap.perception.hypotheses import SLIMMEST, WIDEST, hypotheses
@@ -21,16 +22,16 @@ from semmap.perception.point_cloud import Floats, Surfels, checked_points, surfe
 from semmap.perception.refinement import Fit, refined
 from semmap.perception.shapes import SHAPES, size_of, surface
 
-if TYPE_CHECKING:
-    import trimesh
-
-__all__ = ["SHAPES", "Primitive", "fit_primitive", "mesh_primitive"]
+__all__ = ["SHAPES", "Primitive", "fit_primitive", "primitive_of"]
 
 FEWEST = 30
 """Points that a fit needs."""
 
 FITTED = 800
 """Points that are fitted: more make the result no better than their common errors."""
+
+ALONE = 2.0
+"""Points whose neighbours are so many times farther than usual are outliers."""
 
 SELECTED = 300
 """Points that select among hypotheses."""
@@ -134,9 +135,11 @@ def fit_primitive(
     up = None if table is None else table.normal
     rough = hypotheses(fitted, max(within, 4 * noise), up, random)
     few = fitted.take(SELECTED)
-    fits = [refined(shape, few, few.points, noise, table, 1) for shape in rough if shape.kind in kinds]
+    fits = [
+        refined(shape, few, few.points, noise, table, 1) for shape in rough if shape.kind in kinds
+    ]
     usable = [fit for fit in fits if fit is not None and _is_plausible(fit, few, diameter)]
-    costs = sorted([(_cost(fit, few, within), i) for i, fit in enumerate(usable)])
+    costs = sorted((_cost(fit, few, within), i) for i, fit in enumerate(usable))
     finalists = [usable[i].placed for cost, i in costs[:2] if cost < costs[0][0] + CLOSE]
     fits = [refined(shape, fitted, cloud, noise, table) for shape in finalists]
     usable = [fit for fit in fits if fit is not None and _is_plausible(fit, fitted, diameter)]
@@ -145,27 +148,7 @@ def fit_primitive(
             f"no {' or '.join(kinds)} fits the {len(cloud)} points: give points of a surface"
         )
     best = min(usable, key=lambda fit: _cost(fit, fitted, within))
-    return _primitive(best, cloud, centre, within)
-
-
-def mesh_primitive(mesh: trimesh.Trimesh, *, samples: int = 4000, seed: int = 0) -> Primitive:
-    """Return the shape that fits the surface of a mesh best, in the frame of the mesh.
-
-    Raises
-    ------
-    PerceptionError
-        A mesh without faces, with vertices that are not finite, or of no volume.
-    """
-    import trimesh
-
-    vertices = np.asarray(mesh.vertices, float)
-    if not len(mesh.faces) or not np.isfinite(vertices).all() or not mesh.area > 0:
-        raise PerceptionError("the mesh has no surface: give a mesh with faces and finite vertices")
-    widths = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
-    if widths[2] < 1e-6 * widths[0]:
-        raise PerceptionError("the mesh is flat, it has no volume: give the mesh of a solid")
-    points, faces = trimesh.sample.sample_surface(mesh, samples, seed=seed)
-    return fit_primitive(points, np.asarray(mesh.face_normals)[faces], seed=seed)
+    return primitive_of(best, cloud, centre, within)
 
 
 def _surfels_of(
@@ -176,7 +159,7 @@ def _surfels_of(
         cloud = checked_points(points, FEWEST, "the cluster")
         centre = cloud.mean(axis=0)
         cloud = cloud - centre
-        return cloud, surfels(cloud[random.permutation(len(cloud))[:FITTED]]), centre
+        return cloud, surfels(cloud[random.permutation(len(cloud))[:FITTED]], alone=ALONE), centre
     given, across = np.asarray(points, float), np.asarray(normals, float)
     if given.shape != across.shape:
         raise PerceptionError(
@@ -199,7 +182,7 @@ def _is_plausible(fit: Fit, cloud: Surfels, diameter: float) -> bool:
     """Whether a shape is of the size of its points, and a cone has points near its tip."""
     kind, bounds = fit.placed.kind, fit.placed.bounds
     size = size_of(kind, bounds)
-    if not (size > 0).all() or size.max() > 2 * diameter:
+    if not (size > 0).all() or size.max() > 2 * diameter or size[0] > diameter:
         return False
     if kind != "cone":
         return True
@@ -210,16 +193,40 @@ def _is_plausible(fit: Fit, cloud: Surfels, diameter: float) -> bool:
 
 def _cost(fit: Fit, cloud: Surfels, within: float) -> float:
     """How badly a shape explains the points: distances and normals; complex shapes pay a little."""
-    kind = fit.placed.kind
-    distance, normal = surface(kind, fit.local(cloud.points), fit.placed.bounds)
+    kind, bounds = fit.placed.kind, fit.placed.bounds
+    local = fit.local(cloud.points)
+    distance, normal = surface(kind, local, bounds)
     across = np.abs(np.einsum("ni,ni->n", normal, cloud.normals @ fit.placed.rotation))
     far = np.minimum((distance / within) ** 2, 1)
     turned = np.minimum((1 - across) / 0.3, 1)
-    return float(np.maximum(far, 0.5 * turned).mean()) + PRICE * len(fit.placed.bounds)
+    cost = float(np.maximum(far, 0.5 * turned).mean()) + PRICE * len(bounds)
+    if kind == "cuboid":
+        cost += max(0.0, 0.9 - _filled(local[distance <= within], normal[distance <= within], bounds))
+    return cost
 
 
-def _primitive(fit: Fit, points: Floats, mean: Floats, within: float) -> Primitive:
-    """A fit with its origin in the middle, z upwards, and the axes of a cuboid in a fixed order."""
+def _filled(points: Floats, normals: Floats, bounds: Floats) -> float:
+    """The share of its most seen face that the points of a cuboid fill: of a disk, 0.79."""
+    axis = int(np.abs(normals).sum(axis=0).argmax())
+    flat = [i for i in range(3) if i != axis]
+    on = np.abs(normals[:, axis]) > 0.5
+    try:
+        hull = ConvexHull(points[on][:, flat])
+    except (QhullError, ValueError):
+        return 1.0
+    return float(hull.volume / np.prod(size_of("cuboid", bounds)[flat]))
+
+
+def primitive_of(fit: Fit, points: Floats, mean: Floats, within: float) -> Primitive:
+    """Return a fit with its origin in the middle and its axes in a fixed order.
+
+    Parameters
+    ----------
+    points
+        (n, 3) which are compared with the surface, about their `mean`.
+    within
+        Distance of inliers, metres.
+    """
     kind, rotation, origin, bounds = fit.placed
     size, deviation = size_of(kind, bounds), fit.deviation
     distance, _ = surface(kind, fit.local(points), bounds)

@@ -25,9 +25,6 @@ STANDS = math.cos(math.radians(15))
 TABLE_DEVIATION = 1e-3
 """Of the height of a table, metres."""
 
-UNKNOWN = 0.3
-"""A size of which the points leave more deviation than this, in metres, is not seen."""
-
 ENDS: dict[str, tuple[tuple[int, int, int, int], ...]] = {
     "sphere": (),
     "cylinder": ((1, 1, 2, -1), (2, 2, 2, 1)),
@@ -35,6 +32,15 @@ ENDS: dict[str, tuple[tuple[int, int, int, int], ...]] = {
     "cuboid": tuple((3 * k + i, 3 * k + i, i, 2 * k - 1) for k in range(2) for i in range(3)),
 }
 """The flat faces: number of the face, of its bound, the axis across, and the side of it."""
+
+
+OPPOSITE = {
+    "sphere": (),
+    "cylinder": ((1, 2),),
+    "cone": (),
+    "cuboid": ((0, 3), (1, 4), (2, 5)),
+}
+"""Flat faces of which a thin view could be either."""
 
 
 class Fit(NamedTuple):
@@ -142,7 +148,12 @@ def _seen_faces(placed: Placed, cloud: Surfels, scale: float) -> NDArray[np.bool
     across = np.abs(np.einsum("ni,ni->n", faces.normal[own, every], normals))
     on = (np.abs(faces.distance[own, every]) < 3 * scale) & (across > 0.85)
     count = np.bincount(own[on], minlength=len(faces.distance))
-    return np.asarray(count >= max(10, 0.02 * len(points)))
+    seen = np.asarray(count >= max(10, 0.02 * len(points)))
+    for low, high in OPPOSITE[placed.kind]:
+        thickness = placed.bounds[high] - placed.bounds[low]
+        if seen[low] and seen[high] and thickness < 4 * scale:
+            seen[low if count[low] < count[high] else high] = False
+    return seen
 
 
 def _equations(
@@ -227,6 +238,8 @@ def _disk(placed: Placed, points: Floats, noise: float) -> tuple[Placed, Floats,
     """A cylinder of which an end alone is seen: its points fill the circle evenly."""
     z = placed.bounds[1:]
     on = np.abs(points[:, 2, None] - z).min(axis=1) < 4 * noise
+    if not on.any():
+        return placed, points, _End(0, 0, placed.bounds[0], math.inf)
     middle = np.array([*points[on, :2].mean(axis=0), 0.0])
     points = points - middle
     rho2 = np.square(points[on, :2]).sum(axis=1)
@@ -243,10 +256,11 @@ def _edge(along: Floats, width: float, spacing: float) -> tuple[float, float]:
     The points beyond a line are as many as the density inside of it times the distance to the end:
     noise moves as many over the edge as back.
     """
-    last = float(np.quantile(along, 0.99))
+    count, edges = np.histogram(along, max(int(np.ptp(along) / width * 2), 1))
+    last = float(edges[1:][count > 0.3 * np.median(count[count > 0])][-1])  # beyond are outliers
     line = last - width
     inside = along[(along > line - 3 * width) & (along <= line)]
-    beyond = int(((along > line) & (along < last + width)).sum())
+    beyond = int(((along > line) & (along < last + width / 2)).sum())
     if len(inside) < 10:
         return last, max(width, spacing)
     reach = line - max(line - 3 * width, float(along.min()))
@@ -265,8 +279,9 @@ def _deviation(placed: Placed, normal: Floats, ends: list[_End]) -> Floats:
                 row[axis] = 1
         if math.isfinite(deviation):
             normal += np.outer(row, row) / deviation**2
-    normal[np.diag_indices_from(normal)] += 1.0  # nothing is known better than to a metre
+    normal[np.diag_indices_from(normal)] += 1.0  # no number is less known than to a metre
     gradient = size_gradient(placed.kind, placed.bounds)
     every = np.hstack([np.zeros((len(gradient), 6)), gradient])
     deviation = np.sqrt(np.einsum("ij,ji->i", every, np.linalg.solve(normal, every.T)))
-    return np.where(deviation > UNKNOWN, math.inf, deviation)
+    open_ends = [end.bound for end in ends if math.isinf(end.deviation)]
+    return np.where((gradient[:, open_ends] != 0).any(axis=1), math.inf, deviation)
