@@ -1,0 +1,197 @@
+"""Models of known objects: what cameras around a mesh see of it.
+
+O'Neill's thesis (section 5.0.4) rotates models and stores descriptors of their views. Here a
+descriptor is a histogram about the line of sight, so that a camera's roll does not change it; the
+roll follows from a signature over the angle about the line of sight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull, cKDTree
+
+from semmap.draw.depth_camera import DepthCamera, look_at
+from semmap.geometry.mesh import Mesh
+from semmap.perception.error import PerceptionError
+from semmap.perception.hypotheses import frame_with_axis
+from semmap.perception.point_cloud import Floats, surfels, voxel_downsample
+
+__all__ = ["VOXEL", "Look", "ModelView", "ObjectModel", "describe", "depth_points", "train_model"]
+
+VOXEL = 0.004
+"""Metres between the points of views and clusters."""
+
+ACROSS, AHEAD, TILT, TURN = 10, 10, 8, 48
+"""Bins of descriptors: distance from the line of sight, depth, tilt of normals; and of angles."""
+
+WIDEST = 0.3
+"""Metres that the bins reach from the middle."""
+
+MOST = 20_000
+"""Triangles of a mesh that views are rendered of."""
+
+
+class Look(NamedTuple):
+    """Points as seen along the line of sight to their mean.
+
+    Attributes
+    ----------
+    centre : (3,) mean of the points
+    frame : (3, 3) the third column is the line of sight
+    descriptor : (bins,) the same for each roll of the camera
+    signature : (channels, TURN) over the angle about the line of sight
+    """
+
+    centre: Floats
+    frame: Floats
+    descriptor: Floats
+    signature: Floats
+
+
+class ModelView(NamedTuple):
+    """What a camera sees of a model.
+
+    Attributes
+    ----------
+    direction : (3,) from the model's middle to the camera
+    points : (n, 3) in the frame of the model, metres
+    look : their descriptor
+    """
+
+    direction: Floats
+    points: Floats
+    look: Look
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectModel:
+    """A known object.
+
+    Attributes
+    ----------
+    name
+        Of the object or its class.
+    views
+        From directions all around.
+    """
+
+    name: str
+    views: tuple[ModelView, ...]
+    _made: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def points(self) -> Floats:
+        """(n, 3): what is seen from anywhere, in the frame of the model, metres."""
+        return voxel_downsample(np.concatenate([v.points for v in self.views]), VOXEL)
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of `points`."""
+        return cKDTree(self.points)
+
+    @cached_property
+    def descriptors(self) -> Floats:
+        """(views, bins)."""
+        return np.array([view.look.descriptor for view in self.views])
+
+    @cached_property
+    def directions(self) -> Floats:
+        """(views, 3)."""
+        return np.array([view.direction for view in self.views])
+
+
+def train_model(name: str, mesh: Mesh, *, views: int = 60) -> ObjectModel:
+    """Return a model of a mesh, seen from directions that cover the sphere evenly.
+
+    Parameters
+    ----------
+    mesh
+        Metres.
+    views
+        Number of directions.
+
+    Raises
+    ------
+    PerceptionError
+        A mesh of no volume, or wider than 0.6 m: this recogniser is for objects on tables.
+    """
+    used = mesh.used
+    width = np.ptp(used, axis=0) if len(used) else np.zeros(3)
+    try:
+        volume = ConvexHull(used).volume
+    except (ValueError, RuntimeError):
+        volume = 0.0
+    if not np.isfinite(width).all() or not volume > 1e-9:
+        raise PerceptionError(f"{name}: the mesh has no volume: give the mesh of a solid")
+    if np.linalg.norm(width) > 2 * WIDEST:
+        raise PerceptionError(
+            f"{name} is {np.linalg.norm(width):.2f} m wide: a model is an object of at most "
+            f"{2 * WIDEST} m; give furniture as a placeholder"
+        )
+    middle = (used.min(axis=0) + used.max(axis=0)) / 2
+    radius = float(np.linalg.norm(width)) / 2
+    return ObjectModel(
+        name, tuple(_view(mesh.triangles, middle, radius, d) for d in sphere_directions(views))
+    )
+
+
+def sphere_directions(count: int) -> Floats:
+    """Return unit vectors (count, 3) that cover the sphere evenly, on a Fibonacci spiral."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    turn = np.pi * (1 + 5**0.5) * np.arange(count)
+    rho = np.sqrt(1 - z**2)
+    return np.stack([rho * np.cos(turn), rho * np.sin(turn), z], axis=1)
+
+
+def depth_points(camera: DepthCamera, depths: Floats) -> Floats:
+    """Return an organised cloud (height, width, 3) in the frame of the camera, NaN where no depth.
+
+    Parameters
+    ----------
+    depths
+        (height, width) metres ahead, as of ``camera.image(triangles)[0]``.
+    """
+    fx, fy, cx, cy = camera.intrinsics
+    row, column = np.indices(depths.shape)
+    rays = np.stack([(column - cx) / fx, (row - cy) / fy, np.ones(depths.shape)], axis=-1)
+    return np.asarray(rays * np.asarray(depths, float)[..., None])
+
+
+def describe(points: Floats, eye: Floats) -> Look:
+    """Return the descriptor of points (n, 3) that a camera at `eye` (3,) sees."""
+    centre = points.mean(axis=0)
+    sight = centre - eye
+    frame = frame_with_axis(sight / np.linalg.norm(sight))
+    local = (points - centre) @ frame
+    normals = surfels(points, 12).normals @ frame
+    rho = np.hypot(local[:, 0], local[:, 1])
+    shape, _, _ = np.histogram2d(
+        rho, local[:, 2], (ACROSS, AHEAD), ((0, WIDEST / 2), (-WIDEST / 2, WIDEST / 2))
+    )
+    tilt, _ = np.histogram(np.abs(normals[:, 2]), TILT, (0, 1))
+    descriptor = np.sqrt(np.concatenate([shape.ravel(), tilt]) / len(points))
+    angle = np.arctan2(local[:, 1], local[:, 0]) % (2 * np.pi)
+    sector = (angle / (2 * np.pi) * TURN).astype(int) % TURN
+    channels = (rho, rho * local[:, 2] * 10, rho * np.abs(normals[:, 2]))
+    signature = np.array([np.bincount(sector, w, TURN) for w in channels]) / len(points)
+    return Look(centre, frame, descriptor, signature)
+
+
+def _view(triangles: Floats, middle: Floats, radius: float, direction: Floats) -> ModelView:
+    """Render a mesh from four radii away; a pixel is about half a voxel wide."""
+    eye = middle + 4 * radius * direction
+    pixels = int(np.clip(2.3 * radius / (VOXEL / 2), 24, 240))
+    focal = pixels / 2 / 0.29
+    centre = (pixels - 1) / 2
+    camera = DepthCamera(
+        (pixels, pixels), (focal, focal, centre, centre), look_at(eye, middle), radius
+    )
+    depths, _ = camera.image(triangles)
+    seen = depth_points(camera, depths).reshape(-1, 3)
+    seen = seen[np.isfinite(seen[:, 0])] @ camera.pose[:3, :3].T + eye
+    points = voxel_downsample(seen, VOXEL)
+    return ModelView(direction, points, describe(points, eye))
