@@ -38,6 +38,12 @@ PASSWORD = "p@ss/w:rd"  # with what a URL has to quote
 MakeDatabase = Callable[[], URL]
 """Makes a fresh database with an empty, migrated schema, and says its URL."""
 
+MEMORY = Path("/dev/shm")
+"""Files in memory, where the system has them: hundreds of databases of 300 files each are written."""
+
+MEMORY_FOR_TESTS = 6 << 30
+"""Bytes that must be free there for a test server in it."""
+
 
 SLOW = (
     "schema/test_planning.py",
@@ -80,7 +86,8 @@ hundreds of databases once a minute."""
 def home() -> Iterator[Path]:
     """A folder for the cluster of this test run; the user's own is out of reach."""
     # pytest's own temporary folders are closed to the user that runs the server for root
-    folder = Path(tempfile.mkdtemp(prefix="semmap-test-", dir="/tmp"))
+    roomy = MEMORY.is_dir() and shutil.disk_usage(MEMORY).free > MEMORY_FOR_TESTS
+    folder = Path(tempfile.mkdtemp(prefix="semmap-test-", dir=MEMORY if roomy else "/tmp"))
     folder.chmod(0o755)
     (folder / "local.conf").write_text(SERVER)
     before = dict(os.environ)
@@ -137,10 +144,19 @@ def make_database(cluster: URL) -> Iterator[MakeDatabase]:
                 run(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)")
 
 
+@pytest.fixture(scope="session")
+def drop_database(cluster: URL) -> Iterator[Callable[[URL], None]]:
+    """Drops a database when its tests have ended, so that its files need never be written."""
+    with administrator(cluster) as run:
+        yield lambda url: run(f"DROP DATABASE IF EXISTS {url.database} WITH (FORCE)")
+
+
 @pytest.fixture
-def database(make_database: MakeDatabase) -> str:
+def database(make_database: MakeDatabase, drop_database: Callable[[URL], None]) -> Iterator[str]:
     """The URL of a fresh, migrated database for one test."""
-    return make_database().render_as_string(hide_password=False)
+    url = make_database()
+    yield url.render_as_string(hide_password=False)
+    drop_database(url)
 
 
 @pytest.fixture
@@ -152,11 +168,14 @@ def engine(database: str) -> Iterator[Engine]:
 
 
 @pytest.fixture(scope="module")
-def module_engine(make_database: MakeDatabase) -> Iterator[Engine]:
+def module_engine(
+    make_database: MakeDatabase, drop_database: Callable[[URL], None]
+) -> Iterator[Engine]:
     """An engine on a migrated database that the tests of a module share."""
     engine = connect(make_database())
     yield engine
     engine.dispose()
+    drop_database(engine.url)
 
 
 @pytest.fixture
