@@ -47,13 +47,20 @@ GRANT INSERT (resource_id, robot_id, expires), UPDATE (robot_id, expires), DELET
 -- It stores what it observed, and what it is taught of relations and actions; the T-Box stays as it is.
 GRANT INSERT (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id) ON observation TO semmap_robot;
 GRANT INSERT ON taught_relation, taught_action TO semmap_robot;
+-- It stores what it knows and learns of manipulation; triggers count outcomes, and an admin decides whom to trust.
+GRANT INSERT ON device, gripper, automaton, object_model, object_mesh, action_step, path TO semmap_robot;
+GRANT UPDATE (shape, size, shape_pose, inliers, deviation) ON object_model TO semmap_robot;
+GRANT INSERT (key, kind, object_id, gripper_id, pose, pre_pose, post_pose, motion, approach, family, width, posture, pre_posture, quality),
+    UPDATE (replaced_by) ON action TO semmap_robot;
+GRANT INSERT (map_id, robot_id, kind, entity_id, action_id, start, goal, deadline, outcome, message),
+    UPDATE (action_id, start, goal, outcome, message) ON task TO semmap_robot;
 
 DO $$
 DECLARE
     name text;
 BEGIN
     FOREACH name IN ARRAY ARRAY['entity', 'placement', 'entity_model', 'model', 'chunk', 'region', 'link',
-                                'mission', 'mission_step', 'reservation', 'robot_class'] LOOP
+                                'mission', 'mission_step', 'reservation', 'robot_class', 'task'] LOOP
         EXECUTE format('ALTER TABLE %I ENABLE ROW LEVEL SECURITY', name);
         EXECUTE format('CREATE POLICY read_all ON %I FOR SELECT USING (true)', name);
         EXECUTE format('CREATE POLICY admin_all ON %I TO semmap_admin USING (true) WITH CHECK (true)', name);
@@ -96,6 +103,8 @@ CREATE POLICY robot_locks ON robot_class FOR UPDATE TO semmap_robot USING (true)
 CREATE POLICY robot_adds ON mission FOR INSERT TO semmap_robot WITH CHECK (is_own_robot(robot_id));
 CREATE POLICY robot_pursues ON mission FOR UPDATE TO semmap_robot
     USING (is_own_robot(robot_id)) WITH CHECK (is_own_robot(robot_id));
+CREATE POLICY robot_adds ON task FOR INSERT TO semmap_robot WITH CHECK (is_own_robot(robot_id));
+CREATE POLICY robot_pursues ON task FOR UPDATE TO semmap_robot USING (is_own_robot(robot_id)) WITH CHECK (is_own_robot(robot_id));
 CREATE POLICY robot_plans ON mission_step FOR INSERT TO semmap_robot WITH CHECK (is_own_mission(mission_id));
 CREATE POLICY robot_steps ON mission_step FOR UPDATE TO semmap_robot
     USING (is_own_mission(mission_id) AND state IN ('planned', 'started')) WITH CHECK (is_own_mission(mission_id));

@@ -58,6 +58,7 @@ CALLS: dict[str, set[str]] = {
     "record_change('moved', '{{{mug}}}')": set(),
     "refresh_belief('{{{mug}}}')": WRITERS,
     "refresh_beliefs()": WRITERS,
+    "weigh_experience('{{}}')": set(),
     "refresh_object_type('{{{mug}}}')": set(),
     "refresh_world('{{{mug}}}')": set(),
     "reshape('{{{mug}}}')": set(),

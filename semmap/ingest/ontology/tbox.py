@@ -23,6 +23,8 @@ ENDINGS = (".ttl", ".nt")
 
 TYPICAL_SIZE = URIRef("urn:semmap:ontology#typicalSize")
 FOUND_IN = URIRef("urn:semmap:ontology#foundIn")
+USED_FOR = URIRef("urn:semmap:ontology#usedFor")
+FUNCTION = URIRef("urn:semmap:ontology#Function")
 
 KINDS = ("room", "object", "region", "connector", "elevator", "storey", "agent")
 """The types that are kinds of entity; each subtype is for entities of that kind."""
@@ -43,6 +45,7 @@ class TypeRecord:
     synonyms : its other names
     typical_size : depth (along its front), width and height, metres
     found_in : names of the types of places where such things are usually found
+    functions : what such things are used for (``drinking``)
     """
 
     name: str
@@ -54,6 +57,7 @@ class TypeRecord:
     synonyms: tuple[str, ...] = ()
     typical_size: tuple[float, float, float] | None = None
     found_in: tuple[str, ...] = ()
+    functions: tuple[str, ...] = ()
 
 
 @dataclass
@@ -65,6 +69,7 @@ class _Class:
     synonyms: tuple[str, ...] = ()
     typical_size: tuple[float, float, float] | None = None
     found_in: frozenset[URIRef] = frozenset()
+    functions: frozenset[URIRef] = frozenset()
 
 
 def ontology_files() -> list[Path]:
@@ -96,12 +101,16 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
         subsume each other.
     """
     classes: dict[URIRef, _Class] = {}
+    functions: set[URIRef] = set()
     for path in paths:
-        _collect(_parse(path), path, classes)
+        graph = _parse(path)
+        _collect(graph, path, classes)
+        functions |= {f for f in graph.subjects(RDF.type, FUNCTION) if isinstance(f, URIRef)}
     names = _names(classes)
     for iri, found in classes.items():
         _check_parents(iri, found, classes)
         _check_places(iri, found, classes)
+        _check_functions(iri, found, functions)
     parents = {
         names[iri]: sorted(names[p] for p in found.parents if p in classes)
         for iri, found in classes.items()
@@ -122,6 +131,7 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
             synonyms=found.synonyms,
             typical_size=found.typical_size,
             found_in=tuple(sorted(names[place] for place in found.found_in if place in names)),
+            functions=tuple(sorted(snake_case(_local_name(f)) for f in found.functions)),
         )
     return list(records.values())
 
@@ -187,6 +197,7 @@ def _collect(graph: Graph, path: Path, classes: dict[URIRef, _Class]) -> None:
         found.comment = found.comment or _text(graph, iri, RDFS.comment)
         found.synonyms += tuple(sorted(str(o) for o in graph.objects(iri, SKOS.altLabel)))
         found.found_in |= {o for o in graph.objects(iri, FOUND_IN) if isinstance(o, URIRef)}
+        found.functions |= {o for o in graph.objects(iri, USED_FOR) if isinstance(o, URIRef)}
         size = _text(graph, iri, TYPICAL_SIZE)
         if size is not None:
             found.typical_size = _size(size, path, iri)
@@ -218,7 +229,7 @@ def _names(classes: dict[URIRef, _Class]) -> dict[URIRef, str]:
     names: dict[URIRef, str] = {}
     iri_of: dict[str, URIRef] = {}
     for iri, found in classes.items():
-        name = snake_case(re.split(r"[#/:]", str(iri))[-1])
+        name = snake_case(_local_name(iri))
         if not name:
             raise WorldError(found.path, f"class <{iri}>", "has no local name", "Give it one.")
         if name in iri_of:
@@ -251,6 +262,20 @@ def _check_places(iri: URIRef, found: _Class, classes: dict[URIRef, _Class]) -> 
             f"it is found in <{place}>, which is declared in none of the files",
             "Declare it (a owl:Class), correct its name, or give the file that declares it.",
         )
+
+
+def _check_functions(iri: URIRef, found: _Class, functions: set[URIRef]) -> None:
+    for function in sorted(found.functions - functions):
+        raise WorldError(
+            found.path,
+            f"class <{iri}>",
+            f"it is used for <{function}>, which is declared in none of the files",
+            "Declare it (a :Function), correct its name, or give the file that declares it.",
+        )
+
+
+def _local_name(iri: URIRef) -> str:
+    return re.split(r"[#/:]", str(iri))[-1]
 
 
 def _namespace(iri: URIRef) -> str:

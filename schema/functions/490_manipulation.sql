@@ -1,0 +1,343 @@
+-- Stored actions by instance, function, pose and shape, the best expected outcome first; and what outcomes change
+-- (Tosello, Fan and Pagello, sections III and IV).
+
+CREATE FUNCTION types_for(use text)
+RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The types whose objects are used for a function, such as drinking.
+SELECT coalesce(array_agg(DISTINCT c.sub), '{}') FROM semmap.semantic_type t JOIN semmap.type_closure c ON c.super = t.name
+WHERE use = ANY (t.functions)
+$$;
+
+CREATE FUNCTION functions_of(of_type text)
+RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- What objects of a type are used for.
+SELECT coalesce(array_agg(DISTINCT f), '{}') FROM semmap.type_closure c JOIN semmap.semantic_type t ON t.name = c.super,
+     LATERAL unnest(t.functions) f WHERE c.sub = of_type
+$$;
+
+CREATE FUNCTION gripper_named(gripper_name text DEFAULT NULL)
+RETURNS integer LANGUAGE plpgsql STABLE AS $$
+-- The gripper of a name; without one, the preferred gripper, else the only one.
+DECLARE
+    found_id integer;
+BEGIN
+    IF gripper_name IS NOT NULL THEN
+        SELECT d.id INTO found_id FROM semmap.device d JOIN semmap.gripper g ON g.device_id = d.id WHERE d.name = gripper_name;
+        IF found_id IS NULL THEN
+            RAISE EXCEPTION 'there is no gripper named %', gripper_name
+                USING ERRCODE = 'no_data_found', HINT = '`semmap manipulation grippers` lists them; `semmap manipulation add-gripper URDF` adds one.';
+        END IF;
+        RETURN found_id;
+    END IF;
+    SELECT device_id INTO found_id FROM semmap.gripper WHERE preferred
+        OR NOT EXISTS (SELECT FROM semmap.gripper o WHERE o.device_id <> gripper.device_id);
+    IF found_id IS NULL THEN
+        RAISE EXCEPTION '%', CASE WHEN EXISTS (SELECT FROM semmap.gripper) THEN 'there are several grippers, and none is preferred'
+                                  ELSE 'there is no gripper yet' END
+            USING ERRCODE = 'no_data_found', HINT = 'Name one, or prefer one: semmap manipulation add-gripper URDF --prefer.';
+    END IF;
+    RETURN found_id;
+END $$;
+
+CREATE FUNCTION object_of(entity bigint)
+RETURNS bigint LANGUAGE sql STABLE AS $$
+-- The object model of an entity, by its visual mesh, else by its collision mesh; null where nothing is known of it.
+SELECT o.object_id FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id JOIN semmap.object_mesh o ON o.digest = m.digest
+WHERE em.entity_id = entity ORDER BY em.role DESC, o.object_id LIMIT 1
+$$;
+
+CREATE FUNCTION best_actions(objects bigint[], gripper integer, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
+RETURNS TABLE (action_id bigint, object_id bigint, expected double precision)
+LANGUAGE sql STABLE ROWS 10 COST 1000 AS $$
+-- The stored actions on some object models with a gripper, the best expected outcome first. Each object is one short
+-- range of an index.
+SELECT a.id, o.id, a.expected FROM unnest(objects) o (id), LATERAL (
+    SELECT a.id, a.expected FROM semmap.action a
+    WHERE a.object_id = o.id AND a.gripper_id = gripper AND a.kind = of_kind AND a.replaced_by IS NULL
+    ORDER BY a.expected DESC, a.id LIMIT most) a
+ORDER BY a.expected DESC, a.id LIMIT most
+$$;
+
+CREATE FUNCTION objects_for(use text)
+RETURNS SETOF bigint LANGUAGE sql STABLE ROWS 100 AS $$
+-- The object models that are used for a function, by their type or by themselves.
+SELECT id FROM semmap.object_model WHERE type = ANY (semmap.types_for(use))
+UNION SELECT id FROM semmap.object_model WHERE functions @> ARRAY[use]
+$$;
+
+CREATE FUNCTION known_actions(use text, gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
+RETURNS TABLE (action_id bigint, object_id bigint, expected double precision) LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
+-- The best stored actions on all object models for a function, in any map or none.
+BEGIN
+    RETURN QUERY SELECT * FROM semmap.best_actions(ARRAY(SELECT semmap.objects_for(use)), semmap.gripper_named(gripper), of_kind, most);
+END $$;
+
+CREATE FUNCTION actions_on(entities bigint[], gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
+RETURNS TABLE (entity text, action_id bigint, object_id bigint, kind text, approach text, family text, expected double precision,
+               attempts double precision, successes double precision, pose double precision[], pre_pose double precision[],
+               post_pose double precision[], motion double precision[], width double precision, posture jsonb, pre_posture jsonb,
+               model_pose double precision[], contributor text)
+LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
+-- The best stored actions on entities of a map; `pose`, `pre_pose` and `post_pose` are in the map's frame, `model_pose` and
+-- `motion` in that of the object model. "Grasp a cup!" is actions_on(entities_named('cup')), "grasp something suitable for
+-- drinking!" actions_on(entities_for('drinking')), "grasp the object at [x, y, z]!" actions_on(ARRAY[entity_at(x, y, z)]).
+BEGIN
+    RETURN QUERY
+    WITH found AS MATERIALIZED (
+        SELECT e.id, e.name, semmap.object_of(e.id) AS object FROM semmap.entity e WHERE e.id = ANY (entities)
+    ), best AS MATERIALIZED (
+        SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f WHERE f.object IS NOT NULL),
+                                       semmap.gripper_named(gripper), of_kind, most) b
+    )
+    SELECT f.name, a.id, a.object_id, a.kind, a.approach, a.family, a.expected, a.attempts, a.successes,
+           semmap.pose_compose(w.pose, a.pose), semmap.pose_compose(w.pose, a.pre_pose), semmap.pose_compose(w.pose, a.post_pose),
+           a.motion, a.width, a.posture, a.pre_posture, a.pose, c.name
+    FROM best b JOIN found f ON f.object = b.object_id JOIN semmap.action a ON a.id = b.action_id
+    JOIN semmap.contributor c ON c.id = a.contributor_id LEFT JOIN semmap.world w ON w.entity_id = f.id
+    ORDER BY b.expected DESC, b.action_id, f.name LIMIT most;
+END $$;
+
+CREATE FUNCTION entities_named(wanted text)
+RETURNS bigint[] LANGUAGE plpgsql STABLE AS $$
+-- The entity of a name in the current map; without one, its objects of the type of that name. An error for other names.
+DECLARE
+    found_id bigint := (SELECT id FROM semmap.entity WHERE map_id = semmap.current_map() AND name = wanted);
+BEGIN
+    IF found_id IS NOT NULL THEN
+        RETURN ARRAY[found_id];
+    END IF;
+    IF NOT EXISTS (SELECT FROM semmap.semantic_type WHERE name = wanted) THEN
+        RAISE EXCEPTION 'the map has neither an entity nor a type named %', wanted
+            USING ERRCODE = 'no_data_found', HINT = '`semmap ls` and `semmap types` list the names.';
+    END IF;
+    RETURN ARRAY(SELECT e.id FROM semmap.entity e WHERE e.map_id = (SELECT semmap.current_map()) AND e.kind = 'object'
+                 AND e.type = ANY (semmap.subtypes(wanted)));
+END $$;
+
+CREATE FUNCTION entities_for(use text)
+RETURNS bigint[] LANGUAGE plpgsql STABLE AS $$
+-- The objects of the current map that are used for a function: by their type, or by their object model.
+DECLARE
+    types text[] := semmap.types_for(use);
+    map integer := semmap.current_map();
+BEGIN
+    IF types = '{}' AND NOT EXISTS (SELECT FROM semmap.object_model WHERE functions @> ARRAY[use]) THEN
+        RAISE EXCEPTION 'no type and no object model has the function %', use
+            USING ERRCODE = 'no_data_found', HINT = 'SELECT DISTINCT unnest(functions) FROM semmap.semantic_type lists those of types.';
+    END IF;
+    RETURN ARRAY(
+        SELECT e.id FROM semmap.entity e WHERE e.map_id = map AND e.kind = 'object' AND e.type = ANY (types)
+      UNION
+        SELECT e.id FROM semmap.object_model o JOIN semmap.object_mesh h ON h.object_id = o.id
+          JOIN semmap.model m ON m.digest = h.digest JOIN semmap.entity_model em ON em.model_id = m.id
+          JOIN semmap.entity e ON e.id = em.entity_id AND e.map_id = map AND e.kind = 'object'
+        WHERE o.functions @> ARRAY[use]);
+END $$;
+
+CREATE FUNCTION entity_at(x double precision, y double precision, z double precision, tolerance double precision DEFAULT 0.05)
+RETURNS bigint LANGUAGE plpgsql STABLE AS $$
+-- The object of the current map at a point: the smallest box that contains it, else the nearest one within the tolerance
+-- (metres). An error where there is none.
+DECLARE
+    found_id bigint;
+BEGIN
+    SELECT w.entity_id INTO found_id FROM semmap.world w JOIN semmap.entity e ON e.id = w.entity_id
+    WHERE w.map_id = (SELECT semmap.current_map()) AND e.kind = 'object' AND w.footprint IS NOT NULL
+      AND w.box && semmap.around(x, y, z, tolerance) AND semmap.box_distance(w.box, x, y, z) <= tolerance
+    ORDER BY semmap.box_distance(w.box, x, y, z),
+             (ST_XMax(w.box) - ST_XMin(w.box)) * (ST_YMax(w.box) - ST_YMin(w.box)) * (ST_ZMax(w.box) - ST_ZMin(w.box)),
+             w.entity_id LIMIT 1;
+    IF found_id IS NULL THEN
+        RAISE EXCEPTION 'the map has no object with geometry within % m of (%, %, %)', tolerance, x, y, z
+            USING ERRCODE = 'no_data_found', HINT = 'Widen the tolerance, or correct the point: metres in the map''s frame.';
+    END IF;
+    RETURN found_id;
+END $$;
+
+CREATE FUNCTION objects_like(of_shape text, of_size double precision[], tolerance double precision DEFAULT 0.01)
+RETURNS TABLE (object_id bigint, difference double precision) LANGUAGE sql STABLE ROWS 10 AS $$
+-- The object models of a shape whose sizes differ by at most the tolerance each, metres; the most similar first.
+SELECT o.id, d.difference FROM semmap.object_model o,
+     LATERAL (SELECT max(abs(own - given)) AS difference FROM unnest(o.size, of_size) s (own, given)) d
+WHERE o.shape = of_shape AND cardinality(o.size) = cardinality(of_size)
+  AND o.size[1] BETWEEN of_size[1] - tolerance AND of_size[1] + tolerance AND d.difference <= tolerance
+ORDER BY d.difference, o.id
+$$;
+
+CREATE FUNCTION actions_by_shape(of_shape text, of_size double precision[], tolerance double precision DEFAULT 0.01,
+                                 gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
+RETURNS TABLE (action_id bigint, object_id bigint, approach text, family text, expected double precision, pose double precision[],
+               pre_pose double precision[], post_pose double precision[], width double precision, posture jsonb,
+               pre_posture jsonb, difference double precision)
+LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
+-- The best stored actions on object models of a similar shape; poses are in the frame of the shape, so that they are
+-- valid for an object that nobody has seen before.
+BEGIN
+    RETURN QUERY
+    WITH alike AS MATERIALIZED (SELECT * FROM semmap.objects_like(of_shape, of_size, tolerance))
+    SELECT a.id, a.object_id, a.approach, a.family, a.expected, semmap.pose_compose(f.inverse, a.pose), semmap.pose_compose(f.inverse, a.pre_pose),
+           semmap.pose_compose(f.inverse, a.post_pose), a.width, a.posture, a.pre_posture, s.difference
+    FROM semmap.best_actions(ARRAY(SELECT l.object_id FROM alike l), semmap.gripper_named(gripper), of_kind, most) b
+    JOIN semmap.action a ON a.id = b.action_id JOIN alike s ON s.object_id = b.object_id
+    JOIN semmap.object_model o ON o.id = b.object_id, LATERAL (SELECT semmap.pose_inverse(o.shape_pose) AS inverse) f
+    ORDER BY a.expected DESC, s.difference, a.id;
+END $$;
+
+CREATE FUNCTION approach_outcomes(object bigint, of_kind text DEFAULT 'grasp')
+RETURNS TABLE (approach text, attempts double precision, successes double precision) LANGUAGE sql STABLE ROWS 10 AS $$
+-- How often each approach to an object model succeeded with any gripper: what one gripper learns is a prior for others.
+SELECT a.approach, sum(a.attempts), sum(a.successes) FROM semmap.action a
+WHERE a.object_id = object AND a.kind = of_kind AND a.attempts > 0 AND a.approach IS NOT NULL GROUP BY 1
+$$;
+
+CREATE FUNCTION family_outcomes(of_shape text, of_size double precision[], tolerance double precision, gripper text)
+RETURNS TABLE (family text, attempts double precision, successes double precision) LANGUAGE sql STABLE ROWS 10 AS $$
+-- How often each family of grasps succeeded on shapes that differ by at most the tolerance, metres: what was learned
+-- from one cylinder is a prior for the next. Outcomes of other grippers count half.
+SELECT a.family, sum(w.weight * a.attempts), sum(w.weight * a.successes)
+FROM semmap.objects_like(of_shape, of_size, tolerance) o JOIN semmap.action a ON a.object_id = o.object_id AND a.attempts > 0,
+     LATERAL (SELECT CASE WHEN a.gripper_id = semmap.gripper_named(gripper) THEN 1 ELSE 0.5 END AS weight) w
+WHERE a.kind = 'grasp' AND a.family IS NOT NULL GROUP BY 1
+$$;
+
+-- Capabilities ------------------------------------------------------------------------------------
+
+CREATE FUNCTION required_capabilities(of_kind text)
+RETURNS text[] LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- What an action requires of an automaton, as the ontology states it (requires).
+SELECT CASE of_kind WHEN 'push' THEN ARRAY['pushing', 'reaching'] WHEN 'turn' THEN ARRAY['pushing', 'reaching']
+                    ELSE ARRAY['gripping', 'reaching'] END
+$$;
+
+CREATE FUNCTION missing_capabilities(automaton_name text, of_kind text)
+RETURNS text[] LANGUAGE plpgsql STABLE AS $$
+-- What the components of an automaton lack for an action; empty if it is able to do it.
+DECLARE
+    found text[];
+BEGIN
+    SELECT array_agg(c) INTO found FROM semmap.automaton a
+    JOIN semmap.device d ON d.id IN (a.robot_id, a.gripper_id, a.sensor_id), LATERAL unnest(d.capabilities || ''::text) c
+    WHERE a.name = automaton_name;
+    IF found IS NULL THEN
+        RAISE EXCEPTION 'there is no automaton named %', automaton_name
+            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM semmap.automaton lists them.';
+    END IF;
+    RETURN ARRAY(SELECT c FROM unnest(semmap.required_capabilities(of_kind)) c WHERE c <> ALL (found));
+END $$;
+
+-- Paths -------------------------------------------------------------------------------------------
+
+CREATE FUNCTION path_line()
+RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    NEW.line := (SELECT ST_MakeLine(ST_MakePoint(NEW.poses[i][1], NEW.poses[i][2], NEW.poses[i][3]) ORDER BY i)
+                 FROM generate_subscripts(NEW.poses, 1) i);
+    RETURN NEW;
+END $$;
+
+CREATE TRIGGER path_line BEFORE INSERT OR UPDATE OF poses ON path FOR EACH ROW EXECUTE FUNCTION path_line();
+
+CREATE FUNCTION pose_turn(a double precision[], b double precision[])
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+-- The angle between the orientations of two poses, radians.
+SELECT 2 * acos(least(1, abs(a[4] * b[4] + a[5] * b[5] + a[6] * b[6] + a[7] * b[7])))
+$$;
+
+CREATE FUNCTION pose_number(poses double precision[], number integer)
+RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+-- One pose of an array (n, 7).
+SELECT ARRAY(SELECT poses[number][i] FROM generate_series(1, 7) i)
+$$;
+
+CREATE FUNCTION path_between(automaton_name text, start double precision[], goal double precision[],
+                             of_link text DEFAULT '', tolerance double precision DEFAULT 0.01, turn double precision DEFAULT 0.05)
+RETURNS bigint LANGUAGE sql STABLE AS $$
+-- The newest stored path between two poses, within metres and radians. A path is not valid any more once an object has moved,
+-- or was added, within its clearance, seen from above.
+SELECT p.id FROM semmap.path p JOIN semmap.automaton a ON a.id = p.automaton_id AND a.name = automaton_name,
+     LATERAL (SELECT semmap.pose_number(p.poses, 1) AS first, semmap.pose_number(p.poses, array_length(p.poses, 1)) AS last) e
+WHERE p.map_id = (SELECT semmap.current_map()) AND p.link = of_link
+  AND p.line &&& semmap.around(start[1], start[2], start[3], tolerance)
+  AND ST_3DDistance(ST_MakePoint(e.first[1], e.first[2], e.first[3]), ST_MakePoint(start[1], start[2], start[3])) <= tolerance
+  AND ST_3DDistance(ST_MakePoint(e.last[1], e.last[2], e.last[3]), ST_MakePoint(goal[1], goal[2], goal[3])) <= tolerance
+  AND semmap.pose_turn(e.first, start) <= turn AND semmap.pose_turn(e.last, goal) <= turn
+  AND NOT EXISTS (SELECT FROM semmap.world w JOIN semmap.placement m ON m.entity_id = w.entity_id AND m.since > p.at
+                  WHERE w.map_id = p.map_id AND w.box && ST_Expand(p.line, p.clearance)
+                    AND ST_DWithin(ST_Force2D(p.line), coalesce(w.footprint, ST_Force2D(w.box)), p.clearance))
+ORDER BY p.at DESC, p.id DESC LIMIT 1
+$$;
+
+-- Outcomes ----------------------------------------------------------------------------------------
+
+CREATE FUNCTION weigh_experience(actions bigint[])
+RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Sums the attempts of all contributors into the actions, by their trust.
+UPDATE action a SET attempts = s.attempts, successes = s.successes
+FROM (SELECT i.id, coalesce(sum(c.trust * e.attempts), 0) AS attempts, coalesce(sum(c.trust * e.successes), 0) AS successes
+      FROM (SELECT DISTINCT unnest(actions)) i (id) LEFT JOIN experience e ON e.action_id = i.id
+      LEFT JOIN contributor c ON c.id = e.contributor_id GROUP BY i.id) s
+WHERE a.id = s.id AND (a.attempts, a.successes) IS DISTINCT FROM (s.attempts, s.successes)
+$$;
+
+CREATE FUNCTION experience_added()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+BEGIN
+    PERFORM weigh_experience(ARRAY(SELECT action_id FROM fresh));
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION experience_removed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+BEGIN
+    PERFORM weigh_experience(ARRAY(SELECT action_id FROM gone));
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER experience_inserted AFTER INSERT ON experience REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION experience_added();
+CREATE TRIGGER experience_updated AFTER UPDATE ON experience REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION experience_added();
+CREATE TRIGGER experience_deleted AFTER DELETE ON experience REFERENCING OLD TABLE AS gone
+    FOR EACH STATEMENT EXECUTE FUNCTION experience_removed();
+
+CREATE FUNCTION trust_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+BEGIN
+    PERFORM weigh_experience(ARRAY(SELECT e.action_id FROM experience e WHERE e.contributor_id = NEW.id));
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER trust_changed AFTER UPDATE OF trust ON contributor
+    FOR EACH ROW WHEN (OLD.trust <> NEW.trust) EXECUTE FUNCTION trust_changed();
+
+CREATE FUNCTION task_stamp()
+RETURNS trigger LANGUAGE plpgsql AS $$
+-- An ended task has the time of its end, and stays as it ended.
+BEGIN
+    IF TG_OP = 'UPDATE' AND OLD.ended_at IS NOT NULL
+       AND (NEW.outcome <> OLD.outcome OR NEW.action_id IS NOT NULL AND NEW.action_id IS DISTINCT FROM OLD.action_id) THEN
+        RAISE EXCEPTION 'task % has ended: it was %', OLD.id, OLD.outcome
+            USING ERRCODE = 'check_violation', HINT = 'Add a task for another attempt.';
+    END IF;
+    NEW.ended_at := CASE WHEN NEW.outcome IN ('completed', 'error') THEN coalesce(NEW.ended_at, clock_timestamp()) END;
+    RETURN NEW;
+END $$;
+
+CREATE TRIGGER task_stamp BEFORE INSERT OR UPDATE ON task FOR EACH ROW EXECUTE FUNCTION task_stamp();
+
+CREATE FUNCTION task_ended()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Counts an attempt of the task's action; a composed action that succeeded counts for its steps, too.
+BEGIN
+    INSERT INTO experience (action_id, contributor_id, attempts, successes)
+    SELECT i.id, NEW.contributor_id, 1, (NEW.outcome = 'completed')::integer
+    FROM (SELECT NEW.action_id UNION SELECT s.step_id FROM action_step s WHERE s.whole_id = NEW.action_id AND NEW.outcome = 'completed') i (id)
+    ON CONFLICT (action_id, contributor_id) DO UPDATE
+        SET attempts = experience.attempts + 1, successes = experience.successes + excluded.successes;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER task_inserted AFTER INSERT ON task
+    FOR EACH ROW WHEN (NEW.ended_at IS NOT NULL AND NEW.action_id IS NOT NULL) EXECUTE FUNCTION task_ended();
+CREATE TRIGGER task_updated AFTER UPDATE ON task
+    FOR EACH ROW WHEN (OLD.ended_at IS NULL AND NEW.ended_at IS NOT NULL AND NEW.action_id IS NOT NULL) EXECUTE FUNCTION task_ended();

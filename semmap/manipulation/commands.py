@@ -1,0 +1,340 @@
+"""The commands `semmap grasp` and `semmap manipulation`."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from semmap import cli
+
+__all__ = ["grasp_command", "manipulation"]
+
+# NumPy and the libraries of the extra are slow to import: the functions below import what they use.
+
+Gripper = Annotated[
+    str | None,
+    typer.Option(help="Name of a stored gripper, or a URDF; by default the preferred one."),
+]
+Limit = Annotated[int, typer.Option(min=1, help="The most rows.")]
+COLUMNS = ("entity", "approach", "expected", "attempts", "width", "x", "y", "z", "contributor")
+
+
+def grasp_command(
+    name: Annotated[
+        str | None, typer.Argument(help="An object, or a type: any such object.")
+    ] = None,
+    for_: Annotated[
+        str | None, typer.Option("--for", metavar="FUNCTION", help="Any object for: drinking.")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="The object at a point; metres.")
+    ] = None,
+    shape: Annotated[
+        str | None,
+        typer.Option(metavar="SHAPE=SIZES", help="A shape alone: cylinder=0.03,0.1; metres."),
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Of --at (0.05) and of each size of --shape (0.01); metres."),
+    ] = None,
+    gripper: Gripper = None,
+    kind: Annotated[
+        str, typer.Option(help="grasp, or stored: place, push, turn, open, put.")
+    ] = "grasp",
+    stored: Annotated[
+        bool, typer.Option("--stored", help="Only what is stored: generate and store nothing.")
+    ] = False,
+    limit: Limit = 10,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Show how to grasp an object: stored grasps, the best first, else generated ones.
+
+    semmap grasp cup --gripper pr2; semmap grasp --for drinking; semmap grasp --at 1.2,0.5,0.8
+    """
+    from semmap.manipulation.reader import actions_by_shape, actions_on
+    from semmap.manipulation.retrieval import find_grasps
+
+    if sum(given is not None for given in (name, for_, at, shape)) != 1:
+        raise typer.BadParameter("give NAME, or one of --for, --at and --shape")
+    with cli.open_database() as db:
+        session = db.session if shape else db.map(map_name).session_of_map()
+        with session.transaction():
+            chosen = _gripper(session, gripper)
+            if shape is not None:
+                kind_of, sizes = _shape(shape)
+                rows = actions_by_shape(
+                    session,
+                    kind_of,
+                    sizes,
+                    tolerance=0.01 if tolerance is None else tolerance,
+                    gripper=chosen,
+                    kind=kind,
+                    limit=limit,
+                )
+                problems = [] if rows else [f"no {kind} of a similar {kind_of} is stored"]
+            else:
+                asked: dict[str, Any] = {
+                    "name": name,
+                    "function": for_,
+                    "point": None if at is None else _numbers(at, "--at"),
+                    "tolerance": 0.05 if tolerance is None else tolerance,
+                    "gripper": chosen,
+                    "limit": limit,
+                }
+                if stored or kind != "grasp":
+                    rows, problems = actions_on(session, kind=kind, **asked), []
+                    if not rows:
+                        problems = [f"no {kind} is stored for such an object"]
+                else:
+                    found = find_grasps(session, **asked)
+                    rows, problems = found.rows, found.problems
+                    for entity in found.generated:
+                        print(f"{entity}: grasps generated and stored", file=sys.stderr)
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    if json_:
+        cli.print_json([_plain(row) for row in rows])
+    elif rows:
+        cli.show_table([_short(row) for row in rows], False, COLUMNS[shape is not None :])
+    if not rows:
+        if not problems:
+            print(f"the map has no {name or f'object for {for_}'}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def _plain(row: dict[str, Any]) -> dict[str, Any]:
+    """A row for JSON: poses as seven numbers (x, y, z, qx, qy, qz, qw)."""
+    poses = ("pose", "pre_pose", "post_pose", "model_pose")
+    return {
+        key: list(value) if key in poses and value is not None else value
+        for key, value in row.items()
+    }
+
+
+def _short(row: dict[str, Any]) -> dict[str, Any]:
+    pose = row["pose"] or (None, None, None)
+    places = {axis: v if v is None else round(v, 3) for axis, v in zip("xyz", pose, strict=False)}
+    rounded = {key: row[key] and round(row[key], 3) for key in ("expected", "width")}
+    return {"attempts": 0, "contributor": None} | row | places | rounded
+
+
+def _gripper(session: Any, given: str | None) -> str | None:
+    """The name of a gripper; that of a URDF is stored first."""
+    from semmap.manipulation.retrieval import register_gripper
+
+    if given is None or not given.endswith((".urdf", ".xml")):
+        return given
+    return register_gripper(session, Path(given))
+
+
+def _shape(given: str) -> tuple[str, list[float]]:
+    kind, equals, sizes = given.partition("=")
+    if not equals:
+        raise typer.BadParameter(f"--shape takes SHAPE=SIZES, such as sphere=0.04, not {given}")
+    return kind, _numbers(sizes, "--shape")
+
+
+def _numbers(text: str, option: str) -> list[float]:
+    try:
+        return [float(v) for v in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(
+            f"{option} takes numbers with commas between, not {text}"
+        ) from None
+
+
+manipulation = typer.Typer(
+    no_args_is_help=True, help="Grippers, shapes, outcomes, and sharing of manipulation knowledge."
+)
+
+
+@manipulation.command("add-gripper")
+def add_gripper(
+    urdf: Annotated[Path, typer.Argument(help="URDF of a gripper, or of a robot that has one.")],
+    name: Annotated[str | None, typer.Option(help="By default that of the robot.")] = None,
+    palm: Annotated[
+        str | None, typer.Option(help="The link that holds the fingers; by default the first.")
+    ] = None,
+    prefer: Annotated[
+        bool | None,
+        typer.Option("--prefer/--no-prefer", help="Meant where none is named; the first one is."),
+    ] = None,
+) -> None:
+    """Store the gripper of a URDF, for which grasps are stored and generated."""
+    from semmap.manipulation.retrieval import register_gripper
+
+    with cli.open_database() as db:
+        print(register_gripper(db.session, urdf, name, palm=palm, preferred=prefer))
+
+
+@manipulation.command()
+def grippers(json_: cli.Json = False) -> None:
+    """List the stored grippers."""
+    from semmap.manipulation.reader import list_grippers
+
+    with cli.open_database() as db:
+        rows = list_grippers(db.session)
+    for row in rows:
+        row |= {key: round(row[key], 4) for key in ("opening", "depth")}
+    cli.show_table(rows, json_, ("name", "form", "opening", "depth", "preferred", "actions"))
+
+
+@manipulation.command()
+def shapes(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="By default all objects.")
+    ] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Find and store the primitive of each model of the map: sphere, cylinder, cone, cuboid."""
+    from semmap.manipulation.shape_store import store_shapes
+
+    with cli.open_database() as db:
+        rows, problems = store_shapes(db.map(map_name).session_of_map(), names or None)
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    for row in rows:
+        row["inliers"] = row["inliers"] and round(row["inliers"], 3)
+        row["size"] = [round(v, 4) for v in row["size"]]
+    if not json_:
+        rows = [row | {"size": " x ".join(f"{v:g}" for v in row["size"])} for row in rows]
+    cli.show_table(rows, json_, ("entity", "shape", "size", "inliers"))
+
+
+@manipulation.command()
+def record(
+    name: Annotated[str, typer.Argument(help="The object.")],
+    action: Annotated[int, typer.Argument(help="The action_id that `semmap grasp --json` prints.")],
+    outcome: Annotated[str, typer.Argument(help="completed or error.")],
+    kind: Annotated[str, typer.Option(help="grasp, place, push, turn, open or put.")] = "grasp",
+    instead_of: Annotated[
+        int | None, typer.Option("--instead-of", help="The action that failed and is replaced.")
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="The agent that acted.")] = None,
+    message: Annotated[str | None, typer.Option(help="Why it failed.")] = None,
+    simulated: Annotated[bool, typer.Option("--simulated", help="It counts less.")] = False,
+    map_name: cli.MapName = None,
+) -> None:
+    """Store how an attempt ended; later queries propose what succeeds most."""
+    from semmap.manipulation.store import record_task
+
+    with cli.open_database() as db:
+        task = record_task(
+            db.map(map_name).session_of_map(),
+            name,
+            kind,
+            action=action,
+            outcome=outcome,
+            instead_of=instead_of,
+            robot=robot,
+            message=message,
+            simulated=simulated,
+        )
+    print(f"task {task}: {outcome}")
+
+
+@manipulation.command()
+def tasks(limit: Limit = 20, map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List the newest manipulations of the map with their outcomes."""
+    from semmap.manipulation.reader import list_tasks
+
+    with cli.open_database() as db:
+        rows = list_tasks(db.map(map_name).session_of_map(), limit)
+    columns = ("id", "kind", "entity", "robot", "outcome", "action_id", "contributor", "message")
+    cli.show_table(rows, json_, columns)
+
+
+@manipulation.command("import-grasps")
+def import_grasps(
+    files: Annotated[
+        list[Path], typer.Argument(help="CSV, JSON or pg_dump of grasps and of their models.")
+    ],
+    gripper: Annotated[
+        list[str] | None,
+        typer.Option("--gripper", metavar="HAND=GRIPPER", help="A stored gripper; repeatable."),
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z,QX,QY,QZ,QW",
+            help="The grasp frame in the frame of the file's hand; by default the same.",
+        ),
+    ] = None,
+    scale: Annotated[float, typer.Option(help="Metres per unit: 0.001 for millimetres.")] = 1.0,
+) -> None:
+    """Store grasps of the Household Objects Database, or of a file with its columns."""
+    from semmap.manipulation.household_objects import import_household_grasps
+
+    hands = dict(pair.split("=", 1) for pair in gripper or () if "=" in pair)
+    if len(hands) != len(gripper or ()):
+        raise typer.BadParameter("--gripper takes HAND=GRIPPER")
+    pose = None if tool is None else _numbers(tool, "--tool")
+    with cli.open_database() as db:
+        counts = import_household_grasps(db.session, files, hands, tool=pose, scale=scale)
+    print(", ".join(f"{count} {what}" for what, count in counts.items()))
+
+
+@manipulation.command("export")
+def export_command(
+    file: Path,
+    name: Annotated[
+        str | None, typer.Option(help="Of the contributor; by default that of this machine.")
+    ] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="With outcomes of simulated robots.")
+    ] = False,
+) -> None:
+    """Write what this database learned to a signed file, for other robots."""
+    from semmap.manipulation.bundle import export_bundle
+
+    with cli.open_database() as db:
+        counts = export_bundle(db.session, file, name or socket.gethostname(), simulated=simulated)
+    print(f"{file}: {', '.join(f'{count} {what}' for what, count in counts.items())}")
+
+
+@manipulation.command("import")
+def import_command(files: list[Path]) -> None:
+    """Store the knowledge of signed files: each as a whole, from those whom you trust."""
+    from semmap.manipulation.bundle import import_bundle
+
+    with cli.open_database() as db:
+        for file in files:
+            counts = import_bundle(db.session, file)
+            print(f"{file}: {', '.join(f'{count} {what}' for what, count in counts.items())}")
+
+
+@manipulation.command()
+def key() -> None:
+    """Print the public key with which `export` signs; others trust it."""
+    from semmap.manipulation.signing import own_key, public_key
+
+    print(public_key(own_key()).hex())
+
+
+@manipulation.command("trust")
+def trust_command(
+    name: str,
+    key: Annotated[str, typer.Argument(help="64 digits that `semmap manipulation key` prints.")],
+    level: Annotated[float, typer.Option(help="How much outcomes count; 0: refuse bundles.")] = 1.0,
+) -> None:
+    """Trust a contributor, so that its files can be imported."""
+    from semmap.manipulation.bundle import trust
+
+    with cli.open_database() as db:
+        trust(db.session, name, key, level)
+
+
+@manipulation.command()
+def contributors(json_: cli.Json = False) -> None:
+    """List whose knowledge the database has, and how much it is trusted."""
+    from semmap.manipulation.reader import list_contributors
+
+    with cli.open_database() as db:
+        rows = list_contributors(db.session)
+    cli.show_table(rows, json_, ("name", "trust", "actions", "attempts", "latest", "key"))

@@ -1,0 +1,270 @@
+"""Grasps of the Household Objects Database (Willow Garage) into the tables of actions.
+
+Its table ``grasp`` has, for each scaled model and hand, a grasp and a pre-grasp: a position
+``{x, y, z, qw, qx, qy, qz}`` (w first) of the hand in the model's frame, and joint positions
+``{j1, ...}``. Files are CSV with its column names, JSON (a list of such rows), or the text that
+``pg_dump`` writes, which may also have the tables of models.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from semmap.belief.store import MapConnection, driver
+from semmap.geometry.pose import Pose
+from semmap.ingest.naming import guess_type
+from semmap.limits import TEXT_BYTES
+from semmap.manipulation.action_record import ActionRecord, pose_of
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.store import add_actions, add_object, gripper_id
+
+__all__ = ["import_household_grasps", "read_rows"]
+
+Row = dict[str, Any]
+
+NEEDED = ("scaled_model_id", "hand_name", "grasp_grasp_position")
+"""Columns without which a row is not a grasp."""
+
+QUALITIES = ("grasp_scaled_quality", "grasp_epsilon_quality")
+"""Columns with a share, the higher the better; else `ENERGY`."""
+
+ENERGY = "grasp_energy"
+"""The lower, the better: the quality is the rank among the grasps of a model and hand."""
+
+
+def import_household_grasps(
+    connection: MapConnection,
+    paths: Sequence[Path],
+    grippers: Mapping[str, str] | None = None,
+    *,
+    tool: Sequence[float] | None = None,
+    scale: float = 1.0,
+) -> dict[str, int]:
+    """Store the grasps of files, all or none.
+
+    Parameters
+    ----------
+    paths : files of grasps, and of models, which have names
+    grippers : names of stored grippers by ``hand_name``; by default the same names
+    tool : (x, y, z, qx, qy, qz, qw) of the grasp frame in the frame of the hand; by default they
+        are the same frame
+    scale : metres per unit of length: 0.001 for older databases
+
+    Returns
+    -------
+    dict
+        How many `models` and `grasps` there are.
+
+    Raises
+    ------
+    ManipulationError
+        A file or a row that cannot be used: the text has the file, the row and the fix.
+    LookupError
+        A hand for which no gripper is stored.
+    """
+    if not (math.isfinite(scale) and scale > 0):
+        raise ManipulationError(f"scale is {scale}: give metres per unit, above 0")
+    frame = Pose() if tool is None else pose_of(list(tool), "tool")
+    rows = [(path, n, row) for path in paths for n, row in enumerate(read_rows(path), 1)]
+    names = _names([row for _, _, row in rows])
+    session = driver(connection)
+    groups: dict[tuple[str, str], list[tuple[Row, ActionRecord]]] = {}
+    joints: dict[str, list[str]] = {}
+    for path, number, row in rows:
+        if "grasp_id" not in row and "grasp_grasp_position" not in row:
+            continue
+        where = f"{path}: grasp {row.get('grasp_id') or number}"
+        missing = [column for column in NEEDED if not str(row.get(column) or "").strip()]
+        if missing:
+            raise ManipulationError(f"{where}: has no {missing[0]}: add that column")
+        hand = (grippers or {}).get(str(row["hand_name"]), str(row["hand_name"]))
+        if hand not in joints:
+            joints[hand] = _joints(session, hand)
+        record = _record(row, joints[hand], frame, scale, where)
+        groups.setdefault((str(row["scaled_model_id"]), hand), []).append((row, record))
+    if not groups:
+        raise ManipulationError(
+            f"{', '.join(map(str, paths))}: has no grasp: give rows with {', '.join(NEEDED)}"
+        )
+    with session.transaction():
+        for (model, hand), group in groups.items():
+            name = names.get(model)
+            guess = guess_type(name) if name else None
+            object_ = add_object(
+                session,
+                f"household_objects:{model}",
+                name=name,
+                type=_known(session, guess.type if guess else None),
+            )
+            add_actions(session, object_, hand, _ranked(group))
+    return {
+        "models": len({model for model, _ in groups}),
+        "grasps": sum(len(group) for group in groups.values()),
+    }
+
+
+def read_rows(path: Path) -> Iterator[Row]:
+    """Return the rows of a file: CSV, JSON, or the sections ``COPY ... FROM stdin`` of pg_dump.
+
+    Raises
+    ------
+    ManipulationError
+        It cannot be read.
+    """
+    try:
+        TEXT_BYTES.check(
+            path.stat().st_size,
+            lambda p, f: ManipulationError(f"{path}: {p}: {f}"),
+            "split it into several files",
+        )
+        text = path.read_text("utf-8")
+    except OSError as error:
+        raise ManipulationError(
+            f"{path}: cannot be read ({error.strerror}): check the path"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise ManipulationError(f"{path}: byte {error.start} is not UTF-8: save it so") from error
+    if path.suffix.lower() == ".json":
+        return _json_rows(text, path)
+    if path.suffix.lower() == ".csv":
+        return iter(csv.DictReader(text.splitlines()))
+    if path.suffix.lower() in (".sql", ".dump"):
+        return _dump_rows(text)
+    raise ManipulationError(f"{path}: {path.suffix!r} is not known: give .csv, .json or .sql")
+
+
+def _json_rows(text: str, path: Path) -> Iterator[Row]:
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ManipulationError(f"{path}: is not valid JSON: {error}") from error
+    if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
+        raise ManipulationError(f"{path}: is not a list of rows: give [{{...}}, ...]")
+    return iter(found)
+
+
+def _dump_rows(text: str) -> Iterator[Row]:
+    """The rows of the COPY sections of a text dump; its null is an absent column."""
+    columns: list[str] | None = None
+    for line in text.splitlines():
+        if columns is not None:
+            if line == r"\.":
+                columns = None
+                continue
+            pairs = zip(columns, line.split("\t"), strict=False)
+            yield {column: value for column, value in pairs if value != r"\N"}
+        elif line.startswith("COPY ") and line.rstrip().endswith("FROM stdin;"):
+            listed = line[line.index("(") + 1 : line.rindex(")")] if "(" in line else ""
+            columns = [column.strip().strip('"') for column in listed.split(",")]
+
+
+def _names(rows: Sequence[Row]) -> dict[str, str]:
+    """The names of scaled models: those of the original models that they are scaled from."""
+    originals = {
+        str(row["original_model_id"]): str(row["original_model_model"])
+        for row in rows
+        if row.get("original_model_id") and row.get("original_model_model")
+    }
+    return {
+        str(row["scaled_model_id"]): originals[str(row["original_model_id"])]
+        for row in rows
+        if row.get("scaled_model_id") and str(row.get("original_model_id")) in originals
+    }
+
+
+def _joints(session: Any, hand: str) -> list[str]:
+    """The joints of a stored gripper, in the order of its URDF."""
+    id_ = gripper_id(session, hand)
+    row = session.execute("SELECT joints FROM device WHERE id = %s", (id_,)).fetchone()
+    return list(row[0]) if row else []
+
+
+def _record(row: Row, names: Sequence[str], tool: Pose, scale: float, where: str) -> ActionRecord:
+    pose = _pose(row["grasp_grasp_position"], scale, f"{where}: grasp_grasp_position")
+    before = row.get("grasp_pregrasp_position")
+    quality = 0.5
+    for column in QUALITIES:
+        if str(row.get(column) or "").strip():
+            quality = _number(row[column], f"{where}: {column}")
+            break
+    return ActionRecord(
+        "grasp",
+        pose @ tool,
+        None if not before else _pose(before, scale, f"{where}: grasp_pregrasp_position") @ tool,
+        posture=_posture(row.get("grasp_grasp_joints"), names, f"{where}: grasp_grasp_joints"),
+        pre_posture=_posture(
+            row.get("grasp_pregrasp_joints"), names, f"{where}: grasp_pregrasp_joints"
+        ),
+        quality=min(max(quality, 0.0), 1.0),
+    ).checked(where)
+
+
+def _ranked(group: Sequence[tuple[Row, ActionRecord]]) -> list[ActionRecord]:
+    """The records; without a quality, by the rank of their energy."""
+    from dataclasses import replace
+
+    energies = [row.get(ENERGY) for row, _ in group]
+    if (
+        any(str(row.get(c) or "").strip() for row, _ in group for c in QUALITIES)
+        or None in energies
+    ):
+        return [record for _, record in group]
+    values = np.array([_number(energy, ENERGY) for energy in energies])
+    ranks = np.searchsorted(np.sort(values), values, side="left") / len(values)
+    return [
+        replace(record, quality=float(1 - rank))
+        for (_, record), rank in zip(group, ranks, strict=True)
+    ]
+
+
+def _array(given: Any, where: str) -> list[float]:
+    """The numbers of an array, as PostgreSQL writes it (``{1,2}``) or as JSON has it."""
+    if isinstance(given, str):
+        text = given.strip().strip("{}[]()")
+        given = text.split(",") if text.strip() else []
+    if not isinstance(given, list | tuple):
+        raise ManipulationError(f"{where}: {given!r} is not an array: give {{1,2,...}}")
+    return [_number(value, where) for value in given]
+
+
+def _number(given: Any, where: str) -> float:
+    try:
+        number = float(given)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ManipulationError(f"{where}: {given!r} is not a finite number")
+    return number
+
+
+def _pose(given: Any, scale: float, where: str) -> Pose:
+    numbers = _array(given, where)
+    if len(numbers) != 7:
+        raise ManipulationError(
+            f"{where}: has {len(numbers)} numbers: give {{x, y, z, qw, qx, qy, qz}}"
+        )
+    x, y, z, w, *q = numbers
+    return pose_of([x * scale, y * scale, z * scale, *q, w], where)
+
+
+def _posture(given: Any, names: Sequence[str], where: str) -> dict[str, float]:
+    """Joint positions by name; a gripper without the names has joint1, joint2, ..."""
+    if given is None or given == "":
+        return {}
+    positions = _array(given, where)
+    if len(names) != len(positions):
+        names = [f"joint{n}" for n in range(1, len(positions) + 1)]
+    return dict(zip(names, positions, strict=True))
+
+
+def _known(session: Any, type_: str | None) -> str | None:
+    """A type, if the database has it."""
+    row = session.execute("SELECT name FROM semantic_type WHERE name = %s", (type_,)).fetchone()
+    return None if row is None else str(row[0])

@@ -1,0 +1,332 @@
+"""Stored actions by instance, function, pose and shape; the best expected outcome first.
+
+The queries of the paper (section III): "Grasp a cup!" is `actions_on(connection, name="cup")`,
+"Grasp something suitable for drinking!" `actions_on(connection, function="drinking")`, and "Grasp
+the object at pose [x, y, z]!" `actions_on(connection, point=(x, y, z))`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import psycopg
+from psycopg.rows import dict_row
+
+from semmap.belief.store import MapConnection, driver
+from semmap.geometry.pose import Pose
+from semmap.manipulation.action_record import KINDS, pose_of
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.store import gripper_id, refusals
+from semmap.suggestions import suggestion
+
+__all__ = [
+    "actions_by_shape",
+    "actions_on",
+    "approach_outcomes",
+    "entities_meant",
+    "function_named",
+    "known_actions",
+    "list_contributors",
+    "list_grippers",
+    "list_tasks",
+    "path_between",
+    "read_shape",
+]
+
+Row = dict[str, Any]
+
+POSES = ("pose", "pre_pose", "post_pose", "model_pose", "shape_pose")
+
+
+def actions_on(
+    connection: MapConnection,
+    *,
+    name: str | None = None,
+    function: str | None = None,
+    point: Sequence[float] | None = None,
+    tolerance: float = 0.05,
+    gripper: str | None = None,
+    kind: str = "grasp",
+    limit: int = 10,
+) -> list[Row]:
+    """Return the best stored actions on objects of the map (the SQL function ``actions_on``).
+
+    Parameters
+    ----------
+    name : of an entity, or of a type: any object of the type
+    function : what the object is used for, such as drinking
+    point : (x, y, z) in the map's frame, metres; the object there, or within the tolerance
+    gripper : name; the preferred one where None
+    kind : grasp, place, push, turn, open or put
+    limit : the most rows
+
+    Returns
+    -------
+    list of dict
+        `entity`, `action_id`, `object_id`, `kind`, `approach`, `family`, `expected` (share of
+        successes), `attempts`, `successes`, `width`, `posture`, `pre_posture`, `contributor`;
+        `pose`, `pre_pose` and `post_pose` in the map's frame, `model_pose` and `motion` in the
+        model's. Empty where nothing is stored.
+
+    Raises
+    ------
+    LookupError
+        A name, function or gripper that does not exist, or no object at the point.
+    ManipulationError
+        Not exactly one of `name`, `function` and `point`, or a kind that is not known.
+    """
+    if kind not in KINDS:
+        raise ManipulationError(f"{kind} is not one of {', '.join(KINDS)}")
+    session = driver(connection)
+    entities = entities_meant(
+        session, name=name, function=function, point=point, tolerance=tolerance
+    )
+    gripper_id(session, gripper)
+    return _rows(
+        session,
+        "SELECT * FROM actions_on(%s::bigint[], %s, %s, %s)",
+        (entities, gripper, kind, limit),
+    )
+
+
+def entities_meant(
+    connection: MapConnection,
+    *,
+    name: str | None = None,
+    function: str | None = None,
+    point: Sequence[float] | None = None,
+    tolerance: float = 0.05,
+) -> list[int]:
+    """Return the ids of the objects that a query means; as `actions_on`."""
+    session = driver(connection)
+    if sum(given is not None for given in (name, function, point)) != 1:
+        raise ManipulationError("give one of a name, a function and a point")
+    values: tuple[Any, ...]
+    if name is not None:
+        query, values = "SELECT entities_named(%s)", (_name_meant(session, name),)
+    elif function is not None:
+        query, values = "SELECT entities_for(%s)", (function_named(session, function),)
+    else:
+        assert point is not None
+        numbers = [float(v) for v in point]
+        if len(numbers) != 3 or not all(math.isfinite(v) for v in (*numbers, tolerance)):
+            raise ManipulationError(f"a point is x, y, z in metres, not {point}")
+        query, values = "SELECT ARRAY[entity_at(%s, %s, %s, %s)]", (*numbers, tolerance)
+    with refusals():
+        row = session.execute(query.encode(), values).fetchone()
+    assert row is not None
+    return list(row[0])
+
+
+def function_named(connection: MapConnection, word: str) -> str:
+    """Return the function of a word: ``drink`` and ``drinking`` are drinking.
+
+    Raises
+    ------
+    LookupError
+        No type and no object model has it.
+    """
+    known = [
+        row[0]
+        for row in driver(connection)
+        .execute(
+            "SELECT DISTINCT unnest(functions) FROM semantic_type "
+            "UNION SELECT DISTINCT unnest(functions) FROM object_model ORDER BY 1"
+        )
+        .fetchall()
+    ]
+    if word in known:
+        return word
+    begun = [function for function in known if function.startswith(word) and len(word) > 2]
+    if len(begun) == 1:
+        return str(begun[0])
+    otherwise = f"known: {', '.join(known)}" if known else "semmap import FILE loads the T-Box"
+    raise LookupError(
+        f"no type and no object model has the function {word}{suggestion(word, known, otherwise)}"
+    )
+
+
+def known_actions(
+    connection: MapConnection,
+    function: str,
+    *,
+    gripper: str | None = None,
+    kind: str = "grasp",
+    limit: int = 10,
+) -> list[Row]:
+    """Return the best stored actions on all object models for a function, also of other maps.
+
+    Returns
+    -------
+    list of dict
+        `action_id`, `object_id`, `expected`.
+    """
+    session = driver(connection)
+    gripper_id(session, gripper)
+    return _rows(
+        session,
+        "SELECT * FROM known_actions(%s, %s, %s, %s)",
+        (function_named(session, function), gripper, kind, limit),
+    )
+
+
+def actions_by_shape(
+    connection: MapConnection,
+    shape: str,
+    size: Sequence[float],
+    *,
+    tolerance: float = 0.01,
+    gripper: str | None = None,
+    kind: str = "grasp",
+    limit: int = 10,
+) -> list[Row]:
+    """Return the best stored actions on object models of a similar shape.
+
+    Parameters
+    ----------
+    shape, size : as a primitive has them, metres
+    tolerance : the most by which each size may differ, metres
+
+    Returns
+    -------
+    list of dict
+        As `actions_on`; `pose`, `pre_pose` and `post_pose` are in the frame of the shape, and
+        `difference` is the largest difference of a size, metres.
+
+    Raises
+    ------
+    ManipulationError
+        Not a shape.
+    """
+    counts = {"sphere": 1, "cylinder": 2, "cone": 2, "cuboid": 3}
+    numbers = [float(v) for v in size]
+    if len(numbers) != counts.get(shape) or not all(math.isfinite(v) and v > 0 for v in numbers):
+        known = ", ".join(f"{name} ({count} sizes)" for name, count in counts.items())
+        raise ManipulationError(
+            f"{shape} {numbers} is not a shape: give one of {known}, sizes in metres above 0"
+        )
+    session = driver(connection)
+    gripper_id(session, gripper)
+    return _rows(
+        session,
+        "SELECT * FROM actions_by_shape(%s, %s::float8[], %s, %s, %s, %s)",
+        (shape, numbers, tolerance, gripper, kind, limit),
+    )
+
+
+def approach_outcomes(
+    connection: MapConnection, object_id: int, kind: str = "grasp"
+) -> dict[str, tuple[float, float]]:
+    """Return attempts and successes of each approach to an object model, with any gripper."""
+    rows = driver(connection).execute(
+        "SELECT approach, attempts, successes FROM approach_outcomes(%s, %s)", (object_id, kind)
+    )
+    return {approach: (attempts, successes) for approach, attempts, successes in rows.fetchall()}
+
+
+def read_shape(connection: MapConnection, object_id: int) -> Row | None:
+    """Return `shape`, `size`, `shape_pose`, `inliers` and `deviation` of an object model."""
+    rows = _rows(
+        driver(connection),
+        "SELECT shape, size, shape_pose, inliers, deviation FROM object_model "
+        "WHERE id = %s AND shape IS NOT NULL",
+        (object_id,),
+    )
+    return rows[0] if rows else None
+
+
+def path_between(
+    connection: MapConnection,
+    automaton: str,
+    start: Any,
+    goal: Any,
+    *,
+    link: str = "",
+    tolerance: float = 0.01,
+) -> list[Pose] | None:
+    """Return the stored path between two poses, if nothing has moved into its way since.
+
+    Parameters
+    ----------
+    start, goal : (4, 4) or seven numbers, in the map's frame
+    tolerance : metres
+    """
+    session = driver(connection)
+    with refusals():
+        row = session.execute(
+            "SELECT poses FROM path WHERE id = path_between(%s, %s::float8[], %s::float8[], %s, "
+            "%s)",
+            (
+                automaton,
+                pose_of(start, "start").row,
+                pose_of(goal, "goal").row,
+                link,
+                tolerance,
+            ),
+        ).fetchone()
+    return None if row is None else [Pose(*pose) for pose in row[0]]
+
+
+def list_grippers(connection: MapConnection) -> list[Row]:
+    """Return the stored grippers, with the number of actions of each."""
+    return _rows(
+        driver(connection),
+        "SELECT d.name, g.form, g.opening, g.depth, g.preferred, d.source, "
+        "(SELECT count(*) FROM action a WHERE a.gripper_id = d.id) AS actions "
+        "FROM gripper g JOIN device d ON d.id = g.device_id ORDER BY d.name",
+        (),
+    )
+
+
+def list_contributors(connection: MapConnection) -> list[Row]:
+    """Return whose knowledge the database has: trust, actions, and attempts that it counts."""
+    return _rows(
+        driver(connection),
+        "SELECT c.name, c.trust, encode(c.key, 'hex') AS key, c.latest, "
+        "(SELECT count(*) FROM action a WHERE a.contributor_id = c.id) AS actions, "
+        "(SELECT coalesce(sum(e.attempts), 0) FROM experience e WHERE e.contributor_id = c.id) "
+        "AS attempts FROM contributor c ORDER BY c.id",
+        (),
+    )
+
+
+def list_tasks(connection: MapConnection, limit: int = 20) -> list[Row]:
+    """Return the newest tasks of the map, with their outcomes."""
+    return _rows(
+        driver(connection),
+        "SELECT t.id, t.kind, e.name AS entity, r.name AS robot, t.outcome, t.message, "
+        "t.action_id, c.name AS contributor, t.created_at, t.ended_at FROM task t "
+        "LEFT JOIN entity e ON e.id = t.entity_id LEFT JOIN entity r ON r.id = t.robot_id "
+        "JOIN contributor c ON c.id = t.contributor_id "
+        "WHERE t.map_id = current_map() ORDER BY t.id DESC LIMIT %s",
+        (limit,),
+    )
+
+
+def _name_meant(session: psycopg.Connection[Any], name: str) -> str:
+    """A name that is an entity or a type."""
+    names = [
+        row[0]
+        for row in session.execute(
+            "SELECT name FROM entity WHERE map_id = current_map() "
+            "UNION SELECT name FROM semantic_type"
+        ).fetchall()
+    ]
+    if name not in names:
+        raise LookupError(
+            f"the map has neither an object nor a type {name}"
+            f"{suggestion(name, names, 'semmap ls and semmap types list them')}"
+        )
+    return name
+
+
+def _rows(session: psycopg.Connection[Any], query: str, values: Sequence[Any]) -> list[Row]:
+    with refusals(), session.cursor(row_factory=dict_row) as cursor:
+        rows = cursor.execute(query.encode(), values).fetchall()
+    for row in rows:
+        for key in POSES:
+            if row.get(key) is not None:
+                row[key] = Pose(*row[key])
+    return rows

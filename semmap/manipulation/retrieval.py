@@ -1,0 +1,231 @@
+"""Retrieval before generation: stored grasps, else candidates, which are then stored.
+
+Candidates of a shape are ranked by what was learned from similar shapes and from other grippers
+(Tosello et al., section IV-B: the Action Generator works where the knowledge base has nothing).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.belief.store import MapConnection, driver
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.reader import actions_on, entities_meant
+from semmap.manipulation.shape_store import StoredShape, shape_of
+from semmap.manipulation.store import add_actions, add_gripper, gripper_id
+
+if TYPE_CHECKING:
+    from semmap.manipulation.gripper import Gripper
+
+__all__ = [
+    "DEFAULT_GRIPPER",
+    "Found",
+    "find_grasps",
+    "generate",
+    "register_gripper",
+    "stored_gripper",
+]
+
+DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
+"""The gripper of maps whose robots have none."""
+
+MODELS = 20
+"""The most object models of one query for which candidates are generated."""
+
+SIMILAR = 0.02
+"""The most by which sizes of shapes differ that share their outcomes, metres."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """The answer to a query.
+
+    Attributes
+    ----------
+    rows : as `semmap.manipulation.reader.actions_on` returns them, the best first
+    generated : names of entities whose models had no stored grasp before
+    problems : why there is none for some objects
+    """
+
+    rows: list[dict[str, Any]]
+    generated: list[str]
+    problems: list[str]
+
+
+def find_grasps(
+    connection: MapConnection,
+    *,
+    name: str | None = None,
+    function: str | None = None,
+    point: Sequence[float] | None = None,
+    tolerance: float = 0.05,
+    gripper: str | None = None,
+    limit: int = 10,
+) -> Found:
+    """Return the best grasps of objects; those of models without any are generated and stored.
+
+    Parameters
+    ----------
+    name, function, point, tolerance, gripper, limit : as `semmap.manipulation.reader.actions_on`
+
+    Raises
+    ------
+    LookupError
+        A name, function or gripper that does not exist, or no object at the point.
+    ManipulationError
+        Not exactly one of `name`, `function` and `point`.
+    """
+    session = driver(connection)
+    asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
+    entities = entities_meant(session, **asked)  # type: ignore[arg-type]
+    chosen = _gripper_name(session, gripper)
+    missing = session.execute(
+        "SELECT DISTINCT ON (coalesce(object_of(e.id), -e.id)) e.name FROM entity e "
+        "WHERE e.id = ANY (%s) AND NOT EXISTS (SELECT FROM action a WHERE a.object_id = "
+        "object_of(e.id) AND a.gripper_id = gripper_named(%s) AND a.kind = 'grasp' "
+        "AND a.replaced_by IS NULL) ORDER BY coalesce(object_of(e.id), -e.id), e.name",
+        (entities, chosen),
+    ).fetchall()
+    generated, problems = [], []
+    for (entity,) in sorted(missing)[:MODELS]:
+        try:
+            if generate(session, entity, chosen):
+                generated.append(entity)
+            else:
+                problems.append(f"{entity}: no grasp of its shape fits {chosen}")
+        except ManipulationError as error:
+            problems.append(str(error))
+    rows = actions_on(session, **asked, gripper=chosen, limit=limit)  # type: ignore[arg-type]
+    return Found(rows, generated, problems)
+
+
+def generate(connection: MapConnection, entity: str, gripper: str | None = None) -> list[int]:
+    """Store all candidates for the model of an entity; return their ids.
+
+    The quality of each is weighed with outcomes of its family on similar shapes.
+
+    Raises
+    ------
+    LookupError
+        There is no such entity or gripper.
+    ManipulationError
+        The entity has no mesh with a volume, or the gripper's URDF is not known.
+    """
+    from dataclasses import replace
+
+    from semmap.manipulation.candidates import grasp_candidates
+
+    session = driver(connection)
+    chosen = _gripper_name(session, gripper)
+    with session.transaction():
+        shape = shape_of(session, entity)
+        grasps = list(grasp_candidates(shape, stored_gripper(session, chosen)))
+        if not grasps:
+            return []
+        learned = _outcomes(session, shape, chosen)
+        weighed = [
+            replace(grasp, quality=_expected(grasp.quality, *learned.get(grasp.family, (0.0, 0.0))))
+            for grasp in grasps
+        ]
+        return add_actions(session, entity, chosen, weighed)
+
+
+def _expected(quality: float, attempts: float, successes: float) -> float:
+    """The expected share of successes; the predicted quality counts as two attempts."""
+    return (successes + 2 * quality) / (attempts + 2)
+
+
+def _outcomes(session: Any, shape: StoredShape, gripper: str) -> dict[str, tuple[float, float]]:
+    """Attempts and successes by family on similar shapes; those of other grippers count half."""
+    rows = session.execute(
+        "SELECT family, attempts, successes FROM family_outcomes(%s, %s::float8[], %s, %s)",
+        (shape.kind, list(shape.size), SIMILAR, gripper),
+    ).fetchall()
+    return {family: (attempts, successes) for family, attempts, successes in rows}
+
+
+# -- grippers -------------------------------------------------------------------------------------
+
+
+def register_gripper(
+    connection: MapConnection,
+    path: Path,
+    name: str | None = None,
+    *,
+    palm: str | None = None,
+    preferred: bool | None = None,
+) -> str:
+    """Store the gripper of a URDF, of a gripper or of a whole robot; return its name.
+
+    Raises
+    ------
+    ManipulationError
+        The URDF has no gripper, such as one without fingers.
+    RobotError
+        The file is not a usable URDF.
+    """
+    from semmap.manipulation.gripper import read_gripper
+
+    gripper = read_gripper(path, palm)
+    chosen = name or gripper.name
+    limits = {j.name: j.limits for j in gripper.robot.joints if j.name in gripper.joints}
+    add_gripper(
+        connection,
+        chosen,
+        form=gripper.kind,
+        opening=gripper.opening,
+        depth=gripper.depth,
+        urdf=path.read_text("utf-8"),
+        source=f"{path.resolve()}#{gripper.palm}",
+        joints=limits,
+        preferred=preferred,
+    )
+    return chosen
+
+
+def stored_gripper(connection: MapConnection, name: str) -> Gripper:
+    """Return a stored gripper with its geometry, read from its URDF.
+
+    Raises
+    ------
+    LookupError
+        There is none of this name.
+    ManipulationError
+        Its URDF is not on this machine.
+    """
+    session = driver(connection)
+    row = session.execute(
+        "SELECT source FROM device WHERE id = %s", (gripper_id(session, name),)
+    ).fetchone()
+    source = row[0] if row else None
+    path, _, palm = (source or "").rpartition("#")
+    if name == DEFAULT_GRIPPER.stem and not Path(path).is_file():
+        path = str(DEFAULT_GRIPPER)  # semmap was installed elsewhere since
+    if not path or not Path(path).is_file():
+        where = f"its URDF {path} is not there" if path else "its URDF is not stored"
+        raise ManipulationError(
+            f"gripper {name}: {where}, so no grasps can be generated: "
+            f"semmap manipulation add-gripper URDF --name {name}"
+        )
+    return _read(path, palm)
+
+
+@lru_cache(maxsize=8)
+def _read(path: str, palm: str) -> Gripper:
+    from semmap.manipulation.gripper import read_gripper
+
+    return read_gripper(path, palm)
+
+
+def _gripper_name(session: Any, name: str | None) -> str:
+    """The name of the gripper meant; the default one is stored where there is none at all."""
+    if name is None and not session.execute("SELECT 1 FROM gripper LIMIT 1").fetchone():
+        return register_gripper(session, DEFAULT_GRIPPER)
+    row = session.execute(
+        "SELECT name FROM device WHERE id = %s", (gripper_id(session, name),)
+    ).fetchone()
+    return str(row[0])

@@ -1,0 +1,137 @@
+"""The primitive of each model: found once in its mesh, stored for all instances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from semmap.belief.store import MapConnection, driver
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.reader import read_shape
+from semmap.manipulation.store import object_model_id, set_shape
+from semmap.query.meshes import models_triangles
+
+if TYPE_CHECKING:
+    import trimesh
+    from numpy.typing import NDArray
+
+__all__ = ["StoredShape", "model_mesh", "shape_of", "store_shapes"]
+
+
+@dataclass(frozen=True)
+class StoredShape:
+    """A primitive of an object model, as the database has it.
+
+    Attributes
+    ----------
+    kind : sphere, cylinder, cone or cuboid
+    size : metres
+    pose : (4, 4), in the frame of the model
+    """
+
+    kind: str
+    size: tuple[float, ...]
+    pose: NDArray[np.float64]
+
+
+def shape_of(connection: MapConnection, entity: str) -> StoredShape:
+    """Return the primitive of an entity's model; it is fitted and stored if it is not known.
+
+    Raises
+    ------
+    LookupError
+        The map has no such entity.
+    ManipulationError
+        It has no mesh, or one without a volume.
+    """
+    session = driver(connection)
+    model = object_model_id(session, entity)
+    row = read_shape(session, model)
+    if row is None:
+        primitives = import_module("semmap.perception.primitives")
+        mesh = model_mesh(session, entity)
+        try:
+            primitive = primitives.mesh_primitive(mesh)
+        except ValueError as error:
+            raise ManipulationError(f"{entity}: {error}") from error
+        set_shape(session, model, primitive)
+        row = read_shape(session, model)
+        assert row is not None
+    return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix)
+
+
+def model_mesh(connection: MapConnection, entity: str) -> trimesh.Trimesh:
+    """Return the visual mesh of an entity, else its collision mesh, in the frame of its model.
+
+    Raises
+    ------
+    ManipulationError
+        It has none.
+    """
+    import trimesh
+
+    session = driver(connection)
+    row = session.execute(
+        "SELECT m.id FROM entity_model em JOIN model m ON m.id = em.model_id "
+        "JOIN entity e ON e.id = em.entity_id WHERE e.map_id = current_map() AND e.name = %s "
+        "AND m.triangles > 0 ORDER BY em.role DESC, m.id LIMIT 1",
+        (entity,),
+    ).fetchone()
+    if row is None:
+        raise ManipulationError(f"{entity}: has no mesh: import one, or give its size")
+    triangles = models_triangles(session, [row[0]])[row[0]]
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    mesh = trimesh.Trimesh(triangles.reshape(-1, 3), faces, process=False)
+    mesh.merge_vertices()
+    return mesh
+
+
+def store_shapes(
+    connection: MapConnection,
+    names: Sequence[str] | None = None,
+    progress: Callable[[str], None] = lambda name: None,
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """Store the primitives of all meshes of the map that have none yet.
+
+    Parameters
+    ----------
+    names : of entities; by default all objects with a mesh, one of each model
+    progress : called with each name
+
+    Returns
+    -------
+    rows : list of dict
+        `entity`, `shape`, `size` and `inliers` of each model.
+    problems : list of str
+        Why a mesh has no primitive, such as one without a volume.
+    """
+    session = driver(connection)
+    found = session.execute(
+        "SELECT DISTINCT ON (coalesce(object_of(e.id)::text, m.digest)) e.name FROM entity e "
+        "JOIN entity_model em ON em.entity_id = e.id "
+        "JOIN model m ON m.id = em.model_id AND m.triangles > 0 "
+        "WHERE e.map_id = current_map() AND e.kind = 'object' "
+        "AND (%(all)s OR e.name = ANY (%(names)s)) "
+        "ORDER BY coalesce(object_of(e.id)::text, m.digest), e.name",
+        {"all": names is None, "names": list(names or ())},
+    ).fetchall()
+    rows, problems = [], []
+    for (name,) in sorted(found):
+        progress(name)
+        try:
+            with session.transaction():
+                shape_of(session, name)
+        except ManipulationError as error:
+            problems.append(str(error))
+            continue
+        row = session.execute(
+            "SELECT shape, size, inliers FROM object_model WHERE id = %s",
+            (object_model_id(session, name),),
+        ).fetchone()
+        assert row is not None
+        rows.append({"entity": name, "shape": row[0], "size": row[1], "inliers": row[2]})
+    return rows, problems

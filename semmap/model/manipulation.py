@@ -1,0 +1,300 @@
+"""What robots know of manipulation (Tosello, Fan and Pagello, section III)."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+from uuid import UUID
+
+from geoalchemy2 import Geometry
+from sqlalchemy import (
+    ARRAY,
+    BigInteger,
+    Computed,
+    ForeignKey,
+    Identity,
+    Index,
+    Integer,
+    LargeBinary,
+    Text,
+    text,
+)
+from sqlalchemy.dialects.postgresql import DOUBLE_PRECISION
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from semmap.geometry.pose import Pose
+from semmap.model.base import Base, PoseColumn
+from semmap.model.entity import Entity, Map
+from semmap.model.semantics import SemanticType
+
+__all__ = [
+    "Action",
+    "ActionStep",
+    "Automaton",
+    "Contributor",
+    "Device",
+    "Experience",
+    "Gripper",
+    "ManipulationTask",
+    "ObjectMesh",
+    "ObjectModel",
+    "StoredPath",
+]
+
+OWN = text("1")
+NOW = text("clock_timestamp()")
+EMPTY = text("'{}'")
+
+
+class Contributor(Base):
+    """Where knowledge comes from: this database, simulation, or the signer of a bundle.
+
+    Outcomes count by the trust in their contributor, 0 to 1.
+    """
+
+    __tablename__ = "contributor"
+
+    id: Mapped[int] = mapped_column(Integer, Identity(), primary_key=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    key: Mapped[bytes | None] = mapped_column(LargeBinary, unique=True)
+    trust: Mapped[float] = mapped_column(server_default=OWN)
+    latest: Mapped[datetime | None]
+
+
+class Device(Base):
+    """A robot, gripper or sensor: its URDF, joint limits and capabilities."""
+
+    __tablename__ = "device"
+
+    id: Mapped[int] = mapped_column(Integer, Identity(), primary_key=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    kind: Mapped[str]
+    urdf: Mapped[str | None]
+    source: Mapped[str | None]
+    joints: Mapped[dict[str, Any]] = mapped_column(server_default=EMPTY)
+    capabilities: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=EMPTY)
+
+
+class Gripper(Base):
+    """A device that grips: how wide it opens and how deep its fingers are, metres."""
+
+    __tablename__ = "gripper"
+    __table_args__ = (
+        Index("gripper_preferred", "preferred", unique=True, postgresql_where=text("preferred")),
+    )
+
+    device_id: Mapped[int] = mapped_column(
+        ForeignKey(Device.id, ondelete="CASCADE"), primary_key=True
+    )
+    form: Mapped[str]
+    opening: Mapped[float]
+    depth: Mapped[float]
+    preferred: Mapped[bool] = mapped_column(server_default=text("false"))
+
+    device: Mapped[Device] = relationship()
+
+
+class Automaton(Base):
+    """A robot with the gripper and the sensor that are mounted on it."""
+
+    __tablename__ = "automaton"
+
+    id: Mapped[int] = mapped_column(Integer, Identity(), primary_key=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    robot_id: Mapped[int] = mapped_column(ForeignKey(Device.id))
+    gripper_id: Mapped[int | None] = mapped_column(ForeignKey(Gripper.device_id))
+    sensor_id: Mapped[int | None] = mapped_column(ForeignKey(Device.id))
+
+    robot: Mapped[Device] = relationship(foreign_keys=robot_id)
+    gripper: Mapped[Gripper | None] = relationship()
+    sensor: Mapped[Device | None] = relationship(foreign_keys=sensor_id)
+
+
+class ObjectModel(Base):
+    """What all objects of the same meshes share: functions, shape, actions; or a shape alone.
+
+    `size` is (radius) of a sphere, (radius, height) of a cylinder or cone, (x, y, z) of a cuboid.
+    """
+
+    __tablename__ = "object_model"
+    __table_args__ = (
+        Index("object_model_type", "type"),
+        Index("object_model_functions", "functions", postgresql_using="gin"),
+        Index("object_model_shape", "shape", text("(size[1])")),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    key: Mapped[str] = mapped_column(unique=True)
+    name: Mapped[str | None]
+    type: Mapped[str | None] = mapped_column(
+        ForeignKey(SemanticType.name, onupdate="CASCADE", ondelete="SET NULL")
+    )
+    functions: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=EMPTY)
+    shape: Mapped[str | None]
+    size: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    shape_pose: Mapped[Pose | None] = mapped_column(PoseColumn)
+    inliers: Mapped[float | None]
+    deviation: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    contributor_id: Mapped[int] = mapped_column(ForeignKey(Contributor.id), server_default=OWN)
+
+    meshes: Mapped[list[ObjectMesh]] = relationship(back_populates="object")
+    actions: Mapped[list[Action]] = relationship(back_populates="object")
+
+
+class ObjectMesh(Base):
+    """A mesh of an object model, by the digest of a `GeometricModel`."""
+
+    __tablename__ = "object_mesh"
+    __table_args__ = (Index("object_mesh_object", "object_id"),)
+
+    digest: Mapped[str] = mapped_column(primary_key=True)
+    object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
+
+    object: Mapped[ObjectModel] = relationship(back_populates="meshes")
+
+
+class Action(Base):
+    """How a gripper acts on an object model; poses of its grasp frame in the model's frame.
+
+    `kind` is grasp, place, push, turn, open or put. `expected` is the expected share of successes.
+    """
+
+    __tablename__ = "action"
+    __table_args__ = (
+        Index(
+            "action_best",
+            "object_id",
+            "gripper_id",
+            "kind",
+            text("expected DESC"),
+            "id",
+            postgresql_where=text("replaced_by IS NULL"),
+        ),
+        Index("action_gripper", "gripper_id"),
+        Index(
+            "action_replaced_by",
+            "replaced_by",
+            postgresql_where=text("replaced_by IS NOT NULL"),
+        ),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    key: Mapped[UUID] = mapped_column(unique=True, server_default=text("gen_random_uuid()"))
+    kind: Mapped[str]
+    object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
+    gripper_id: Mapped[int] = mapped_column(ForeignKey(Gripper.device_id, ondelete="CASCADE"))
+    pose: Mapped[Pose | None] = mapped_column(PoseColumn)
+    pre_pose: Mapped[Pose | None] = mapped_column(PoseColumn)
+    post_pose: Mapped[Pose | None] = mapped_column(PoseColumn)
+    motion: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
+    approach: Mapped[str | None]
+    family: Mapped[str | None]
+    width: Mapped[float | None]
+    posture: Mapped[dict[str, Any]] = mapped_column(server_default=EMPTY)
+    pre_posture: Mapped[dict[str, Any]] = mapped_column(server_default=EMPTY)
+    quality: Mapped[float] = mapped_column(server_default=text("0.5"))
+    attempts: Mapped[float] = mapped_column(server_default=text("0"))
+    successes: Mapped[float] = mapped_column(server_default=text("0"))
+    expected: Mapped[float] = mapped_column(
+        Computed("(successes + 2 * quality) / (attempts + 2)", persisted=True)
+    )
+    replaced_by: Mapped[int | None] = mapped_column(
+        ForeignKey("semmap.action.id", ondelete="SET NULL")
+    )
+    contributor_id: Mapped[int] = mapped_column(ForeignKey(Contributor.id), server_default=OWN)
+    created_at: Mapped[datetime] = mapped_column(server_default=NOW)
+
+    object: Mapped[ObjectModel] = relationship(back_populates="actions")
+    gripper: Mapped[Gripper] = relationship()
+    contributor: Mapped[Contributor] = relationship()
+    steps: Mapped[list[Action]] = relationship(
+        secondary="semmap.action_step",
+        primaryjoin="Action.id == ActionStep.whole_id",
+        secondaryjoin="Action.id == ActionStep.step_id",
+        order_by="ActionStep.number",
+        viewonly=True,
+    )
+
+
+class ActionStep(Base):
+    """A step of a composed action, numbered from 1."""
+
+    __tablename__ = "action_step"
+    __table_args__ = (Index("action_step_step", "step_id"),)
+
+    whole_id: Mapped[int] = mapped_column(
+        ForeignKey(Action.id, ondelete="CASCADE"), primary_key=True
+    )
+    number: Mapped[int] = mapped_column(primary_key=True)
+    step_id: Mapped[int] = mapped_column(ForeignKey(Action.id, ondelete="CASCADE"))
+
+
+class Experience(Base):
+    """How often an action was tried and succeeded, as one contributor counts it."""
+
+    __tablename__ = "experience"
+    __table_args__ = (Index("experience_contributor", "contributor_id"),)
+
+    action_id: Mapped[int] = mapped_column(
+        ForeignKey(Action.id, ondelete="CASCADE"), primary_key=True
+    )
+    contributor_id: Mapped[int] = mapped_column(
+        ForeignKey(Contributor.id, ondelete="CASCADE"), primary_key=True
+    )
+    attempts: Mapped[int]
+    successes: Mapped[int]
+
+
+class StoredPath(Base):
+    """Poses (n, 7) in the map's frame that led a robot, or a link of it, from a start to an end."""
+
+    __tablename__ = "path"
+    __table_args__ = (
+        Index(
+            "path_line",
+            "line",
+            postgresql_using="gist",
+            postgresql_ops={"line": "gist_geometry_ops_nd"},
+        ),
+        Index("path_map", "map_id", "automaton_id"),
+        Index("path_automaton", "automaton_id"),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    automaton_id: Mapped[int] = mapped_column(ForeignKey(Automaton.id, ondelete="CASCADE"))
+    link: Mapped[str] = mapped_column(server_default=text("''"))
+    poses: Mapped[list[list[float]]] = mapped_column(ARRAY(DOUBLE_PRECISION(), dimensions=2))
+    clearance: Mapped[float] = mapped_column(server_default=text("0.1"))
+    line: Mapped[Any] = mapped_column(Geometry("LINESTRINGZ", dimension=3, spatial_index=False))
+    at: Mapped[datetime] = mapped_column(server_default=NOW)
+
+
+class ManipulationTask(Base):
+    """A manipulation that a robot shall do, does or did, and its outcome."""
+
+    __tablename__ = "task"
+    __table_args__ = (
+        Index("task_map", "map_id"),
+        Index("task_robot", "robot_id"),
+        Index("task_entity", "entity_id"),
+        Index("task_action", "action_id"),
+    )
+
+    id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
+    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    robot_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
+    kind: Mapped[str]
+    entity_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
+    action_id: Mapped[int | None] = mapped_column(ForeignKey(Action.id, ondelete="SET NULL"))
+    start: Mapped[Pose | None] = mapped_column(PoseColumn)
+    goal: Mapped[Pose | None] = mapped_column(PoseColumn)
+    deadline: Mapped[datetime | None]
+    outcome: Mapped[str] = mapped_column(server_default=text("'to run'"))
+    message: Mapped[str | None]
+    contributor_id: Mapped[int] = mapped_column(ForeignKey(Contributor.id), server_default=OWN)
+    created_at: Mapped[datetime] = mapped_column(server_default=NOW)
+    ended_at: Mapped[datetime | None]
+
+    entity: Mapped[Entity | None] = relationship(foreign_keys=entity_id)
+    action: Mapped[Action | None] = relationship()
