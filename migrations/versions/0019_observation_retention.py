@@ -6,7 +6,7 @@ from alembic import op
 
 from semmap.database.migrate import drop_code, run_code
 
-revision = "0021"
+revision = "0019"
 down_revision = "0018"
 branch_labels = None
 depends_on = None

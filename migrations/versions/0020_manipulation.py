@@ -9,8 +9,8 @@ from alembic import op
 
 from semmap.database.migrate import drop_code, make_tables, run_code
 
-revision = "0019"
-down_revision = "0021"
+revision = "0020"
+down_revision = "0019"
 branch_labels = None
 depends_on = None
 
