@@ -39,7 +39,7 @@ MakeDatabase = Callable[[], URL]
 """Makes a fresh database with an empty, migrated schema, and says its URL."""
 
 MEMORY = Path("/dev/shm")
-"""Files in memory, where the system has them: hundreds of databases of 300 files each are written."""
+"""Files in memory, where the system has them: hundreds of databases are 300 files each."""
 
 MEMORY_FOR_TESTS = 6 << 30
 """Bytes that must be free there for a test server in it."""
