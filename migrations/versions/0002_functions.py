@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, make_tables, run_code, run_sql_files
+from semmap.database.migrate import drop_code, make_tables, run_sql_files
 
 revision = "0002"
 down_revision = "0001"
@@ -13,14 +13,13 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Run the files in the order of their names."""
-    make_tables(op, "060_fields.sql", "field")  # of a later revision, but the code speaks of them
+    """Make the tables that renames speak of."""
+    make_tables(op, "060_fields.sql", "field")
     make_tables(op, "070_topology.sql", "robot_class")
     make_tables(op, "080_missions.sql", "mission")
     run_sql_files(op, "renames.sql")
-    run_code(op)
 
 
 def downgrade() -> None:
     """Drop all code of the schema; the tables and their rows stay."""
-    drop_code(op)
+    drop_code(op.get_bind())

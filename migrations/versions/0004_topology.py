@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, make_tables, run_code, run_sql_files
+from semmap.database.migrate import make_tables, run_sql_files
 
 revision = "0004"
 down_revision = "0003"
@@ -16,12 +16,10 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Make the tables where they are missing, and replace the code."""
+    """Make the tables where they are missing."""
     make_tables(op, "070_topology.sql", "robot_class")
     make_tables(op, "080_missions.sql", "mission")
-    drop_code(op)
     run_sql_files(op, "renames.sql")
-    run_code(op)
 
 
 def downgrade() -> None:

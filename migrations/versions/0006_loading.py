@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code, run_sql_files
+from semmap.database.migrate import run_sql_files
 
 revision = "0006"
 down_revision = "0005"
@@ -22,11 +22,9 @@ ALTER TABLE semmap.travel_time ADD COLUMN IF NOT EXISTS packed bytea GENERATED A
 
 
 def upgrade() -> None:
-    """Add the column where it is missing, and replace the code."""
-    drop_code(op)
+    """Add the column where it is missing."""
     run_sql_files(op, "renames.sql")
     op.execute(PACKED)
-    run_code(op)
 
 
 def downgrade() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code, run_sql_files
+from semmap.database.migrate import run_sql_files
 
 revision = "0007"
 down_revision = "0006"
@@ -38,14 +38,12 @@ END $$
 
 
 def upgrade() -> None:
-    """Make the indexes anew, set what the planner goes by, and replace the code."""
-    drop_code(op)
+    """Make the indexes anew, set what the planner goes by."""
     op.execute("SET LOCAL search_path = semmap, public")
     run_sql_files(op, "tables/090_planning.sql")
     for statement in (*FORGET_HISTOGRAMS, WITHIN):
         op.execute(statement)
     run_sql_files(op, "renames.sql")
-    run_code(op)
 
 
 def downgrade() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code, run_sql_files
+from semmap.database.migrate import run_sql_files
 
 revision = "0008"
 down_revision = "0007"
@@ -57,15 +57,13 @@ END $$
 
 
 def upgrade() -> None:
-    """Add what is missing, and replace the code."""
-    drop_code(op)
+    """Add what is missing."""
     for statement in STATEMENTS:
         op.execute(statement)
     for table, name, condition, value in CHECKS:
         repair = f"UPDATE {table} SET {value} WHERE NOT {condition};" if value else ""
         op.execute(ADD_CHECK.format(table=table, name=name, condition=condition, repair=repair))
     run_sql_files(op, "renames.sql")
-    run_code(op)
 
 
 def downgrade() -> None:

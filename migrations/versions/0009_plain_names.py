@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code, run_sql_files
+from semmap.database.migrate import run_sql_files
 
 revision = "0009"
 down_revision = "0008"
@@ -16,10 +16,8 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Rename what has an old name, and replace the code."""
-    drop_code(op)
+    """Rename what has an old name."""
     run_sql_files(op, "renames.sql")
-    run_code(op)
 
 
 def downgrade() -> None:

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code
-
 revision = "0011"
 down_revision = "0009"
 branch_labels = None
@@ -16,10 +14,8 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Add the column where it is missing, and replace the code."""
-    drop_code(op)
+    """Add the column where it is missing."""
     op.execute("ALTER TABLE semmap.placement_history ADD COLUMN IF NOT EXISTS reason text")
-    run_code(op)
 
 
 def downgrade() -> None:

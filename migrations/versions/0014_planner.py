@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code
-
 revision = "0014"
 down_revision = "0011"
 branch_labels = None
@@ -29,7 +27,7 @@ END $$
 
 
 def upgrade() -> None:
-    """Create the extension and the column, delete connectors without a row, replace the code."""
+    """Create the extension and the column, delete connectors without a row."""
     op.execute(PGROUTING)
     op.execute(
         "ALTER TABLE semmap.map ADD COLUMN IF NOT EXISTS "
@@ -39,8 +37,6 @@ def upgrade() -> None:
         "DELETE FROM semmap.entity e WHERE e.kind = 'connector' "
         "AND NOT EXISTS (SELECT FROM semmap.connector c WHERE c.entity_id = e.id)"
     )
-    drop_code(op)
-    run_code(op)
 
 
 def downgrade() -> None:

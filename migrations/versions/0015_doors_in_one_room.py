@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code
-
 revision = "0015"
 down_revision = "0014"
 branch_labels = None
@@ -17,10 +15,8 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Drop the check that both places differ, and replace the code."""
-    drop_code(op)
+    """Drop the check that both places differ."""
     op.execute("ALTER TABLE semmap.connector DROP CONSTRAINT IF EXISTS connector_check")
-    run_code(op)
 
 
 def downgrade() -> None:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from alembic import op
-
-from semmap.database.migrate import drop_code, run_code
-
 revision = "0016"
 down_revision = "0015"
 branch_labels = None
@@ -13,9 +9,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Replace the code."""
-    drop_code(op)
-    run_code(op)
+    """Nothing: the code is made anew after each upgrade."""
 
 
 def downgrade() -> None:

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, run_code
-
 revision = "0017"
 down_revision = "0016"
 branch_labels = None
@@ -16,8 +14,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Allow the new kind of change, add the column where it is missing, and replace the code."""
-    drop_code(op)
+    """Allow the new kind of change, add the column where it is missing."""
     for statement in (
         "ALTER TABLE semmap.change DROP CONSTRAINT IF EXISTS change_what_check",
         "ALTER TABLE semmap.change ADD CONSTRAINT change_what_check CHECK (what IN "
@@ -27,7 +24,6 @@ def upgrade() -> None:
         "AND 0 < ALL (typical_size) AND 'Infinity' > ALL (typical_size))",
     ):
         op.execute(statement)
-    run_code(op)
 
 
 def downgrade() -> None:

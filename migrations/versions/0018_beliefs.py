@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, make_tables, run_code
+from semmap.database.migrate import make_tables
 
 revision = "0018"
 down_revision = "0017"
@@ -16,8 +16,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Make the tables and columns where they are missing, and replace the code."""
-    drop_code(op)
+    """Make the tables and columns where they are missing."""
     for statement in (
         "ALTER TABLE semmap.change DROP CONSTRAINT IF EXISTS change_what_check",
         "ALTER TABLE semmap.change ADD CONSTRAINT change_what_check CHECK (what IN "
@@ -29,7 +28,6 @@ def upgrade() -> None:
     ):
         op.execute(statement)
     make_tables(op, "100_belief.sql", "observation")
-    run_code(op)
 
 
 def downgrade() -> None:

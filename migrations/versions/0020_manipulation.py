@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from alembic import op
 
-from semmap.database.migrate import drop_code, make_tables, run_code
+from semmap.database.migrate import make_tables
 
 revision = "0020"
 down_revision = "0019"
@@ -16,14 +16,12 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Make the tables and columns where they are missing, and replace the code."""
-    drop_code(op)
+    """Make the tables and columns where they are missing."""
     op.execute(
         "ALTER TABLE semmap.semantic_type "
         "ADD COLUMN IF NOT EXISTS functions text[] NOT NULL DEFAULT '{}'"
     )
     make_tables(op, "110_manipulation.sql", "action")
-    run_code(op)
 
 
 def downgrade() -> None:

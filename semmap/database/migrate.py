@@ -1,8 +1,13 @@
-"""The schema's revisions: up, down, and the SQL files of `schema/` that they run."""
+"""The schema's revisions: up, down, and the SQL files of `schema/` that they run.
+
+Revisions change tables only. The code (functions, triggers, views, rights) is as `schema/` has it
+now: an upgrade drops it before the first revision and makes it anew after the last, so that no
+revision meets code that speaks of later tables.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -30,7 +35,6 @@ __all__ = [
     "drop",
     "drop_code",
     "make_tables",
-    "run_code",
     "run_sql_files",
     "schema_folder",
     "upgrade",
@@ -38,6 +42,8 @@ __all__ = [
 
 LOCK = 0x73656D6D6170  # "semmap"
 """Key of the advisory lock that whoever changes the schema holds."""
+
+CODE = ("functions/*.sql", "views/*.sql", "roles.sql")
 
 DROP_CODE = """
 DO $$
@@ -86,7 +92,11 @@ def upgrade(engine: Engine, revision: str = "head") -> None:
     """
     with _transaction(engine, "upgraded") as connection:
         check_requirements(connection)
+        if revision == "head" and _installed(connection) == revisions.newest():
+            return
+        drop_code(connection)
         command.upgrade(_config(connection), revision)
+        _run_code(connection)
 
 
 def downgrade(engine: Engine, revision: str) -> None:
@@ -128,14 +138,16 @@ def run_sql_files(op: Operations | ModuleType, *patterns: str) -> None:
     DatabaseError
         A pattern that no file fits, or a statement that fails: file and line are named.
     """
-    connection = op.get_bind().connection.driver_connection
-    assert isinstance(connection, psycopg.Connection)
+    _run_patterns(op.get_bind(), patterns)
+
+
+def _run_patterns(connection: Connection, patterns: Iterable[str]) -> None:
     for pattern in patterns:
         files = sorted(schema_folder().glob(pattern))
         if not files:
             raise DatabaseError(f"{schema_folder()} has no file that fits {pattern}")
         for path in files:
-            _run_sql_file(connection, path)
+            _run_sql_file(_driver(connection), path)
 
 
 def make_tables(op: Operations | ModuleType, file: str, table: str) -> None:
@@ -146,20 +158,31 @@ def make_tables(op: Operations | ModuleType, file: str, table: str) -> None:
         run_sql_files(op, f"tables/{file}")
 
 
-def run_code(op: Operations | ModuleType) -> None:
+def drop_code(connection: Connection) -> None:
+    """Drop functions, triggers, views and rights; the tables and their rows stay."""
+    connection.exec_driver_sql("SET LOCAL search_path = semmap, public")
+    if connection.scalar(text("SELECT to_regnamespace('semmap') IS NOT NULL")):
+        connection.execute(text(DROP_CODE))
+
+
+def _run_code(connection: Connection) -> None:
     """Make functions, triggers, views and rights as `schema/` has them.
 
-    Bodies are not checked here: they may name a table that a later revision makes.
+    Bodies are not checked here: functions may call those of later files.
     """
-    op.execute("SET LOCAL search_path = semmap, public")
-    op.execute("SET LOCAL check_function_bodies = off")
-    run_sql_files(op, "functions/*.sql", "views/*.sql", "roles.sql")
+    connection.exec_driver_sql("SET LOCAL search_path = semmap, public")
+    connection.exec_driver_sql("SET LOCAL check_function_bodies = off")
+    _run_patterns(connection, [p for p in CODE if any(schema_folder().glob(p))])
 
 
-def drop_code(op: Operations | ModuleType) -> None:
-    """Drop functions, triggers, views and rights; the tables and their rows stay."""
-    op.execute("SET LOCAL search_path = semmap, public")
-    op.execute(DROP_CODE)
+def _installed(connection: Connection) -> str | None:
+    return revisions.installed(_driver(connection))
+
+
+def _driver(connection: Connection) -> psycopg.Connection:
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    return driver
 
 
 def _run_sql_file(connection: psycopg.Connection, path: Path) -> None:
