@@ -21,6 +21,7 @@ TABLES = (
     "search",
     "belief",
     "belief_store",
+    "manipulation",
 )
 
 for name in sys.argv[1:] or TABLES:

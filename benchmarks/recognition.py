@@ -82,7 +82,9 @@ def trial(
         front += random.uniform(-1, 1) * 0.05 * np.array([-np.sin(yaw), np.cos(yaw)])
         width, top = 0.02, random.uniform(0.06, 0.16)
         parts.append(
-            box_mesh((front[0] - width, front[1] - width, 0), (front[0] + width, front[1] + width, top))
+            box_mesh(
+                (front[0] - width, front[1] - width, 0), (front[0] + width, front[1] + width, top)
+            )
         )
         camera = DepthCamera((320, 240), (480.0, 480.0, 159.5, 119.5), look_at(eye, middle))
         count = len(table.faces), len(table.faces) + len(body.faces)
@@ -127,7 +129,9 @@ def main(trials: int = 30) -> None:
                 of[trial(meshes[left_out], others, random, hidden)[0]] += 1
         of = answers.setdefault("(of small_house)", Counter())
         for stranger in STRANGERS:
-            file = next((WORLDS / "small_house" / "models").glob(f"*_{stranger}/meshes/*visual.DAE"))
+            file = next(
+                (WORLDS / "small_house" / "models").glob(f"*_{stranger}/meshes/*visual.DAE")
+            )
             mesh = read_mesh(file, dae_up_axis=False)
             for _ in range(trials // 6):
                 of[trial(mesh, models, random, hidden)[0]] += 1

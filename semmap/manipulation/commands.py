@@ -48,6 +48,9 @@ def grasp_command(
     stored: Annotated[
         bool, typer.Option("--stored", help="Only what is stored: generate and store nothing.")
     ] = False,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="Also grasps that touch what is around.")
+    ] = False,
     limit: Limit = 10,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -91,7 +94,7 @@ def grasp_command(
                     if not rows:
                         problems = [f"no {kind} is stored for such an object"]
                 else:
-                    found = find_grasps(session, **asked)
+                    found = find_grasps(session, **asked, check=not unchecked)
                     rows, problems = found.rows, found.problems
                     for entity in found.generated:
                         print(f"{entity}: grasps generated and stored", file=sys.stderr)

@@ -17,6 +17,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import actions_on, entities_meant
 from semmap.manipulation.shape_store import StoredShape, shape_of
 from semmap.manipulation.store import add_actions, add_gripper, gripper_id
+from semmap.manipulation.surroundings import free_rows
 
 if TYPE_CHECKING:
     from semmap.manipulation.gripper import Gripper
@@ -35,6 +36,9 @@ DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
 
 MODELS = 20
 """The most object models of one query for which candidates are generated."""
+
+CHECKED = 1000
+"""The most grasps of one query that are checked for collisions."""
 
 SIMILAR = 0.02
 """The most by which sizes of shapes differ that share their outcomes, metres."""
@@ -65,12 +69,14 @@ def find_grasps(
     tolerance: float = 0.05,
     gripper: str | None = None,
     limit: int = 10,
+    check: bool = True,
 ) -> Found:
     """Return the best grasps of objects; those of models without any are generated and stored.
 
     Parameters
     ----------
     name, function, point, tolerance, gripper, limit : as `semmap.manipulation.reader.actions_on`
+    check : leave out grasps at which the gripper would touch other objects of the map
 
     Raises
     ------
@@ -83,24 +89,56 @@ def find_grasps(
     asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
     entities = entities_meant(session, **asked)  # type: ignore[arg-type]
     chosen = _gripper_name(session, gripper)
-    missing = session.execute(
-        "SELECT DISTINCT ON (coalesce(object_of(e.id), -e.id)) e.name FROM entity e "
-        "WHERE e.id = ANY (%s) AND NOT EXISTS (SELECT FROM action a WHERE a.object_id = "
-        "object_of(e.id) AND a.gripper_id = gripper_named(%s) AND a.kind = 'grasp' "
-        "AND a.replaced_by IS NULL) ORDER BY coalesce(object_of(e.id), -e.id), e.name",
-        (entities, chosen),
-    ).fetchall()
+    missing = session.execute(MISSING, (entities, chosen)).fetchall()
     generated, problems = [], []
     for (entity,) in sorted(missing)[:MODELS]:
         try:
             if generate(session, entity, chosen):
                 generated.append(entity)
             else:
-                problems.append(f"{entity}: no grasp of its shape fits {chosen}")
+                problems.append(_misfit(session, entity, chosen))
         except ManipulationError as error:
             problems.append(str(error))
-    rows = actions_on(session, **asked, gripper=chosen, limit=limit)  # type: ignore[arg-type]
+    most = CHECKED if check else limit
+    rows = actions_on(session, **asked, gripper=chosen, limit=most)  # type: ignore[arg-type]
+    if check and rows:
+        stored = rows
+        try:
+            rows = free_rows(session, stored, stored_gripper(session, chosen), limit)
+        except ManipulationError as error:
+            rows = stored[:limit]
+            problems.append(f"not checked for collisions: {error}")
+        if not rows:
+            names = ", ".join(dict.fromkeys(row["entity"] for row in stored))
+            problems.append(
+                f"{names}: at all {len(stored)} grasps, the gripper touches what is around"
+            )
     return Found(rows, generated, problems)
+
+
+MISSING = """
+SELECT DISTINCT ON (coalesce(object_of(e.id)::text, m.digest)) e.name FROM entity e
+LEFT JOIN entity_model em ON em.entity_id = e.id
+LEFT JOIN model m ON m.id = em.model_id AND m.triangles > 0
+WHERE e.id = ANY (%s) AND NOT EXISTS (
+    SELECT FROM action a WHERE a.object_id = object_of(e.id) AND a.gripper_id = gripper_named(%s)
+       AND a.kind = 'grasp' AND a.replaced_by IS NULL)
+ORDER BY coalesce(object_of(e.id)::text, m.digest), e.name
+"""
+"""One entity of each model that has no stored grasp."""
+
+
+def _misfit(session: Any, entity: str, gripper: str) -> str:
+    """Why no grasp of an entity was generated."""
+    shape = shape_of(session, entity)
+    sizes = " x ".join(f"{size:.3g}" for size in shape.size)
+    opening = session.execute(
+        "SELECT opening FROM gripper WHERE device_id = %s", (gripper_id(session, gripper),)
+    ).fetchone()[0]
+    return (
+        f"{entity}: no grasp fits its shape ({shape.kind} {sizes} m); "
+        f"gripper {gripper} opens {opening:.3g} m"
+    )
 
 
 def generate(connection: MapConnection, entity: str, gripper: str | None = None) -> list[int]:

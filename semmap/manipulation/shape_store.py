@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from semmap.belief.store import MapConnection, driver
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import read_shape
 from semmap.manipulation.store import object_model_id, set_shape
+from semmap.perception.error import PerceptionError
 from semmap.query.meshes import models_triangles
 
 if TYPE_CHECKING:
@@ -52,13 +52,12 @@ def shape_of(connection: MapConnection, entity: str) -> StoredShape:
     model = object_model_id(session, entity)
     row = read_shape(session, model)
     if row is None:
-        primitives = import_module("semmap.perception.primitives")
-        mesh = model_mesh(session, entity)
+        from semmap.perception.mesh_shapes import mesh_primitive  # SciPy is slow to load
+
         try:
-            primitive = primitives.mesh_primitive(mesh)
-        except ValueError as error:
+            set_shape(session, model, mesh_primitive(model_mesh(session, entity)))
+        except PerceptionError as error:
             raise ManipulationError(f"{entity}: {error}") from error
-        set_shape(session, model, primitive)
         row = read_shape(session, model)
         assert row is not None
     return StoredShape(row["shape"], tuple(row["size"]), row["shape_pose"].matrix)

@@ -120,9 +120,7 @@ def _best(cost: Floats, usable: NDArray[np.bool_]) -> int | None:
     return best if np.isfinite(total[best]) else None
 
 
-def _meeting_points(
-    p: Floats, n: Floats, q: Floats, m: Floats
-) -> tuple[Floats, NDArray[np.bool_]]:
+def _meeting_points(p: Floats, n: Floats, q: Floats, m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """The points (h, 3) nearest to pairs of lines, and whether the lines are not parallel."""
     apart = q - p
     cos = np.einsum("hi,hi->h", n, m)
@@ -231,7 +229,7 @@ def _cuboids(
     n: Floats, sample: Floats, normals: Floats, scale: float, known: Floats
 ) -> list[Placed]:
     """The frame that most normals agree with; and the smallest rectangles along known axes."""
-    first, second = n[:TRIES // 2, 0], n[:TRIES // 2, 1]
+    first, second = n[: TRIES // 2, 0], n[: TRIES // 2, 1]
     second = second - np.einsum("hi,hi->h", first, second)[:, None] * first
     length = np.linalg.norm(second, axis=1)
     usable = length > 0.95

@@ -20,7 +20,7 @@ from semmap.perception.error import PerceptionError
 from semmap.perception.hypotheses import frame_with_axis
 from semmap.perception.point_cloud import Floats, surfels, voxel_downsample
 
-__all__ = ["VOXEL", "Look", "ModelView", "ObjectModel", "describe", "depth_points", "train_model"]
+__all__ = ["VOXEL", "Look", "ModelView", "ObjectModel", "depth_points", "describe", "train_model"]
 
 VOXEL = 0.004
 """Metres between the points of views and clusters."""

@@ -108,9 +108,7 @@ class Surfels:
         return Surfels(self.points[:count], self.normals[:count], self.noise, wider)
 
 
-def surfels(
-    points: Floats, neighbours: int = NEIGHBOURS, alone: float | None = None
-) -> Surfels:
+def surfels(points: Floats, neighbours: int = NEIGHBOURS, alone: float | None = None) -> Surfels:
     """Return points with the normals of the planes through their nearest neighbours.
 
     Parameters

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from scipy.spatial import ConvexHull, QhullError
 
 from semmap.perception.error import PerceptionError
@@ -201,7 +200,9 @@ def _cost(fit: Fit, cloud: Surfels, within: float) -> float:
     turned = np.minimum((1 - across) / 0.3, 1)
     cost = float(np.maximum(far, 0.5 * turned).mean()) + PRICE * len(bounds)
     if kind == "cuboid":
-        cost += max(0.0, 0.9 - _filled(local[distance <= within], normal[distance <= within], bounds))
+        cost += max(
+            0.0, 0.9 - _filled(local[distance <= within], normal[distance <= within], bounds)
+        )
     return cost
 
 

@@ -127,9 +127,7 @@ def recognise_cluster(
     return Recognition(name if known else None, pose if known else None, score, look.centre)
 
 
-def _fit(
-    points: Floats, look: Look, model: ObjectModel, scene: Scene
-) -> tuple[float, Floats, str]:
+def _fit(points: Floats, look: Look, model: ObjectModel, scene: Scene) -> tuple[float, Floats, str]:
     """The score and pose of the model's best fit to a cluster."""
     distance = np.linalg.norm(model.descriptors - look.descriptor, axis=1)
     starts = [

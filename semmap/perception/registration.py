@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from semmap.perception.error import PerceptionError
 from semmap.perception.point_cloud import Floats

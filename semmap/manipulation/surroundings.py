@@ -1,0 +1,89 @@
+"""Which grasps are free of everything that the map has around an object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from semmap.belief.store import MapConnection, driver
+from semmap.geometry.pose import Pose
+from semmap.query.meshes import models_triangles
+
+if TYPE_CHECKING:
+    from semmap.manipulation.collision import Obstacles
+    from semmap.manipulation.gripper import Gripper
+
+__all__ = ["free_rows", "obstacles_around"]
+
+REACH = 0.6
+"""How far from an object its surroundings are obstacles, metres: a gripper and its approach."""
+
+AT_ONCE = 32
+"""Grasps that are checked at a time, until enough of them are free."""
+
+
+def obstacles_around(connection: MapConnection, entity: str, reach: float = REACH) -> Obstacles:
+    """Return the triangles of all other entities within reach of an entity, in the map's frame."""
+    from semmap.manipulation.collision import Obstacles
+
+    session = driver(connection)
+    rows = session.execute(
+        "SELECT DISTINCT o.entity_id, c.model_id, o.pose FROM entity e "
+        "JOIN world w ON w.entity_id = e.id "
+        "JOIN world o ON o.map_id = w.map_id AND o.entity_id <> w.entity_id "
+        "AND o.box && grown(w.box, %s) AND o.box &&& grown(w.box, %s) "
+        "JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' "
+        "JOIN entity_chunk ec ON ec.entity_id = o.entity_id JOIN chunk c ON c.id = ec.chunk_id "
+        "JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
+        "WHERE e.map_id = (SELECT current_map()) AND e.name = %s ORDER BY 1, 2",
+        (reach, reach, entity),
+    ).fetchall()
+    models = models_triangles(session, {model for _, model, _ in rows})
+    parts = [
+        Pose(*pose).apply(models[model].reshape(-1, 3)).reshape(-1, 3, 3) for _, model, pose in rows
+    ]
+    return Obstacles(np.concatenate([np.empty((0, 3, 3)), *parts]))
+
+
+def free_rows(
+    connection: MapConnection, rows: Sequence[dict[str, Any]], gripper: Gripper, limit: int
+) -> list[dict[str, Any]]:
+    """Return the first rows of grasps that the gripper reaches without touching anything else.
+
+    Parameters
+    ----------
+    rows : as `semmap.manipulation.reader.actions_on` returns them
+    limit : the most rows
+
+    Raises
+    ------
+    ManipulationError
+        The library for collisions is not installed.
+    """
+    from semmap.manipulation.candidates import Grasps
+    from semmap.manipulation.collision import free_grasps
+
+    obstacles: dict[str, Obstacles] = {}
+    found: list[dict[str, Any]] = []
+    for start in range(0, len(rows), AT_ONCE):
+        for entity in dict.fromkeys(row["entity"] for row in rows[start : start + AT_ONCE]):
+            some = [row for row in rows[start : start + AT_ONCE] if row["entity"] == entity]
+            if entity not in obstacles:
+                obstacles[entity] = obstacles_around(connection, entity)
+            widths = [gripper.opening if row["width"] is None else row["width"] for row in some]
+            grasps = Grasps(
+                gripper,
+                np.array([row["pose"].matrix for row in some]),
+                np.array([(row["pre_pose"] or row["pose"]).matrix for row in some]),
+                np.array(widths),
+                np.array([row["expected"] for row in some]),
+                np.array([row["approach"] or "" for row in some]),
+                np.array([row["family"] or "" for row in some]),
+            )
+            free = free_grasps(grasps, np.eye(4), obstacles[entity])
+            found += [row for row, is_free in zip(some, free, strict=True) if is_free]
+        if len(found) >= limit:
+            break
+    return sorted(found, key=lambda row: (-row["expected"], row["action_id"]))[:limit]

@@ -1,0 +1,251 @@
+"""Retrieval before generation: shapes of meshes, candidates, what is free, and the commands."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+import semmap as package
+from semmap import SemanticMap
+from semmap.geometry.pose import Pose
+from semmap.ingest.meshes.mesh_file import read_mesh
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.reader import list_grippers, read_shape
+from semmap.manipulation.retrieval import (
+    DEFAULT_GRIPPER,
+    find_grasps,
+    generate,
+    register_gripper,
+    stored_gripper,
+)
+from semmap.manipulation.shape_store import model_mesh, shape_of, store_shapes
+from semmap.manipulation.store import object_model_id, record_task
+from tests.command_line import semmap
+from tests.conftest import MakeDatabase
+from tests.manipulation.grippers import BY_HAND
+
+HOUSE = {"Vase_01": (1.0, 1.0, 0.75), "SeasoningBox_01": (1.4, 1.0, 0.75), "Ball_01": (3.0, 2.0, 0)}
+"""Meshes of small_house and where the test puts them, metres."""
+
+
+@pytest.fixture(scope="module")
+def house_map(make_database: MakeDatabase, worlds: Path) -> Iterator[SemanticMap]:
+    """A table with things of small_house, in a database that has no gripper."""
+    url = make_database().render_as_string(hide_password=False)
+    with package.connect(url) as db:
+        house = db.create_map("house")
+        house.add_room("room", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.7)
+        house.add_object("table", type="table", size=(1.6, 0.8, 0.75), pose=(1.2, 1.0, 0))
+        for name, place in HOUSE.items():
+            folder = worlds / "small_house" / "models" / f"aws_robomaker_residential_{name}"
+            mesh = read_mesh(next(folder.glob("meshes/*visual.DAE")), dae_up_axis=False)
+            type_ = {"Vase_01": "vase", "Ball_01": "ball"}.get(name, "seasoning_box")
+            house.add_object(name, type=type_, mesh=mesh, pose=place)
+        yield house
+
+
+@pytest.fixture
+def house(house_map: SemanticMap) -> Iterator[SemanticMap]:
+    """The house, for one test: what the test changes is undone."""
+    import psycopg
+
+    with house_map.transaction() as transaction:
+        yield house_map
+        raise psycopg.Rollback(transaction)
+
+
+def test_the_shapes_of_all_meshes_are_found_once(house: SemanticMap) -> None:
+    here = house.session_of_map()
+    house.add_object(
+        "flat",
+        type="paper",
+        mesh=trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
+        pose=(0, 0, 0),
+    )
+    rows, problems = store_shapes(here)
+    assert {row["entity"]: row["shape"] for row in rows} == {
+        "table": "cuboid",
+        "Vase_01": "cylinder",
+        "SeasoningBox_01": "cuboid",
+        "Ball_01": "sphere",
+    }
+    assert problems == ["flat: the mesh is flat, it has no volume: give the mesh of a solid"]
+    ball = read_shape(here, object_model_id(here, "Ball_01"))
+    mesh = model_mesh(here, "Ball_01")
+    assert ball is not None
+    assert ball["size"] == pytest.approx([mesh.extents.mean() / 2], rel=0.03)
+    assert shape_of(here, "Ball_01").pose[:3, 3] == pytest.approx(
+        mesh.bounds.mean(axis=0), abs=0.01
+    )
+
+
+def test_generated_grasps_are_stored_and_free_of_the_table(house: SemanticMap) -> None:
+    here = house.session_of_map()
+    first = find_grasps(here, name="vase", limit=40)
+    assert first.generated == ["Vase_01"]
+    assert [g["name"] for g in list_grippers(here)] == ["parallel_gripper"]
+    again = find_grasps(here, name="Vase_01", limit=40)
+    assert again.generated == []
+    assert [r["action_id"] for r in again.rows] == [r["action_id"] for r in first.rows]
+    assert first.rows
+    everywhere = find_grasps(here, name="vase", limit=1000, check=False).rows
+    assert len(everywhere) > len(first.rows)
+    fingers = np.array([[x, 0, 0.0] for x in (-0.02, 0.02)])  # the middle of the pads
+    assert min(row["pose"].apply(fingers)[:, 2].min() for row in first.rows) > 0.75
+    assert {row["approach"] for row in everywhere} - {row["approach"] for row in first.rows} >= {
+        "below"  # through the table
+    }
+
+
+def test_what_does_not_fit_is_said_with_its_size(house: SemanticMap) -> None:
+    found = find_grasps(house.session_of_map(), name="ball")
+    assert found.rows == []
+    assert found.problems[0].startswith("Ball_01: no grasp fits its shape (sphere 0.3")
+    assert found.problems[0].endswith("gripper parallel_gripper opens 0.09 m")
+
+
+def test_an_object_among_others_has_no_free_grasp(house: SemanticMap) -> None:
+    here = house.session_of_map()
+    middle = model_mesh(here, "SeasoningBox_01").bounds.mean(axis=0)
+    house.add_object(
+        "box", type="box", size=(0.08, 0.32, 0.1), pose=(1.4 + middle[0], 1.0 + middle[1], 0.751)
+    )
+    found = find_grasps(here, name="SeasoningBox_01")
+    assert found.rows == []
+    assert "the gripper touches what is around" in found.problems[-1]
+    assert find_grasps(here, name="SeasoningBox_01", check=False).rows
+
+
+def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: SemanticMap) -> None:
+    here = cups.session_of_map()
+    register_gripper(here, DEFAULT_GRIPPER)
+    taught = generate(here, "cup1", "parallel_gripper")
+    families = dict(here.execute("SELECT id, family FROM action WHERE id = ANY (%s)", (taught,)))
+    best = find_grasps(here, name="cup1", gripper="parallel_gripper", check=False).rows[0]
+    worst = families[best["action_id"]]
+    for _ in range(4):
+        record_task(here, "cup1", action=best["action_id"], outcome="error")
+    mesh = trimesh.creation.cylinder(0.036, 0.1, sections=32)
+    cups.add_object("beaker", type="mug", mesh=mesh, pose=(1.5, 1.3, 0.8))
+    own = _ranks(here, generate(here, "beaker", "parallel_gripper"))
+    assert own[worst] == min(own.values())
+    assert own[worst] < max(own.values()) / 2
+
+
+def test_a_second_gripper_profits_from_the_first_ones_outcomes(
+    cups: SemanticMap, tmp_path: Path
+) -> None:
+    here = cups.session_of_map()
+    register_gripper(here, DEFAULT_GRIPPER)
+    (tmp_path / "plates.urdf").write_text(BY_HAND)
+    register_gripper(here, tmp_path / "plates.urdf", "plates")
+    untaught = _ranks(here, generate(here, "cup1", "plates"))
+    here.execute("DELETE FROM action")
+    generate(here, "cup1", "parallel_gripper")
+    best = find_grasps(here, name="cup1", gripper="parallel_gripper", check=False).rows[0]
+    for _ in range(6):
+        record_task(here, "cup1", action=best["action_id"], outcome="error")
+    taught = _ranks(here, generate(here, "cup1", "plates"))
+    shared = best["family"]
+    assert shared in untaught
+    assert taught[shared] == pytest.approx((2 * untaught[shared]) / (2 + 3))  # they count half
+    assert {f: q for f, q in taught.items() if f != shared} == pytest.approx(
+        {f: q for f, q in untaught.items() if f != shared}
+    )
+
+
+def _ranks(here: Any, ids: list[int]) -> dict[str, float]:
+    rows = here.execute("SELECT family, quality FROM action WHERE id = ANY (%s)", (ids,)).fetchall()
+    return {family: max(q for f, q in rows if f == family) for family, _ in rows}
+
+
+def test_a_gripper_without_fingers_or_without_its_file_is_refused(
+    cups: SemanticMap, tmp_path: Path
+) -> None:
+    here = cups.session_of_map()
+    stick = tmp_path / "stick.urdf"
+    stick.write_text(
+        '<robot name="stick"><link name="a"><collision><geometry><box size="1 1 1"/></geometry>'
+        "</collision></link></robot>"
+    )
+    with pytest.raises(ManipulationError, match=r"stick\.urdf: no link has two fingers"):
+        register_gripper(here, stick)
+    assert "stick" not in [g["name"] for g in list_grippers(here)]
+    shutil.copy(DEFAULT_GRIPPER, stick)
+    assert register_gripper(here, stick, "mine") == "mine"
+    assert stored_gripper(here, "mine").opening == pytest.approx(0.09)
+    stick.unlink()
+    with pytest.raises(ManipulationError, match="is not there"):
+        stored_gripper(here, "mine")
+    with pytest.raises(ManipulationError, match="its URDF is not stored"):
+        generate(here, "cup1", "wide")
+
+
+# -- commands -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def url(make_database: MakeDatabase) -> str:
+    url = make_database().render_as_string(hide_password=False)
+    with package.connect(url) as db:
+        made = db.create_map("flat")
+        made.add_room("room", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.7)
+        made.add_object("table", type="table", size=(1.6, 0.8, 0.75), pose=(1.5, 1.5, 0))
+        made.add_object("mug", type="mug", size=(0.07, 0.07, 0.1), pose=(1.5, 1.5, 0.75))
+    return url
+
+
+def test_the_commands_from_a_query_to_a_shared_outcome(url: str, tmp_path: Path) -> None:
+    told = semmap(url, "grasp", "--for", "drink", "--json")
+    rows = json.loads(told.stdout)
+    assert (told.exit_code, {row["entity"] for row in rows}) == (0, {"mug"})
+    assert Pose(*rows[0]["pose"]).z > 0.75
+    first = rows[0]["action_id"]
+    assert semmap(url, "manipulation", "record", "mug", first, "error").exit_code == 0
+    assert json.loads(semmap(url, "grasp", "mug", "--json").stdout)[0]["action_id"] != first
+    assert "error" in semmap(url, "manipulation", "tasks").stdout
+    bundle = tmp_path / "mug.bundle"
+    assert "actions" in semmap(url, "manipulation", "export", bundle, "--name", "me").stdout
+    public = semmap(url, "manipulation", "key").stdout.strip()
+    assert len(public) == 64
+    with pytest.raises(ManipulationError, match="whom nobody trusts"):
+        semmap(url, "manipulation", "import", bundle)
+    semmap(url, "manipulation", "trust", "myself", public, "--level", "0.5")
+    assert "0 actions, 1 outcomes" in semmap(url, "manipulation", "import", bundle).stdout
+    assert "myself" in semmap(url, "manipulation", "contributors").stdout
+    assert json.loads(semmap(url, "manipulation", "grippers", "--json").stdout)[0]["preferred"]
+    assert "cuboid" in semmap(url, "manipulation", "shapes").stdout
+    at = semmap(url, "grasp", "--at", "1.5,1.5,0.8", "--stored", "--limit", "1")
+    assert "mug" in at.stdout
+    shape = semmap(url, "grasp", "--shape", "cuboid=0.07,0.07,0.1", "--json")
+    assert len(json.loads(shape.stdout)) == 10
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["muug"], "did you mean mug"),
+        (["--for", "flying"], "no type and no object model has the function flying"),
+        (["--at", "0.1,0.1,2"], "no object with geometry within"),
+        (["mug", "--gripper", "pr2"], "no gripper pr2"),
+        (["--shape", "cylinder=0.1"], "is not a shape"),
+        (["mug", "--kind", "kick"], "kick is not one of"),
+    ],
+)
+def test_questions_that_cannot_be_answered(url: str, words: list[str], text: str) -> None:
+    with pytest.raises((LookupError, ManipulationError), match=text):
+        semmap(url, "grasp", *words)
+
+
+def test_no_answer_is_an_exit_status(url: str) -> None:
+    assert semmap(url, "grasp", "bottle").exit_code == 1
+    assert semmap(url, "grasp", "table").exit_code == 1
+    assert semmap(url, "grasp", "mug", "--kind", "push").exit_code == 1
+    assert semmap(url, "grasp").exit_code == 2
