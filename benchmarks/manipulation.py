@@ -22,14 +22,15 @@ NAME = "grasps"
 
 FILL = """
 INSERT INTO object_model (key, name, type, shape, size, shape_pose)
-SELECT 'bench:' || i, 'model' || i, (ARRAY['mug', 'wine_glass', 'book', 'tool', 'plate', 'toy', 'pen',
-       'box', 'shoe', 'bag'])[1 + i %% 10], 'cylinder', ARRAY[0.02 + 0.06 * random(), 0.05 + 0.3 * random()],
+SELECT 'bench:' || i, 'model' || i, (ARRAY['mug', 'wine_glass', 'book', 'tool', 'plate', 'toy',
+       'pen', 'box', 'shoe', 'bag'])[1 + i %% 10], 'cylinder',
+       ARRAY[0.02 + 0.06 * random(), 0.05 + 0.3 * random()],
        '{0,0,0,0,0,0,1}' FROM generate_series(0, %(models)s - 1) i;
 INSERT INTO action (kind, object_id, gripper_id, pose, pre_pose, approach, family, width, posture,
                     pre_posture, quality)
 SELECT 'grasp', o.id, g.device_id, ARRAY[random(), random(), random(), 0, 0, 0, 1],
-       ARRAY[random(), random(), random(), 0, 0, 0, 1], 'side', 'side x 45', 0.05, '{"finger": 0.02}',
-       '{"finger": 0.04}', random()
+       ARRAY[random(), random(), random(), 0, 0, 0, 1], 'side', 'side x 45', 0.05,
+       '{"finger": 0.02}', '{"finger": 0.04}', random()
 FROM object_model o, gripper g, generate_series(1, %(each)s) n WHERE o.key LIKE 'bench:%%';
 """
 
@@ -53,7 +54,8 @@ def make_map(db: semmap.Database) -> semmap.SemanticMap:
         )
         made.execute(
             "INSERT INTO object_mesh (digest, object_id) SELECT 'bench' || i, o.id "
-            "FROM generate_series(0, %s) i JOIN object_model o ON o.key = 'bench:' || i",
+            "FROM generate_series(0, %s) i JOIN object_model o ON o.key = 'bench:' || i "
+            "ON CONFLICT DO NOTHING",
             MODELS - 1,
         )
         made.execute(
@@ -96,13 +98,6 @@ def rows(made: semmap.SemanticMap) -> list[Row]:
             session, name=f"thing{source.randrange(INSTANCES)}", gripper=gripper()
         ),
         "by type": lambda: actions_on(session, name="mug", gripper=gripper()),
-        "at a point": lambda: (
-            actions_on(
-                session, point=(source.randrange(40), source.randrange(31), 0.8), gripper=gripper()
-            )
-            if False
-            else None
-        ),
         "by shape within 2 mm": lambda: actions_by_shape(
             session,
             "cylinder",

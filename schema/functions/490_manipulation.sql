@@ -48,15 +48,39 @@ $$;
 
 CREATE FUNCTION best_actions(objects bigint[], gripper integer, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
 RETURNS TABLE (action_id bigint, object_id bigint, expected double precision)
-LANGUAGE sql STABLE ROWS 10 COST 1000 AS $$
--- The stored actions on some object models with a gripper, the best expected outcome first. Each object is one short
--- range of an index.
-SELECT a.id, o.id, a.expected FROM unnest(objects) o (id), LATERAL (
-    SELECT a.id, a.expected FROM semmap.action a
-    WHERE a.object_id = o.id AND a.gripper_id = gripper AND a.kind = of_kind AND a.replaced_by IS NULL
-    ORDER BY a.expected DESC, a.id LIMIT most) a
-ORDER BY a.expected DESC, a.id LIMIT most
-$$;
+LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
+-- The stored actions on some object models with a gripper, the best expected outcome first. Of many objects, enough are
+-- usually among the best actions of the gripper. Else, the best of all are on the objects with the best one each: one
+-- entry of an index is read for each object, and `most` for these few.
+DECLARE
+    many CONSTANT integer := 100;
+    depth CONSTANT integer := 2000;
+    chosen bigint[];
+BEGIN
+    IF cardinality(objects) > many THEN
+        chosen := ARRAY(
+            SELECT a.id FROM (SELECT t.id, t.object_id, t.replaced_by FROM semmap.action t
+                              WHERE t.gripper_id = gripper AND t.kind = of_kind ORDER BY t.expected DESC, t.id LIMIT depth) a
+            WHERE a.replaced_by IS NULL AND a.object_id IN (SELECT unnest(objects)) LIMIT most);
+    END IF;
+    IF cardinality(chosen) = most THEN
+        RETURN QUERY SELECT a.id, a.object_id, a.expected FROM semmap.action a WHERE a.id = ANY (chosen) ORDER BY a.expected DESC, a.id;
+        RETURN;
+    END IF;
+    RETURN QUERY
+    WITH first AS (
+        SELECT o.id FROM unnest(objects) o (id), LATERAL (
+            SELECT a.id, a.expected FROM semmap.action a
+            WHERE a.object_id = o.id AND a.gripper_id = gripper AND a.kind = of_kind AND a.replaced_by IS NULL
+            ORDER BY a.expected DESC, a.id LIMIT 1) a
+        ORDER BY a.expected DESC, a.id LIMIT most
+    )
+    SELECT a.id, f.id, a.expected FROM first f, LATERAL (
+        SELECT a.id, a.expected FROM semmap.action a
+        WHERE a.object_id = f.id AND a.gripper_id = gripper AND a.kind = of_kind AND a.replaced_by IS NULL
+        ORDER BY a.expected DESC, a.id LIMIT most) a
+    ORDER BY a.expected DESC, a.id LIMIT most;
+END $$;
 
 CREATE FUNCTION objects_for(use text)
 RETURNS SETOF bigint LANGUAGE sql STABLE ROWS 100 AS $$
@@ -69,7 +93,7 @@ CREATE FUNCTION known_actions(use text, gripper text DEFAULT NULL, of_kind text 
 RETURNS TABLE (action_id bigint, object_id bigint, expected double precision) LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
 -- The best stored actions on all object models for a function, in any map or none.
 BEGIN
-    RETURN QUERY SELECT * FROM semmap.best_actions(ARRAY(SELECT semmap.objects_for(use)), semmap.gripper_named(gripper), of_kind, most);
+    RETURN QUERY SELECT * FROM semmap.best_actions(ARRAY(SELECT o FROM semmap.objects_for(use) o), semmap.gripper_named(gripper), of_kind, most);
 END $$;
 
 CREATE FUNCTION actions_on(entities bigint[], gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
@@ -83,18 +107,20 @@ LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
 -- drinking!" actions_on(entities_for('drinking')), "grasp the object at [x, y, z]!" actions_on(ARRAY[entity_at(x, y, z)]).
 BEGIN
     RETURN QUERY
-    WITH found AS MATERIALIZED (
-        SELECT e.id, e.name, semmap.object_of(e.id) AS object FROM semmap.entity e WHERE e.id = ANY (entities)
+    WITH found AS MATERIALIZED (  -- as object_of
+        SELECT DISTINCT ON (em.entity_id) em.entity_id AS id, h.object_id AS object
+        FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id JOIN semmap.object_mesh h ON h.digest = m.digest
+        WHERE em.entity_id = ANY (entities) ORDER BY em.entity_id, em.role DESC, h.object_id
     ), best AS MATERIALIZED (
-        SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f WHERE f.object IS NOT NULL),
-                                       semmap.gripper_named(gripper), of_kind, most) b
+        SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f), semmap.gripper_named(gripper), of_kind, most) b
     )
-    SELECT f.name, a.id, a.object_id, a.kind, a.approach, a.family, a.expected, a.attempts, a.successes,
+    SELECT e.name, a.id, a.object_id, a.kind, a.approach, a.family, a.expected, a.attempts, a.successes,
            semmap.pose_compose(w.pose, a.pose), semmap.pose_compose(w.pose, a.pre_pose), semmap.pose_compose(w.pose, a.post_pose),
            a.motion, a.width, a.posture, a.pre_posture, a.pose, c.name
-    FROM best b JOIN found f ON f.object = b.object_id JOIN semmap.action a ON a.id = b.action_id
+    FROM best b JOIN found f ON f.object = b.object_id JOIN semmap.entity e ON e.id = f.id
+    JOIN semmap.action a ON a.id = b.action_id
     JOIN semmap.contributor c ON c.id = a.contributor_id LEFT JOIN semmap.world w ON w.entity_id = f.id
-    ORDER BY b.expected DESC, b.action_id, f.name LIMIT most;
+    ORDER BY b.expected DESC, b.action_id, e.name LIMIT most;
 END $$;
 
 CREATE FUNCTION entities_named(wanted text)
@@ -157,11 +183,12 @@ END $$;
 CREATE FUNCTION objects_like(of_shape text, of_size double precision[], tolerance double precision DEFAULT 0.01)
 RETURNS TABLE (object_id bigint, difference double precision) LANGUAGE sql STABLE ROWS 10 AS $$
 -- The object models of a shape whose sizes differ by at most the tolerance each, metres; the most similar first.
-SELECT o.id, d.difference FROM semmap.object_model o,
-     LATERAL (SELECT max(abs(own - given)) AS difference FROM unnest(o.size, of_size) s (own, given)) d
+SELECT o.id, greatest(abs(o.size[1] - of_size[1]), abs(o.size[2] - of_size[2]), abs(o.size[3] - of_size[3])) AS difference
+FROM semmap.object_model o
 WHERE o.shape = of_shape AND cardinality(o.size) = cardinality(of_size)
-  AND o.size[1] BETWEEN of_size[1] - tolerance AND of_size[1] + tolerance AND d.difference <= tolerance
-ORDER BY d.difference, o.id
+  AND o.size[1] BETWEEN of_size[1] - tolerance AND of_size[1] + tolerance
+  AND coalesce(abs(o.size[2] - of_size[2]) <= tolerance, true) AND coalesce(abs(o.size[3] - of_size[3]) <= tolerance, true)
+ORDER BY difference, o.id
 $$;
 
 CREATE FUNCTION actions_by_shape(of_shape text, of_size double precision[], tolerance double precision DEFAULT 0.01,

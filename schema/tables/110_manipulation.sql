@@ -119,7 +119,7 @@ CREATE TABLE action (
     CONSTRAINT action_does_not_replace_itself CHECK (replaced_by <> id)
 ) WITH (fillfactor = 90);
 CREATE INDEX action_best ON action (object_id, gripper_id, kind, expected DESC, id) WHERE replaced_by IS NULL;
-CREATE INDEX action_gripper ON action (gripper_id);
+CREATE INDEX action_ranked ON action (gripper_id, kind, expected DESC, id) INCLUDE (object_id, replaced_by);
 CREATE INDEX action_replaced_by ON action (replaced_by) WHERE replaced_by IS NOT NULL;
 
 -- The steps of a composed action: put = grasp, then place.

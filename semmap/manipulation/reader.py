@@ -8,7 +8,8 @@ the object at pose [x, y, z]!" `actions_on(connection, point=(x, y, z))`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import psycopg
@@ -80,15 +81,14 @@ def actions_on(
     if kind not in KINDS:
         raise ManipulationError(f"{kind} is not one of {', '.join(KINDS)}")
     session = driver(connection)
-    entities = entities_meant(
-        session, name=name, function=function, point=point, tolerance=tolerance
-    )
-    gripper_id(session, gripper)
-    return _rows(
-        session,
-        "SELECT * FROM actions_on(%s::bigint[], %s, %s, %s)",
-        (entities, gripper, kind, limit),
-    )
+    function = function and function_named(session, function)
+    meant, values = _meant(name, function, point, tolerance)
+    with _suggestions(session, name, function, gripper):
+        return _rows(
+            session,
+            f"SELECT * FROM actions_on({meant}, %s, %s, %s)",
+            (*values, gripper, kind, limit),
+        )
 
 
 def entities_meant(
@@ -101,23 +101,51 @@ def entities_meant(
 ) -> list[int]:
     """Return the ids of the objects that a query means; as `actions_on`."""
     session = driver(connection)
-    if sum(given is not None for given in (name, function, point)) != 1:
-        raise ManipulationError("give one of a name, a function and a point")
-    values: tuple[Any, ...]
-    if name is not None:
-        query, values = "SELECT entities_named(%s)", (_name_meant(session, name),)
-    elif function is not None:
-        query, values = "SELECT entities_for(%s)", (function_named(session, function),)
-    else:
-        assert point is not None
-        numbers = [float(v) for v in point]
-        if len(numbers) != 3 or not all(math.isfinite(v) for v in (*numbers, tolerance)):
-            raise ManipulationError(f"a point is x, y, z in metres, not {point}")
-        query, values = "SELECT ARRAY[entity_at(%s, %s, %s, %s)]", (*numbers, tolerance)
-    with refusals():
-        row = session.execute(query.encode(), values).fetchone()
+    function = function and function_named(session, function)
+    meant, values = _meant(name, function, point, tolerance)
+    with _suggestions(session, name, function):
+        row = session.execute(f"SELECT {meant}".encode(), values).fetchone()
     assert row is not None
     return list(row[0])
+
+
+def _meant(
+    name: str | None, function: str | None, point: Sequence[float] | None, tolerance: float
+) -> tuple[str, tuple[Any, ...]]:
+    """The SQL of the entities that a query means, and its values."""
+    if sum(given is not None for given in (name, function, point)) != 1:
+        raise ManipulationError("give one of a name, a function and a point")
+    if name is not None:
+        return "entities_named(%s)", (name,)
+    if function is not None:
+        return "entities_for(%s)", (function,)
+    assert point is not None
+    numbers = [float(v) for v in point]
+    if len(numbers) != 3 or not all(math.isfinite(v) for v in (*numbers, tolerance)):
+        raise ManipulationError(f"a point is x, y, z in metres, not {point}")
+    return "ARRAY[entity_at(%s, %s, %s, %s)]", (*numbers, tolerance)
+
+
+@contextmanager
+def _suggestions(
+    session: psycopg.Connection[Any],
+    name: str | None = None,
+    function: str | None = None,
+    gripper: str | None = None,
+) -> Iterator[None]:
+    """Name similar names where one is unknown; they are looked up only then."""
+    inside = session.info.transaction_status != psycopg.pq.TransactionStatus.IDLE
+    try:
+        with session.transaction() if inside else nullcontext(), refusals():
+            yield
+    except LookupError:
+        if gripper is not None:
+            gripper_id(session, gripper)
+        if name is not None:
+            _name_meant(session, name)
+        if function is not None:
+            function_named(session, function)
+        raise
 
 
 def function_named(connection: MapConnection, word: str) -> str:
@@ -128,17 +156,18 @@ def function_named(connection: MapConnection, word: str) -> str:
     LookupError
         No type and no object model has it.
     """
+    session = driver(connection)
+    exact = "SELECT 1 FROM {} WHERE functions @> ARRAY[%s] LIMIT 1"
+    for table in ("semantic_type", "object_model"):
+        if session.execute(exact.format(table).encode(), (word,)).fetchone():
+            return word
     known = [
         row[0]
-        for row in driver(connection)
-        .execute(
+        for row in session.execute(
             "SELECT DISTINCT unnest(functions) FROM semantic_type "
             "UNION SELECT DISTINCT unnest(functions) FROM object_model ORDER BY 1"
-        )
-        .fetchall()
+        ).fetchall()
     ]
-    if word in known:
-        return word
     begun = [function for function in known if function.startswith(word) and len(word) > 2]
     if len(begun) == 1:
         return str(begun[0])
@@ -164,7 +193,6 @@ def known_actions(
         `action_id`, `object_id`, `expected`.
     """
     session = driver(connection)
-    gripper_id(session, gripper)
     return _rows(
         session,
         "SELECT * FROM known_actions(%s, %s, %s, %s)",
@@ -208,7 +236,6 @@ def actions_by_shape(
             f"{shape} {numbers} is not a shape: give one of {known}, sizes in metres above 0"
         )
     session = driver(connection)
-    gripper_id(session, gripper)
     return _rows(
         session,
         "SELECT * FROM actions_by_shape(%s, %s::float8[], %s, %s, %s, %s)",

@@ -170,7 +170,14 @@ class Action(Base):
             "id",
             postgresql_where=text("replaced_by IS NULL"),
         ),
-        Index("action_gripper", "gripper_id"),
+        Index(
+            "action_ranked",
+            "gripper_id",
+            "kind",
+            text("expected DESC"),
+            "id",
+            postgresql_include=["object_id", "replaced_by"],
+        ),
         Index(
             "action_replaced_by",
             "replaced_by",
