@@ -105,6 +105,8 @@ LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
 -- The best stored actions on entities of a map; `pose`, `pre_pose` and `post_pose` are in the map's frame, `model_pose` and
 -- `motion` in that of the object model. "Grasp a cup!" is actions_on(entities_named('cup')), "grasp something suitable for
 -- drinking!" actions_on(entities_for('drinking')), "grasp the object at [x, y, z]!" actions_on(ARRAY[entity_at(x, y, z)]).
+DECLARE
+    chosen integer := semmap.gripper_named(gripper);
 BEGIN
     RETURN QUERY
     WITH found AS MATERIALIZED (  -- as object_of
@@ -112,7 +114,7 @@ BEGIN
         FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id JOIN semmap.object_mesh h ON h.digest = m.digest
         WHERE em.entity_id = ANY (entities) ORDER BY em.entity_id, em.role DESC, h.object_id
     ), best AS MATERIALIZED (
-        SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f), semmap.gripper_named(gripper), of_kind, most) b
+        SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f), chosen, of_kind, most) b
     )
     SELECT e.name, a.id, a.object_id, a.kind, a.approach, a.family, a.expected, a.attempts, a.successes,
            semmap.pose_compose(w.pose, a.pose), semmap.pose_compose(w.pose, a.pre_pose), semmap.pose_compose(w.pose, a.post_pose),
@@ -199,12 +201,14 @@ RETURNS TABLE (action_id bigint, object_id bigint, approach text, family text, e
 LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
 -- The best stored actions on object models of a similar shape; poses are in the frame of the shape, so that they are
 -- valid for an object that nobody has seen before.
+DECLARE
+    chosen integer := semmap.gripper_named(gripper);
 BEGIN
     RETURN QUERY
     WITH alike AS MATERIALIZED (SELECT * FROM semmap.objects_like(of_shape, of_size, tolerance))
     SELECT a.id, a.object_id, a.approach, a.family, a.expected, semmap.pose_compose(f.inverse, a.pose), semmap.pose_compose(f.inverse, a.pre_pose),
            semmap.pose_compose(f.inverse, a.post_pose), a.width, a.posture, a.pre_posture, s.difference
-    FROM semmap.best_actions(ARRAY(SELECT l.object_id FROM alike l), semmap.gripper_named(gripper), of_kind, most) b
+    FROM semmap.best_actions(ARRAY(SELECT l.object_id FROM alike l), chosen, of_kind, most) b
     JOIN semmap.action a ON a.id = b.action_id JOIN alike s ON s.object_id = b.object_id
     JOIN semmap.object_model o ON o.id = b.object_id, LATERAL (SELECT semmap.pose_inverse(o.shape_pose) AS inverse) f
     ORDER BY a.expected DESC, s.difference, a.id;
