@@ -22,6 +22,7 @@ TABLES = (
     "belief",
     "belief_store",
     "manipulation",
+    "perception",
 )
 
 for name in sys.argv[1:] or TABLES:

@@ -184,6 +184,16 @@ def observe_command(
         list[str] | None,
         typer.Option("--looked-for", help="--view: NAME that it would detect; repeatable."),
     ] = None,
+    cloud: Annotated[
+        Path | None,
+        typer.Option(
+            help="--view: points in the optical frame (PLY, NPY), in which --looked-for are found."
+        ),
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="--cloud: NAME of furniture to remove from the points, such as a shelf."),
+    ] = None,
     opening: Annotated[
         float, typer.Option(help="--view: horizontal opening angle, radians.")
     ] = 1.05,
@@ -202,7 +212,8 @@ def observe_command(
     """Store what was seen where, or was looked for and not seen.
 
     semmap observe mug1 table1; semmap observe mug1 table1 --missed; semmap observe mug1 --point
-    1,2,0.8 --frame robot1; semmap observe --view 1,2,1.2,0,0.4 --looked-for mug1
+    1,2,0.8 --frame robot1; semmap observe --view 1,2,1.2,0,0.4 --looked-for mug1; semmap observe
+    --view 1,2,1.2,0,0.4 --cloud view.ply --looked-for mug1
     """
     from semmap.belief.looks import observe_point
     from semmap.belief.store import add_observations
@@ -212,6 +223,10 @@ def observe_command(
         name is not None
     ):
         raise typer.BadParameter("give NAME and PLACE, or NAME and --point, or --view alone")
+    if cloud is not None and (view is None or seen):
+        raise typer.BadParameter("--cloud needs --view, and finds what --seen would state")
+    if without and cloud is None:
+        raise typer.BadParameter("--without needs --cloud")
     values: dict[str, Any] = {"hit": hit, "false_alarm": false_alarm}
     moment = zoned(at)
     with cli.engine().begin() as connection:
@@ -227,6 +242,8 @@ def observe_command(
                 range_,
                 moment,
                 values,
+                cloud,
+                without or [],
             )
         elif point is not None:
             assert name is not None
@@ -265,6 +282,8 @@ def _observe_view(
     furthest: float,
     at: datetime | None,
     values: dict[str, Any],
+    cloud: Path | None,
+    without: Sequence[str],
 ) -> list[dict[str, Any]]:
     from semmap.belief.looks import observe_view
     from semmap.belief.reader import read_agent_pose
@@ -285,6 +304,21 @@ def _observe_view(
         yaw += pose.yaw
         detected = {n: list(map(float, pose.apply([p])[0])) for n, p in detected.items()}
     camera = camera_at((x, y, z), yaw, pitch, field_of_view=opening)
+    if cloud is not None:
+        from semmap.belief.cloud_looks import observe_cloud
+        from semmap.perception.cloud_file import read_cloud
+
+        return observe_cloud(
+            connection,
+            camera,
+            read_cloud(cloud),
+            looked_for,
+            without=without,
+            furthest=furthest,
+            at=at,
+            observer=frame,
+            **values,
+        )
     return observe_view(
         connection,
         camera,

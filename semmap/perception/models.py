@@ -7,11 +7,12 @@ roll follows from a signature over the angle about the line of sight.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, cKDTree
 
 from semmap.draw.depth_camera import DepthCamera, look_at
@@ -19,8 +20,18 @@ from semmap.geometry.mesh import Mesh
 from semmap.perception.error import PerceptionError
 from semmap.perception.hypotheses import frame_with_axis
 from semmap.perception.point_cloud import Floats, surfels, voxel_downsample
+from semmap.perception.registration import IcpTarget
 
-__all__ = ["VOXEL", "Look", "ModelView", "ObjectModel", "depth_points", "describe", "train_model"]
+__all__ = [
+    "VOXEL",
+    "Look",
+    "ModelView",
+    "ObjectModel",
+    "depth_points",
+    "describe",
+    "sphere_directions",
+    "train_model",
+]
 
 VOXEL = 0.004
 """Metres between the points of views and clusters."""
@@ -30,9 +41,6 @@ ACROSS, AHEAD, TILT, TURN = 10, 10, 8, 48
 
 WIDEST = 0.3
 """Metres that the bins reach from the middle."""
-
-MOST = 20_000
-"""Triangles of a mesh that views are rendered of."""
 
 
 class Look(NamedTuple):
@@ -81,12 +89,16 @@ class ObjectModel:
 
     name: str
     views: tuple[ModelView, ...]
-    _made: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @cached_property
     def points(self) -> Floats:
         """(n, 3): what is seen from anywhere, in the frame of the model, metres."""
         return voxel_downsample(np.concatenate([v.points for v in self.views]), VOXEL)
+
+    @cached_property
+    def target(self) -> IcpTarget:
+        """`points`, prepared for ICP."""
+        return IcpTarget(self.points)
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -104,7 +116,7 @@ class ObjectModel:
         return np.array([view.direction for view in self.views])
 
 
-def train_model(name: str, mesh: Mesh, *, views: int = 60) -> ObjectModel:
+def train_model(name: str, mesh: Mesh, *, views: int = 42) -> ObjectModel:
     """Return a model of a mesh, seen from directions that cover the sphere evenly.
 
     Parameters
@@ -147,7 +159,7 @@ def sphere_directions(count: int) -> Floats:
     return np.stack([rho * np.cos(turn), rho * np.sin(turn), z], axis=1)
 
 
-def depth_points(camera: DepthCamera, depths: Floats) -> Floats:
+def depth_points(camera: DepthCamera, depths: ArrayLike) -> Floats:
     """Return an organised cloud (height, width, 3) in the frame of the camera, NaN where no depth.
 
     Parameters
@@ -156,9 +168,10 @@ def depth_points(camera: DepthCamera, depths: Floats) -> Floats:
         (height, width) metres ahead, as of ``camera.image(triangles)[0]``.
     """
     fx, fy, cx, cy = camera.intrinsics
-    row, column = np.indices(depths.shape)
-    rays = np.stack([(column - cx) / fx, (row - cy) / fy, np.ones(depths.shape)], axis=-1)
-    return np.asarray(rays * np.asarray(depths, float)[..., None])
+    ahead = np.asarray(depths, float)
+    row, column = np.indices(ahead.shape)
+    rays = np.stack([(column - cx) / fx, (row - cy) / fy, np.ones(ahead.shape)], axis=-1)
+    return np.asarray(rays * ahead[..., None])
 
 
 def describe(points: Floats, eye: Floats) -> Look:

@@ -44,7 +44,7 @@ def unit_vector(given: ArrayLike, what: str) -> Floats:
     vector = np.asarray(given, np.float64)
     length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
     if not np.isfinite(length) or length < 1e-9:
-        raise PerceptionError(f"{what} is {given}: give three finite numbers that are not all 0")
+        raise PerceptionError(f"{what} is {given!r}: give three finite numbers that are not all 0")
     return vector / length
 
 

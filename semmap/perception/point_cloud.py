@@ -71,14 +71,14 @@ def voxel_downsample(points: Floats, size: float) -> Floats:
     """
     if not size > 0:
         raise PerceptionError(f"the voxel size is {size} m: give a number above 0")
-    cell = np.floor(points / size).astype(np.int64)
-    cell -= cell.min(axis=0)
-    span = cell.max(axis=0) + 1
-    if np.prod(span.astype(float)) > 2**62:
+    if float(np.prod(np.ptp(points / size, axis=0) + 2)) > 2**62:
         raise PerceptionError(
             f"the cloud is {np.ptp(points, axis=0).max():.3g} m wide, too wide for voxels of "
             f"{size} m: remove far points or give larger voxels"
         )
+    cell = np.floor(points / size)
+    cell = (cell - cell.min(axis=0)).astype(np.int64)
+    span = cell.max(axis=0) + 1
     key = (cell[:, 0] * span[1] + cell[:, 1]) * span[2] + cell[:, 2]
     _, of, count = np.unique(key, return_inverse=True, return_counts=True)
     sums = [np.bincount(of, weights=column) for column in points.T]
@@ -125,7 +125,7 @@ def surfels(points: Floats, neighbours: int = NEIGHBOURS, alone: float | None = 
     kept = np.ones(len(points), bool)
     if alone is not None:
         reach = distance[:, k // 2]
-        kept = reach < alone * np.median(reach)
+        kept = reach <= alone * np.median(reach)
         distance, near = distance[kept], near[kept]
     offset = points[near] - points[near].mean(axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(offset.transpose(0, 2, 1) @ offset / k)

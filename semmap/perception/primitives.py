@@ -128,6 +128,10 @@ def fit_primitive(
     cloud, fitted, centre = _surfels_of(points, normals, random)
     if table is not None:
         table = Plane(table.normal, table.offset - float(centre @ table.normal))
+    widths = np.linalg.svd(fitted.points, compute_uv=False)
+    if widths[1] <= 1e-3 * widths[0]:
+        where = "on a line" if widths[0] > 0 else "at one place"
+        raise PerceptionError(f"the {len(cloud)} points are {where}: give points of a surface")
     diameter = float(np.linalg.norm(np.ptp(fitted.points, axis=0)))
     noise = max(fitted.noise, 2e-4 * diameter)
     within = tolerance if tolerance is not None else max(3 * noise, 0.01 * diameter)
@@ -173,8 +177,8 @@ def _surfels_of(
     chosen = both[random.permutation(len(both))[:FITTED]]
     flat = surfels(chosen[:, :3])
     length = np.maximum(np.linalg.norm(chosen[:, 3:], axis=1, keepdims=True), 1e-12)
-    cloud = Surfels(flat.points, chosen[:, 3:] / length, 0.0, flat.spacing)
-    return both[:, :3], cloud, centre
+    fitted = Surfels(flat.points, chosen[:, 3:] / length, 0.0, flat.spacing)
+    return both[:, :3], fitted, centre
 
 
 def _is_plausible(fit: Fit, cloud: Surfels, diameter: float) -> bool:
@@ -187,7 +191,8 @@ def _is_plausible(fit: Fit, cloud: Surfels, diameter: float) -> bool:
         return True
     z = fit.local(cloud.points)[:, 2]
     top = float(np.quantile(z[z <= bounds[2]], 0.98)) if (z <= bounds[2]).any() else -np.inf
-    return fit.seen[0] and bounds[2] - top < 0.3 * size[1] and SLIMMEST < bounds[0] < WIDEST
+    near_tip = bounds[2] - top < 0.3 * size[1]
+    return bool(fit.seen[0] and near_tip and SLIMMEST < bounds[0] < WIDEST)
 
 
 def _cost(fit: Fit, cloud: Surfels, within: float) -> float:

@@ -12,15 +12,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from semmap.perception.error import PerceptionError
 from semmap.perception.models import VOXEL, Look, ModelView, ObjectModel, describe
+from semmap.perception.placeholders import Placeholder, subtract_placeholder
 from semmap.perception.point_cloud import Floats, checked_points, voxel_downsample
-from semmap.perception.registration import IcpTarget, moved
+from semmap.perception.registration import moved
+from semmap.perception.tabletop import euclidean_clusters, segment_tabletop
 
-__all__ = ["Recognition", "Scene", "recognise_cluster"]
+__all__ = ["RATES", "Recognition", "Scene", "recognise", "recognise_cluster"]
 
 SUGGESTED = 8
 """Views of each model whose descriptors are nearest."""
@@ -28,16 +30,25 @@ SUGGESTED = 8
 ROLLS = 3
 """Angles about the line of sight of each view."""
 
-ALIGNED = 4
-"""Poses of each model that ICP refines."""
+ALIGNED, SCORED = 6, 2
+"""Poses of each model that ICP refines with few points, and with all."""
 
 NEAR = 0.006
 """Points nearer to a surface are on it, metres."""
 
-LEAST_SCORE = 0.7
+LEAST_SCORE = 0.9
 """An answer of less is unknown."""
 
+LEAST_COVERED = 0.25
+"""Share of a model's view that the cluster has to cover: less may be a part of anything."""
+
 FEWEST = 30
+
+GAP = 0.015
+"""Metres between clusters of what remains without furniture."""
+
+RATES = (0.97, 0.01)
+"""P(answered | it is this object in view), P(answered | it is another one): docs/perception.md."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +89,71 @@ class Scene:
         cloud = checked_points(points, FEWEST)
         self.eye = np.asarray(eye, float)
         if self.eye.shape != (3,) or not np.isfinite(self.eye).all():
-            raise PerceptionError(f"the eye is {eye}: give three finite numbers, metres")
+            raise PerceptionError(f"the eye is {eye!r}: give three finite numbers, metres")
         ray = cloud - self.eye
         self._range = np.linalg.norm(ray, axis=1)
         self._tree = cKDTree(ray / np.maximum(self._range, 1e-9)[:, None], balanced_tree=False)
 
-    def agreement(self, points: Floats) -> tuple[int, int]:
-        """Return how many of the points are where the camera saw a surface, and saw through."""
+    def sees_through(self, points: Floats) -> NDArray[np.bool_]:
+        """Return which points (n, 3) are before what the camera saw in their direction."""
         ray = points - self.eye
         distance = np.linalg.norm(ray, axis=1)
         # A direction without a measurement says nothing.
         off, nearest = self._tree.query(ray / distance[:, None], distance_upper_bound=0.01)
+        beyond = np.zeros(len(points))
         measured = np.isfinite(off)
-        gap = self._range[nearest[measured]] - distance[measured]
-        return int((np.abs(gap) < 2 * NEAR).sum()), int((gap >= 2 * NEAR).sum())
+        beyond[measured] = self._range[nearest[measured]] - distance[measured]
+        return np.asarray(beyond >= 2 * NEAR)
+
+
+def recognise(
+    points: ArrayLike,
+    models: Sequence[ObjectModel],
+    *,
+    up: ArrayLike = (0, 0, 1),
+    eye: ArrayLike = (0, 0, 0),
+    placeholders: Sequence[Placeholder] = (),
+    least_score: float = LEAST_SCORE,
+) -> list[Recognition]:
+    """Return what stands on the table that a camera sees, the largest cluster first.
+
+    Parameters
+    ----------
+    points
+        (n, 3) or (height, width, 3) metres.
+    up, eye
+        (3,) upwards, and where the camera was, in the frame of the points.
+    placeholders
+        Known furniture, whose points are removed; then there need be no table's plane. What is
+        farther than `GAP` from other points is a cluster.
+    least_score
+        An answer of less is unknown.
+
+    Raises
+    ------
+    PerceptionError
+        A cloud without points or table, see `segment_tabletop`; furniture that is not where it is
+        believed; no model.
+    """
+    scene = Scene(points, eye)
+    if placeholders:
+        rest = np.asarray(points)
+        for placeholder in placeholders:
+            rest = subtract_placeholder(rest, placeholder).remaining
+        clusters = _clusters(rest)
+    else:
+        clusters = list(segment_tabletop(points, up=up).clusters)
+    return [
+        recognise_cluster(cluster, models, scene, least_score=least_score) for cluster in clusters
+    ]
+
+
+def _clusters(points: Floats) -> list[Floats]:
+    """What remains without furniture, the largest cluster first."""
+    sparse = voxel_downsample(points, VOXEL) if len(points) else points
+    label = euclidean_clusters(sparse, GAP)
+    clusters = [sparse[label == number] for number in range(label.max(initial=-1) + 1)]
+    return sorted((c for c in clusters if len(c) >= FEWEST), key=len, reverse=True)
 
 
 def recognise_cluster(
@@ -136,25 +198,31 @@ def _fit(points: Floats, look: Look, model: ObjectModel, scene: Scene) -> tuple[
         for pose in _poses(look, model.views[number])
     ]
     few = points[:: max(len(points) // 150, 1)]
-    off = [
-        np.minimum(model.tree.query(moved(pose, few))[0], 0.03).mean() for pose in starts
-    ]  # poses of the camera in the model's frame
-    target = _target(model)
-    source = target.prepared(points)
-    found = (0.0, np.eye(4), model.name)
-    for number in np.argsort(off)[:ALIGNED]:
-        pose = target.align(source, starts[number], 0.03)
-        pose = target.align(source, pose, 0.01)
+    rough = model.target.prepared(few)
+    near = [
+        model.target.align(rough, pose, 0.03, 15) for pose in _nearest(starts, few, model, ALIGNED)
+    ]
+    source = model.target.prepared(points)
+    found: tuple[float, Floats, str] = (0.0, np.eye(4), model.name)
+    for start in _nearest(near, few, model, SCORED):
+        pose = model.target.align(source, start, 0.01)
         score = _score(points, pose, model, scene)
         if score > found[0]:
-            found = (score, np.linalg.inv(pose), model.name)
+            found = (score, _inverse(pose), model.name)
     return found
 
 
-def _target(model: ObjectModel) -> IcpTarget:
-    if "icp" not in model._made:
-        model._made["icp"] = IcpTarget(model.points)
-    return model._made["icp"]
+def _nearest(poses: list[Floats], points: Floats, model: ObjectModel, count: int) -> list[Floats]:
+    """The poses of the camera in the model's frame that bring points nearest to the model."""
+    off = [
+        np.minimum(model.tree.query(moved(pose, points), distance_upper_bound=0.03)[0], 0.03).mean()
+        for pose in poses
+    ]
+    return [poses[number] for number in np.argsort(off, kind="stable")[:count]]
+
+
+def _inverse(pose: Floats) -> Floats:
+    return np.asarray(np.linalg.inv(pose), float)
 
 
 def _poses(look: Look, view: ModelView) -> list[Floats]:
@@ -180,5 +248,8 @@ def _score(points: Floats, pose: Floats, model: ObjectModel, scene: Scene) -> fl
     on_model = float((model.tree.query(moved(pose, points))[0] < NEAR).mean())
     eye = moved(pose, scene.eye[None])[0] - model.points.mean(axis=0)
     view = model.views[int((model.directions @ eye).argmax())]
-    agree, through = scene.agreement(moved(np.linalg.inv(pose), view.points))
-    return on_model * agree / (agree + through) if agree >= 10 else 0.0
+    covered = cKDTree(moved(pose, points)).query(view.points)[0] < NEAR
+    through = ~covered & scene.sees_through(moved(_inverse(pose), view.points))
+    if covered.mean() < LEAST_COVERED:
+        return 0.0
+    return on_model * float(covered.sum()) / float(covered.sum() + through.sum())

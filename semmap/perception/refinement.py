@@ -25,6 +25,9 @@ STANDS = math.cos(math.radians(15))
 TABLE_DEVIATION = 1e-3
 """Of the height of a table, metres."""
 
+WINDOW = 6
+"""Widths over which the density beside an edge is counted: more for a steadier count."""
+
 ENDS: dict[str, tuple[tuple[int, int, int, int], ...]] = {
     "sphere": (),
     "cylinder": ((1, 1, 2, -1), (2, 2, 2, 1)),
@@ -107,7 +110,7 @@ def refined(
             rows, residual, weights = _equations(placed, cloud, seen, scale)
             normal = (rows * weights[:, None]).T @ rows
             normal[np.diag_indices_from(normal)] += 1e-7 * np.trace(normal) + 1e-12
-            step = -np.linalg.solve(normal, rows.T @ (weights * residual))
+            step = np.asarray(-np.linalg.solve(normal, rows.T @ (weights * residual)), float)
             placed = _moved(placed, step)
             if np.abs(step).max() < 0.02 * noise:
                 break
@@ -259,11 +262,11 @@ def _edge(along: Floats, width: float, spacing: float) -> tuple[float, float]:
     count, edges = np.histogram(along, max(int(np.ptp(along) / width * 2), 1))
     last = float(edges[1:][count > 0.3 * np.median(count[count > 0])][-1])  # beyond are outliers
     line = last - width
-    inside = along[(along > line - 3 * width) & (along <= line)]
+    inside = along[(along > line - WINDOW * width) & (along <= line)]
     beyond = int(((along > line) & (along < last + width / 2)).sum())
     if len(inside) < 10:
         return last, max(width, spacing)
-    reach = line - max(line - 3 * width, float(along.min()))
+    reach = line - max(line - WINDOW * width, float(along.min()))
     density = len(inside) / reach
     counted = math.sqrt(beyond + beyond**2 / len(inside)) / density
     return line + beyond / density, math.hypot(counted, spacing / math.sqrt(12))

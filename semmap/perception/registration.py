@@ -1,21 +1,18 @@
-"""Alignment of a cloud with a model: ICP by small_gicp, and RANSAC over pairs of oriented points."""
+"""Alignment of a cloud with a model: ICP by small_gicp, RANSAC over pairs of oriented points."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from semmap.perception.error import PerceptionError
-from semmap.perception.point_cloud import Floats
+from semmap.perception.point_cloud import Floats, Surfels
 
-if TYPE_CHECKING:
-    from types import ModuleType
-
-__all__ = ["IcpTarget", "moved"]
+__all__ = ["IcpTarget", "OrientedPairs", "moved"]
 
 
-def _small_gicp() -> ModuleType:
+def _small_gicp() -> Any:
     try:
         import small_gicp
     except ImportError as error:
@@ -66,3 +63,43 @@ class IcpTarget:
             translation_epsilon=1e-4,
         )
         return np.asarray(found.T_target_source)
+
+
+class OrientedPairs:
+    """Pairs of points with normals, which a rigid motion keeps: their distance and three angles.
+
+    A pair of the scene that has the features of a pair of the model gives a pose (Drost and others,
+    "Model Globally, Match Locally", 2010).
+    """
+
+    def __init__(self, cloud: Surfels, pairs: int, random: np.random.Generator) -> None:
+        count = len(cloud.points)
+        first = random.integers(0, count, 4 * pairs)
+        second = random.integers(0, count, 4 * pairs)
+        p, q = cloud.points[first], cloud.points[second]
+        n, m = cloud.normals[first], cloud.normals[second]
+        apart = q - p
+        length = np.linalg.norm(apart, axis=1)
+        extent = float(np.linalg.norm(np.ptp(cloud.points, axis=0)))
+        line = apart / np.maximum(length, 1e-9)[:, None]
+        # The signs of normals are arbitrary: both are taken along the line.
+        n = n * np.where(np.einsum("ni,ni->n", n, line) < 0, -1, 1)[:, None]
+        m = m * np.where(np.einsum("ni,ni->n", m, line) < 0, -1, 1)[:, None]
+        cosines = [np.einsum("ni,ni->n", a, b) for a, b in ((n, line), (m, line), (n, m))]
+        # Parallel normals leave a turn about them open, a normal across the line its sign.
+        usable = (length > 0.1 * extent) & (np.abs(cosines[2]) < 0.8)
+        usable &= (cosines[0] > 0.1) & (cosines[1] > 0.1)
+        keep = np.flatnonzero(usable)[:pairs]
+        self.frames = _frames(p[keep], n[keep], m[keep])
+        self.features = np.column_stack([length[keep], *(0.1 * a[keep] for a in cosines)])
+
+
+def _frames(points: Floats, first: Floats, second: Floats) -> Floats:
+    """(n, 4, 4): x along the first normal, y towards the second."""
+    y = second - np.einsum("ni,ni->n", first, second)[:, None] * first
+    y /= np.maximum(np.linalg.norm(y, axis=1), 1e-9)[:, None]
+    frames = np.zeros((len(points), 4, 4))
+    frames[:, :3, 0], frames[:, :3, 1] = first, y
+    frames[:, :3, 2], frames[:, :3, 3] = np.cross(first, y), points
+    frames[:, 3, 3] = 1
+    return frames
