@@ -24,7 +24,7 @@ from semmap.perception.models import ObjectModel, depth_points, train_model
 from semmap.perception.recognition import Scene, recognise_cluster
 from semmap.perception.tabletop import segment_tabletop
 
-__all__ = ["camera_at", "cloud_of", "main", "random_view", "trial", "ycb_meshes"]
+__all__ = ["camera_at", "cloud_of", "main", "random_view", "rates", "trial", "ycb_meshes"]
 
 WORLDS = Path(os.environ.get("SEMMAP_WORLDS", "../shared/worlds"))
 
@@ -115,7 +115,7 @@ def trial(
     return answer, view.hidden, time.perf_counter() - start
 
 
-def main(trials: int = 20) -> None:
+def main(trials: int = 12) -> None:
     """Print the matrices."""
     meshes = ycb_meshes(WORLDS)
     if not meshes:
@@ -124,6 +124,7 @@ def main(trials: int = 20) -> None:
     models = [train_model(name, mesh) for name, mesh in meshes.items()]
     random = np.random.default_rng(3)
     seconds: list[float] = []
+    matrices = []
     for hidden in (False, True):
         answers: dict[str, Counter[str]] = {}
         shares: list[float] = []
@@ -148,7 +149,23 @@ def main(trials: int = 20) -> None:
             for _ in range(trials // 6):
                 of[trial(mesh, models, random, hidden)[0]] += 1
         _show("partly hidden" if hidden else "in clear view", answers, [*meshes], shares)
+        matrices.append(answers)
+    hit, false_alarm = rates(matrices, [*meshes])
+    print(
+        f"P(answered | it is this object) {hit:.2f}, "
+        f"P(answered | it is another one) {false_alarm:.3f}"
+    )
     print(f"{1e3 * statistics.median(seconds):.0f} ms a view with segmentation (median)")
+
+
+def rates(matrices: list[dict[str, Counter[str]]], names: list[str]) -> tuple[float, float]:
+    """Return how often an object is answered if it is there, and if it is another, on average."""
+    rows = [(true, counts) for matrix in matrices for true, counts in matrix.items()]
+    hits = sum(counts[true] for true, counts in rows if true in names)
+    own = sum(counts.total() for true, counts in rows if true in names)
+    wrong = sum(counts[name] for true, counts in rows for name in names if name != true)
+    others = sum(counts.total() for true, counts in rows for name in names if name != true)
+    return hits / own, wrong / others
 
 
 def _show(

@@ -47,7 +47,7 @@ FEWEST = 30
 GAP = 0.015
 """Metres between clusters of what remains without furniture."""
 
-RATES = (0.97, 0.01)
+RATES = (0.91, 0.011)
 """P(answered | it is this object in view), P(answered | it is another one): docs/perception.md."""
 
 
