@@ -26,6 +26,10 @@ def run_command(
     fail: options.Fail = None,
     seed: options.Seed = 0,
     put: options.Put = None,
+    gripper: Annotated[
+        str | None,
+        typer.Option(help="Pick with stored or generated grasps of it; the preferred one if any."),
+    ] = None,
     world: options.WorldFile = None,
     apply: options.Apply = False,
     resume: Annotated[
@@ -64,6 +68,7 @@ def run_command(
         map_name=map_name,
         json_=json_,
         put=put or (),
+        gripper=gripper,
     ).run(goal, mission, resume=resume)
 
 

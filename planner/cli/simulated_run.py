@@ -44,6 +44,7 @@ class SimulatedRun:
     map_name: str | None = None
     json_: bool = False
     put: Sequence[str] = ()
+    gripper: str | None = None
     sight: Sight | None = None
     detector: Detector | None = None
     answers: dict[str, Answer] = field(default_factory=dict)
@@ -58,6 +59,7 @@ class SimulatedRun:
         """
         from planner.live_topology import LiveTopology
         from planner.mission.failures import FailureRule
+        from planner.mission.grasp_memory import GraspMemory, has_gripper
         from planner.mission.mission_list import MissionList
         from planner.mission.mission_store import MissionStore
         from planner.mission.runner import Runner
@@ -88,7 +90,10 @@ class SimulatedRun:
                     goal = missions.goal_of(number)
             if not (self.apply or resume):
                 happens_in = opened_here.enter_context(simulation_map(engine, original, self.world))
-            store = opened_here.enter_context(MissionStore(engine, happens_in, process))
+            grasps = None
+            if self.gripper is not None or has_gripper(engine):
+                grasps = GraspMemory(self.gripper, simulated=True)
+            store = opened_here.enter_context(MissionStore(engine, happens_in, process, grasps))
             live = LiveTopology(engine, happens_in, self.robot_class)
             tasks = TaskPlanner(live, domain)
             assert goal is not None

@@ -15,6 +15,7 @@ from sqlalchemy import Connection, Engine, text
 
 from planner.mission.behaviours import Observation, Outcome
 from planner.mission.command import Command
+from planner.mission.grasp_memory import GraspMemory
 from planner.mission.map_connection import MissionError
 from planner.mission.mission_list import MissionList, read_mission
 from planner.mission.mission_steps import (
@@ -85,11 +86,20 @@ class MissionStore(MissionList):
         By default the chosen map, else the only one.
     runner
         Name of the process. It keeps its missions as long as it lives.
+    grasps
+        Chooses grasps for pickups, and stores their outcomes; by default nothing does.
     """
 
-    def __init__(self, engine: Engine, map_name: str | None = None, runner: str = "") -> None:
+    def __init__(
+        self,
+        engine: Engine,
+        map_name: str | None = None,
+        runner: str = "",
+        grasps: GraspMemory | None = None,
+    ) -> None:
         super().__init__(engine, map_name)
         self.runner = runner
+        self.grasps = grasps
 
     def plan(self, planner: Any, robot: str, goal: str, without: frozenset[str]) -> Any:
         """The plan that a planner makes on the present state of the map."""
@@ -189,8 +199,10 @@ class MissionStore(MissionList):
     def start(self, mission: int, number: int, command: Command) -> None:
         """Store that a step begins; to be called before the robot acts."""
         with self._begin() as connection:
-            self._own(connection, mission, running=True)
+            robot = self._own(connection, mission, running=True)
             start_step(connection, mission, number, command)
+            if self.grasps is not None and command.behaviour == "pickup":
+                self.grasps.begin(connection, robot, command)
 
     def end(
         self,
@@ -222,6 +234,8 @@ class MissionStore(MissionList):
             if outcome.cause == "locked" and command.step is not None and command.step.connector:
                 write_door(connection, command.step.connector.name, "locked")
             write_execution(connection, robot, command, outcome)
+            if self.grasps is not None and command.behaviour == "pickup":
+                self.grasps.end(connection, robot, command, outcome)
             release_claims(connection, robot, release)
             return [] if outcome.succeeded else replace_planned(connection, mission, then)
 

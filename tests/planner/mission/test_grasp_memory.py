@@ -1,0 +1,95 @@
+"""Pickups use stored or generated grasps, and their outcomes are learned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from sqlalchemy import Connection, text
+
+import semmap
+from planner.mission.behaviours import Outcome
+from planner.mission.command import Command
+from planner.mission.grasp_memory import GraspMemory, has_gripper
+from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper
+from semmap.query.maps import see_map
+from tests.conftest import MakeDatabase
+
+MUG = Command("pickup", ("mug", "table"))
+
+
+@pytest.fixture(scope="module")
+def flat(make_database: MakeDatabase) -> Iterator[semmap.SemanticMap]:
+    with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
+        made = db.create_map("flat")
+        made.add_room("room", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.7)
+        made.add_object("table", type="table", size=(1.6, 0.8, 0.75), pose=(1.5, 1.5, 0))
+        made.add_object("mug", type="mug", size=(0.07, 0.07, 0.1), pose=(1.5, 1.5, 0.75))
+        made.add_agent("tiago", type="robot", size=(0.5, 0.5, 1.2), pose=(3, 1, 0))
+        assert not has_gripper(db.engine)
+        register_gripper(db.session, DEFAULT_GRIPPER)
+        assert has_gripper(db.engine)
+        yield made
+
+
+@pytest.fixture
+def connection(flat: semmap.SemanticMap) -> Iterator[Connection]:
+    """The flat, for one test: what the test changes is undone."""
+    with flat.database.engine.connect() as connection:
+        see_map(connection, "flat")
+        yield connection
+        connection.rollback()
+
+
+@pytest.fixture
+def robot(connection: Connection) -> int:
+    return connection.execute(text("SELECT entity_id('tiago')")).scalar_one()
+
+
+def tasks(connection: Connection) -> list[tuple[object, ...]]:
+    statement = "SELECT outcome, message, action_id FROM task ORDER BY id"
+    return [tuple(row) for row in connection.execute(text(statement))]
+
+
+def tried(connection: Connection) -> dict[int, tuple[float, float]]:
+    statement = "SELECT id, attempts, successes FROM action WHERE attempts > 0"
+    return {id_: (a, s) for id_, a, s in connection.execute(text(statement))}
+
+
+def test_a_failed_grasp_is_not_tried_again_before_better_ones(
+    connection: Connection, robot: int
+) -> None:
+    memory = GraspMemory(simulated=True)
+    first = memory.begin(connection, robot, MUG)
+    assert tasks(connection) == [("running", None, first)]
+    memory.end(connection, robot, MUG, Outcome("missed", "it slipped"))
+    second = memory.begin(connection, robot, MUG)
+    memory.end(connection, robot, MUG, Outcome())
+    assert tasks(connection) == [("error", "it slipped", first), ("completed", None, second)]
+    assert tried(connection) == {first: (0.5, 0.0), second: (0.5, 0.5)}
+    assert memory.begin(connection, robot, MUG) == second
+
+
+def test_own_outcomes_count_fully_and_an_object_that_is_gone_says_nothing(
+    connection: Connection, robot: int
+) -> None:
+    memory = GraspMemory("parallel_gripper")
+    action = memory.begin(connection, robot, MUG)
+    memory.end(connection, robot, MUG, Outcome("gone", "mug is not there"))
+    assert tasks(connection) == [("error", "mug is not there", None)]
+    assert tried(connection) == {}
+    assert memory.begin(connection, robot, MUG) == action
+    memory.end(connection, robot, MUG, Outcome())
+    assert tried(connection) == {action: (1.0, 1.0)}
+
+
+def test_what_does_not_fit_is_picked_without_a_grasp(connection: Connection, robot: int) -> None:
+    table = Command("pickup", ("table",))
+    assert GraspMemory().begin(connection, robot, table) is None
+    GraspMemory().end(connection, robot, table, Outcome())
+    assert tasks(connection) == []
+
+
+def test_an_unknown_gripper_is_an_error(connection: Connection, robot: int) -> None:
+    with pytest.raises(LookupError, match="no gripper claw"):
+        GraspMemory("claw").begin(connection, robot, MUG)
