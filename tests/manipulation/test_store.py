@@ -142,6 +142,36 @@ def test_knowledge_of_models_that_the_map_lacks(cups: SemanticMap) -> None:
     assert stored not in ids(actions_on(here, function="drinking"))
 
 
+@pytest.mark.parametrize("best", [0.2, 1.0])
+def test_the_best_of_many_objects_are_those_of_a_full_sort(cups: SemanticMap, best: float) -> None:
+    """Among the best 2,000 of the gripper (1.0), and where none of them is on the objects (0.2)."""
+    here = session(cups)
+    here.execute("SELECT setseed(0.5)")
+    here.execute(
+        "INSERT INTO object_model (key) SELECT 'many:' || i FROM generate_series(1, 400) i"
+    )
+    here.execute(
+        "INSERT INTO action (kind, object_id, gripper_id, pose, quality) SELECT 'grasp', o.id, "
+        "gripper_named('two_fingers'), '{0,0,0,0,0,0,1}', CASE WHEN o.id %% 2 = 0 "
+        "THEN round((%s * random())::numeric, 2) ELSE 0.5 + random() / 2 END "
+        "FROM object_model o, generate_series(1, 15) n",
+        (best,),
+    )
+    here.execute("UPDATE action SET replaced_by = id + 1 WHERE id %% 7 = 0".replace("%%", "%"))
+    for most in (1, 10, 37):
+        expected = here.execute(
+            "SELECT a.id, a.object_id, a.expected FROM action a WHERE a.object_id %% 2 = 0 "
+            "AND a.replaced_by IS NULL ORDER BY a.expected DESC, a.id LIMIT %s",
+            (most,),
+        ).fetchall()
+        found = here.execute(
+            "SELECT * FROM best_actions(ARRAY(SELECT id FROM object_model WHERE id %% 2 = 0), "
+            "gripper_named('two_fingers'), 'grasp', %s)",
+            (most,),
+        ).fetchall()
+        assert found == expected
+
+
 # -- outcomes -------------------------------------------------------------------------------------
 
 
