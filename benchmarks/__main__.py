@@ -23,6 +23,7 @@ TABLES = (
     "belief_store",
     "manipulation",
     "perception",
+    "knowledge",
 )
 
 for name in sys.argv[1:] or TABLES:

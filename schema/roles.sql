@@ -54,6 +54,8 @@ GRANT INSERT (key, kind, object_id, gripper_id, pose, pre_pose, post_pose, motio
     UPDATE (replaced_by) ON action TO semmap_robot;
 GRANT INSERT (map_id, robot_id, kind, entity_id, action_id, start, goal, deadline, outcome, message),
     UPDATE (action_id, start, goal, outcome, message) ON task TO semmap_robot;
+-- It states facts that no other table has a column for, and takes them back.
+GRANT INSERT, UPDATE, DELETE ON statement TO semmap_robot;
 
 DO $$
 DECLARE

@@ -99,6 +99,10 @@ BEGIN
     INSERT INTO region (entity_id, of_id, model_id, faces, origin, valid)
         SELECT t.new, o.new, r.model_id, r.faces, r.origin, r.valid
         FROM region r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin o ON o.old = r.of_id;
+    INSERT INTO statement (map_id, graph, subject_id, subject, predicate, object_id, object, tag, since, until)
+        SELECT copied, s.graph, a.new, s.subject, s.predicate, b.new, s.object, s.tag, s.since, s.until
+        FROM statement s LEFT JOIN pg_temp.twin a ON a.old = s.subject_id LEFT JOIN pg_temp.twin b ON b.old = s.object_id
+        WHERE s.map_id = original.id;
     INSERT INTO taught_relation SELECT copied, subject, relation, object FROM taught_relation WHERE map_id = original.id;
     INSERT INTO taught_action SELECT copied, action, cause, effect FROM taught_action WHERE map_id = original.id;
     INSERT INTO belief_model SELECT copied, there, elsewhere, change, seconds, prior_elsewhere, prior_history, prior_typical

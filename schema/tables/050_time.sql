@@ -46,7 +46,7 @@ CREATE TABLE change (
     xid      bigint NOT NULL DEFAULT (pg_current_xact_id()::text)::bigint,
     at       timestamptz NOT NULL DEFAULT clock_timestamp(),
     map_id   integer NOT NULL,
-    what     text NOT NULL CHECK (what IN ('added', 'changed', 'moved', 'removed', 'reshaped', 'field', 'belief')),
+    what     text NOT NULL CHECK (what IN ('added', 'changed', 'moved', 'removed', 'reshaped', 'field', 'belief', 'statement')),
     entities bigint[] NOT NULL                                 -- none for fields
 );
 CREATE INDEX change_xid ON change (xid);

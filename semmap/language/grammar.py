@@ -29,8 +29,12 @@ _LOCK = threading.Lock()
 """pyparsing's elements are not thread-safe."""
 
 
-def read_syntax(text: NormalisedText, form: Form) -> Any:
+def read_syntax(text: NormalisedText, form: Form, *, whole: bool = False) -> Any:
     """Return rdflib's syntax tree of a query or an update.
+
+    Parameters
+    ----------
+    whole : read SPARQL as it is, with lists and without clauses of our own
 
     Raises
     ------
@@ -39,9 +43,9 @@ def read_syntax(text: NormalisedText, form: Form) -> Any:
     """
     with _LOCK:
         try:
-            return _grammars()[form].parse_string(text.sparql, parse_all=True)
+            return _grammars(whole)[form].parse_string(text.sparql, parse_all=True)
         except pyparsing.ParseBaseException as error:
-            grammars, failures = _recording_grammars()
+            grammars, failures = _recording_grammars(whole)
             failures.clear()
             with suppress(pyparsing.ParseBaseException):
                 grammars[form].parse_string(text.sparql, parse_all=True)
@@ -61,17 +65,17 @@ def _syntax_error(
 
 
 @cache
-def _grammars() -> dict[Form, Any]:
-    return _copied_grammars()
+def _grammars(whole: bool) -> dict[Form, Any]:
+    return _copied_grammars(whole)
 
 
 @cache
-def _recording_grammars() -> tuple[dict[Form, Any], list[tuple[int, str]]]:
+def _recording_grammars(whole: bool) -> tuple[dict[Form, Any], list[tuple[int, str]]]:
     """Return grammars for a second, slow reading, and the list to which they write failures.
 
     A failure is a position and the word that was expected there.
     """
-    grammars = _copied_grammars()
+    grammars = _copied_grammars(whole)
     failures: list[tuple[int, str]] = []
 
     def record(_: str, position: int, element: Any, __: Exception) -> None:
@@ -85,8 +89,9 @@ def _recording_grammars() -> tuple[dict[Form, Any], list[tuple[int, str]]]:
     return grammars, failures
 
 
-def _copied_grammars() -> dict[Form, Any]:
-    originals: dict[Form, Any] = {"query": _extended_query(), "update": parser.UpdateUnit}
+def _copied_grammars(whole: bool) -> dict[Form, Any]:
+    query = parser.QueryUnit if whole else _extended_query()
+    originals: dict[Form, Any] = {"query": query, "update": parser.UpdateUnit}
     # The markers for a missing default are compared by identity: they must not be copied.
     memo = {
         id(element.defaultValue): element.defaultValue
@@ -95,7 +100,7 @@ def _copied_grammars() -> dict[Form, Any]:
         if isinstance(element, pyparsing.Opt)
     }
     grammars = copy.deepcopy(originals, memo)
-    for original in (parser.Collection, parser.CollectionPath):
+    for original in () if whole else (parser.Collection, parser.CollectionPath):
         memo[id(original)].set_parse_action(_collection)
     comment = "#" + pyparsing.rest_of_line
     seen = set()

@@ -16,9 +16,9 @@ from rdflib.plugins.sparql import algebra
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.language.error import TOO_DEEP, QueryError
-from semmap.language.grammar import read_syntax
+from semmap.language.grammar import Form, read_syntax
 from semmap.language.normalise import NormalisedText, normalise
-from semmap.language.refusals import refuse_unsupported
+from semmap.language.refusals import refuse_unsafe, refuse_unsupported
 from semmap.language.terms import (
     EVERYTHING,
     Iri,
@@ -28,7 +28,10 @@ from semmap.language.terms import (
     with_position,
 )
 
-__all__ = ["ParsedText", "parse_query", "parse_update"]
+__all__ = ["ParsedText", "parse_query", "parse_sparql", "parse_update"]
+
+Prefixes = tuple[tuple[str, str], ...]
+"""Prefixes with their namespaces that a text need not declare."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,64 @@ def parse_update(text: str) -> ParsedText:
             _mark_everything(request)
             requests.append(algebra.translateUpdate1(request, prologue))
     return ParsedText(normalised, "Update", requests=tuple(requests))
+
+
+@lru_cache(maxsize=256)
+def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
+    """Parse a query or an update in the whole of SPARQL 1.1, without clauses of our own.
+
+    Parameters
+    ----------
+    form : "query" or "update"
+    prefixes : that the text need not declare
+
+    Returns
+    -------
+    ParsedText
+        The names of a query that selects `*` are those that are visible in it.
+
+    Raises
+    ------
+    QueryError
+        The text is not SPARQL, or has a clause that reads or writes outside of the database.
+    """
+    normalised = normalise(text)
+    with _errors_of(normalised):
+        tree = read_syntax(normalised, form, whole=True)
+        refuse_unsafe(normalised, tree)
+        if form == "update":
+            (update,) = tree
+            return ParsedText(
+                normalised, "Update", requests=tuple(_requests(normalised, update, prefixes))
+            )
+        declarations, tree = tree
+        prologue = algebra.translatePrologue(declarations, None, dict(prefixes))
+        tree = algebra.traverse(tree, visitPost=_resolver(normalised, prologue))
+        everything = tree.name == "SelectQuery" and not tree.projection
+        try:
+            pattern, names = algebra.translate(tree)
+        except QueryError:
+            raise
+        except Exception as error:  # rdflib raises Exception itself for variables used twice
+            raise normalised.error(str(error), 0) from error
+        if everything:
+            names = sorted(names, key=lambda name: position_of(name) or 0)
+        template = algebra.triples(tree.template) if tree.template else None
+        whole = CompValue(tree.name, p=pattern, PV=names, template=template)
+        whole = algebra.traverse(whole, visitPost=algebra.simplify)
+    return ParsedText(normalised, tree.name, whole, tuple(names))
+
+
+def _requests(text: NormalisedText, tree: Any, prefixes: Prefixes) -> Iterator[Any]:
+    """Yield the algebra of each request of an update."""
+    prologue = None
+    for declarations, request in zip(tree.prologue or (), tree.request or (), strict=False):
+        known = dict(prefixes) if prologue is None else None
+        prologue = algebra.translatePrologue(declarations, None, known, prologue)
+        request = algebra.traverse(request, visitPost=_resolver(text, prologue))
+        request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
+        request = algebra.traverse(request, visitPost=algebra.translatePath)
+        yield algebra.translateUpdate1(request, prologue)
 
 
 def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:

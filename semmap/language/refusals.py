@@ -11,7 +11,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.language.normalise import NormalisedText
 from semmap.language.terms import position_of
 
-__all__ = ["refuse_unsupported"]
+__all__ = ["refuse_unsafe", "refuse_unsupported"]
 
 _PATHS = "property paths are not supported"
 _ONE_CATALOGUE = "there is one catalogue"
@@ -34,6 +34,27 @@ _REASONS = {
 }
 
 
+_UNSAFE = {
+    "ServiceGraphPattern": "SERVICE is not supported: put the other answer into VALUES",
+    "Load": "LOAD is not supported: semmap rdf FILE imports a file",
+    "DatasetClause": "FROM is not supported: use GRAPH",
+    "UsingClause": "USING is not supported: use GRAPH",
+}
+"""What would read from other servers, or choose another dataset than the database."""
+
+
+def refuse_unsafe(text: NormalisedText, tree: Any) -> None:
+    """Raise an error for the first part of a syntax tree that leads outside of the database.
+
+    Raises
+    ------
+    QueryError
+        With the position of that part, and what to write instead.
+    """
+    _refuse(text, [(_UNSAFE[part.name], part) for part in _parts(tree) if part.name in _UNSAFE])
+    _refuse(text, [(reason, part) for part in _parts(tree) for reason in _uneven(part)])
+
+
 def refuse_unsupported(text: NormalisedText, tree: Any) -> None:
     """Raise an error for the first part of a syntax tree that no back end supports.
 
@@ -42,20 +63,23 @@ def refuse_unsupported(text: NormalisedText, tree: Any) -> None:
     QueryError
         With the position of that part, and what to write instead.
     """
-    refused = sorted(_unsupported(tree), key=lambda one: position_of(one[1]) or 0)
-    for reason, part in refused:
+    _refuse(text, [(reason, part) for part in _parts(tree) for reason in _reasons(part)])
+
+
+def _refuse(text: NormalisedText, refused: list[tuple[str, Any]]) -> None:
+    for reason, part in sorted(refused, key=lambda one: position_of(one[1]) or 0):
         raise text.error(reason, position_of(part) or 0)
 
 
-def _unsupported(tree: Any) -> Iterator[tuple[str, Any]]:
-    """Yield a reason and a part of the tree."""
+def _parts(tree: Any) -> Iterator[CompValue]:
+    """Yield each part of a syntax tree."""
     if isinstance(tree, CompValue):
-        yield from ((reason, tree) for reason in _reasons(tree))
+        yield tree
         for part in tree.values():
-            yield from _unsupported(part)
+            yield from _parts(part)
     elif isinstance(tree, (list, tuple, pyparsing.ParseResults)):
         for part in tree:
-            yield from _unsupported(part)
+            yield from _parts(part)
 
 
 def _reasons(part: CompValue) -> Iterator[str]:
@@ -69,6 +93,10 @@ def _reasons(part: CompValue) -> Iterator[str]:
         yield f"{_PATHS}: write a pattern for each step"
     if part.name == "PathAlternative" and len(part.part) > 1:
         yield f"{_PATHS}: write UNION"
+    yield from _uneven(part)
+
+
+def _uneven(part: CompValue) -> Iterator[str]:
     if part.name in ("InlineData", "ValuesClause"):
         width = len(part.var or ())
         for row in part.value or ():

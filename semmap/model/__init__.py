@@ -46,6 +46,7 @@ from semmap.model.manipulation import (
 from semmap.model.mission import Mission, MissionStep, Reservation
 from semmap.model.placement import Placement, WorldPlacement
 from semmap.model.semantics import Ontology, SemanticType, TypeClosure, TypeParent
+from semmap.model.statement import Statement
 from semmap.model.topology import (
     Execution,
     RobotClassRecord,
@@ -100,6 +101,7 @@ __all__ = [
     "RobotClassRecord",
     "Room",
     "SemanticType",
+    "Statement",
     "StoredPath",
     "Storey",
     "SupportSurface",

@@ -150,7 +150,8 @@ def cursor(connection: Connection) -> str:
 def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
     """The entities of the current map that changed after a cursor, deleted ones included.
 
-    Those of which only the belief changed are left out: their geometry and types are as before.
+    Those of which only a belief or a statement changed are left out: their geometry and types are
+    as before.
     None where the changes after the cursor are not all kept: read the whole map again.
     """
     if not reaches_back(connection, since):
@@ -158,7 +159,7 @@ def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
     rows = connection.execute(
         text(
             "SELECT entities FROM changes_since(:since) "
-            "WHERE map_id = current_map() AND what <> 'belief'"
+            "WHERE map_id = current_map() AND what NOT IN ('belief', 'statement')"
         ),
         {"since": since},
     )

@@ -1,0 +1,260 @@
+-- The map as RDF: terms of SPARQL as columns. A term whose kind is only known at run time is two texts: its lexical
+-- form, and a tag, which is I for an IRI, B for a blank node, @ and a language for a text in a language, else the
+-- datatype. Null is an error of SPARQL, or an unbound variable.
+
+CREATE FUNCTION iri_encode(name text)
+RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+-- A name as a part of an IRI: all but letters, digits, _, -, . and ~ is percent-encoded as UTF-8.
+DECLARE
+    letter text;
+    encoded text := '';
+    bytes bytea;
+BEGIN
+    IF name ~ '^[A-Za-z0-9_.~-]*$' THEN
+        RETURN name;
+    END IF;
+    FOREACH letter IN ARRAY string_to_array(name, NULL) LOOP
+        IF letter ~ '^[A-Za-z0-9_.~-]$' THEN
+            encoded := encoded || letter;
+        ELSE
+            bytes := convert_to(letter, 'UTF8');
+            FOR i IN 0 .. length(bytes) - 1 LOOP
+                encoded := encoded || '%' || upper(lpad(to_hex(get_byte(bytes, i)), 2, '0'));
+            END LOOP;
+        END IF;
+    END LOOP;
+    RETURN encoded;
+END $$;
+
+CREATE FUNCTION entity_iri(thing bigint)
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
+-- The IRI of an entity.
+SELECT 'urn:semmap:map:' || semmap.iri_encode(m.name) || '#' || semmap.iri_encode(e.name)
+FROM semmap.entity e JOIN semmap.map m ON m.id = e.map_id WHERE e.id = thing
+$$;
+
+CREATE FUNCTION type_iri(of_type text)
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
+-- The class of a semantic type: that of its ontology, or one named after the type.
+SELECT coalesce((SELECT iri FROM semmap.semantic_type WHERE name = of_type), 'urn:semmap:type#' || semmap.iri_encode(of_type))
+$$;
+
+CREATE FUNCTION rdf_double(number double precision)
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+SELECT CASE number WHEN 'Infinity' THEN 'INF' WHEN '-Infinity' THEN '-INF' WHEN 'NaN' THEN 'NaN'
+       ELSE CASE WHEN number::text ~ '^-?\d+$' THEN number::text || '.0' ELSE number::text END END
+$$;
+
+CREATE FUNCTION rdf_decimal(number numeric)
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+SELECT CASE WHEN scale(number) = 0 THEN number::text || '.0'
+            WHEN scale(trim_scale(number)) = 0 THEN trim_scale(number)::text || '.0' ELSE trim_scale(number)::text END
+$$;
+
+CREATE FUNCTION rdf_time(moment timestamptz)
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
+SELECT replace(to_char(moment AT TIME ZONE 'UTC', 'YYYY-MM-DD"T"HH24:MI:SS.US'), '.000000', '') || '+00:00'
+$$;
+
+CREATE FUNCTION json_text(value jsonb)
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+-- The lexical form of a property's value.
+SELECT CASE jsonb_typeof(value) WHEN 'string' THEN value #>> '{}'
+            WHEN 'number' THEN CASE WHEN value::text ~ '^-?\d+$' THEN value::text ELSE semmap.rdf_decimal(value::text::numeric) END
+            ELSE value::text END
+$$;
+
+CREATE FUNCTION json_tag(value jsonb)
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+SELECT CASE jsonb_typeof(value) WHEN 'string' THEN 'http://www.w3.org/2001/XMLSchema#string'
+            WHEN 'number' THEN CASE WHEN value::text ~ '^-?\d+$' THEN 'http://www.w3.org/2001/XMLSchema#integer'
+                                    ELSE 'http://www.w3.org/2001/XMLSchema#decimal' END
+            WHEN 'boolean' THEN 'http://www.w3.org/2001/XMLSchema#boolean'
+            ELSE 'http://www.w3.org/1999/02/22-rdf-syntax-ns#JSON' END
+$$;
+
+CREATE FUNCTION is_numeric_tag(tag text)
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+SELECT tag = ANY (ARRAY['http://www.w3.org/2001/XMLSchema#integer', 'http://www.w3.org/2001/XMLSchema#decimal',
+    'http://www.w3.org/2001/XMLSchema#double', 'http://www.w3.org/2001/XMLSchema#float',
+    'http://www.w3.org/2001/XMLSchema#int', 'http://www.w3.org/2001/XMLSchema#long', 'http://www.w3.org/2001/XMLSchema#short',
+    'http://www.w3.org/2001/XMLSchema#byte', 'http://www.w3.org/2001/XMLSchema#nonNegativeInteger',
+    'http://www.w3.org/2001/XMLSchema#positiveInteger', 'http://www.w3.org/2001/XMLSchema#nonPositiveInteger',
+    'http://www.w3.org/2001/XMLSchema#negativeInteger', 'http://www.w3.org/2001/XMLSchema#unsignedInt',
+    'http://www.w3.org/2001/XMLSchema#unsignedLong', 'http://www.w3.org/2001/XMLSchema#unsignedShort',
+    'http://www.w3.org/2001/XMLSchema#unsignedByte'])
+$$;
+
+CREATE FUNCTION text_number(written text)
+RETURNS double precision LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+-- A number as XML Schema writes it; null for any other text.
+BEGIN
+    IF written ~ '^\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,3})?\s*$' THEN
+        RETURN written::double precision;
+    END IF;
+    RETURN CASE btrim(written) WHEN 'INF' THEN 'Infinity' WHEN '+INF' THEN 'Infinity' WHEN '-INF' THEN '-Infinity' WHEN 'NaN' THEN 'NaN' END;
+EXCEPTION WHEN numeric_value_out_of_range THEN
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION text_decimal(written text)
+RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+SELECT CASE WHEN written ~ '^\s*[+-]?(\d{1,255}(\.\d{0,255})?|\.\d{1,255})\s*$' THEN written::numeric END
+$$;
+
+CREATE FUNCTION text_integer(written text)
+RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+SELECT CASE WHEN written ~ '^\s*[+-]?\d{1,255}\s*$' THEN written::numeric END
+$$;
+
+CREATE FUNCTION text_boolean(written text)
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+SELECT CASE WHEN btrim(written) IN ('true', '1') THEN true WHEN btrim(written) IN ('false', '0') THEN false END
+$$;
+
+CREATE FUNCTION text_time(written text)
+RETURNS timestamptz LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT AS $$
+-- A time as XML Schema writes it; UTC where it has no time zone; null for any other text.
+BEGIN
+    IF written ~ '^\s*-?\d{4,}-\d\d-\d\d(T\d\d:\d\d:\d\d(\.\d+)?)?(Z|[+-]\d\d:\d\d)?\s*$' THEN
+        RETURN CASE WHEN written ~ '(Z|[+-]\d\d:\d\d)\s*$' THEN written::timestamptz ELSE written::timestamp AT TIME ZONE 'UTC' END;
+    END IF;
+    RETURN NULL;
+EXCEPTION WHEN datetime_field_overflow OR invalid_datetime_format THEN
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION text_geometry(written text, tag text)
+RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+-- A geometry literal of GeoSPARQL (WKT, GML or GeoJSON) in the map's frame; null for any other text. An IRI of a
+-- reference system before WKT is not looked at: a map has one frame.
+BEGIN
+    RETURN CASE tag
+        WHEN 'http://www.opengis.net/ont/geosparql#wktLiteral'
+            THEN ST_SetSRID(ST_GeomFromText(regexp_replace(written, '^\s*<[^>]*>\s*', '')), 0)
+        WHEN 'http://www.opengis.net/ont/geosparql#gmlLiteral' THEN ST_SetSRID(ST_GeomFromGML(written), 0)
+        WHEN 'http://www.opengis.net/ont/geosparql#geoJSONLiteral' THEN ST_SetSRID(ST_GeomFromGeoJSON(written), 0) END;
+EXCEPTION WHEN OTHERS THEN
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION rdf_number(value text, tag text)
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+SELECT CASE WHEN semmap.is_numeric_tag(tag) THEN semmap.text_number(value) END
+$$;
+
+CREATE FUNCTION rdf_boolean(value text, tag text)
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- The effective boolean value (SPARQL 1.1, section 17.2.2).
+SELECT CASE WHEN tag = 'http://www.w3.org/2001/XMLSchema#boolean' THEN coalesce(semmap.text_boolean(value), false)
+            WHEN tag = 'http://www.w3.org/2001/XMLSchema#string' OR starts_with(tag, '@') THEN value <> ''
+            WHEN semmap.is_numeric_tag(tag) THEN coalesce(semmap.text_number(value) NOT IN (0, 'NaN'), false) END
+$$;
+
+CREATE FUNCTION rdf_order(a text, a_tag text, b text, b_tag text)
+RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT AS $$
+-- -1, 0 or 1 as the literal a is before, equal to or after the literal b by value; null where they have no order.
+DECLARE
+    x double precision;
+    y double precision;
+BEGIN
+    IF semmap.is_numeric_tag(a_tag) AND semmap.is_numeric_tag(b_tag) THEN
+        x := semmap.text_number(a);
+        y := semmap.text_number(b);
+        RETURN CASE WHEN x = 'NaN' OR y = 'NaN' THEN NULL ELSE sign(x - y)::integer END;
+    ELSIF a_tag <> b_tag THEN
+        RETURN NULL;
+    ELSIF a_tag = 'http://www.w3.org/2001/XMLSchema#string' OR starts_with(a_tag, '@') THEN
+        RETURN CASE WHEN a = b THEN 0 WHEN a COLLATE "C" < b COLLATE "C" THEN -1 ELSE 1 END;
+    ELSIF a_tag IN ('http://www.w3.org/2001/XMLSchema#dateTime', 'http://www.w3.org/2001/XMLSchema#date') THEN
+        RETURN CASE WHEN semmap.text_time(a) = semmap.text_time(b) THEN 0 WHEN semmap.text_time(a) < semmap.text_time(b) THEN -1
+                    WHEN semmap.text_time(a) > semmap.text_time(b) THEN 1 END;
+    ELSIF a_tag = 'http://www.w3.org/2001/XMLSchema#boolean' THEN
+        RETURN semmap.text_boolean(a)::integer - semmap.text_boolean(b)::integer;
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION rdf_equal(a text, a_tag text, b text, b_tag text)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
+-- Whether two terms are equal by value (SPARQL 1.1, section 17.4.1.7); null for literals of which that is unknown.
+SELECT CASE WHEN a_tag = b_tag AND a = b THEN NOT (semmap.is_numeric_tag(a_tag) AND a = 'NaN')
+            WHEN a_tag IN ('I', 'B') OR b_tag IN ('I', 'B') THEN false
+            WHEN semmap.rdf_order(a, a_tag, b, b_tag) IS NOT NULL THEN semmap.rdf_order(a, a_tag, b, b_tag) = 0
+            WHEN starts_with(a_tag, '@') OR starts_with(b_tag, '@') THEN false
+            WHEN semmap.is_numeric_tag(a_tag) <> semmap.is_numeric_tag(b_tag) OR a_tag <> b_tag THEN
+                 CASE WHEN (semmap.is_numeric_tag(a_tag) OR a_tag = ANY (ARRAY['http://www.w3.org/2001/XMLSchema#string',
+                            'http://www.w3.org/2001/XMLSchema#boolean', 'http://www.w3.org/2001/XMLSchema#dateTime']))
+                       AND (semmap.is_numeric_tag(b_tag) OR b_tag = ANY (ARRAY['http://www.w3.org/2001/XMLSchema#string',
+                            'http://www.w3.org/2001/XMLSchema#boolean', 'http://www.w3.org/2001/XMLSchema#dateTime']))
+                      THEN false END END
+$$;
+
+CREATE FUNCTION rdf_calculate(operator text, a text, a_tag text, b text, b_tag text)
+RETURNS text[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+-- The text and the tag of a + b, a - b, a * b or a / b; null for what is not a number, and for a division by zero.
+DECLARE
+    xsd CONSTANT text := 'http://www.w3.org/2001/XMLSchema#';
+    x numeric;
+    y numeric;
+    found double precision;
+BEGIN
+    IF NOT (semmap.is_numeric_tag(a_tag) AND semmap.is_numeric_tag(b_tag)) THEN
+        RETURN NULL;
+    ELSIF a_tag IN (xsd || 'double', xsd || 'float') OR b_tag IN (xsd || 'double', xsd || 'float') THEN
+        found := CASE operator WHEN '+' THEN semmap.text_number(a) + semmap.text_number(b)
+                               WHEN '-' THEN semmap.text_number(a) - semmap.text_number(b)
+                               WHEN '*' THEN semmap.text_number(a) * semmap.text_number(b)
+                               ELSE semmap.text_number(a) / nullif(semmap.text_number(b), 0) END;
+        RETURN ARRAY[semmap.rdf_double(found), xsd || 'double'];
+    END IF;
+    x := semmap.text_decimal(a);
+    y := semmap.text_decimal(b);
+    x := CASE operator WHEN '+' THEN x + y WHEN '-' THEN x - y WHEN '*' THEN x * y ELSE x / nullif(y, 0) END;
+    IF x IS NULL THEN
+        RETURN NULL;
+    ELSIF operator <> '/' AND a_tag <> xsd || 'decimal' AND b_tag <> xsd || 'decimal' THEN
+        RETURN ARRAY[x::text, xsd || 'integer'];
+    END IF;
+    RETURN ARRAY[semmap.rdf_decimal(x), xsd || 'decimal'];
+EXCEPTION WHEN numeric_value_out_of_range THEN
+    RETURN NULL;
+END $$;
+
+-- Statements about an IRI follow the entity that gets the IRI.
+
+CREATE FUNCTION statement_adopted()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+BEGIN
+    IF EXISTS (SELECT FROM statement s WHERE s.subject IS NOT NULL OR s.tag = 'I') THEN
+        UPDATE statement s SET subject_id = f.id, subject = NULL
+            FROM fresh f WHERE s.map_id = f.map_id AND s.subject = entity_iri(f.id);
+        UPDATE statement s SET object_id = f.id, object = NULL, tag = NULL
+            FROM fresh f WHERE s.map_id = f.map_id AND s.tag = 'I' AND s.object = entity_iri(f.id);
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER statement_adopted AFTER INSERT ON entity REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION statement_adopted();
+CREATE TRIGGER statement_readopted AFTER UPDATE ON entity REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION statement_adopted();
+
+CREATE FUNCTION statement_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- The change log has the entities that the statements are about. Deleting an entity or a map is a change already.
+BEGIN
+    IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
+        INSERT INTO change (map_id, what, entities)
+            SELECT s.map_id, 'statement', coalesce(array_agg(DISTINCT s.subject_id) FILTER (WHERE s.subject_id IS NOT NULL), '{}')
+            FROM touched s JOIN map m ON m.id = s.map_id GROUP BY s.map_id;
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER statement_added AFTER INSERT ON statement REFERENCING NEW TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
+CREATE TRIGGER statement_edited AFTER UPDATE ON statement REFERENCING NEW TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
+CREATE TRIGGER statement_removed AFTER DELETE ON statement REFERENCING OLD TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();

@@ -1,0 +1,28 @@
+"""The map as RDF: SPARQL and GeoSPARQL over the tables, without a copy of them.
+
+`semmap.knowledge.mapping` states which table and columns each property stands for; a query becomes
+one statement of SQL.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from semmap.lazy_names import load_on_use
+
+if TYPE_CHECKING:
+    from semmap.knowledge.queries import Answer, KnowledgeError, query
+    from semmap.knowledge.updates import update
+    from semmap.knowledge.whole_graph import dump
+
+__all__ = ["Answer", "KnowledgeError", "dump", "query", "update"]
+
+_HOMES = {
+    "Answer": "semmap.knowledge.queries",
+    "KnowledgeError": "semmap.knowledge.queries",
+    "dump": "semmap.knowledge.whole_graph",
+    "query": "semmap.knowledge.queries",
+    "update": "semmap.knowledge.updates",
+}
+
+__getattr__ = load_on_use(__name__, _HOMES)

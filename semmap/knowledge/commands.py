@@ -1,0 +1,243 @@
+"""The commands `semmap sparql` and `semmap rdf`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from semmap import cli
+
+# rdflib and SQLAlchemy are slow to import: the functions below import what they use.
+if TYPE_CHECKING:
+    from sqlalchemy import Engine
+
+    from semmap.knowledge.map_view import Session
+    from semmap.knowledge.queries import Answer
+
+__all__ = ["rdf", "sparql_command"]
+
+rdf = typer.Typer(no_args_is_help=True, help="Write the map as RDF, and read facts from RDF.")
+
+FORMATS = {".ttl": "turtle", ".jsonld": "json-ld", ".trig": "trig", ".nt": "nt", ".nq": "nquads"}
+"""Endings of files, with rdflib's names of their formats."""
+
+
+def sparql_command(
+    text: Annotated[
+        str, typer.Argument(help="SPARQL 1.1, a file with it, or - for standard input.")
+    ],
+    update: Annotated[
+        bool, typer.Option("--update", help="TEXT is an update: it may change the map.")
+    ] = False,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Print the SQL that answers the query.")
+    ] = False,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.001, help="Stop after this time; by default 60.")
+    ] = None,
+    rows: Annotated[int | None, typer.Option(min=1, help="The most rows of an answer.")] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Answer a SPARQL query on the map: facts, geometry and T-Box.
+
+    The prefixes semmap:, prop:, rel:, geo:, geof:, bot:, oro: and the usual ones are declared; the
+    empty prefix is that of the map's entities, so that :table1 is the entity table1.
+    """
+    from semmap.knowledge.queries import query
+    from semmap.knowledge.updates import update as update_map
+
+    text = _text(text)
+    with _session(map_name, write=update) as session:
+        if update:
+            changes = update_map(session, text, seconds=seconds)
+            if json_:
+                cli.print_json({"added": changes.added, "removed": changes.removed})
+            else:
+                print(f"{changes.added} added, {changes.removed} removed")
+            return
+        answer = query(session, text, seconds=seconds, rows=rows)
+        known = _prefixes(session)
+    if explain:
+        for part in answer.explanation:
+            print(part, file=sys.stderr if json_ else sys.stdout)
+        if not json_:
+            return
+    _show(answer, known, json_)
+
+
+def _prefixes(session: Session) -> dict[str, str]:
+    from semmap.knowledge.map_view import MapView
+    from semmap.knowledge.vocabulary import prefixes
+
+    return prefixes(MapView.of(session).name)
+
+
+def _show(answer: Answer, known: dict[str, str], json_: bool) -> None:
+    from semmap.knowledge.results import shown, sparql_json
+    from semmap.knowledge.whole_graph import serialized
+
+    if json_:
+        if answer.graph is not None:
+            print(serialized(answer.graph, "json-ld"))
+        else:
+            print(sparql_json(answer))
+    elif answer.graph is not None:
+        print(serialized(answer.graph, "turtle"), end="")
+    elif answer.form == "ASK":
+        print("yes" if answer.truth else "no")
+    else:
+        rows = [tuple(shown(term, known) for term in row) for row in answer.rows]
+        cli.show_rows(list(answer.names), rows, False)
+
+
+def _text(text: str) -> str:
+    """Return a text, that of a file, or of standard input."""
+    if text == "-":
+        return sys.stdin.read()
+    if "\n" not in text and len(text) < 1000 and text.endswith((".rq", ".ru", ".sparql")):
+        path = Path(text)
+        if not path.is_file():
+            raise typer.BadParameter(f"there is no file {text}")
+        return path.read_text(encoding="utf-8")
+    return text
+
+
+@rdf.command()
+def export(
+    file: Annotated[
+        Path | None, typer.Argument(help=f"Its ending is one of {', '.join(FORMATS)}.")
+    ] = None,
+    map_name: cli.MapName = None,
+) -> None:
+    """Write all facts of the map to a file, or as Turtle to standard output.
+
+    Protégé opens the file. Named graphs are written to .trig and .nq.
+    """
+    from semmap.knowledge.whole_graph import dump, serialized
+
+    format_ = "turtle" if file is None else _format(file)
+    with _session(map_name) as session:
+        dataset = dump(session)
+    written = serialized(dataset, format_)
+    if file is None:
+        print(written, end="")
+    else:
+        file.write_text(written, encoding="utf-8")
+        print(f"{len(dataset)} facts -> {file}")
+
+
+@rdf.command("import")
+def import_(
+    files: Annotated[list[Path], typer.Argument(help=f"Endings: {', '.join(FORMATS)}.")],
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Add the facts of RDF files to the map, each file as a whole or not at all."""
+    from semmap.knowledge.rdf_file import read_facts, store_facts
+
+    counts = []
+    with _session(map_name, write=True) as session:
+        for path in files:
+            facts = read_facts(path, _format(path))
+            counts.append({"file": str(path), "added": store_facts(session, facts, path)})
+    if json_:
+        cli.print_json(counts)
+        return
+    for count in counts:
+        print(f"{count['file']}: {count['added']} added")
+
+
+@rdf.command()
+def serve(
+    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535)] = 8890,
+    tokens: Annotated[
+        Path | None,
+        typer.Option(help="A file with a token and its database role in each line."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.001, help="Stop a query after this time.")] = 60,
+    rows: Annotated[int, typer.Option(min=1, help="The most rows of an answer.")] = 1_000_000,
+    map_name: cli.MapName = None,
+) -> None:
+    """Serve the map by the SPARQL 1.1 protocol: /sparql, /update and /graph.
+
+    Everybody who reaches the address may read; changes need a token.
+    """
+    try:
+        import uvicorn
+
+        from semmap.knowledge.service import Endpoint, read_tokens
+    except ModuleNotFoundError as error:
+        raise typer.BadParameter(
+            f"{error.name} is not installed: pip install 'semmap[knowledge]'"
+        ) from None
+    from semmap.database.reader import as_reader
+
+    known = {} if tokens is None else read_tokens(tokens)
+    engine = cli.engine()
+    reader = as_reader(engine)
+    with engine.connect() as connection:
+        name = cli.choose_map(connection, map_name)
+    endpoint = Endpoint(
+        _connector(reader or engine, name),
+        _connector(engine, name),
+        known,
+        seconds=seconds,
+        rows=rows,
+    )
+    print(f"map {name}: http://{host}:{port}/sparql", flush=True)
+    uvicorn.run(endpoint.app, host=host, port=port, log_level="warning")
+
+
+def _connector(engine: Engine, name: str) -> Callable[[], Session]:
+    """Return a function that opens a session which sees a map."""
+    import psycopg
+
+    from semmap.database.parameters import SETTINGS
+
+    def connect() -> Session:
+        _, arguments = engine.dialect.create_connect_args(engine.url)
+        arguments.pop("context", None)  # of psycopg, not of the protocol
+        settings = " ".join(f"-c {key}={value}" for key, value in SETTINGS.items())
+        session = psycopg.connect(**arguments, options=settings, application_name="semmap sparql")
+        session.execute("SELECT set_config('semmap.map', %s, false)", (name,))
+        session.commit()
+        return session
+
+    return connect
+
+
+def _format(path: Path) -> str:
+    known = FORMATS.get(path.suffix.lower())
+    if known is None:
+        raise typer.BadParameter(
+            f"{path}: the ending {path.suffix!r} is not one of {', '.join(FORMATS)}"
+        )
+    return known
+
+
+@contextmanager
+def _session(map_name: str | None, *, write: bool = False) -> Iterator[Session]:
+    """A session that sees the map; of an embedded database, by a login that only reads."""
+    import psycopg
+
+    from semmap.database.reader import as_reader
+
+    engine = cli.engine()
+    reader = None if write else as_reader(engine)
+    try:
+        with (reader or engine).connect() as connection:
+            cli.choose_map(connection, map_name)
+            driver = connection.connection.driver_connection
+            assert isinstance(driver, psycopg.Connection)
+            driver.commit()  # each query is a transaction of its own
+            yield driver
+    finally:
+        if reader is not None:
+            reader.dispose()

@@ -1,0 +1,146 @@
+"""The constants of a query: which IRIs are entities, types or other nodes of the map."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import psycopg
+import rdflib
+from rdflib.paths import Path
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.ingest.ontology.tbox import snake_case
+from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, Form
+from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode
+from semmap.language.terms import local_name, namespace_of
+
+__all__ = ["Constants", "iris_in", "resolve", "tag_and_text"]
+
+_OWN = {t.property for t in TRIPLES} | {c.property for c in COMPUTED}
+_KEY = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")
+
+
+class Constants:
+    """What the IRIs of a text stand for.
+
+    Parameters
+    ----------
+    known : form and key of each IRI that is a node of the map
+    types : the types of IRIs that may stand for an entity, too
+    """
+
+    def __init__(
+        self, known: Mapping[str, tuple[Form, Any]], types: Mapping[str, str] | None = None
+    ) -> None:
+        self._known = known
+        self._types = types or {}
+
+    def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
+        """Return the form and the key of an IRI; of an IRI that is not a node, itself.
+
+        Parameters
+        ----------
+        as_type : a name that both an entity and a type have stands for the type
+        """
+        if iri in self._types and (as_type or iri not in self._known):
+            return "type", self._types[iri]
+        return self._known.get(iri, ("iri", iri))
+
+    def with_entity(self, iri: str, number: int) -> Constants:
+        """Return these constants, and one more for a new entity."""
+        return Constants({**self._known, iri: ("entity", number)}, self._types)
+
+    def property(self, iri: str) -> str:
+        """Return the property that an IRI of KnowledgeCore's namespaces stands for, else itself."""
+        if namespace_of(iri) in KNOWLEDGE_CORE:
+            own = (space + local_name(iri) for space in (KNOWLEDGE_CORE[0], SEMMAP))
+            return next((each for each in own if each in _OWN), iri)
+        return iri
+
+
+def resolve(session: psycopg.Connection[Any], iris: Iterable[str], namespace: str) -> Constants:
+    """Look up what the IRIs of a text stand for, in one statement.
+
+    Parameters
+    ----------
+    session : sees the map
+    namespace : of the map's entities
+    """
+    known: dict[str, tuple[Form, Any]] = {}
+    either: dict[str, str] = {}
+    names: dict[str, list[tuple[str, Form]]] = {}
+    classes: dict[str, str] = {}
+    types: dict[str, list[str]] = {}
+    for iri in set(iris):
+        local = local_name(iri)
+        if iri.startswith(namespace):
+            form, name = _node_of_map(iri[len(namespace) :])
+            if name is not None:
+                names.setdefault(name, []).append((iri, form))
+        elif namespace_of(iri) in KNOWLEDGE_CORE and local:
+            names.setdefault(local, []).append((iri, "entity"))
+            types.setdefault(snake_case(local), []).append(iri)
+        elif iri.startswith(TYPE):
+            types.setdefault(decode(iri[len(TYPE) :]) or "", []).append(iri)
+        else:
+            for form, node in NODES.items():
+                key = iri.removeprefix(node.prefix) if node.prefix and not node.of_map else iri
+                if key != iri and _KEY.fullmatch(key):
+                    known[iri] = (form, key if form == "former" else int(key))
+        classes[iri] = iri
+    rows = session.execute(
+        "SELECT 'entity', name, id::text, name FROM entity "
+        "WHERE map_id = (SELECT current_map()) AND name = ANY (%(names)s) "
+        "UNION ALL SELECT 'type', iri, name, name FROM semantic_type "
+        "WHERE iri = ANY (%(iris)s) OR name = ANY (%(types)s)",
+        {"names": list(names), "iris": list(classes), "types": list(types)},
+    ).fetchall()
+    for kind, found, key, name in rows:
+        if kind == "type":
+            if found in classes:
+                known[found] = ("type", key)
+            for iri in types.get(name, ()):
+                # Where an ontology declares the type, type:NAME is not its IRI.
+                if found is None or not iri.startswith(TYPE):
+                    either[iri] = key
+    for kind, found, key, _ in rows:
+        if kind == "entity":
+            for iri, form in names[found]:
+                known.setdefault(iri, (form, int(key)))
+    return Constants(known, either)
+
+
+def _node_of_map(part: str) -> tuple[Form, str | None]:
+    """Return the form of a node, and the name of its entity."""
+    for form, node in NODES.items():
+        if node.of_map and node.prefix and part.startswith(node.prefix):
+            return form, decode(part[len(node.prefix) :])
+    return "entity", decode(part)
+
+
+def iris_in(tree: Any) -> Iterator[str]:
+    """Yield the IRIs of a part of the algebra."""
+    if isinstance(tree, rdflib.URIRef):
+        yield str(tree)
+    elif isinstance(tree, CompValue):
+        for part in tree.values():
+            yield from iris_in(part)
+    elif isinstance(tree, Path):
+        yield from iris_in(list(vars(tree).values()))
+    elif isinstance(tree, Mapping):
+        for key, part in tree.items():
+            yield from iris_in([key, part])
+    elif isinstance(tree, Iterable) and not isinstance(tree, str | bytes):
+        for part in tree:
+            yield from iris_in(part)
+
+
+def tag_and_text(term: Any) -> tuple[str, str]:
+    """Return the text and the tag of an rdflib term."""
+    if isinstance(term, rdflib.Literal):
+        if term.language:
+            return str(term), f"@{term.language.lower()}"
+        return str(term), str(term.datatype or f"{XSD}string")
+    return str(term), "B" if isinstance(term, rdflib.BNode) else "I"

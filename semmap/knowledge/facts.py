@@ -1,0 +1,396 @@
+"""Facts into the tables that have columns for them, and all others as statements."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+import rdflib
+
+from semmap.knowledge.constants import Constants, resolve, tag_and_text
+from semmap.knowledge.mapping import is_mapped
+from semmap.knowledge.vocabulary import (
+    PROPERTY,
+    RDF,
+    RDFS,
+    RELATION,
+    SEMMAP,
+    XSD,
+    decode,
+    prefixes,
+    short,
+)
+
+if TYPE_CHECKING:
+    from semmap.knowledge.map_view import MapView
+
+__all__ = ["Fact", "FactWriter", "RefusedError"]
+
+SKOLEM = "urn:semmap:blank:"
+"""Blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)."""
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A triple of a graph; None for the default graph."""
+
+    subject: Any
+    property: Any
+    object: Any
+    graph: Any = None
+
+    def shown(self) -> str:
+        """Return the triple as Turtle."""
+        known = prefixes("")
+        terms = (self.subject, self.property, self.object)
+        return " ".join(
+            short(str(t), known) if isinstance(t, rdflib.URIRef) else t.n3() for t in terms
+        )
+
+
+class RefusedError(ValueError):
+    """A fact that the map does not allow.
+
+    Attributes
+    ----------
+    reason : why, and what to do
+    fact : the fact
+    """
+
+    def __init__(self, reason: str, fact: Fact) -> None:
+        super().__init__(reason)
+        self.reason, self.fact = reason, fact
+
+
+class FactWriter:
+    """Writes facts of one request.
+
+    Parameters
+    ----------
+    view : the map
+    until : when new statements end; None for never
+    """
+
+    def __init__(self, view: MapView, until: datetime | None = None) -> None:
+        self._view = view
+        self._until = until
+        self._constants = Constants({})
+        self._blank: dict[str, str] = {}
+
+    def insert(self, facts: Iterable[Fact]) -> int:
+        """Add facts; return how many were new.
+
+        Raises
+        ------
+        RefusedError
+            The map does not allow one of them.
+        """
+        facts = self._resolved(facts)
+        # Types first: they make the entities that other facts are about.
+        facts.sort(key=lambda fact: str(fact.property) != f"{RDF}type")
+        added = 0
+        for fact in facts:
+            added += self._change(fact, self._insert_fact)
+        return added
+
+    def delete(self, facts: Iterable[Fact]) -> int:
+        """Remove facts; return how many there were."""
+        return sum(self._change(fact, self._delete_fact) for fact in self._resolved(facts))
+
+    def _resolved(self, facts: Iterable[Fact]) -> list[Fact]:
+        found = list(dict.fromkeys(facts))
+        iris = {
+            str(term)
+            for fact in found
+            for term in (fact.subject, fact.property, fact.object)
+            if isinstance(term, rdflib.URIRef)
+        }
+        self._constants = resolve(self._view.session, iris, self._view.namespace)
+        return found
+
+    def _change(self, fact: Fact, change: Callable[[Fact, str], int]) -> int:
+        if isinstance(fact.subject, rdflib.Literal) or not isinstance(fact.property, rdflib.URIRef):
+            raise RefusedError("the subject is a literal, or the property is not an IRI", fact)
+        iri = self._constants.property(str(fact.property))
+        return change(fact, iri)
+
+    def _insert_fact(self, fact: Fact, iri: str) -> int:
+        if fact.graph is None:
+            if iri == f"{RDF}type" and self._type(fact) is not None:
+                return self._set_type(fact)
+            for writes, (insert, _) in _TABLES.items():
+                if iri == writes or (writes.endswith("#") and iri.startswith(writes)):
+                    if iri == f"{RDFS}label" and self._entity(fact.subject) is None:
+                        break
+                    return insert(self, fact, iri)
+            self._refuse_mapped(fact, iri)
+        return self._execute(
+            "INSERT INTO statement (map_id, graph, subject_id, subject, predicate, object_id, "
+            "object, tag, until) VALUES (%(map)s, %(graph)s, %(subject_id)s, %(subject)s, "
+            "%(predicate)s, %(object_id)s, %(object)s, %(tag)s, %(until)s) ON CONFLICT DO NOTHING",
+            self._columns(fact, iri),
+        )
+
+    def _delete_fact(self, fact: Fact, iri: str) -> int:
+        if fact.graph is None:
+            if iri == f"{RDF}type" and self._type(fact) is not None:
+                return self._execute(
+                    "UPDATE entity SET type = NULL WHERE id = %(id)s AND type = %(type)s",
+                    {"id": self._entity(fact.subject), "type": self._type(fact)},
+                )
+            for writes, (_, delete) in _TABLES.items():
+                if iri == writes or (writes.endswith("#") and iri.startswith(writes)):
+                    if iri == f"{RDFS}label" and self._entity(fact.subject) is None:
+                        break
+                    return delete(self, fact, iri)
+            self._refuse_mapped(fact, iri)
+        return self._execute(
+            "DELETE FROM statement WHERE map_id = %(map)s AND graph = %(graph)s "
+            "AND predicate = %(predicate)s AND subject_id IS NOT DISTINCT FROM %(subject_id)s "
+            "AND subject IS NOT DISTINCT FROM %(subject)s "
+            "AND object_id IS NOT DISTINCT FROM %(object_id)s "
+            "AND object IS NOT DISTINCT FROM %(object)s AND tag IS NOT DISTINCT FROM %(tag)s",
+            self._columns(fact, iri),
+        )
+
+    def _refuse_mapped(self, fact: Fact, iri: str) -> None:
+        if is_mapped(iri):
+            raise RefusedError(
+                "this follows from other data of the map, and is not stated: change what it "
+                "follows from, or state it in a named graph",
+                fact,
+            )
+
+    def _execute(self, sql: str, values: dict[str, Any]) -> int:
+        return max(0, self._view.session.execute(sql, values).rowcount)
+
+    # Terms
+
+    def _entity(self, term: Any) -> int | None:
+        if not isinstance(term, rdflib.URIRef):
+            return None
+        form, key = self._constants.node(str(term))
+        return int(key) if form == "entity" else None
+
+    def _type(self, fact: Fact) -> str | None:
+        if not isinstance(fact.object, rdflib.URIRef):
+            return None
+        form, key = self._constants.node(str(fact.object), as_type=True)
+        return str(key) if form == "type" else None
+
+    def _iri(self, term: Any) -> str:
+        if isinstance(term, rdflib.BNode):
+            from uuid import uuid4
+
+            return self._blank.setdefault(str(term), f"{SKOLEM}{uuid4()}")
+        return str(term)
+
+    def _columns(self, fact: Fact, iri: str) -> dict[str, Any]:
+        """Return the columns of a statement."""
+        subject, object_ = self._entity(fact.subject), self._entity(fact.object)
+        text, tag = tag_and_text(fact.object)
+        if isinstance(fact.object, rdflib.BNode):
+            text, tag = self._iri(fact.object), "I"
+        return {
+            "map": self._view.number,
+            "graph": "" if fact.graph is None else str(fact.graph),
+            "subject_id": subject,
+            "subject": None if subject is not None else self._iri(fact.subject),
+            "predicate": iri,
+            "object_id": object_,
+            "object": None if object_ is not None else text,
+            "tag": None if object_ is not None else tag,
+            "until": self._until,
+        }
+
+    def _known(self, term: Any, fact: Fact) -> int:
+        entity = self._entity(term)
+        if entity is None:
+            raise RefusedError(
+                f"{term.n3()} is not an entity of the map {self._view.name}: give it a type first, "
+                f"such as <{self._view.namespace}NAME> a semmap:Cup",
+                fact,
+            )
+        return entity
+
+    # The tables of the map
+
+    def _set_type(self, fact: Fact) -> int:
+        type_, entity = self._type(fact), self._entity(fact.subject)
+        if entity is not None:
+            row = self._view.session.execute(
+                "SELECT EXISTS (SELECT FROM object_type WHERE id = e.id AND type = %(type)s), "
+                "fits_kind(%(type)s, e.kind), e.kind FROM entity e WHERE e.id = %(id)s",
+                {"id": entity, "type": type_},
+            ).fetchone()
+            assert row is not None
+            if row[0]:
+                return 0  # it has the type, or one that it subsumes
+            if not row[1]:
+                raise RefusedError(
+                    f"{type_} is not a type for an entity of the kind {row[2]}", fact
+                )
+            return self._execute(
+                "UPDATE entity SET type = %(type)s WHERE id = %(id)s",
+                {"id": entity, "type": type_},
+            )
+        iri, space = str(fact.subject), self._view.namespace
+        name = decode(iri[len(space) :]) if iri.startswith(space) else None
+        if not name:
+            raise RefusedError(
+                f"an entity of the map {self._view.name} has an IRI in <{space}>", fact
+            )
+        row = self._view.session.execute(
+            "INSERT INTO entity (map_id, kind, name, type) SELECT %(map)s, c.super, %(name)s, "
+            "%(type)s FROM type_closure c WHERE c.sub = %(type)s AND c.super IN ('room', 'object', "
+            "'region', 'agent', 'storey') ORDER BY c.super LIMIT 1 RETURNING id",
+            {"map": self._view.number, "name": name, "type": type_},
+        ).fetchone()
+        if row is None:
+            raise RefusedError(
+                f"{type_} is not a type of rooms, objects, regions, agents or storeys", fact
+            )
+        self._constants = self._constants.with_entity(iri, int(row[0]))
+        return 1
+
+    def _set_label(self, fact: Fact, iri: str) -> int:
+        return self._execute(
+            "UPDATE entity SET label = %(text)s WHERE id = %(id)s "
+            "AND label IS DISTINCT FROM %(text)s",
+            {"id": self._entity(fact.subject), "text": str(fact.object)},
+        )
+
+    def _unset_label(self, fact: Fact, iri: str) -> int:
+        return self._execute(
+            "UPDATE entity SET label = NULL WHERE id = %(id)s AND label = %(text)s",
+            {"id": self._entity(fact.subject), "text": str(fact.object)},
+        )
+
+    def _property(self, fact: Fact, iri: str) -> dict[str, Any]:
+        key = decode(iri[len(PROPERTY) :])
+        if not key:
+            raise RefusedError("this is not the name of a property: percent-encode it", fact)
+        return {
+            "id": self._known(fact.subject, fact),
+            "key": key,
+            "value": json.dumps(self._json(fact)),
+        }
+
+    def _json(self, fact: Fact) -> Any:
+        term = fact.object
+        if not isinstance(term, rdflib.Literal) or term.language:
+            raise RefusedError("a property is a string, number, boolean or JSON", fact)
+        text, tag = tag_and_text(term)
+        try:
+            if tag == f"{XSD}string":
+                return text
+            if tag == f"{XSD}boolean":
+                return {"true": True, "1": True, "false": False, "0": False}[text]
+            if tag == f"{XSD}integer":
+                return int(text)
+            if tag in (f"{XSD}decimal", f"{XSD}double"):
+                return json.loads(json.dumps(float(text), allow_nan=False))
+            if tag == f"{RDF}JSON":
+                return json.loads(text)
+        except (ValueError, KeyError) as error:
+            raise RefusedError(f"{text!r} is not valid for its datatype", fact) from error
+        raise RefusedError("a property is a string, number, boolean or JSON", fact)
+
+    def _set_property(self, fact: Fact, iri: str) -> int:
+        return self._execute(
+            "UPDATE entity SET properties = jsonb_set(properties, ARRAY[%(key)s], %(value)s::jsonb)"
+            " WHERE id = %(id)s AND properties -> %(key)s IS DISTINCT FROM %(value)s::jsonb",
+            self._property(fact, iri),
+        )
+
+    def _unset_property(self, fact: Fact, iri: str) -> int:
+        return self._execute(
+            "UPDATE entity SET properties = properties - %(key)s "
+            "WHERE id = %(id)s AND properties -> %(key)s = %(value)s::jsonb",
+            self._property(fact, iri),
+        )
+
+    def _link(self, fact: Fact, iri: str) -> dict[str, Any]:
+        relation = decode(iri[len(RELATION) :])
+        if not relation:
+            raise RefusedError("this is not the name of a relation: percent-encode it", fact)
+        a, b = self._known(fact.subject, fact), self._known(fact.object, fact)
+        return {"a": a, "relation": relation, "b": b}
+
+    def _add_link(self, fact: Fact, iri: str) -> int:
+        return self._execute(
+            "INSERT INTO link (from_id, relation, to_id) VALUES (%(a)s, %(relation)s, %(b)s) "
+            "ON CONFLICT DO NOTHING",
+            self._link(fact, iri),
+        )
+
+    def _remove_link(self, fact: Fact, iri: str) -> int:
+        return self._execute(
+            "DELETE FROM link WHERE (from_id, relation, to_id) = (%(a)s, %(relation)s, %(b)s)",
+            self._link(fact, iri),
+        )
+
+    def _place(self, fact: Fact, iri: str) -> int:
+        """Put an entity on or in another, where it is."""
+        values = {
+            "thing": self._known(fact.subject, fact),
+            "holder": self._known(fact.object, fact),
+            "how": "on" if iri.endswith("On") else "in",
+        }
+        how = "" if iri.endswith("heldBy") else " AND relation = %(how)s"
+        row = self._view.session.execute(
+            "SELECT (SELECT count(*) FROM placement WHERE entity_id = %(thing)s), (SELECT count(*) "
+            f"FROM placement WHERE entity_id = %(thing)s AND holder_id = %(holder)s{how})",
+            values,
+        ).fetchone()
+        assert row is not None
+        if row[1]:
+            return 0
+        if not row[0]:
+            return self._execute(
+                "INSERT INTO placement (entity_id, holder_id, relation) "
+                "VALUES (%(thing)s, %(holder)s, %(how)s)",
+                values,
+            )
+        return self._execute("SELECT put(%(thing)s, %(holder)s, %(how)s)", values)
+
+    def _unplace(self, fact: Fact, iri: str) -> int:
+        values = {
+            "thing": self._known(fact.subject, fact),
+            "holder": self._known(fact.object, fact),
+        }
+        return self._execute(
+            "SELECT put(entity_id, NULL) FROM placement "
+            "WHERE entity_id = %(thing)s AND holder_id = %(holder)s",
+            values,
+        )
+
+    def _set_state(self, fact: Fact, iri: str) -> int:
+        return self._execute(
+            "UPDATE connector SET state = %(state)s WHERE entity_id = %(id)s "
+            "AND state IS DISTINCT FROM %(state)s",
+            {"id": self._known(fact.subject, fact), "state": str(fact.object)},
+        )
+
+    def _keep_state(self, fact: Fact, iri: str) -> int:
+        return 0  # a connector always has a state: an insertion replaces it
+
+
+_Write = Callable[[FactWriter, Fact, str], int]
+_PLACED = (FactWriter._place, FactWriter._unplace)
+
+_TABLES: dict[str, tuple[_Write, _Write]] = {
+    f"{RDFS}label": (FactWriter._set_label, FactWriter._unset_label),
+    PROPERTY: (FactWriter._set_property, FactWriter._unset_property),
+    RELATION: (FactWriter._add_link, FactWriter._remove_link),
+    f"{SEMMAP}heldBy": _PLACED,
+    f"{SEMMAP}placedOn": _PLACED,
+    f"{SEMMAP}placedIn": _PLACED,
+    "http://kb.openrobots.org#isOn": _PLACED,
+    "http://kb.openrobots.org#isIn": _PLACED,
+    f"{SEMMAP}state": (FactWriter._set_state, FactWriter._keep_state),
+}
+"""How facts of these properties are added and removed; "#" at the end: all of a namespace."""

@@ -1,0 +1,134 @@
+"""The map that a session sees: its namespace, and statements of SQL on it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import psycopg
+import rdflib
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.knowledge.constants import Constants, iris_in, resolve
+from semmap.knowledge.translator import Statement, translate
+from semmap.knowledge.vocabulary import XSD, map_namespace
+from semmap.query.entity_query import pick_map
+
+__all__ = ["MapView", "Row", "Session", "Term", "term_of"]
+
+Session = psycopg.Connection[Any]
+Term = rdflib.term.Identifier
+Row = tuple[Term | None, ...]
+
+
+@dataclass
+class MapView:
+    """The map that a session sees, as namespace and number.
+
+    Attributes
+    ----------
+    session : psycopg's connection
+    name, number : of the map
+    deadline : when queries are stopped, of `time.monotonic`
+    """
+
+    session: Session
+    name: str
+    number: int
+    deadline: float = float("inf")
+    statements: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, session: Session) -> MapView:
+        """Return the current map.
+
+        Raises
+        ------
+        LookupError
+            There is none, or there are several and none is chosen.
+        """
+        name = pick_map(session)
+        row = session.execute("SELECT id FROM map WHERE name = %s", (name,)).fetchone()
+        assert row is not None
+        return cls(session, name, int(row[0]))
+
+    @property
+    def namespace(self) -> str:
+        """The namespace of the map's entities."""
+        return map_namespace(self.name)
+
+    def constants(self, *trees: Any) -> Constants:
+        """Return what the IRIs of parts of the algebra stand for."""
+        return resolve(self.session, iris_in(trees), self.namespace)
+
+    def statement(self, algebra: Any, names: Iterable[str], limit: int | None = None) -> Statement:
+        """Translate a pattern."""
+        return translate(
+            algebra,
+            tuple(names),
+            self.constants(algebra),
+            self.namespace,
+            self.number,
+            limit=limit,
+        )
+
+    def run(self, statement: Statement) -> list[Row]:
+        """Return the solutions of a statement."""
+        self.statements.append(_shown(statement))
+        if time.monotonic() > self.deadline:
+            raise psycopg.errors.QueryCanceled("the query took too long")
+        with self.session.cursor() as cursor:
+            cursor.execute(statement.sql.encode(), statement.parameters, prepare=False)
+            rows = cursor.fetchall()
+        width = range(len(statement.names))
+        return [tuple(term_of(row[2 * i], row[2 * i + 1]) for i in width) for row in rows]
+
+    def triples(
+        self, pattern: tuple[Any, Any, Any], graph: Any = None
+    ) -> Iterator[tuple[Any, Any, Any]]:
+        """Yield the triples that match a pattern of terms, None for any.
+
+        Parameters
+        ----------
+        graph : the IRI of a named graph; None for the default graph
+        """
+        names = ("s", "p", "o")
+        terms = tuple(
+            rdflib.Variable(n) if t is None else t for n, t in zip(names, pattern, strict=True)
+        )
+        free = [n for n, t in zip(names, pattern, strict=True) if t is None]
+        node: Any = CompValue("BGP", triples=[terms])
+        if graph is not None:
+            node = CompValue("Graph", term=graph, p=node)
+        for row in self.run(self.statement(node, free)):
+            known = dict(zip(free, row, strict=True))
+            s, p, o = (known.get(n, t) for n, t in zip(names, pattern, strict=True))
+            yield s, p, o
+
+
+def term_of(text: str | None, tag: str | None) -> Term | None:
+    """Return the term of a text and a tag.
+
+    Examples
+    --------
+    >>> term_of("1.5", "http://www.w3.org/2001/XMLSchema#double").toPython()
+    1.5
+    """
+    if text is None or tag is None:
+        return None
+    if tag == "I":
+        return rdflib.URIRef(text)
+    if tag == "B":
+        return rdflib.BNode(text)
+    if tag.startswith("@"):
+        return rdflib.Literal(text, lang=tag[1:])
+    if tag == f"{XSD}string":
+        return rdflib.Literal(text)
+    return rdflib.Literal(text, datatype=rdflib.URIRef(tag), normalize=False)
+
+
+def _shown(statement: Statement) -> str:
+    values = "".join(f"\n-- {name} = {value!r}" for name, value in statement.parameters.items())
+    return statement.sql + values

@@ -1,0 +1,577 @@
+"""The map as RDF: which table and columns each property stands for (R2RML's content, as data).
+
+`TRIPLES` are facts: they are part of the graph, and `semmap rdf` writes them. `COMPUTED` are
+relations that SQL functions decide when a query names them. To move a relation from one to the
+other is to move its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from semmap.knowledge.vocabulary import GEO, OWL, PROPERTY, RDF, RDFS, RELATION, SEMMAP, XSD
+
+__all__ = [
+    "COMPUTED",
+    "DATATYPES",
+    "NODES",
+    "TRIPLES",
+    "Column",
+    "Computed",
+    "Form",
+    "Source",
+    "TripleMap",
+    "is_mapped",
+]
+
+BOT = "https://w3id.org/bot#"
+CORA = "http://purl.org/ieee1872-owl/cora#"
+ORO = "http://kb.openrobots.org#"
+
+Form = str
+"""How a term is kept in columns: a name of `NODES` or `DATATYPES`, "iri" or "term".
+
+- a node: a key, from which the IRI is made;
+- a datatype: a value of SQL;
+- "iri": the IRI itself;
+- "term": any term, as its text and its tag (`schema/functions/500_knowledge.sql`).
+"""
+
+
+@dataclass(frozen=True)
+class Node:
+    """An IRI template.
+
+    Attributes
+    ----------
+    prefix : before the key
+    of_map : the key is the id of an entity, and the IRI is made of the namespace of its map,
+        `prefix` and its name; else the IRI is `prefix` and the key
+    """
+
+    prefix: str
+    of_map: bool = False
+
+
+NODES: dict[Form, Node] = {
+    "entity": Node("", of_map=True),
+    "footprint": Node("footprint/", of_map=True),
+    "box": Node("box/", of_map=True),
+    "centroid": Node("centroid/", of_map=True),
+    "type": Node(""),  # the IRI of the class in its ontology
+    "belief": Node("urn:semmap:belief:"),
+    "observation": Node("urn:semmap:observation:"),
+    "model": Node("urn:semmap:model:"),
+    "former": Node("urn:semmap:former:"),
+}
+
+DATATYPES: dict[Form, str] = {
+    "string": f"{XSD}string",
+    "integer": f"{XSD}integer",
+    "decimal": f"{XSD}decimal",
+    "double": f"{XSD}double",
+    "boolean": f"{XSD}boolean",
+    "time": f"{XSD}dateTime",
+    "geometry": f"{GEO}wktLiteral",
+    "gml": f"{GEO}gmlLiteral",
+    "geojson": f"{GEO}geoJSONLiteral",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A term: its form, and the SQL of its value; a "term" also has the SQL of its tag."""
+
+    form: Form
+    sql: str
+    tag: str | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """Tables, or functions of tables before them, by the letters that columns use for them.
+
+    Attributes
+    ----------
+    tables : letter and table
+    where : conditions
+    map_id : the column with the map; None where a table has none
+    key : the column of the first table that is unique, if there is one
+    """
+
+    tables: tuple[tuple[str, str], ...]
+    where: tuple[str, ...] = ()
+    map_id: str | None = None
+    key: str | None = None
+
+
+@dataclass(frozen=True)
+class TripleMap:
+    """Rows of a source as triples.
+
+    Attributes
+    ----------
+    property : the IRI; with `name`, its namespace
+    name : the SQL of the property's local name, before it is encoded; "" for a whole IRI
+    nullable : the object may be null, which is no triple
+    shared : statements may have this property, too
+    """
+
+    property: str
+    source: Source
+    subject: Column
+    object: Column
+    name: str | None = None
+    nullable: bool = False
+    shared: bool = False
+
+
+@dataclass(frozen=True)
+class Computed:
+    """A relation between entities that SQL functions decide when it is asked for.
+
+    Attributes
+    ----------
+    property : the IRI
+    decide : SQL of the condition for {a} and {b}, ids of entities
+    members, converse : SQL of all {a} for one {b}, and of all {b} for one {a}, where an index has
+        them
+    """
+
+    property: str
+    decide: str
+    members: str | None = None
+    converse: str | None = None
+
+
+ENTITY = Source((("a", "entity"),), map_id="{a}.map_id", key="{a}.id")
+TYPED = Source((("a", "object_type"),), map_id="{a}.map_id")
+WORLD = Source((("a", "world"),), map_id="{a}.map_id", key="{a}.entity_id")
+SHAPED = Source(
+    (("a", "world"),), ("{a}.footprint IS NOT NULL",), map_id="{a}.map_id", key="{a}.entity_id"
+)
+PLACEMENT = Source((("a", "placement"),), key="{a}.entity_id")
+CONNECTOR = Source((("a", "connector"),), key="{a}.entity_id")
+ROOM = Source((("a", "room"),), key="{a}.entity_id")
+STOREY = Source((("a", "storey"),), key="{a}.entity_id")
+REGION = Source((("a", "region"),), key="{a}.entity_id")
+LINK = Source((("a", "link"),))
+CLASS = Source((("a", "semantic_type"),), key="{a}.name")
+BELIEF = Source(
+    (("a", "belief"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id"
+)
+OBSERVATION = Source(
+    (("a", "observation"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id"
+)
+FORMER = Source(
+    (("a", "placement_history"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id"
+)
+MODEL = Source(
+    (("a", "model"),),
+    key="{a}.id",
+)
+
+_ID = Column("entity", "{a}.id")
+_OF = Column("entity", "{a}.entity_id")
+_TYPE = Column("type", "{a}.name")
+_FORMER = Column(
+    "former",
+    "({a}.entity_id || '.' || (extract(epoch FROM lower({a}.during)) * 1000000)::bigint)",
+)
+_CENTROID = (
+    "ST_MakePoint((ST_XMin({a}.box) + ST_XMax({a}.box)) / 2, "
+    "(ST_YMin({a}.box) + ST_YMax({a}.box)) / 2, (ST_ZMin({a}.box) + ST_ZMax({a}.box)) / 2)"
+)
+_BOX = "prism_tin(ST_Envelope({a}.box), ST_ZMin({a}.box), ST_ZMax({a}.box))"
+
+
+def _const(iri: str) -> Column:
+    return Column("iri", f"'{iri}'::text")
+
+
+def _columns(
+    source: Source, subject: Column, *columns: tuple[str, Form, str]
+) -> Iterator[TripleMap]:
+    """Yield a triple map for each property, form and column of a source."""
+    for name, form, sql in columns:
+        yield TripleMap(f"{SEMMAP}{name}", source, subject, Column(form, sql), nullable=True)
+
+
+def _typed_as(iri: str, *types: str) -> Iterator[TripleMap]:
+    """Yield triple maps that give the entities of a type a class of another vocabulary."""
+    for type_ in types:
+        source = Source((("a", "object_type"),), (f"{{a}}.type = '{type_}'",), "{a}.map_id")
+        yield TripleMap(f"{RDF}type", source, _ID, _const(iri))
+
+
+def _geometries() -> Iterator[TripleMap]:
+    """Yield the geometries of features, and what GeoSPARQL has of each (1.1, sections 8 and 10)."""
+    for form, source, geometry, roles in (
+        ("footprint", SHAPED, "{a}.footprint", ("hasGeometry", "hasDefaultGeometry")),
+        ("box", SHAPED, _BOX, ("hasBoundingBox",)),
+        ("centroid", WORLD, _CENTROID, ("hasCentroid",)),
+    ):
+        node = Column(form, "{a}.entity_id")
+        for role in roles:
+            yield TripleMap(f"{GEO}{role}", source, _OF, node)
+        yield TripleMap(f"{RDF}type", source, node, _const(f"{GEO}Geometry"))
+        for name, kind, sql in (
+            ("asWKT", "geometry", geometry),
+            ("asGML", "gml", f"ST_AsGML(3, {geometry})"),
+            ("asGeoJSON", "geojson", f"ST_AsGeoJSON({geometry})"),
+            ("dimension", "integer", f"ST_Dimension({geometry})"),
+            ("coordinateDimension", "integer", f"ST_CoordDim({geometry})::int"),
+            ("spatialDimension", "integer", f"ST_CoordDim({geometry})::int"),
+            ("isEmpty", "boolean", f"ST_IsEmpty({geometry})"),
+        ):
+            yield TripleMap(f"{GEO}{name}", source, node, Column(kind, sql))
+
+
+def _statements() -> Iterator[TripleMap]:
+    """Yield the statements that no other table has a column for."""
+    table = (("a", "statement"),)
+    for of, subject in (
+        ("{a}.subject_id IS NOT NULL", Column("entity", "{a}.subject_id")),
+        ("{a}.subject IS NOT NULL", Column("iri", "{a}.subject")),
+    ):
+        for to, object_ in (
+            ("{a}.object_id IS NOT NULL", Column("entity", "{a}.object_id")),
+            ("{a}.object IS NOT NULL", Column("term", "{a}.object", "{a}.tag")),
+        ):
+            alive = "({a}.until IS NULL OR {a}.until > statement_timestamp())"
+            source = Source(table, (of, to, alive), "{a}.map_id")
+            yield TripleMap("", source, subject, object_, name="{a}.predicate")
+
+
+STATEMENTS: tuple[TripleMap, ...] = tuple(_statements())
+"""The table `statement`, by the forms of subject and object."""
+
+TRIPLES: tuple[TripleMap, ...] = (
+    # Entities: types with all that subsume them (section 3.5 of Deeken et al.), names, properties
+    TripleMap(f"{RDF}type", TYPED, _ID, Column("type", "{a}.type"), shared=True),
+    TripleMap(f"{RDF}type", ENTITY, _ID, _const(f"{GEO}Feature")),
+    *_typed_as(f"{BOT}Storey", "storey"),
+    *_typed_as(f"{BOT}Space", "room"),
+    *_typed_as(f"{BOT}Zone", "room", "storey"),
+    *_typed_as(f"{BOT}Element", "object"),
+    *_typed_as(f"{BOT}Interface", "connector"),
+    *_typed_as(f"{CORA}Robot", "robot"),
+    *_typed_as(f"{ORO}Agent", "agent"),
+    *_typed_as(f"{ORO}Artifact", "object"),
+    TripleMap(f"{SEMMAP}directType", ENTITY, _ID, Column("type", "{a}.type"), nullable=True),
+    *_columns(
+        ENTITY,
+        _ID,
+        ("name", "string", "{a}.name"),
+        ("kind", "string", "{a}.kind"),
+        ("front", "double", "{a}.front"),
+        ("since", "time", "{a}.since"),
+        ("source", "string", "{a}.source"),
+    ),
+    TripleMap(
+        f"{RDFS}label", ENTITY, _ID, Column("string", "{a}.label"), nullable=True, shared=True
+    ),
+    TripleMap(
+        PROPERTY,
+        Source((("a", "entity"), ("b", "jsonb_each({a}.properties)")), map_id="{a}.map_id"),
+        _ID,
+        Column("term", "json_text({b}.value)", "json_tag({b}.value)"),
+        name="{b}.key",
+    ),
+    # Links and inventories
+    TripleMap(
+        RELATION,
+        LINK,
+        Column("entity", "{a}.from_id"),
+        Column("entity", "{a}.to_id"),
+        name="{a}.relation",
+    ),
+    *_columns(
+        PLACEMENT,
+        _OF,
+        ("heldBy", "entity", "{a}.holder_id"),
+        ("confidence", "double", "{a}.confidence"),
+        ("placedSince", "time", "{a}.since"),
+    ),
+    TripleMap(
+        f"{SEMMAP}holds",
+        Source((("a", "placement"),), ("{a}.holder_id IS NOT NULL",)),
+        Column("entity", "{a}.holder_id"),
+        _OF,
+    ),
+    *(
+        TripleMap(
+            iri,
+            Source((("a", "placement"),), (f"{{a}}.relation = '{relation}'",)),
+            _OF,
+            Column("entity", "{a}.holder_id"),
+            nullable=True,
+        )
+        for relation, iri in (
+            ("on", f"{SEMMAP}placedOn"),
+            ("on", f"{ORO}isOn"),
+            ("in", f"{SEMMAP}placedIn"),
+            ("in", f"{ORO}isIn"),
+        )
+    ),
+    TripleMap(
+        f"{BOT}containsElement",
+        Source((("a", "placement"), ("b", "room")), ("{b}.entity_id = {a}.holder_id",)),
+        Column("entity", "{a}.holder_id"),
+        _OF,
+    ),
+    TripleMap(
+        f"{BOT}hasSpace",
+        Source(
+            (("a", "room"), ("b", "world")),
+            ("{b}.entity_id = {a}.entity_id", "{b}.storey_id IS NOT NULL"),
+            "{b}.map_id",
+        ),
+        Column("entity", "{b}.storey_id"),
+        _OF,
+    ),
+    # Where they are: metres and radians in the map's frame
+    *_columns(
+        WORLD,
+        _OF,
+        ("x", "double", "{a}.pose[1]"),
+        ("y", "double", "{a}.pose[2]"),
+        ("z", "double", "{a}.pose[3]"),
+        ("yaw", "double", "pose_yaw({a}.pose)"),
+        ("lowest", "double", "ST_ZMin({a}.box)"),
+        ("highest", "double", "ST_ZMax({a}.box)"),
+        ("onStorey", "entity", "{a}.storey_id"),
+    ),
+    *_geometries(),
+    # The building
+    *_columns(
+        ROOM,
+        _OF,
+        ("floor", "double", "{a}.floor"),
+        ("ceiling", "double", "{a}.ceiling"),
+        ("cabinOf", "entity", "{a}.elevator_id"),
+    ),
+    *_columns(
+        STOREY,
+        _OF,
+        ("elevation", "double", "{a}.elevation"),
+        ("clearHeight", "double", "{a}.height"),
+    ),
+    *_columns(
+        CONNECTOR,
+        _OF,
+        ("connectsFrom", "entity", "{a}.place_a"),
+        ("connectsTo", "entity", "{a}.place_b"),
+        ("connects", "entity", "{a}.place_a"),
+        ("form", "string", "{a}.form"),
+        ("state", "string", "{a}.state"),
+        ("direction", "string", "{a}.direction"),
+        ("behaviour", "string", "{a}.behaviour"),
+        ("passageWidth", "double", "{a}.width"),
+        ("passageHeight", "double", "{a}.height"),
+    ),
+    TripleMap(
+        f"{SEMMAP}connects",
+        Source((("a", "connector"),), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
+        _OF,
+        Column("entity", "{a}.place_b"),
+    ),
+    TripleMap(f"{BOT}interfaceOf", CONNECTOR, _OF, Column("entity", "{a}.place_a")),
+    TripleMap(
+        f"{BOT}interfaceOf",
+        Source((("a", "connector"),), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
+        _OF,
+        Column("entity", "{a}.place_b"),
+    ),
+    *_columns(REGION, _OF, ("partOf", "entity", "{a}.of_id"), ("origin", "string", "{a}.origin")),
+    TripleMap(
+        f"{SEMMAP}hasModel",
+        Source(
+            (("a", "entity_model"), ("b", "entity")),
+            (
+                "{b}.id = {a}.entity_id",
+                "({a}.role = 'visual' OR NOT EXISTS (SELECT FROM entity_model v WHERE v.role = "
+                "'visual' AND v.entity_id = {a}.entity_id AND v.model_id = {a}.model_id))",
+            ),
+            "{b}.map_id",
+        ),
+        _OF,
+        Column("model", "{a}.model_id"),
+    ),
+    *_columns(
+        MODEL,
+        Column("model", "{a}.id"),
+        ("modelKind", "string", "{a}.kind"),
+        ("uri", "string", "{a}.uri"),
+        ("triangles", "integer", "{a}.triangles"),
+    ),
+    # Beliefs, observations, and where entities were
+    TripleMap(f"{SEMMAP}hasBelief", BELIEF, _OF, Column("belief", "{a}.id")),
+    *_columns(
+        BELIEF,
+        Column("belief", "{a}.id"),
+        ("place", "entity", "{a}.place_id"),
+        ("probability", "double", "{a}.probability"),
+        ("prior", "double", "{a}.prior"),
+        ("at", "time", "{a}.at"),
+    ),
+    TripleMap(f"{SEMMAP}hasObservation", OBSERVATION, _OF, Column("observation", "{a}.id")),
+    *_columns(
+        OBSERVATION,
+        Column("observation", "{a}.id"),
+        ("place", "entity", "{a}.place_id"),
+        ("seen", "boolean", "{a}.seen"),
+        ("at", "time", "{a}.at"),
+        ("observer", "entity", "{a}.observer_id"),
+    ),
+    TripleMap(f"{SEMMAP}hasFormerPlacement", FORMER, _OF, _FORMER),
+    TripleMap(
+        f"{SEMMAP}heldBy",
+        Source(
+            (("a", "placement_history"), ("b", "entity"), ("c", "entity")),
+            ("{b}.id = {a}.entity_id", "{c}.id = {a}.holder_id"),
+            "{b}.map_id",
+        ),
+        _FORMER,
+        Column("entity", "{a}.holder_id"),
+    ),
+    *_columns(
+        FORMER,
+        _FORMER,
+        ("from", "time", "lower({a}.during)"),
+        ("until", "time", "upper({a}.during)"),
+        ("reason", "string", "{a}.reason"),
+    ),
+    # The T-Box
+    TripleMap(f"{RDF}type", CLASS, _TYPE, _const(f"{OWL}Class")),
+    TripleMap(
+        f"{RDFS}subClassOf",
+        Source((("a", "type_parent"),)),
+        Column("type", "{a}.type"),
+        Column("type", "{a}.parent"),
+        shared=True,
+    ),
+    TripleMap(f"{RDFS}label", CLASS, _TYPE, Column("string", "{a}.label"), nullable=True),
+    TripleMap(
+        f"{RDFS}comment", CLASS, _TYPE, Column("string", "{a}.comment"), nullable=True, shared=True
+    ),
+    TripleMap(
+        f"{SEMMAP}foundIn",
+        Source((("a", "semantic_type"), ("b", "unnest({a}.found_in) AS {b}(place)"))),
+        _TYPE,
+        Column("type", "{b}.place"),
+    ),
+)
+"""The facts of the graph, besides `STATEMENTS`."""
+
+_SF = {  # GeoSPARQL 1.1, section 9; what PostGIS has a function of
+    "sfEquals": "ST_Equals({a}, {b})",
+    "sfDisjoint": "ST_Disjoint({a}, {b})",
+    "sfIntersects": "ST_Intersects({a}, {b})",
+    "sfTouches": "ST_Touches({a}, {b})",
+    "sfCrosses": "ST_Crosses({a}, {b})",
+    "sfWithin": "ST_Within({a}, {b})",
+    "sfContains": "ST_Contains({a}, {b})",
+    "sfOverlaps": "ST_Overlaps({a}, {b})",
+}
+_EH = {  # DE-9IM patterns of tables 5 and 6, with the condition that the index answers
+    "ehEquals": ("{a} && {b}", "TFFFTFFFT"),
+    "ehDisjoint": ("", "FF*FF****"),
+    "ehMeet": ("{a} && {b}", "FT*******", "F**T*****", "F***T****"),
+    "ehOverlap": ("{a} && {b}", "T*T***T**"),
+    "ehCovers": ("{a} ~ {b}", "T*TFT*FF*"),
+    "ehCoveredBy": ("{a} @ {b}", "TFF*TFT**"),
+    "ehInside": ("{a} @ {b}", "TFF*FFT**"),
+    "ehContains": ("{a} ~ {b}", "T*TFF*FF*"),
+    "rcc8eq": ("{a} && {b}", "TFFFTFFFT"),
+    "rcc8dc": ("", "FFTFFTTTT"),
+    "rcc8ec": ("{a} && {b}", "FFTFTTTTT"),
+    "rcc8po": ("{a} && {b}", "TTTTTTTTT"),
+    "rcc8tppi": ("{a} ~ {b}", "TTTFTTFFT"),
+    "rcc8tpp": ("{a} @ {b}", "TFFTTFTTT"),
+    "rcc8ntpp": ("{a} @ {b}", "TFFTFFTTT"),
+    "rcc8ntppi": ("{a} ~ {b}", "TTTFFTFFT"),
+}
+
+
+def _by_pattern(index: str, *patterns: str) -> str:
+    matches = " OR ".join(f"ST_Relate({{a}}, {{b}}, '{pattern}')" for pattern in patterns)
+    return f"{index} AND ({matches})" if index else f"({matches})"
+
+
+TOPOLOGICAL: dict[str, str] = _SF | {name: _by_pattern(*rule) for name, rule in _EH.items()}
+"""The topological relations of GeoSPARQL: SQL conditions of two geometries."""
+
+
+def _rewritten() -> Iterator[TripleMap]:
+    """Yield the topological relations of features and geometries (GeoSPARQL 1.1, section 12)."""
+    for name, condition in TOPOLOGICAL.items():
+        source = Source(
+            (("a", "world"), ("b", "world")),
+            (
+                "{a}.footprint IS NOT NULL",
+                "{b}.footprint IS NOT NULL",
+                "{b}.map_id = {a}.map_id",
+                condition.replace("{a}", "{a}.footprint").replace("{b}", "{b}.footprint"),
+            ),
+            "{a}.map_id",
+        )
+        for form in ("entity", "footprint"):
+            for to in ("entity", "footprint"):
+                yield TripleMap(
+                    f"{GEO}{name}",
+                    source,
+                    Column(form, "{a}.entity_id"),
+                    Column(to, "{b}.entity_id"),
+                )
+
+
+REWRITTEN: tuple[TripleMap, ...] = tuple(_rewritten())
+"""Relations that follow from geometry: answered where a query names them, not written as facts."""
+
+
+def _between(name: str, relation: str, listed: str | None, converse: str | None) -> Computed:
+    return Computed(
+        f"{SEMMAP}{name}",
+        f"is_{relation}({{a}}, {{b}})",
+        listed and f"{listed}({{b}}, 0.01)",
+        converse and f"{converse}({{a}}, 0.01)",
+    )
+
+
+COMPUTED: tuple[Computed, ...] = (
+    _between("in", "in", "things_in", "containers_of"),
+    _between("on", "on", "things_on", "supports_of"),
+    _between("above", "above", "things_above", "things_under"),
+    _between("under", "under", "things_under", "things_above"),
+    _between("touching", "touching", "things_touching", "things_touching"),
+    Computed(f"{SEMMAP}near", "is_near({a}, {b}, 1)", "things_near({b}, 1)", "things_near({a}, 1)"),
+    *(
+        Computed(f"{SEMMAP}{name}", f"is_{function}({{a}}, {{b}}, 'object')")
+        for name, function in (
+            ("leftOf", "left_of"),
+            ("rightOf", "right_of"),
+            ("inFrontOf", "in_front_of"),
+            ("behind", "behind"),
+        )
+    ),
+    Computed(f"{SEMMAP}reachableFrom", "is_reachable({b}, {a})"),
+)
+"""Relations of surfaces (`semmap.query.relations`): near is 1 m at most, sides are the object's."""
+
+_MAPPED = frozenset(t.property for t in TRIPLES if t.name is None and not t.shared)
+_NAMED = frozenset(t.property for t in REWRITTEN) | {c.property for c in COMPUTED}
+
+
+def is_mapped(iri: str) -> bool:
+    """Return whether a property has columns of its own, so that no statement may have it.
+
+    Examples
+    --------
+    >>> is_mapped("urn:semmap:ontology#heldBy"), is_mapped("http://example.org/likes")
+    (True, False)
+    """
+    shared = any(t.property == iri for t in TRIPLES if t.shared)
+    spaces = iri.startswith((PROPERTY, RELATION))
+    return not shared and (iri in _MAPPED or iri in _NAMED or spaces)

@@ -1,0 +1,268 @@
+"""Queries of SPARQL 1.1 on a map: one statement of SQL where that is possible."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import psycopg
+import rdflib
+from rdflib.plugins.sparql import prepareQuery
+from rdflib.plugins.sparql.evaluate import evalQuery
+
+from semmap.knowledge.expressions import UntranslatedError
+from semmap.knowledge.map_store import MapStore
+from semmap.knowledge.map_view import MapView, Row, Session, Term
+from semmap.knowledge.vocabulary import prefixes
+from semmap.knowledge.whole_graph import without_warnings
+from semmap.language.parser import ParsedText, parse_sparql
+from semmap.limits import QUERY_ROWS, QUERY_SECONDS
+
+__all__ = ["Answer", "KnowledgeError", "errors_of", "filled", "limited", "plain", "query"]
+
+_PLANNING = "SET LOCAL join_collapse_limit = 11; SET LOCAL from_collapse_limit = 11"
+"""More tables than by default are joined in the best order, up to where that takes long."""
+
+
+class KnowledgeError(ValueError):
+    """A query or update that was stopped: it took too long, or has too many rows."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer of a query.
+
+    Attributes
+    ----------
+    form : "SELECT", "ASK", "CONSTRUCT" or "DESCRIBE"
+    names : the variables of a SELECT
+    rows : the solutions of a SELECT; None where a variable is unbound
+    truth : the answer of an ASK
+    graph : the triples of a CONSTRUCT or DESCRIBE
+    explanation : how it was evaluated: SQL, or what rdflib evaluated and why
+    """
+
+    form: str
+    names: tuple[str, ...] = ()
+    rows: tuple[Row, ...] = ()
+    truth: bool | None = None
+    graph: rdflib.Graph | None = None
+    explanation: tuple[str, ...] = ()
+
+
+def query(
+    session: Session,
+    text: str,
+    *,
+    seconds: float | None = None,
+    rows: int | None = None,
+) -> Answer:
+    """Answer a query on the map that a session sees.
+
+    Parameters
+    ----------
+    session : psycopg's connection, as `SemanticMap.session_of_map` gives it
+    text : SPARQL 1.1 or the notation of reMap; `semmap.knowledge.vocabulary.PREFIXES` need not be
+        declared, and the empty prefix is that of the map's entities
+    seconds, rows : limits; by default those of `semmap.limits`
+
+    Raises
+    ------
+    QueryError
+        The text is wrong; with line and column.
+    KnowledgeError
+        A limit is exceeded; the session can be used again.
+    LookupError
+        No map is chosen.
+
+    Examples
+    --------
+    >>> import semmap
+    >>> with semmap.connect() as database:  # doctest: +SKIP
+    ...     session = database.map("hotel").session_of_map()
+    ...     query(session, "SELECT ?room { ?room a semmap:Kitchen }").rows
+    """
+    with limited(session, seconds) as deadline:
+        view = MapView.of(session)
+        view.deadline = deadline
+        parsed = parse_sparql(text, "query", tuple(prefixes(view.name).items()))
+        most = int(QUERY_ROWS.value if rows is None else rows)
+        with errors_of(parsed):
+            try:
+                answer = _answer(view, parsed, most)
+            except UntranslatedError as error:
+                view.statements.clear()
+                answer = _by_rdflib(view, parsed, error, most)
+    return answer
+
+
+def _answer(view: MapView, parsed: ParsedText, most: int) -> Answer:
+    form, tree = parsed.form, parsed.algebra
+    names = [str(name) for name in parsed.names]
+    if form == "SelectQuery":
+        found = _rows(view, tree.p, names, most)
+        return Answer("SELECT", tuple(names), tuple(found), explanation=tuple(view.statements))
+    if form == "AskQuery":
+        found = _rows(view, tree.p, [], most, first=True)
+        return Answer("ASK", truth=bool(found), explanation=tuple(view.statements))
+    graph = rdflib.Graph()
+    _bind_prefixes(graph, view)
+    if form == "ConstructQuery":
+        for triple in _constructed(view, tree, most):
+            graph.add(triple)
+        return Answer("CONSTRUCT", graph=graph, explanation=tuple(view.statements))
+    for resource in _described(view, tree, most):
+        for triple in view.triples((resource, None, None)):
+            graph.add(triple)
+    return Answer("DESCRIBE", graph=graph, explanation=tuple(view.statements))
+
+
+def _rows(
+    view: MapView, tree: Any, names: list[str], most: int, *, first: bool = False
+) -> list[Row]:
+    found = view.run(view.statement(tree, names, 1 if first else most + 1))
+    if len(found) > most:
+        raise KnowledgeError(
+            f"the answer has more than {most:,} rows: add LIMIT, or raise {QUERY_ROWS.variable}"
+        )
+    return found
+
+
+def _constructed(view: MapView, tree: Any, most: int) -> Iterator[Any]:
+    template = tree.template if tree.template is not None else _own_template(tree)
+    names = sorted(
+        {str(t) for triple in template for t in triple if isinstance(t, rdflib.Variable)}
+    )
+    for row in _rows(view, tree.p, names, most):
+        yield from filled(template, dict(zip(names, row, strict=True)))
+
+
+def _own_template(tree: Any) -> list[Any]:
+    """Return the template of CONSTRUCT WHERE: the pattern."""
+    found = []
+    parts = [tree.p]
+    while parts:
+        part = parts.pop()
+        if getattr(part, "name", "") == "BGP":
+            found += part.triples
+        elif isinstance(part, dict):
+            parts += [p for p in part.values() if isinstance(p, dict)]
+    return found
+
+
+def filled(template: Iterable[Any], solution: dict[str, Term | None]) -> Iterator[Any]:
+    """Yield the triples of a template for a solution; those that are no triples are left out."""
+    blank: dict[str, rdflib.BNode] = {}
+
+    def term(part: Any) -> Any:
+        if isinstance(part, rdflib.Variable):
+            return solution.get(str(part))
+        if isinstance(part, rdflib.BNode):
+            return blank.setdefault(str(part), rdflib.BNode())
+        return plain(part)
+
+    for triple in template:
+        terms = tuple(term(part) for part in triple)
+        subject, verb, object_ = terms
+        if (
+            isinstance(subject, (rdflib.URIRef, rdflib.BNode))
+            and isinstance(verb, rdflib.URIRef)
+            and object_ is not None
+        ):
+            yield terms
+
+
+def plain(term: Any) -> Any:
+    """Return a term of rdflib's own classes: terms of a text are not equal to these."""
+    if isinstance(term, rdflib.Literal):
+        return rdflib.Literal(str(term), datatype=term.datatype, lang=term.language)
+    if isinstance(term, rdflib.URIRef):
+        return rdflib.URIRef(str(term))
+    return rdflib.BNode(str(term))
+
+
+def _described(view: MapView, tree: Any, most: int) -> list[Term]:
+    found: dict[Term, None] = {}
+    for term in tree.PV:
+        if not isinstance(term, rdflib.Variable):
+            found[plain(term)] = None
+    names = [str(term) for term in tree.PV if isinstance(term, rdflib.Variable)]
+    if names:
+        for row in _rows(view, tree.p, names, most):
+            found |= dict.fromkeys(t for t in row if isinstance(t, rdflib.URIRef))
+    return list(found)
+
+
+def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most: int) -> Answer:
+    """Let rdflib evaluate what has no translation; it reads each triple pattern by SQL."""
+    prepared = prepareQuery(parsed.text.sparql, initNs=prefixes(view.name))
+    dataset = rdflib.Dataset(store=MapStore(view))
+    with without_warnings():
+        found = evalQuery(dataset, prepared, {})
+        bindings = list(islice(found.get("bindings") or (), most + 1))
+    reason = f"evaluated by rdflib, because {error.reason}; it read these patterns:"
+    forms = {"SelectQuery": "SELECT", "AskQuery": "ASK", "ConstructQuery": "CONSTRUCT"}
+    form = forms.get(parsed.form, "DESCRIBE")
+    names = tuple(str(name) for name in found.get("vars_") or ())
+    rows = []
+    for binding in bindings:
+        rows.append(tuple(binding.get(rdflib.Variable(n)) for n in names))
+        if len(rows) > most:
+            raise KnowledgeError(
+                f"the answer has more than {most:,} rows: add LIMIT, or raise {QUERY_ROWS.variable}"
+            )
+    return Answer(
+        form,
+        names,
+        tuple(rows),
+        found.get("askAnswer"),
+        found.get("graph"),
+        (reason, *view.statements),
+    )
+
+
+def _bind_prefixes(graph: rdflib.Graph, view: MapView) -> None:
+    for prefix, space in prefixes(view.name).items():
+        graph.bind(prefix, space, replace=True)
+
+
+@contextmanager
+def limited(session: Session, seconds: float | None) -> Iterator[float]:
+    """Run statements in a transaction that the server stops after some seconds; yield the end."""
+    most = float(QUERY_SECONDS.value if seconds is None else seconds)
+    try:
+        with session.transaction():
+            session.execute(_PLANNING)
+            session.execute(
+                "SELECT set_config('statement_timeout', %s, true)", (f"{max(1, int(1e3 * most))}",)
+            )
+            yield time.monotonic() + most
+            session.execute("SELECT set_config('statement_timeout', '0', true)")
+    except psycopg.errors.QueryCanceled as error:
+        raise KnowledgeError(
+            f"it took more than {most:g} s and was stopped: make it more selective, or raise "
+            f"{QUERY_SECONDS.variable}"
+        ) from error
+
+
+@contextmanager
+def errors_of(parsed: ParsedText) -> Iterator[None]:
+    """Report errors that only the server finds as those of a text."""
+    try:
+        yield
+    except psycopg.errors.InvalidRegularExpression as error:
+        raise parsed.error(f"this has an invalid regular expression: {_first(error)}", 0) from error
+    except psycopg.DataError as error:
+        raise parsed.error(f"a value cannot be computed: {_first(error)}", 0) from error
+    except (psycopg.errors.StatementTooComplex, psycopg.errors.ProgramLimitExceeded) as error:
+        raise parsed.error(f"this is too large: {_first(error)}", 0) from error
+    except RecursionError as error:
+        raise parsed.error("this is nested too deeply: use fewer parts", 0) from error
+
+
+def _first(error: psycopg.Error) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

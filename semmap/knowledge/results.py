@@ -1,0 +1,110 @@
+"""Answers as text: SPARQL's result formats, and terms as people read them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from typing import Any
+from xml.sax.saxutils import escape, quoteattr
+
+import rdflib
+
+from semmap.knowledge.queries import Answer
+from semmap.knowledge.vocabulary import short
+
+__all__ = ["RESULT_FORMATS", "shown", "sparql_csv", "sparql_json", "sparql_tsv", "sparql_xml"]
+
+
+def shown(term: Any, known: Mapping[str, str]) -> str | None:
+    """Return a term for a table: an IRI with its prefix, a literal without its datatype."""
+    if term is None:
+        return None
+    if isinstance(term, rdflib.URIRef):
+        return short(str(term), known)
+    return str(term)
+
+
+def sparql_json(answer: Answer) -> str:
+    """Return SPARQL 1.1 Query Results JSON."""
+    if answer.form == "ASK":
+        return json.dumps({"head": {}, "boolean": bool(answer.truth)})
+    bindings = [
+        {n: _json(t) for n, t in zip(answer.names, row, strict=True) if t is not None}
+        for row in answer.rows
+    ]
+    return json.dumps({"head": {"vars": list(answer.names)}, "results": {"bindings": bindings}})
+
+
+def _json(term: Any) -> dict[str, str]:
+    kind, attributes = _kind(term)
+    return {"type": kind, **attributes, "value": str(term)}
+
+
+def _kind(term: Any) -> tuple[str, dict[str, str]]:
+    if isinstance(term, rdflib.URIRef):
+        return "uri", {}
+    if isinstance(term, rdflib.BNode):
+        return "bnode", {}
+    if term.language:
+        return "literal", {"xml:lang": term.language}
+    if term.datatype and term.datatype != rdflib.XSD.string:
+        return "literal", {"datatype": str(term.datatype)}
+    return "literal", {}
+
+
+def sparql_xml(answer: Answer) -> str:
+    """Return SPARQL Query Results XML."""
+    head = "".join(f"<variable name={quoteattr(n)}/>" for n in answer.names)
+    if answer.form == "ASK":
+        body = f"<boolean>{'true' if answer.truth else 'false'}</boolean>"
+    else:
+        results = []
+        for row in answer.rows:
+            cells = []
+            for name, term in zip(answer.names, row, strict=True):
+                if term is not None:
+                    kind, attributes = _kind(term)
+                    marks = "".join(f" {k}={quoteattr(v)}" for k, v in attributes.items())
+                    text = escape("".join(c if _in_xml(c) else "�" for c in str(term)))
+                    cells.append(
+                        f"<binding name={quoteattr(name)}><{kind}{marks}>{text}</{kind}></binding>"
+                    )
+            results.append(f"<result>{''.join(cells)}</result>")
+        body = f"<results>{''.join(results)}</results>"
+    return (
+        '<?xml version="1.0"?><sparql xmlns="http://www.w3.org/2005/sparql-results#">'
+        f"<head>{head}</head>{body}</sparql>"
+    )
+
+
+def _in_xml(letter: str) -> bool:
+    return letter >= " " or letter in "\t\n\r"
+
+
+def sparql_csv(answer: Answer) -> str:
+    """Return SPARQL 1.1 Query Results CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\r\n")
+    writer.writerow(answer.names)
+    writer.writerows(["" if t is None else str(t) for t in row] for row in answer.rows)
+    return text.getvalue()
+
+
+def sparql_tsv(answer: Answer) -> str:
+    """Return SPARQL 1.1 Query Results TSV."""
+    lines = ["\t".join(f"?{name}" for name in answer.names)]
+    for row in answer.rows:
+        lines.append("\t".join("" if t is None else t.n3().replace("\t", "\\t") for t in row))
+    return "\n".join(lines) + "\n"
+
+
+RESULT_FORMATS = {
+    "application/sparql-results+json": sparql_json,
+    "application/json": sparql_json,
+    "application/sparql-results+xml": sparql_xml,
+    "text/csv": sparql_csv,
+    "text/tab-separated-values": sparql_tsv,
+}
+"""Media types of SELECT and ASK, the default first."""

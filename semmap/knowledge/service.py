@@ -1,0 +1,359 @@
+"""A SPARQL 1.1 protocol endpoint: query, update and graph store, over HTTP.
+
+https://www.w3.org/TR/sparql11-protocol/ and https://www.w3.org/TR/sparql11-http-rdf-update/. A
+request without a token is answered by a role that only reads; a token names the role of another.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+import psycopg
+import rdflib
+from psycopg import sql
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route
+
+from semmap.ingest.world import WorldError
+from semmap.knowledge.facts import Fact, FactWriter, RefusedError
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.queries import Answer, KnowledgeError, limited, query
+from semmap.knowledge.rdf_file import parse_facts
+from semmap.knowledge.results import RESULT_FORMATS
+from semmap.knowledge.updates import update
+from semmap.knowledge.vocabulary import prefixes
+from semmap.knowledge.whole_graph import facts, serialized
+from semmap.language.error import QueryError
+
+__all__ = ["Endpoint", "read_tokens"]
+
+Connect = Callable[[], psycopg.Connection[Any]]
+
+GRAPH_FORMATS = {
+    "text/turtle": "turtle",
+    "application/n-triples": "nt",
+    "application/ld+json": "json-ld",
+    "application/trig": "trig",
+    "application/n-quads": "nquads",
+}
+"""Media types of graphs with rdflib's names, the default first."""
+
+MOST_BYTES = 16 * 2**20
+"""The most bytes of a request."""
+
+
+@dataclass
+class _Request:
+    """What a client asks for, whatever the way it was sent."""
+
+    kind: str = ""
+    text: str = ""
+    parameters: dict[str, list[str]] = field(default_factory=dict)
+
+
+class _ProtocolError(Exception):
+    """A request that is wrong, with the status to answer."""
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
+        self.status, self.reason = status, reason
+
+
+class Endpoint:
+    """The endpoint of one map.
+
+    Parameters
+    ----------
+    connect : opens a session that sees the map, with the rights of a reader
+    connect_writer : opens one whose login may take the roles of `tokens`
+    tokens : the database role of each token; without tokens nobody may write
+    seconds, rows : limits of a request
+    """
+
+    def __init__(
+        self,
+        connect: Connect,
+        connect_writer: Connect,
+        tokens: Mapping[str, str] | None = None,
+        *,
+        seconds: float = 60,
+        rows: int = 1_000_000,
+    ) -> None:
+        self._connect = connect
+        self._connect_writer = connect_writer
+        self._tokens = dict(tokens or {})
+        self._seconds = seconds
+        self._rows = rows
+        self.app = Starlette(
+            routes=[
+                Route("/sparql", self._sparql, methods=["GET", "POST"]),
+                Route("/update", self._sparql, methods=["POST"]),
+                Route("/graph", self._graph, methods=["GET", "HEAD", "PUT", "POST", "DELETE"]),
+            ]
+        )
+
+    # Query and update
+
+    async def _sparql(self, request: Request) -> Response:
+        try:
+            asked = await _read(request)
+            role = self._role(request)
+            if {"default-graph-uri", "named-graph-uri"} & asked.parameters.keys() or {
+                "using-graph-uri",
+                "using-named-graph-uri",
+            } & asked.parameters.keys():
+                raise _ProtocolError(400, "a dataset cannot be chosen: use GRAPH")
+            if asked.kind == "update":
+                if role is None:
+                    raise _ProtocolError(401, "an update needs a token: Authorization: Bearer ...")
+                return await run_in_threadpool(self._update, asked.text, role)
+            accept = request.headers.get("accept", "*/*")
+            return await run_in_threadpool(self._query, asked.text, role, accept)
+        except _ProtocolError as error:
+            return _failure(error.status, error.reason)
+
+    def _query(self, text: str, role: str | None, accept: str) -> Response:
+        with self._session(role, write=False) as session, _reported():
+            answer = query(session, text, seconds=self._seconds, rows=self._rows)
+        return _answered(answer, accept)
+
+    def _update(self, text: str, role: str) -> Response:
+        with self._session(role, write=True) as session, _reported():
+            changes = update(session, text, seconds=self._seconds)
+        return Response(
+            json.dumps({"added": changes.added, "removed": changes.removed}),
+            media_type="application/json",
+        )
+
+    # The graph store
+
+    async def _graph(self, request: Request) -> Response:
+        try:
+            named = request.query_params.get("graph")
+            if (named is None) == ("default" not in request.query_params):
+                raise _ProtocolError(400, "name a graph: ?graph=IRI or ?default")
+            role = self._role(request)
+            if request.method in ("GET", "HEAD"):
+                accept = request.headers.get("accept", "*/*")
+                return await run_in_threadpool(self._read_graph, named, role, accept)
+            if role is None:
+                raise _ProtocolError(401, "a change needs a token: Authorization: Bearer ...")
+            if named is None and request.method != "POST":
+                raise _ProtocolError(403, "the default graph is the map: it is not replaced")
+            body = await _body(request)
+            kind = request.headers.get("content-type", "text/turtle").split(";")[0].strip()
+            return await run_in_threadpool(
+                self._write_graph, request.method, named, role, body, kind
+            )
+        except _ProtocolError as error:
+            return _failure(error.status, error.reason)
+
+    def _read_graph(self, named: str | None, role: str | None, accept: str) -> Response:
+        format_ = _chosen(accept, GRAPH_FORMATS)
+        dataset = rdflib.Dataset()
+        with self._limited(role, write=False) as session:
+            for prefix, space in prefixes(MapView.of(session).name).items():
+                dataset.bind(prefix, space, replace=True)
+            for s, p, o, graph in facts(session):
+                if (None if graph is None else str(graph)) == named:
+                    dataset.default_graph.add((s, p, o))
+        if named is not None and not len(dataset.default_graph):
+            return _failure(404, f"there is no graph <{named}>")
+        return Response(serialized(dataset, GRAPH_FORMATS[format_]), media_type=format_)
+
+    def _write_graph(
+        self, method: str, named: str | None, role: str, body: bytes, kind: str
+    ) -> Response:
+        new: list[Fact] = []
+        if method != "DELETE":
+            if kind not in GRAPH_FORMATS:
+                raise _ProtocolError(415, f"{kind} is not one of {', '.join(GRAPH_FORMATS)}")
+            try:
+                parsed = parse_facts(body.decode(), GRAPH_FORMATS[kind], Path("request"))
+            except (WorldError, UnicodeDecodeError) as error:
+                raise _ProtocolError(400, str(error)) from error
+            graph = None if named is None else rdflib.URIRef(named)
+            new = [Fact(f.subject, f.property, f.object, graph) for f in parsed]
+        with self._limited(role, write=True) as session:
+            view = MapView.of(session)
+            gone = 0
+            if method in ("PUT", "DELETE"):
+                gone = session.execute(
+                    "DELETE FROM statement WHERE map_id = %s AND graph = %s",
+                    (view.number, named),
+                ).rowcount
+            FactWriter(view).insert(new)
+        if method == "DELETE" and not gone:
+            return _failure(404, f"there is no graph <{named}>")
+        return Response(status_code=204 if method == "DELETE" or gone else 201)
+
+    # Who asks
+
+    def _role(self, request: Request) -> str | None:
+        """Return the role of a request's token; None without a token."""
+        header = request.headers.get("authorization")
+        if header is None:
+            return None
+        scheme, _, token = header.partition(" ")
+        if scheme.lower() == "bearer":
+            for known, role in self._tokens.items():
+                if hmac.compare_digest(known.encode(), token.strip().encode()):
+                    return role
+        raise _ProtocolError(401, "the token is not known")
+
+    @contextmanager
+    def _session(self, role: str | None, *, write: bool) -> Iterator[psycopg.Connection[Any]]:
+        """Open a session with the rights of a role."""
+        session = self._connect() if role is None else self._connect_writer()
+        try:
+            if role is not None:
+                # Statements are translated: none of them can take another role.
+                session.execute(sql.SQL("SET ROLE {}").format(sql.Identifier(role)))
+            if not write:
+                session.execute("SET default_transaction_read_only = on")
+            session.commit()
+            yield session
+        finally:
+            session.close()
+
+    @contextmanager
+    def _limited(self, role: str | None, *, write: bool) -> Iterator[psycopg.Connection[Any]]:
+        """Open a session for one transaction that ends in time."""
+        with (
+            self._session(role, write=write) as session,
+            _reported(),
+            limited(session, self._seconds),
+        ):
+            yield session
+
+
+def read_tokens(path: Path) -> dict[str, str]:
+    """Return the roles of tokens: a file with a token and a role in each line.
+
+    Raises
+    ------
+    ValueError
+        A line has not these two words, a token is shorter than 16 characters, or others than the
+        owner can read the file.
+    """
+    if path.stat().st_mode & 0o077:
+        raise ValueError(f"{path}: others can read it: chmod 600 {path}")
+    tokens = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) != 2 or len(words[0]) < 16:
+            raise ValueError(
+                f"{path}, line {number}: give a token of at least 16 characters and a role"
+            )
+        tokens[words[0]] = words[1]
+    return tokens
+
+
+async def _body(request: Request) -> bytes:
+    parts, size = [], 0
+    async for part in request.stream():
+        size += len(part)
+        if size > MOST_BYTES:
+            raise _ProtocolError(413, f"the request has more than {MOST_BYTES:,} bytes")
+        parts.append(part)
+    return b"".join(parts)
+
+
+async def _read(request: Request) -> _Request:
+    """Read a request in each of the ways that the protocol has (sections 2.1 and 2.2)."""
+    pairs = list(request.query_params.multi_items())
+    kind = request.headers.get("content-type", "").split(";")[0].strip().lower()
+    asked = _Request()
+    if request.method == "POST":
+        try:
+            body = (await _body(request)).decode()
+        except UnicodeDecodeError as error:
+            raise _ProtocolError(400, f"the request is not UTF-8: {error}") from error
+        if kind == "application/x-www-form-urlencoded":
+            pairs += parse_qsl(body, keep_blank_values=True)
+        elif kind in ("application/sparql-query", "application/sparql-update"):
+            pairs.append((kind.rsplit("-", 1)[1], body))
+        else:
+            raise _ProtocolError(
+                415,
+                "send application/sparql-query, application/sparql-update or "
+                "application/x-www-form-urlencoded",
+            )
+    for name, value in pairs:
+        asked.parameters.setdefault(name, []).append(value)
+    texts = [(n, v) for n in ("query", "update") for v in asked.parameters.get(n, ())]
+    if len(texts) != 1:
+        raise _ProtocolError(400, "give one query, or one update")
+    ((asked.kind, asked.text),) = texts
+    if asked.kind == "update" and request.method != "POST":
+        raise _ProtocolError(405, "send an update by POST")
+    return asked
+
+
+def _chosen(accept: str, known: Mapping[str, Any]) -> str:
+    """Return the media type that a client prefers.
+
+    Raises
+    ------
+    _ProtocolError
+        None of those that it accepts is known.
+    """
+    wanted: list[tuple[float, int, str]] = []
+    for position, part in enumerate(accept.split(",")):
+        name, *options = (piece.strip() for piece in part.split(";"))
+        quality = 1.0
+        for option in options:
+            if option.startswith("q="):
+                try:
+                    quality = float(option[2:])
+                except ValueError:
+                    quality = 0.0
+        if quality > 0:
+            wanted.append((-quality, position, name.lower()))
+    for _, _, name in sorted(wanted):
+        for each in known:
+            if name in (each, "*/*", each.split("/")[0] + "/*"):
+                return each
+    raise _ProtocolError(406, f"the answer is one of {', '.join(known)}")
+
+
+def _answered(answer: Answer, accept: str) -> Response:
+    if answer.graph is not None:
+        kind = _chosen(accept, {k: GRAPH_FORMATS[k] for k in list(GRAPH_FORMATS)[:3]})
+        return Response(serialized(answer.graph, GRAPH_FORMATS[kind]), media_type=kind)
+    kind = _chosen(accept, RESULT_FORMATS)
+    return Response(RESULT_FORMATS[kind](answer), media_type=kind)
+
+
+@contextmanager
+def _reported() -> Iterator[None]:
+    """Report what is wrong with a request as the protocol has it (sections 2.1.6 and 2.2.4)."""
+    try:
+        yield
+    except QueryError as error:
+        raise _ProtocolError(400, str(error)) from error
+    except KnowledgeError as error:
+        raise _ProtocolError(503, str(error)) from error
+    except RefusedError as error:
+        raise _ProtocolError(400, f"{error.fact.shown()}: {error.reason}") from error
+    except (psycopg.errors.InsufficientPrivilege, psycopg.errors.ReadOnlySqlTransaction) as error:
+        raise _ProtocolError(403, str(error).splitlines()[0]) from error
+    except psycopg.IntegrityError as error:
+        raise _ProtocolError(400, error.diag.message_primary or str(error)) from error
+
+
+def _failure(status: int, reason: str) -> Response:
+    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else {}
+    return PlainTextResponse(reason + "\n", status_code=status, headers=headers)

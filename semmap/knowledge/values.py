@@ -1,0 +1,166 @@
+"""Terms as columns of SQL: their IRIs, texts and tags, and when two of them are the same.
+
+SQL is put together from this package's own text, the aliases that it numbers, and parameters:
+whatever a query says reaches the server as the value of a parameter (`Parameters.bind`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from semmap.knowledge.mapping import DATATYPES, NODES, Form
+
+__all__ = [
+    "NUMERIC",
+    "Parameters",
+    "Value",
+    "are_disjoint",
+    "as_term",
+    "is_literal",
+    "is_null",
+    "same",
+    "tag_of",
+    "text_of",
+]
+
+NUMERIC = ("integer", "decimal", "double")
+"""The forms of numbers, each before those that it is promoted to."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A term in SQL.
+
+    Attributes
+    ----------
+    form : see `semmap.knowledge.mapping.Form`
+    sql : its value, key, IRI or text; null where it is not bound
+    tag : of a "term"
+    constant : text and tag of a term that the query has
+    """
+
+    form: Form
+    sql: str
+    tag: str | None = None
+    constant: tuple[str, str] | None = None
+
+    @classmethod
+    def of_columns(cls, form: Form, columns: Iterable[str]) -> Value:
+        """Return a value of a form from the SQL of its columns."""
+        sql, *tag = columns
+        return cls(form, sql, tag[0] if tag else None)
+
+    def columns(self) -> tuple[str, ...]:
+        """Return the SQL of its columns."""
+        return (self.sql,) if self.tag is None else (self.sql, self.tag)
+
+
+@dataclass
+class Parameters:
+    """The parameters of a statement, and the numbers of its aliases.
+
+    Attributes
+    ----------
+    values : by name
+    """
+
+    values: dict[str, Any] = field(default_factory=dict)
+    _aliases: int = 0
+
+    def bind(self, value: Any, type_: str = "text") -> str:
+        """Return the SQL of a parameter with a value."""
+        for name, known in self.values.items():
+            if type(known) is type(value) and known == value:
+                return f"%({name})s::{type_}"
+        name = f"p{len(self.values)}"
+        self.values[name] = value
+        return f"%({name})s::{type_}"
+
+    def alias(self, letter: str = "t") -> str:
+        """Return an alias that no other table has."""
+        self._aliases += 1
+        return f"{letter}{self._aliases}"
+
+
+def is_literal(form: Form) -> bool:
+    """Return whether all terms of a form are literals."""
+    return form in DATATYPES
+
+
+def are_disjoint(a: Form, b: Form) -> bool:
+    """Return whether no term of one form is a term of the other.
+
+    The IRI of an entity is never kept as an "iri": statements keep the entity.
+    """
+    if a == b or "term" in (a, b):
+        return False
+    if is_literal(a) or is_literal(b):
+        return True
+    return "iri" not in (a, b) or "entity" in (a, b)
+
+
+def text_of(value: Value, namespace: str) -> str:
+    """Return the SQL of a term's text: its IRI, or its lexical form.
+
+    Parameters
+    ----------
+    namespace : the SQL of the map's namespace
+    """
+    node = NODES.get(value.form)
+    match value.form:
+        case "term" | "iri" | "string" | "gml" | "geojson":
+            return value.sql
+        case "integer":
+            return f"({value.sql})::text"
+        case "decimal":
+            return f"rdf_decimal(({value.sql})::numeric)"
+        case "double":
+            return f"rdf_double({value.sql})"
+        case "boolean":
+            return f"({value.sql})::text"
+        case "time":
+            return f"rdf_time({value.sql})"
+        case "geometry":
+            return f"ST_AsText({value.sql})"
+        case "type":
+            return f"type_iri({value.sql})"
+    assert node is not None
+    if node.of_map:
+        return (
+            f"(SELECT {namespace} || '{node.prefix}' || iri_encode(n.name) "
+            f"FROM entity n WHERE n.id = {value.sql})"
+        )
+    return f"('{node.prefix}' || {value.sql})"
+
+
+def tag_of(value: Value) -> str:
+    """Return the SQL of a term's tag."""
+    if value.tag is not None:
+        return value.tag
+    return f"'{DATATYPES.get(value.form, 'I')}'::text"
+
+
+def as_term(value: Value, namespace: str) -> Value:
+    """Return a value as a "term": a null stays null."""
+    if value.form == "term":
+        return value
+    return Value("term", text_of(value, namespace), tag_of(value), value.constant)
+
+
+def same(a: Value, b: Value, namespace: str) -> str:
+    """Return the condition that two terms are the same."""
+    if are_disjoint(a.form, b.form):
+        return "false"
+    if a.form == b.form and a.form != "term":
+        if a.form == "geometry":
+            return f"ST_OrderingEquals({a.sql}, {b.sql})"
+        return f"{a.sql} = {b.sql}"
+    texts = f"{text_of(a, namespace)} = {text_of(b, namespace)}"
+    return f"({texts} AND {tag_of(a)} = {tag_of(b)})"
+
+
+def is_null(value: Value) -> str:
+    """Return the condition that a variable is not bound."""
+    return f"{value.sql} IS NULL"

@@ -1,0 +1,114 @@
+"""The namespaces of the map as RDF, and the prefixes that a query need not declare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from urllib.parse import quote, unquote
+
+from semmap.language.terms import PAPER_NAMESPACE
+
+__all__ = [
+    "GEO",
+    "GEOF",
+    "KNOWLEDGE_CORE",
+    "OWL",
+    "PREFIXES",
+    "PROPERTY",
+    "RDF",
+    "RDFS",
+    "RELATION",
+    "SEMMAP",
+    "TYPE",
+    "XSD",
+    "decode",
+    "encode",
+    "map_namespace",
+    "prefixes",
+    "short",
+]
+
+SEMMAP = "urn:semmap:ontology#"
+PROPERTY = "urn:semmap:property#"
+"""The properties that entities have as JSON: a property each."""
+RELATION = "urn:semmap:relation#"
+"""The links between entities: a property for each relation."""
+TYPE = "urn:semmap:type#"
+"""The semantic types that no ontology declares."""
+
+RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+RDFS = "http://www.w3.org/2000/01/rdf-schema#"
+OWL = "http://www.w3.org/2002/07/owl#"
+XSD = "http://www.w3.org/2001/XMLSchema#"
+GEO = "http://www.opengis.net/ont/geosparql#"
+GEOF = "http://www.opengis.net/def/function/geosparql/"
+KNOWLEDGE_CORE = ("http://kb.openrobots.org#", PAPER_NAMESPACE)
+"""Namespaces whose local names stand for entities, types and properties of the map, too."""
+
+PREFIXES: Mapping[str, str] = {
+    "semmap": SEMMAP,
+    "prop": PROPERTY,
+    "rel": RELATION,
+    "type": TYPE,
+    "rdf": RDF,
+    "rdfs": RDFS,
+    "owl": OWL,
+    "xsd": XSD,
+    "skos": "http://www.w3.org/2004/02/skos/core#",
+    "foaf": "http://xmlns.com/foaf/0.1/",
+    "geo": GEO,
+    "geof": GEOF,
+    "sf": "http://www.opengis.net/ont/sf#",
+    "uom": "http://www.opengis.net/def/uom/OGC/1.0/",
+    "bot": "https://w3id.org/bot#",
+    "oro": KNOWLEDGE_CORE[0],
+    "cora": "http://purl.org/ieee1872-owl/cora#",
+}
+"""Prefixes that a query need not declare; the empty one is the map's."""
+
+
+def encode(name: str) -> str:
+    """Return a name as a part of an IRI, as the SQL function `iri_encode` does.
+
+    Examples
+    --------
+    >>> encode("cup 1"), decode("cup%201")
+    ('cup%201', 'cup 1')
+    """
+    return quote(name, safe="")
+
+
+def decode(part: str) -> str | None:
+    """Return the name that a part of an IRI encodes; None where it encodes none."""
+    name = unquote(part, errors="replace")
+    return name if encode(name) == part else None
+
+
+def map_namespace(map_name: str) -> str:
+    """Return the namespace of a map's entities.
+
+    Examples
+    --------
+    >>> map_namespace("hotel")
+    'urn:semmap:map:hotel#'
+    """
+    return f"urn:semmap:map:{encode(map_name)}#"
+
+
+def prefixes(map_name: str) -> dict[str, str]:
+    """Return all prefixes of queries on a map; the empty one is that of its entities."""
+    return {**PREFIXES, "": map_namespace(map_name)}
+
+
+def short(iri: str, known: Mapping[str, str]) -> str:
+    """Return an IRI with the longest prefix that fits, or in angle brackets.
+
+    Examples
+    --------
+    >>> short("urn:semmap:ontology#Table", PREFIXES), short("http://a/b", PREFIXES)
+    ('semmap:Table', '<http://a/b>')
+    """
+    fitting = [(len(space), p, space) for p, space in known.items() if iri.startswith(space)]
+    if not fitting:
+        return f"<{iri}>"
+    _, prefix, space = max(fitting)
+    return f"{prefix}:{iri[len(space) :]}"

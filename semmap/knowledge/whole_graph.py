@@ -1,0 +1,134 @@
+"""The whole graph of a map: what the mapping's tables have, row by row."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from typing import Any
+
+import rdflib
+from rdflib.plugins.serializers.trig import TrigSerializer
+from rdflib.plugins.serializers.turtle import TurtleSerializer
+
+from semmap.knowledge.map_view import MapView, Session, term_of
+from semmap.knowledge.mapping import STATEMENTS, TRIPLES, Column, TripleMap
+from semmap.knowledge.values import Value, tag_of, text_of
+from semmap.knowledge.vocabulary import prefixes
+
+__all__ = ["dump", "facts", "serialized", "without_warnings"]
+
+
+def facts(session: Session) -> Iterator[tuple[Any, Any, Any, Any]]:
+    """Yield subject, property, object and graph (None for the default graph) of each fact."""
+    view = MapView.of(session)
+    parameters = {"namespace": view.namespace, "map": view.number}
+    for triple in (*TRIPLES, *STATEMENTS):
+        sql = _select(triple)
+        with session.cursor() as cursor:
+            for row in cursor.execute(sql.encode(), parameters, prepare=False):
+                subject = term_of(row[0], row[1])
+                object_ = term_of(row[3], row[4])
+                if subject is not None and object_ is not None:
+                    yield (
+                        subject,
+                        rdflib.URIRef(row[2]),
+                        object_,
+                        rdflib.URIRef(row[5]) if row[5] else None,
+                    )
+
+
+def dump(session: Session) -> rdflib.Dataset:
+    """Return the graph of the map that a session sees, with its named graphs."""
+    dataset = rdflib.Dataset()
+    for prefix, space in prefixes(MapView.of(session).name).items():
+        dataset.bind(prefix, space, replace=True)
+    for subject, verb, object_, graph in facts(session):
+        target = dataset.default_graph if graph is None else dataset.graph(graph)
+        target.add((subject, verb, object_))
+    return dataset
+
+
+@contextmanager
+def without_warnings() -> Iterator[None]:
+    """Run code of rdflib that uses what rdflib deprecated itself."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        yield
+
+
+def serialized(graph: rdflib.Graph, format_: str) -> str:
+    """Return a graph as text; of a dataset, Turtle and N-Triples have the default graph alone.
+
+    Parameters
+    ----------
+    format_ : rdflib's name of the format
+    """
+    if isinstance(graph, rdflib.Dataset) and format_ not in ("trig", "nquads", "json-ld"):
+        graph = graph.default_graph
+    with without_warnings():
+        exact = _EXACT.get(format_)
+        if exact is None:
+            return str(graph.serialize(format=format_))
+        text = BytesIO()
+        exact(graph).serialize(text, encoding="utf-8")
+        return text.getvalue().decode()
+
+
+class _ExactTurtle(TurtleSerializer):
+    """Writes doubles as they are: rdflib rounds them to seven digits."""
+
+    def label(self, node: Any, position: int) -> str:
+        """Return a term as Turtle."""
+        if isinstance(node, rdflib.Literal) and node.datatype == rdflib.XSD.double:
+            return str(node.n3(self.store.namespace_manager))
+        return str(super().label(node, position))
+
+
+class _ExactTrig(TrigSerializer):
+    """Likewise, with named graphs."""
+
+    def label(self, node: Any, position: int) -> str:
+        """Return a term as Turtle."""
+        if isinstance(node, rdflib.Literal) and node.datatype == rdflib.XSD.double:
+            return str(node.n3(self.store.namespace_manager))
+        return str(super().label(node, position))
+
+
+_EXACT: dict[str, Any] = {"turtle": _ExactTurtle, "trig": _ExactTrig}
+
+
+def _select(triple: TripleMap) -> str:
+    """Return the SELECT of a triple map: texts and tags, and the graph."""
+    letters = {letter: letter for letter, _ in triple.source.tables}
+    subject, object_ = (_value(column, letters) for column in (triple.subject, triple.object))
+    verb = f"'{triple.property}'"
+    if triple.name is not None:
+        local = triple.name.format(**letters)
+        verb = f"{verb} || iri_encode({local})" if triple.property else local
+    graph = "a.graph" if triple in STATEMENTS else "''"
+    columns = (
+        text_of(subject, "%(namespace)s::text"),
+        tag_of(subject),
+        verb,
+        text_of(object_, "%(namespace)s::text"),
+        tag_of(object_),
+        graph,
+    )
+    tables, where = [], [condition.format(**letters) for condition in triple.source.where]
+    for letter, table in triple.source.tables:
+        named = table.format(**letters)
+        tables.append(named if " AS " in named else f"{named} {letter}")
+    if triple.source.map_id is not None:
+        where.append(f"{triple.source.map_id.format(**letters)} = %(map)s")
+    elif triple.subject.form == "entity":
+        tables.append("entity of_map")
+        where.append(f"of_map.id = {subject.sql} AND of_map.map_id = %(map)s")
+    where.append(f"{object_.sql} IS NOT NULL")
+    return f"SELECT {', '.join(columns)} FROM {', '.join(tables)} WHERE {' AND '.join(where)}"
+
+
+def _value(column: Column, letters: dict[str, str]) -> Value:
+    tag = None if column.tag is None else column.tag.format(**letters)
+    return Value(column.form, column.sql.format(**letters), tag)

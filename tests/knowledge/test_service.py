@@ -1,0 +1,208 @@
+"""The endpoint answers as the SPARQL 1.1 protocol has it, with the rights of the token's role."""
+
+from __future__ import annotations
+
+import threading
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import psycopg
+import pytest
+import rdflib
+import uvicorn
+
+from semmap import SemanticMap
+from semmap.database.parameters import SETTINGS
+from semmap.knowledge.service import Endpoint, read_tokens
+from semmap.knowledge.whole_graph import without_warnings
+
+WRITER, READER = "w" * 20, "r" * 20
+QUERY = "SELECT ?n { ?x a semmap:Sofa ; semmap:name ?n }"
+XML = "{http://www.w3.org/2005/sparql-results#}"
+
+
+def connector(loft_map: SemanticMap, role: str | None) -> Callable[[], psycopg.Connection]:
+    """Return a function that opens a session which sees the loft, with the rights of a role."""
+    url = loft_map.database.engine.url
+    _, arguments = loft_map.database.engine.dialect.create_connect_args(url)
+    arguments.pop("context", None)
+    options = " ".join(f"-c {key}={value}" for key, value in SETTINGS.items())
+
+    def connect() -> psycopg.Connection:
+        session = psycopg.connect(**arguments, options=options)
+        session.execute("SELECT set_config('semmap.map', 'loft', false)")
+        if role is not None:
+            session.execute(f"SET ROLE {role}")
+        session.commit()
+        return session
+
+    return connect
+
+
+@contextmanager
+def serving(endpoint: Endpoint) -> Iterator[httpx.Client]:
+    """Serve an endpoint on a free port of this machine."""
+    server = uvicorn.Server(
+        uvicorn.Config(endpoint.app, host="127.0.0.1", port=0, log_level="error", ws="none")
+    )
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        while not server.started:
+            time.sleep(0.01)
+        port = server.servers[0].sockets[0].getsockname()[1]
+        with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as client:
+            yield client
+    finally:
+        server.should_exit = True
+        thread.join()
+
+
+@pytest.fixture(scope="module")
+def client(loft_map: SemanticMap) -> Iterator[httpx.Client]:
+    endpoint = Endpoint(
+        connector(loft_map, "semmap_reader"),
+        connector(loft_map, None),
+        {WRITER: "semmap_robot", READER: "semmap_reader"},
+        seconds=20,
+        rows=1000,
+    )
+    with serving(endpoint) as client:
+        yield client
+
+
+def bearer(token: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {token}"}
+
+
+def test_a_query_is_sent_in_three_ways(client: httpx.Client) -> None:
+    answers = [
+        client.get("/sparql", params={"query": QUERY}),
+        client.post("/sparql", data={"query": QUERY}),
+        client.post("/sparql", content=QUERY, headers={"Content-Type": "application/sparql-query"}),
+    ]
+    for answer in answers:
+        assert answer.status_code == 200, answer.text
+        bindings = answer.json()["results"]["bindings"]
+        assert bindings == [{"n": {"type": "literal", "value": "sofa"}}]
+
+
+@pytest.mark.parametrize(
+    ("accept", "kind"),
+    [
+        ("*/*", "application/sparql-results+json"),
+        ("text/csv;q=0.5, application/sparql-results+xml", "application/sparql-results+xml"),
+        ("text/*", "text/csv"),
+        ("text/tab-separated-values", "text/tab-separated-values"),
+    ],
+)
+def test_the_format_of_the_answer_is_negotiated(
+    client: httpx.Client, accept: str, kind: str
+) -> None:
+    answer = client.get("/sparql", params={"query": QUERY}, headers={"Accept": accept})
+    assert answer.headers["content-type"].split(";")[0] == kind
+    if kind.endswith("xml"):
+        root = ET.fromstring(answer.text)
+        assert [e.text for e in root.iter(f"{XML}literal")] == ["sofa"]
+    else:
+        assert "sofa" in answer.text
+
+
+def test_formats_of_graphs(client: httpx.Client) -> None:
+    text = "CONSTRUCT WHERE { ?x a semmap:Sofa ; semmap:heldBy ?y }"
+    for accept, name in (("text/turtle", "turtle"), ("application/ld+json", "json-ld")):
+        answer = client.get("/sparql", params={"query": text}, headers={"Accept": accept})
+        with without_warnings():
+            assert len(rdflib.Graph().parse(data=answer.text, format=name)) == 2
+    refused = client.get("/sparql", params={"query": text}, headers={"Accept": "image/png"})
+    assert refused.status_code == 406
+
+
+@pytest.mark.parametrize(
+    ("status", "request_"),
+    [
+        (400, {"params": {}}),
+        (400, {"params": {"query": "SELECT ?x {"}}),
+        (400, {"params": {"query": QUERY, "default-graph-uri": "http://a/b"}}),
+        (405, {"params": {"update": "DELETE WHERE { ?s ?p ?o }"}}),
+        (401, {"params": {"query": QUERY}, "headers": bearer("guess")}),
+        (400, {"params": {"query": "SELECT * { SERVICE <http://a/b> { ?s ?p ?o } }"}}),
+        (503, {"params": {"query": "SELECT * { ?a ?b ?c }"}}),
+    ],
+)
+def test_wrong_requests(client: httpx.Client, status: int, request_: dict) -> None:
+    answer = client.get("/sparql", **request_)
+    assert answer.status_code == status
+    assert answer.text.strip()
+
+
+def test_a_query_that_takes_too_long_is_stopped(loft_map: SemanticMap) -> None:
+    connect = connector(loft_map, "semmap_reader")
+    endpoint = Endpoint(connect, connect, seconds=0.2)
+    text = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
+    with serving(endpoint) as client:
+        answer = client.get("/sparql", params={"query": text})
+        assert answer.status_code == 503
+        assert "0.2 s" in answer.text
+        assert client.get("/sparql", params={"query": QUERY}).status_code == 200
+
+
+def test_changes_need_a_token_whose_role_may_make_them(client: httpx.Client) -> None:
+    text = "INSERT DATA { :bob <http://example.org/mood> 'good' }"
+    found = "ASK { :bob <http://example.org/mood> 'good' }"
+    for headers, status in (({}, 401), (bearer(READER), 400), (bearer(WRITER), 200)):
+        answer = client.post("/update", data={"update": text}, headers=headers)
+        assert answer.status_code == status, answer.text
+        truth = client.get("/sparql", params={"query": found}).json()["boolean"]
+        assert truth == (status == 200)
+    # a robot describes objects, but not the building
+    text = "INSERT DATA { :studio prop:colour 'white' }"
+    answer = client.post("/update", data={"update": text}, headers=bearer(WRITER))
+    assert "added" in answer.text
+    assert client.get("/sparql", params={"query": "ASK { :studio prop:colour ?c }"}).json() == {
+        "head": {},
+        "boolean": False,
+    }
+    done = client.post(
+        "/update",
+        data={"update": "DELETE WHERE { :bob <http://example.org/mood> ?m }"},
+        headers=bearer(WRITER),
+    )
+    assert done.json() == {"added": 0, "removed": 1}
+
+
+def test_the_graph_store(client: httpx.Client) -> None:
+    name = {"graph": "http://example.org/notes"}
+    body = "<urn:semmap:map:loft#bob> <http://example.org/saw> <urn:semmap:map:loft#table>, 3 ."
+    headers = {"Content-Type": "text/turtle", **bearer(WRITER)}
+    assert client.get("/graph", params=name).status_code == 404
+    assert client.put("/graph", params=name, content=body).status_code == 401
+    assert client.put("/graph", params=name, content=body, headers=headers).status_code == 201
+    again = client.put("/graph", params=name, content=body, headers=headers)
+    assert again.status_code == 204 or again.status_code == 201
+    written = client.get("/graph", params=name)
+    assert len(rdflib.Graph().parse(data=written.text, format="turtle")) == 2
+    wrong = client.post("/graph", params=name, content="not turtle", headers=headers)
+    assert wrong.status_code == 400
+    assert client.delete("/graph", params=name, headers=headers).status_code == 204
+    assert client.delete("/graph", params=name, headers=headers).status_code == 404
+    whole = client.get("/graph?default=", headers={"Accept": "application/n-triples"})
+    assert "loft#sofa" in whole.text
+    assert client.put("/graph?default=", content=body, headers=headers).status_code == 403
+
+
+def test_a_file_of_tokens(tmp_path: Path) -> None:
+    path = tmp_path / "tokens"
+    path.write_text(f"# robots\n{WRITER} semmap_robot\n")
+    path.chmod(0o600)
+    assert read_tokens(path) == {WRITER: "semmap_robot"}
+    path.write_text("short semmap_robot\n")
+    with pytest.raises(ValueError, match="line 1"):
+        read_tokens(path)
+    path.chmod(0o644)
+    with pytest.raises(ValueError, match="chmod"):
+        read_tokens(path)

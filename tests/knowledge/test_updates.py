@@ -1,0 +1,189 @@
+"""Updates change the tables that hold their facts, all of them or none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import psycopg
+import pytest
+
+from semmap import SemanticMap
+from semmap.ingest.world import WorldError
+from semmap.knowledge import KnowledgeError, dump, query, update
+from semmap.knowledge.rdf_file import parse_facts, store_facts
+from semmap.knowledge.whole_graph import serialized
+from semmap.language.error import QueryError
+
+EX = "PREFIX ex: <http://example.org/> "
+
+
+def value(session: psycopg.Connection, sql: str) -> object:
+    return session.execute(sql).fetchone()[0]
+
+
+def truth(session: psycopg.Connection, pattern: str) -> bool:
+    return query(session, f"{EX} ASK {{ {pattern} }}").truth
+
+
+def test_facts_go_to_the_tables_that_have_columns_for_them(changing: psycopg.Connection) -> None:
+    text = """INSERT DATA {
+        :mug a semmap:Mug ; semmap:placedOn :table ; prop:colour "green" ; rel:beside :sofa ;
+             rdfs:label "the good mug" ; ex:smells "of coffee" }"""
+    assert update(changing, EX + text).added == 6
+    row = changing.execute(
+        "SELECT kind, type, label, properties, (SELECT relation FROM placement "
+        "WHERE entity_id = entity.id), (SELECT count(*) FROM link WHERE from_id = entity.id), "
+        "(SELECT count(*) FROM statement WHERE subject_id = entity.id) "
+        "FROM entity WHERE name = 'mug'"
+    ).fetchone()
+    assert row == ("object", "mug", "the good mug", {"colour": "green"}, "on", 1, 1)
+    assert update(changing, EX + text).added == 0
+    gone = update(changing, "DELETE WHERE { :mug rel:beside ?y ; prop:colour ?c }")
+    assert gone.removed == 2
+    assert not truth(changing, ":mug rel:beside ?y")
+
+
+def test_delete_and_insert_see_the_same_state(changing: psycopg.Connection) -> None:
+    text = "DELETE { ?x prop:colour ?c } INSERT { ?x prop:paint ?c } WHERE { ?x prop:colour ?c }"
+    changes = update(changing, text)
+    assert (changes.added, changes.removed) == (3, 3)
+    assert truth(changing, ':cup%201 prop:paint "blau" FILTER NOT EXISTS { ?y prop:colour ?c }')
+
+
+def test_graphs_are_cleared_copied_and_moved(changing: psycopg.Connection) -> None:
+    update(changing, EX + "COPY ex:archive TO ex:copy ; MOVE :ann_believes TO ex:moved")
+    assert truth(changing, "GRAPH ex:copy { :bob ex:likes 'juice' }")
+    assert truth(changing, "GRAPH ex:moved { :bob ex:likes 'milk' }")
+    assert not truth(changing, "GRAPH :ann_believes { ?s ?p ?o }")
+    assert update(changing, EX + "CLEAR GRAPH ex:copy").removed == 1
+    assert (
+        update(changing, EX + "WITH ex:moved DELETE { ?s ?p ?o } WHERE { ?s ?p ?o }").removed == 2
+    )
+    assert not truth(changing, "GRAPH ex:moved { ?s ?p ?o }")
+
+
+REFUSED = (
+    ("INSERT DATA { :table semmap:x 3.0 }", "follows from"),
+    ("INSERT DATA { :bob ex:new 1 . :table geo:sfContains :sofa }", "follows from"),
+    ("INSERT DATA { ex:nobody a semmap:Person }", "urn:semmap:map:loft#"),
+    ("INSERT DATA { ex:nobody rel:beside :table }", "not an entity"),
+    ("INSERT DATA { :studio semmap:placedIn :studio }", "itself"),
+    ("INSERT DATA { :table a semmap:Kitchen }", "kind"),
+    ('INSERT DATA { :table prop:when "2026-01-01T00:00:00Z"^^xsd:dateTime }', "JSON"),
+    ("LOAD <http://example.org/data>", "not supported"),
+    ("CLEAR ALL", "default graph"),
+    ("INSERT DATA { :a :b }", "SPARQL"),
+)
+
+
+@pytest.mark.parametrize(("text", "reason"), REFUSED)
+def test_an_update_is_refused_as_a_whole(
+    changing: psycopg.Connection, text: str, reason: str
+) -> None:
+    counts = "SELECT (SELECT count(*) FROM statement), (SELECT count(*) FROM entity)"
+    before = changing.execute(counts).fetchone()
+    with pytest.raises(QueryError, match=reason) as caught:
+        update(changing, f"{EX} INSERT DATA {{ :bob ex:first 1 }} ; {text}")
+    assert caught.value.line == 1
+    assert changing.execute(counts).fetchone() == before
+
+
+def test_statements_go_with_their_entity_and_follow_a_new_one(
+    changing: psycopg.Connection,
+) -> None:
+    update(changing, EX + "INSERT DATA { :later ex:size 3 . :bob ex:wants :later }")
+    assert truth(changing, ":bob ex:wants ?x . ?x ex:size 3")
+    update(changing, "INSERT DATA { :later a semmap:Box }")
+    assert truth(changing, ":bob ex:wants ?x . ?x ex:size 3 ; a semmap:Box ; semmap:kind 'object'")
+    changing.execute("DELETE FROM entity WHERE name = 'later'")
+    assert not truth(changing, "?x ex:size 3")
+
+
+def test_a_statement_with_an_end_is_gone_after_it(changing: psycopg.Connection) -> None:
+    update(changing, EX + "INSERT DATA { :bob ex:hungry true }")
+    changing.execute(
+        "UPDATE statement SET until = now() - interval '1 s' WHERE object = 'true' "
+        "AND predicate LIKE '%hungry'"
+    )
+    assert not truth(changing, ":bob ex:hungry ?h")
+
+
+def test_changes_are_in_the_change_feed(changing: psycopg.Connection) -> None:
+    before = value(changing, "SELECT coalesce(max(id), 0) FROM change")
+    update(
+        changing, EX + "INSERT DATA { :bob ex:seen :table } ; DELETE DATA { :bob ex:seen :table }"
+    )
+    rows = changing.execute(
+        "SELECT what, entities FROM change WHERE id > %s ORDER BY id", (before,)
+    ).fetchall()
+    bob = value(changing, "SELECT entity_id('bob')")
+    assert rows == [("statement", [bob]), ("statement", [bob])]
+
+
+@pytest.mark.parametrize("format_", ["turtle", "trig", "json-ld"])
+def test_what_is_written_is_read_again_without_a_change(
+    changing: psycopg.Connection, format_: str
+) -> None:
+    text = serialized(dump(changing), format_)
+    facts = parse_facts(text, format_, Path("loft"))
+    assert len(facts) > 500
+    assert store_facts(changing, facts, Path("loft")) == 0
+
+
+def test_files_of_strangers(changing: psycopg.Connection) -> None:
+    text = "@prefix : <urn:semmap:map:loft#> . :bob <http://example.org/owns> [ :size 3 ] ."
+    assert store_facts(changing, parse_facts(text, "turtle", Path("a.ttl")), Path("a.ttl")) == 2
+    assert truth(changing, ":bob ex:owns ?x . ?x :size 3 FILTER(STRSTARTS(STR(?x), 'urn:semmap:'))")
+    for wrong, format_ in (
+        ("@prefix", "turtle"),
+        ('{"@context": "http://a/b"}', "json-ld"),
+        ("{", "json-ld"),
+    ):
+        with pytest.raises(WorldError):
+            parse_facts(wrong, format_, Path("a"))
+
+
+def test_an_update_that_takes_too_long_changes_nothing(loft_map: SemanticMap) -> None:
+    session = loft_map.session_of_map()
+    text = "INSERT { ?a <http://example.org/all> ?c } WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
+    with pytest.raises(KnowledgeError, match=r"0\.3 s"):
+        update(session, text, seconds=0.3)
+    assert not truth(session, "?x <http://example.org/all> ?y")
+
+
+INJECTIONS = (
+    "'; DROP TABLE entity; --",
+    "%(p0)s %s %%",
+    '\\"}; DELETE FROM entity',
+    "\x27 OR 1=1",
+    "{a}.name {0}",
+    "$$;SELECT 1;$$",
+    "\u2019\u0000".replace("\u0000", ""),
+    "/* */ -- #",
+)
+
+
+@pytest.mark.parametrize("hostile", INJECTIONS)
+def test_hostile_texts_are_values(changing: psycopg.Connection, hostile: str) -> None:
+    from urllib.parse import quote
+
+    literal = '"' + hostile.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    iri = f"<http://example.org/{quote(hostile, safe='')}>"
+    escaped = '"' + "".join(f"\\u{ord(c):04X}" for c in hostile) + '"'
+    count = value(changing, "SELECT count(*) FROM entity")
+    new = f":bob {iri} {literal} ; prop:a%20b {literal} ; <http://example.org/e> {literal}"
+    update(changing, f"INSERT DATA {{ {new} }} # {hostile}")
+    for pattern in (
+        f":bob {iri} {literal}",
+        f":bob prop:a%20b {literal}",
+        f":bob ?p {literal}",
+        f":bob {iri} ?v FILTER(?v = {literal})",
+        f":bob {iri} ?v FILTER(CONTAINS(?v, {literal}))",
+        f"VALUES ?v {{ {literal} }} :bob {iri} ?v",
+        f"GRAPH ?g {{ ?s ?p ?o }} FILTER(?g != {iri})",
+        f":bob {iri} ?v BIND(CONCAT(?v, {literal}) AS ?w) FILTER(STRLEN(?w) = {2 * len(hostile)})",
+    ):
+        assert truth(changing, pattern), pattern
+    if "\\" not in hostile and '"' not in hostile:
+        assert truth(changing, f":bob {iri} {escaped}")
+    assert value(changing, "SELECT count(*) FROM entity") == count
