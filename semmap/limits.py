@@ -148,7 +148,7 @@ LINKS = Limit("links", 500, "links", "a robot")
 
 QUERY_CHARACTERS = Limit("query_characters", 1_000_000, "characters", "a query")
 QUERY_WORDS = Limit("query_words", 2_500, "words", "a query, marks and numbers counted")
-QUERY_ROWS = Limit("query_rows", 2**24, "rows", "solutions of a query, or of a part of one on fields")
+QUERY_ROWS = Limit("query_rows", 2**24, "rows", "solutions of a query, or a part of one")
 QUERY_SECONDS = Limit("query_seconds", 60, "s", "evaluating a query")
 REGEX_SECONDS = Limit("regex_seconds", 1, "s", "matching one name in REGEX of a query on fields")
 
