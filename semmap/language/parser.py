@@ -65,6 +65,10 @@ class ParsedText:
         return self.text.error(reason, position or 0)
 
 
+FIELD_PREFIXES = {"": "urn:semmap:ontology#"}
+"""Prefixes that a text about fields need not declare."""
+
+
 @lru_cache(maxsize=256)
 def parse_query(text: str) -> ParsedText:
     """Parse a query.
@@ -79,7 +83,9 @@ def parse_query(text: str) -> ParsedText:
         declarations, tree = read_syntax(normalised, "query")
         refuse_unsupported(normalised, [tree])
         clauses = _take_clauses(normalised, tree)
-        resolve = _resolver(normalised, algebra.translatePrologue(declarations, None))
+        resolve = _resolver(
+            normalised, algebra.translatePrologue(declarations, None, FIELD_PREFIXES)
+        )
         tree = algebra.traverse(tree, visitPost=resolve)
         clauses = algebra.traverse(clauses, visitPost=resolve)
         _mark_everything(tree)
@@ -110,7 +116,8 @@ def parse_update(text: str) -> ParsedText:
         refuse_unsupported(normalised, [tree])
         requests, prologue = [], None
         for declarations, request in zip(tree.prologue or (), tree.request or (), strict=False):
-            prologue = algebra.translatePrologue(declarations, None, None, prologue)
+            known = FIELD_PREFIXES if prologue is None else None
+            prologue = algebra.translatePrologue(declarations, None, known, prologue)
             request = algebra.traverse(request, visitPost=_resolver(normalised, prologue))
             request = algebra.traverse(request, visitPost=algebra._simplifyFilters)
             request = algebra.traverse(request, visitPost=algebra.translatePath)
