@@ -96,6 +96,11 @@ class ObjectModel:
         return voxel_downsample(np.concatenate([v.points for v in self.views]), VOXEL)
 
     @cached_property
+    def width(self) -> float:
+        """Diagonal of the box around the points, metres."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
     def target(self) -> IcpTarget:
         """`points`, prepared for ICP."""
         return IcpTarget(self.points)

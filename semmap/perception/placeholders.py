@@ -31,6 +31,9 @@ SAME = 4
 ALIGNED = 2000
 """Points of the scene that ICP aligns."""
 
+PRIOR = 0.2
+"""Share of the points that the largest shift costs."""
+
 LEAST_SHARE = 0.3
 """Share of the points near the believed pose that must be on the aligned furniture."""
 
@@ -116,16 +119,19 @@ def subtract_placeholder(
     scene = scene[random.permutation(len(scene))[:ALIGNED]]
     off = [_distance(tree, moved(start, scene[:100]), 4 * voxel).mean() for start in starts]
     source = target.prepared(scene)
-    best, most = np.eye(4), -1.0
-    for number in np.argsort(off, kind="stable")[:6]:
+    best, most, likeliest = np.eye(4), 0.0, -np.inf
+    middle = model.mean(axis=0)
+    for number in [0, *(1 + np.argsort(off[1:], kind="stable")[:5])]:
         pose = target.align(source, starts[number], 6 * voxel, 30)
         pose = target.align(source, pose, 2 * voxel, 30)
         share = float((_distance(tree, moved(pose, scene), near) < near).mean())
-        if share > most and _within(pose[None], model.mean(axis=0), shift, turn)[0]:
-            best, most = pose, share
+        # A board fits its own underside, and slides along itself: near the belief is likelier.
+        far = float(np.linalg.norm(moved(pose, middle[None])[0] - middle)) / shift
+        if share - PRIOR * far > likeliest and _within(pose[None], middle, shift, turn)[0]:
+            best, most, likeliest = pose, share, share - PRIOR * far
     if most < LEAST_SHARE:
         raise PerceptionError(
-            f"the furniture is not where it is believed: {max(most, 0):.0%} of the points there "
+            f"the furniture is not where it is believed: {most:.0%} of the points there "
             "are on it; correct its pose in the map, or leave it out"
         )
     in_model = moved(best, moved(np.linalg.inv(guess), cloud))

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from semmap.perception.error import PerceptionError
 from semmap.perception.models import VOXEL, Look, ModelView, ObjectModel, describe
 from semmap.perception.placeholders import Placeholder, subtract_placeholder
+from semmap.perception.plane import unit_vector
 from semmap.perception.point_cloud import Floats, checked_points, voxel_downsample
 from semmap.perception.registration import moved
 from semmap.perception.tabletop import euclidean_clusters, segment_tabletop
@@ -42,10 +43,16 @@ LEAST_SCORE = 0.9
 LEAST_COVERED = 0.25
 """Share of a model's view that the cluster has to cover: less may be a part of anything."""
 
+WIDER = 1.3
+"""A cluster that is so many times as wide as a model is not of it."""
+
 FEWEST = 30
 
 GAP = 0.015
 """Metres between clusters of what remains without furniture."""
+
+HEADROOM = 0.5
+"""Metres above furniture in which objects stand on it."""
 
 RATES = (0.91, 0.011)
 """P(answered | it is this object in view), P(answered | it is another one): docs/perception.md."""
@@ -124,8 +131,8 @@ def recognise(
     up, eye
         (3,) upwards, and where the camera was, in the frame of the points.
     placeholders
-        Known furniture, whose points are removed; then there need be no table's plane. What is
-        farther than `GAP` from other points is a cluster.
+        Known furniture, whose points are removed; then there need be no table's plane. Objects are
+        clusters of what remains in the box around the furniture and half a metre above it.
     least_score
         An answer of less is unknown.
 
@@ -137,15 +144,29 @@ def recognise(
     """
     scene = Scene(points, eye)
     if placeholders:
-        rest = np.asarray(points)
+        rest, held = np.asarray(points), []
         for placeholder in placeholders:
-            rest = subtract_placeholder(rest, placeholder).remaining
-        clusters = _clusters(rest)
+            subtraction = subtract_placeholder(rest, placeholder)
+            rest = subtraction.remaining
+            held.append((placeholder, subtraction.pose))
+        in_reach = [_in_reach(rest, placeholder, pose, up) for placeholder, pose in held]
+        clusters = _clusters(rest[np.any(in_reach, axis=0)])
     else:
         clusters = list(segment_tabletop(points, up=up).clusters)
     return [
         recognise_cluster(cluster, models, scene, least_score=least_score) for cluster in clusters
     ]
+
+
+def _in_reach(
+    points: Floats, placeholder: Placeholder, pose: Floats, up: ArrayLike
+) -> NDArray[np.bool_]:
+    """Whether points are in the box around aligned furniture, or above it."""
+    local = moved(_inverse(pose), points)
+    above = HEADROOM * (pose[:3, :3].T @ unit_vector(up, "up"))
+    low = placeholder.surface.min(axis=0) + np.minimum(above, 0) - GAP
+    high = placeholder.surface.max(axis=0) + np.maximum(above, 0) + GAP
+    return np.asarray(((local > low) & (local < high)).all(axis=1))
 
 
 def _clusters(points: Floats) -> list[Floats]:
@@ -180,10 +201,12 @@ def recognise_cluster(
     if not models:
         raise PerceptionError("there is no model: train one from a mesh")
     points = voxel_downsample(checked_points(cluster, FEWEST, "the cluster"), VOXEL)
-    if len(points) < FEWEST:
+    width = float(np.linalg.norm(np.ptp(points, axis=0)))
+    fitting = [model for model in models if width < WIDER * model.width]
+    if len(points) < FEWEST or not fitting:
         return Recognition(None, None, 0.0, points.mean(axis=0))
     look = describe(points, scene.eye)
-    best = max((_fit(points, look, model, scene) for model in models), key=lambda found: found[0])
+    best = max((_fit(points, look, model, scene) for model in fitting), key=lambda found: found[0])
     score, pose, name = best
     known = score >= least_score
     return Recognition(name if known else None, pose if known else None, score, look.centre)

@@ -88,6 +88,16 @@ def test_a_cloud_says_what_is_on_the_table_and_what_is_not(url: str, tmp_path: P
     assert Pose(*place).apply([at])[0][:2] == pytest.approx((6.2, 1.1), abs=0.01)
 
 
+def test_the_table_of_the_map_can_be_removed_from_the_cloud(url: str, tmp_path: Path) -> None:
+    cloud = tmp_path / "view.npy"
+    np.save(cloud, photographed(url, [])[::2, ::2])
+    words = ("--cloud", cloud, "--without", TABLE, "--looked-for", "can", "--looked-for", "sugar")
+    view = ",".join(map(str, VIEW))
+    done = semmap_command(url, "observe", "--view", view, *words, "--map", "house", "--json")
+    seen = {row["object"]: row["place"] for row in json.loads(done.stdout) if row["seen"]}
+    assert seen == {"can": TABLE, "sugar": TABLE}
+
+
 def test_a_cloud_of_nothing_changes_nothing(url: str, tmp_path: Path) -> None:
     cloud = tmp_path / "empty.npy"
     np.save(cloud, np.full((480, 640, 3), np.nan))
