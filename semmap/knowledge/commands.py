@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,8 +14,6 @@ from semmap import cli
 
 # rdflib and SQLAlchemy are slow to import: the functions below import what they use.
 if TYPE_CHECKING:
-    from sqlalchemy import Engine
-
     from semmap.knowledge.map_view import Session
     from semmap.knowledge.queries import Answer
 
@@ -172,7 +170,7 @@ def serve(
     try:
         import uvicorn
 
-        from semmap.knowledge.service import Endpoint, read_tokens
+        from semmap.knowledge.service import Endpoint, read_tokens, session_opener
     except ModuleNotFoundError as error:
         raise typer.BadParameter(
             f"{error.name} is not installed: pip install 'semmap[knowledge]'"
@@ -185,32 +183,14 @@ def serve(
     with engine.connect() as connection:
         name = cli.choose_map(connection, map_name)
     endpoint = Endpoint(
-        _connector(reader or engine, name),
-        _connector(engine, name),
+        session_opener(reader or engine, name),
+        session_opener(engine, name),
         known,
         seconds=seconds,
         rows=rows,
     )
     print(f"map {name}: http://{host}:{port}/sparql", flush=True)
     uvicorn.run(endpoint.app, host=host, port=port, log_level="warning")
-
-
-def _connector(engine: Engine, name: str) -> Callable[[], Session]:
-    """Return a function that opens a session which sees a map."""
-    import psycopg
-
-    from semmap.database.parameters import SETTINGS
-
-    def connect() -> Session:
-        _, arguments = engine.dialect.create_connect_args(engine.url)
-        arguments.pop("context", None)  # of psycopg, not of the protocol
-        settings = " ".join(f"-c {key}={value}" for key, value in SETTINGS.items())
-        session = psycopg.connect(**arguments, options=settings, application_name="semmap sparql")
-        session.execute("SELECT set_config('semmap.map', %s, false)", (name,))
-        session.commit()
-        return session
-
-    return connect
 
 
 def _format(path: Path) -> str:

@@ -18,12 +18,14 @@ from urllib.parse import parse_qsl
 import psycopg
 import rdflib
 from psycopg import sql
+from sqlalchemy import Engine
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from semmap.database.parameters import SETTINGS
 from semmap.ingest.world import WorldError
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView
@@ -35,7 +37,7 @@ from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import facts, serialized
 from semmap.language.error import QueryError
 
-__all__ = ["Endpoint", "read_tokens"]
+__all__ = ["Endpoint", "read_tokens", "session_opener"]
 
 Connect = Callable[[], psycopg.Connection[Any]]
 
@@ -235,6 +237,22 @@ class Endpoint:
             limited(session, self._seconds),
         ):
             yield session
+
+
+def session_opener(engine: Engine, map_name: str) -> Connect:
+    """Return a function that opens a session with an engine's login, which sees a map."""
+
+    def connect() -> psycopg.Connection[Any]:
+        _, arguments = engine.dialect.create_connect_args(engine.url)
+        arguments.pop("context", None)  # of psycopg, not of the protocol
+        settings = " ".join(f"-c {key}={value}" for key, value in SETTINGS.items())
+        options = f"{arguments.pop('options', '')} {settings}".strip()
+        session = psycopg.connect(**arguments, options=options)
+        session.execute("SELECT set_config('semmap.map', %s, false)", (map_name,))
+        session.commit()
+        return session
+
+    return connect
 
 
 def read_tokens(path: Path) -> dict[str, str]:

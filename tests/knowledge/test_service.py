@@ -16,8 +16,7 @@ import rdflib
 import uvicorn
 
 from semmap import SemanticMap
-from semmap.database.parameters import SETTINGS
-from semmap.knowledge.service import Endpoint, read_tokens
+from semmap.knowledge.service import Endpoint, read_tokens, session_opener
 from semmap.knowledge.whole_graph import without_warnings
 
 WRITER, READER = "w" * 20, "r" * 20
@@ -27,14 +26,10 @@ XML = "{http://www.w3.org/2005/sparql-results#}"
 
 def connector(loft_map: SemanticMap, role: str | None) -> Callable[[], psycopg.Connection]:
     """Return a function that opens a session which sees the loft, with the rights of a role."""
-    url = loft_map.database.engine.url
-    _, arguments = loft_map.database.engine.dialect.create_connect_args(url)
-    arguments.pop("context", None)
-    options = " ".join(f"-c {key}={value}" for key, value in SETTINGS.items())
+    open_session = session_opener(loft_map.database.engine, "loft")
 
     def connect() -> psycopg.Connection:
-        session = psycopg.connect(**arguments, options=options)
-        session.execute("SELECT set_config('semmap.map', 'loft', false)")
+        session = open_session()
         if role is not None:
             session.execute(f"SET ROLE {role}")
         session.commit()
