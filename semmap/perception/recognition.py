@@ -43,9 +43,6 @@ LEAST_SCORE = 0.9
 LEAST_COVERED = 0.25
 """Share of a model's view that the cluster has to cover: less may be a part of anything."""
 
-WIDER = 1.3
-"""A cluster that is so many times as wide as a model is not of it."""
-
 FEWEST = 30
 
 GAP = 0.015
@@ -201,8 +198,8 @@ def recognise_cluster(
     if not models:
         raise PerceptionError("there is no model: train one from a mesh")
     points = voxel_downsample(checked_points(cluster, FEWEST, "the cluster"), VOXEL)
-    width = float(np.linalg.norm(np.ptp(points, axis=0)))
-    fitting = [model for model in models if width < WIDER * model.width]
+    away = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    fitting = [model for model in models if np.quantile(away, 0.95) < model.width]
     if len(points) < FEWEST or not fitting:
         return Recognition(None, None, 0.0, points.mean(axis=0))
     look = describe(points, scene.eye)
