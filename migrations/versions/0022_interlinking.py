@@ -1,0 +1,24 @@
+"""Interlinked data sets.
+
+A new database has their tables from its first revision on. Going down keeps them.
+"""
+
+from __future__ import annotations
+
+from alembic import op
+
+from semmap.database.migrate import make_tables
+
+revision = "0022"
+down_revision = "0021"
+branch_labels = None
+depends_on = None
+
+
+def upgrade() -> None:
+    """Make the tables where they are missing."""
+    make_tables(op, "120_interlinking.sql", "data_set")
+
+
+def downgrade() -> None:
+    """Leave them as they are."""

@@ -1,0 +1,103 @@
+"""Alignments in the Alignment format, as OAEI publishes reference links."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from semmap.interlinking.csv_file import read_csv_labels
+from semmap.interlinking.error import InterlinkingError
+from semmap.interlinking.rdf_file import read_rdf_records
+from semmap.interlinking.records import Records
+
+__all__ = ["read_alignment", "read_folder", "read_labels"]
+
+ALIGNMENT = "http://knowledgeweb.semanticweb.org/heterogeneity/alignment"
+ABOUT = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}resource"
+
+
+def read_alignment(path: Path) -> dict[tuple[str, str], float]:
+    """Return the pairs of an alignment that are equal, with their measures in [0, 1].
+
+    Raises
+    ------
+    InterlinkingError
+        The file is not an alignment, or a cell has not two entities, the relation ``=`` and a
+        measure.
+    """
+    from semmap.ingest.world import WorldError
+    from semmap.ingest.xml_file import read_xml
+
+    try:
+        root = read_xml(path)
+    except WorldError as error:
+        raise InterlinkingError(str(error)) from error
+    cells = [e for e in root.iter() if _tag(e.tag) == "Cell"]
+    if not cells:
+        raise InterlinkingError(f"{path}: has no <Cell>: give a file in the Alignment format")
+    found: dict[tuple[str, str], float] = {}
+    for number, cell in enumerate(cells, 1):
+        parts = {_tag(e.tag): e for e in cell}
+        keys = [parts[n].get(ABOUT) if n in parts else None for n in ("entity1", "entity2")]
+        relation = (parts["relation"].text or "").strip() if "relation" in parts else "="
+        text = (parts["measure"].text or "").strip() if "measure" in parts else "1"
+        try:
+            measure = float(text)
+        except ValueError:
+            measure = -1.0
+        if None in keys or relation != "=" or not 0 <= measure <= 1:
+            raise InterlinkingError(
+                f"{path}: cell {number}: has the entities {keys}, the relation {relation!r} and "
+                f"the measure {text!r}: give two rdf:resource, =, and a number in [0, 1]"
+            )
+        found[str(keys[0]), str(keys[1])] = measure
+    return found
+
+
+def read_labels(path: Path) -> dict[tuple[str, str], bool]:
+    """Return the labels of a CSV file, or the pairs of an alignment, which are all the same.
+
+    Raises
+    ------
+    InterlinkingError
+        As `read_alignment` and `semmap.interlinking.csv_file.read_csv_labels`.
+    """
+    if path.suffix.lower() in (".rdf", ".xml"):
+        return dict.fromkeys(read_alignment(path), True)
+    return read_csv_labels(path)
+
+
+def read_folder(folder: Path) -> tuple[Records, Records, set[tuple[str, str]]]:
+    """Return the two data sets and the reference links of a test of OAEI.
+
+    The folder has two RDF/XML files with instances and one in the Alignment format, of any names;
+    ontologies without instances may be there, too.
+
+    Raises
+    ------
+    InterlinkingError
+        Another number of such files, or reference links between other records.
+    """
+    sets: list[Records] = []
+    links: list[set[tuple[str, str]]] = []
+    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in (".rdf", ".xml", ".owl")):
+        if ALIGNMENT in path.read_text(encoding="utf-8", errors="replace"):
+            links.append(set(read_alignment(path)))
+            continue
+        try:
+            sets.append(read_rdf_records(path))
+        except InterlinkingError as error:
+            if "describes no resource" not in str(error):
+                raise
+    if len(sets) != 2 or len(links) != 1:
+        raise InterlinkingError(
+            f"{folder}: has {len(sets)} data sets and {len(links)} alignments: give two RDF files "
+            "with instances and one alignment"
+        )
+    for left, right in (sets, sets[::-1]):
+        if all(a in left.number and b in right.number for a, b in links[0]):
+            return left, right, links[0]
+    raise InterlinkingError(f"{folder}: the alignment has entities that the data sets do not have")
+
+
+def _tag(name: str) -> str:
+    return name.rpartition("}")[2]

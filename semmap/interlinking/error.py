@@ -1,0 +1,9 @@
+"""The error of interlinking."""
+
+from __future__ import annotations
+
+__all__ = ["InterlinkingError"]
+
+
+class InterlinkingError(ValueError):
+    """A data set or labels that cannot be used: what is wrong, where, and how to fix it."""

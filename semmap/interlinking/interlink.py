@@ -1,0 +1,210 @@
+"""Algorithm 1 of Tosello et al.: links between two data sets, from labels of few pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.interlinking.comparison import Comparison, compare_records
+from semmap.interlinking.correspondences import Correspondence, find_correspondences
+from semmap.interlinking.error import InterlinkingError
+from semmap.interlinking.link_pattern import LinkPattern, learn_pattern, next_question
+from semmap.interlinking.records import Records
+
+__all__ = ["Ask", "Interlinking", "Quality", "Workbench", "interlink"]
+
+Pair = tuple[str, str]
+Ask = Callable[[str, str], bool | None]
+"""Answers whether a left and a right key describe the same resource; None ends the questions."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How links agree with reference links; all in [0, 1]."""
+
+    precision: float
+    recall: float
+    f: float
+
+
+@dataclass(frozen=True)
+class Interlinking:
+    """The links between two data sets.
+
+    Attributes
+    ----------
+    pairs
+        (n, 2) numbers of a left and a right record.
+    confidence
+        (n,) in (0, 1]: the share of the patterns agreeing with the labels that link a pair; 1 for a
+        pair that is labelled the same.
+    pattern
+        The link pattern in words.
+    labels
+        All labels, those that were asked included.
+    unexplained
+        Pairs labelled the same that no pattern separates from pairs labelled different.
+    """
+
+    left: Records
+    right: Records
+    correspondences: Sequence[Correspondence]
+    pairs: NDArray[np.int64]
+    confidence: NDArray[np.float64]
+    pattern: str
+    labels: Mapping[Pair, bool]
+    unexplained: Sequence[Pair]
+    candidates: int
+
+    def links(self) -> dict[Pair, float]:
+        """Return (left key, right key) to confidence."""
+        return {
+            (self.left.keys[i], self.right.keys[j]): float(c)
+            for (i, j), c in zip(self.pairs.tolist(), self.confidence, strict=True)
+        }
+
+    def quality(self, reference: set[Pair]) -> Quality:
+        """Return precision, recall and F measure beside reference links."""
+        found = self.links().keys()
+        right = len(found & reference)
+        return Quality(
+            right / len(found) if found else 0.0,
+            right / len(reference),
+            2 * right / (len(found) + len(reference)),
+        )
+
+
+class Workbench:
+    """Two data sets whose candidate pairs are compared; labels are added one by one.
+
+    Parameters
+    ----------
+    labels
+        (left key, right key) to whether both describe the same resource.
+    progress
+        Is called with a stage, how much of it is done, and how much it has.
+    every_pair
+        Compare all pairs, not those of blocking; for small data sets.
+
+    Raises
+    ------
+    InterlinkingError
+        A label of a record that is not there, or data sets without a common property.
+    """
+
+    def __init__(
+        self,
+        left: Records,
+        right: Records,
+        labels: Mapping[Pair, bool],
+        progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+        every_pair: bool = False,
+    ) -> None:
+        for a, b in labels:
+            for key, records in ((a, left), (b, right)):
+                if key not in records.number:
+                    raise InterlinkingError(
+                        f"a label has {key!r}, which is not a record of {records.name}: correct "
+                        "the key, or exchange the data sets"
+                    )
+        self.left, self.right = left, right
+        self.correspondences = find_correspondences(left, right)
+        pairs = [(left.number[a], right.number[b]) for a, b in labels]
+        if every_pair:
+            pairs = [*np.ndindex(len(left), len(right))]
+        also = np.array(pairs, np.int64).reshape(-1, 2)
+        self.comparison: Comparison = compare_records(
+            left, right, self.correspondences, lambda i, n: progress("compare", i, n), also
+        )
+        self._place = (
+            {
+                (left.keys[i], right.keys[j]): place
+                for place, (i, j) in enumerate(self.comparison.pairs.tolist())
+            }
+            if labels
+            else {}
+        )
+        self._labels: dict[int, bool] = {self._place[pair]: same for pair, same in labels.items()}
+
+    @property
+    def labels(self) -> dict[Pair, bool]:
+        """All labels by keys."""
+        return {self._keys(place): same for place, same in self._labels.items()}
+
+    def ask(self, answer: Ask, questions: int) -> int:
+        """Ask for the labels of at most so many pairs; return how many were answered."""
+        for number in range(questions):
+            place = next_question(self.comparison, self._labels)
+            same = None if place is None else answer(*self._keys(place))
+            if place is None or same is None:
+                return number
+            self._labels[place] = same
+        return questions
+
+    def pattern(self) -> LinkPattern:
+        """Return the pattern that agrees with the labels."""
+        if not any(self._labels.values()):
+            raise InterlinkingError(
+                "no pair is labelled the same: label at least one such pair, or let semmap ask"
+            )
+        return learn_pattern(self.comparison, self._labels)
+
+    def interlink(self) -> Interlinking:
+        """Return the links that agree with the labels."""
+        pattern = self.pattern()
+        linked = pattern.links(self.comparison.levels)
+        for place, yes in self._labels.items():
+            linked[place] = yes
+        places = np.flatnonzero(linked)
+        confidence = pattern.confidence(self.comparison.levels[places])
+        confidence[[self._labels.get(int(p), False) for p in places]] = 1
+        same = [place for place, yes in self._labels.items() if yes]
+        return Interlinking(
+            self.left,
+            self.right,
+            self.correspondences,
+            self.comparison.pairs[places],
+            np.maximum(confidence, 1e-6),
+            pattern.text(self.comparison.features),
+            self.labels,
+            [self._keys(p) for p in same if p in pattern.unexplained],
+            len(self.comparison.pairs),
+        )
+
+    def _keys(self, place: int) -> Pair:
+        i, j = self.comparison.pairs[place]
+        return self.left.keys[i], self.right.keys[j]
+
+
+def interlink(
+    left: Records,
+    right: Records,
+    labels: Mapping[Pair, bool],
+    ask: Ask | None = None,
+    questions: int = 0,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> Interlinking:
+    """Return which records of two data sets describe the same resource (Algorithm 1).
+
+    Correspondences of properties (lines 3 to 7), similarities of candidate pairs and their
+    aggregate (8 to 11), a pattern with a threshold on the aggregate (12), links (13).
+
+    Parameters
+    ----------
+    labels
+        (left key, right key) to whether both describe the same resource.
+    ask, questions
+        Is asked for at most so many more labels, the most informative pairs.
+
+    Raises
+    ------
+    InterlinkingError
+        A label of an unknown record, no pair labelled the same, or nothing to compare.
+    """
+    work = Workbench(left, right, labels, progress)
+    if ask is not None:
+        work.ask(ask, questions)
+    return work.interlink()

@@ -1,0 +1,102 @@
+"""Statistics of properties, by which those of two data sets are compared (Fan, K-medoids)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.interlinking.records import Column, Records
+
+__all__ = ["NAMES", "common_words", "is_numeric", "property_statistics"]
+
+NAMES = (
+    "filled",
+    "distinct",
+    "length",
+    "length_deviation",
+    "words",
+    "digits",
+    "letters",
+    "numeric",
+    "whole",
+    "magnitude",
+)
+"""Filled and distinct are shares of the records and of the values, digits and letters of the
+characters, numeric and whole of the values; magnitude is log10 of the median of numbers."""
+
+SAMPLE = 5_000
+"""At most so many values of a property are looked at: a change of the order of records may then
+change statistics in the third digit."""
+
+
+def property_statistics(records: Records) -> NDArray[np.float64]:
+    """Return the statistics of each property, shape (properties, len(NAMES))."""
+    return np.array([_statistics(column, len(records)) for column in records.columns.values()])
+
+
+def _statistics(column: Column, records: int) -> list[float]:
+    sample = _sample(column)
+    lengths = np.array([len(t) for t in sample], dtype=float)
+    total = lengths.sum()
+    together = "".join(sample)
+    numbers = _numbers(sample)
+    finite = numbers[np.isfinite(numbers)]
+    return [
+        np.count_nonzero(np.diff(column.starts)) / records,
+        len(set(sample)) / len(sample),
+        np.log2(lengths.mean()),
+        np.log2(1 + lengths.std()),
+        np.log2(np.mean([t.count(" ") + 1 for t in sample])),
+        sum(map(str.isdigit, together)) / total,
+        sum(map(str.isalpha, together)) / total,
+        len(finite) / len(sample),
+        np.count_nonzero(finite == np.round(finite)) / len(sample),
+        float(np.log10(1e-6 + np.median(np.abs(finite)))) if len(finite) else 0.0,
+    ]
+
+
+def _sample(column: Column) -> list[str]:
+    step = max(len(column.texts) // SAMPLE, 1)
+    return column.texts[::step].tolist()  # type: ignore[no-any-return]
+
+
+def _numbers(texts: Sequence[str]) -> NDArray[np.float64]:
+    """Texts as numbers; NaN where one is not a number."""
+    found = np.full(len(texts), np.nan)
+    for i, text in enumerate(texts):
+        try:
+            found[i] = float(text)
+        except ValueError:
+            continue
+    found[np.isinf(found)] = np.nan
+    return found
+
+
+def is_numeric(column: Column) -> bool:
+    """Return whether the values are measurements: numbers of which some have a fraction."""
+    numbers = _numbers(_sample(column))
+    share = np.isfinite(numbers).mean()
+    return bool(share > 0.9 and np.any(numbers[np.isfinite(numbers)] % 1))
+
+
+def common_words(columns: Sequence[Column]) -> NDArray[np.float64]:
+    """Return the share of words that properties have in common, (n, n), in [0, 1].
+
+    It is the overlap coefficient of their sets of words: that of the smaller set.
+    """
+    words = [set(" ".join(_words_of(column)).split()) for column in columns]
+    return np.array([[len(a & b) / min(len(a), len(b)) for b in words] for a in words])
+
+
+def _words_of(column: Column) -> list[str]:
+    """Texts of a column; where there are too many, those whose hash is smallest.
+
+    Equal texts have equal hashes, so that samples of two properties have the same texts.
+    """
+    texts = set(column.texts.tolist())
+    if len(texts) <= SAMPLE:
+        return list(texts)
+    return sorted(texts, key=lambda text: crc32(text.encode()))[:SAMPLE]
