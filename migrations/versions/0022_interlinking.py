@@ -17,7 +17,7 @@ depends_on = None
 
 def upgrade() -> None:
     """Make the tables where they are missing."""
-    make_tables(op, "120_interlinking.sql", "data_set")
+    make_tables(op, "130_interlinking.sql", "data_set")
 
 
 def downgrade() -> None:
