@@ -193,8 +193,9 @@ def test_a_database_with_old_names_gets_the_new_ones(engine: Engine, revision: s
 @pytest.mark.parametrize(
     ("revision", "later"),
     [
-        ("0016", ("100_belief.sql", "110_manipulation.sql")),
-        ("0018", ("110_manipulation.sql",)),
+        ("0016", ("100_belief", "110_manipulation", "120_knowledge", "130_interlinking")),
+        ("0018", ("110_manipulation", "120_knowledge", "130_interlinking")),
+        ("0021", ("130_interlinking",)),
     ],
 )
 def test_a_database_from_before_later_tables(
@@ -206,7 +207,7 @@ def test_a_database_from_before_later_tables(
         names = {*connection.exec_driver_sql(NAMES).scalars()}
         migrate.drop_code(connection)
         for file in later:
-            made = (migrate.schema_folder() / "tables" / file).read_text()
+            made = (migrate.schema_folder() / f"tables/{file}.sql").read_text()
             for table in re.findall(r"^CREATE TABLE (\w+)", made, re.MULTILINE):
                 connection.exec_driver_sql(f"DROP TABLE semmap.{table} CASCADE")
         connection.exec_driver_sql(f"UPDATE public.semmap_version SET version_num = '{revision}'")
