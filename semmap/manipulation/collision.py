@@ -94,7 +94,12 @@ class Obstacles:
 
 
 def free_grasps(
-    grasps: Grasps, model: Floats, obstacles: Obstacles, skip: Iterable[str] = ()
+    grasps: Grasps,
+    model: Floats,
+    obstacles: Obstacles,
+    *,
+    item: Floats | None = None,
+    skip: Iterable[str] = (),
 ) -> NDArray[np.bool_]:
     """Return (N,) whether the gripper reaches each grasp without touching an obstacle.
 
@@ -106,7 +111,8 @@ def free_grasps(
     model : (4, 4)
         The pose of the model in the frame of the obstacles.
     obstacles : Obstacles
-        With the object itself, if the palm must not touch it either.
+        Without the object.
+    item : (F, 3, 3) triangles of the object, which only the closed fingers may touch
     skip : names of links that are not checked
     """
     gripper = grasps.gripper
@@ -118,11 +124,12 @@ def free_grasps(
     if not len(grasps):
         return np.zeros(0, bool)
     near = obstacles.within(*_box(gripper, poses, back))
+    there = near if item is None else near.joined(item)
     moved = [k for k in chosen if any(gripper.links[k] in f for f in gripper.fingers)]
     free = np.ones(len(grasps), bool)
     for i, pose in enumerate(poses):
         way = [_swept(gripper, 0, link, back[i]) for link in chosen]
-        free[i] = not near.touched_by(way, [pose] * len(way))
+        free[i] = not there.touched_by(way, [pose] * len(way))
         if free[i]:
             posture = gripper.index(float(grasps.widths[i]))
             closed = [_swept(gripper, posture, link, np.zeros(3)) for link in moved]

@@ -1,0 +1,315 @@
+"""Arms: forward and inverse kinematics from a robot's base to its gripper, and their collisions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.manipulation.collision import Obstacles, convex_body
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.extra import library
+from semmap.manipulation.gripper import Gripper
+from semmap.robot.urdf import Joint
+
+__all__ = ["Arm"]
+
+Floats = NDArray[np.float64]
+
+POSITION, ROTATION = 5e-4, 5e-3
+"""What a solution may be off, metres and radians."""
+
+ITERATIONS = 60
+STARTS = 8
+"""Iterations of one attempt of inverse kinematics, and attempts from different positions."""
+
+
+class Arm:
+    """The joints from a robot's base to a gripper; all others keep their positions.
+
+    Parameters
+    ----------
+    gripper : Gripper
+        Of a whole robot.
+    state : positions of other joints, radians or metres; by default at rest
+
+    Attributes
+    ----------
+    joints : tuple of Joint
+        That move, from the base to the gripper.
+    low, high : (D,) limits, radians or metres; of continuous joints, half a turn to each side
+
+    Raises
+    ------
+    ManipulationError
+        No joint moves the gripper.
+    """
+
+    def __init__(self, gripper: Gripper, state: Mapping[str, float] | None = None) -> None:
+        robot = gripper.robot
+        self.gripper, self.robot = gripper, robot
+        self.state = dict(state or {})
+        above = {joint.child: joint for joint in robot.joints}
+        chain: list[Joint] = []
+        link = gripper.palm
+        while link in above:
+            chain.append(above[link])
+            link = above[link].parent
+        self.joints = tuple(
+            j
+            for j in reversed(chain)
+            if j.type in ("revolute", "continuous", "prismatic") and j.mimics is None
+        )
+        if not self.joints:
+            raise ManipulationError(
+                f"{robot.name}: no joint moves {gripper.palm}; give the URDF of a whole robot"
+            )
+        limits = np.array([j.limits for j in self.joints])
+        self.low = np.where(np.isfinite(limits[:, 0]), limits[:, 0], -np.pi)
+        self.high = np.where(np.isfinite(limits[:, 1]), limits[:, 1], np.pi)
+        self._root = robot.link_poses({}, [robot.links[0]])[robot.links[0]]
+        # Constant transforms: to each joint from the one before, and to the tool from the last.
+        self._before, fixed = [], np.eye(4)
+        for joint in reversed(chain):
+            moves = joint in self.joints
+            fixed = fixed @ robot.transform(joint, {} if moves else self.state)
+            if moves:
+                self._before.append(fixed)
+                fixed = np.eye(4)
+        self._tool = fixed @ gripper.frame
+        carrier = {robot.links[0]: 0}
+        for joint in robot.joints:
+            number = self.joints.index(joint) + 1 if joint in self.joints else None
+            carrier[joint.child] = carrier[joint.parent] if number is None else number
+        self._links = tuple(robot.meshes)
+        self._carrier = np.array([carrier[link] for link in self._links])
+        self._attached: dict[tuple[tuple[str, float], ...], Floats] = {}
+        self._bodies = [convex_body(robot.hull(link)) for link in self._links]
+        corners = [robot.hull(link) for link in self._links]
+        self._middles = np.array([(c.min(axis=0) + c.max(axis=0)) / 2 for c in corners])
+        self._radii = np.array(
+            [
+                np.linalg.norm(c - m, axis=1).max()
+                for c, m in zip(corners, self._middles, strict=True)
+            ]
+        )
+        self._apart: NDArray[np.intp] | None = None
+        self._model: Any = None
+
+    def rest(self) -> Floats:
+        """Return the position (D,) of the joints at rest, within their limits."""
+        given = [self.state.get(j.name, 0.0) for j in self.joints]
+        return np.clip(given, self.low, self.high)
+
+    def poses(
+        self, position: Floats, fingers: Mapping[str, float] | None = None
+    ) -> dict[str, Floats]:
+        """Return the poses (4, 4) of the links with geometry in the robot's frame."""
+        return dict(zip(self._links, self._link_poses(position, fingers), strict=True))
+
+    def grasp_pose(self, position: Floats) -> Floats:
+        """Return the pose (4, 4) of the grasp frame in the robot's frame."""
+        pose: Floats = self._frames(position)[-1] @ self._tool
+        return pose
+
+    def _frames(self, position: Floats) -> Floats:
+        """(D + 1, 4, 4): the frames of the fixed links and behind each joint, robot's frame."""
+        frames = np.empty((len(self.joints) + 1, 4, 4))
+        frames[0] = self._root
+        for i, (joint, q) in enumerate(zip(self.joints, position, strict=True)):
+            frames[i + 1] = frames[i] @ self._before[i]
+            axis = np.array(joint.axis)
+            if joint.type == "prismatic":
+                frames[i + 1, :3, 3] += frames[i + 1, :3, :3] @ axis * q
+            else:
+                frames[i + 1, :3, :3] = frames[i + 1, :3, :3] @ _turn(axis, q)
+        return frames
+
+    def _link_poses(self, position: Floats, fingers: Mapping[str, float] | None = None) -> Floats:
+        posture = tuple(sorted((fingers or self.gripper.postures[0]).items()))
+        if posture not in self._attached:
+            self._attached[posture] = self._attachment(dict(posture))
+        poses: Floats = self._frames(position)[self._carrier] @ self._attached[posture]
+        return poses
+
+    def _attachment(self, fingers: Mapping[str, float]) -> Floats:
+        """(L, 4, 4): the pose of each link in the frame of the joint that carries it."""
+        state = {**self.state, **fingers}
+        rest = self.rest()
+        state.update(zip((j.name for j in self.joints), rest.tolist(), strict=True))
+        found = {self.robot.links[0]: self._root}
+        for joint in self.robot.joints:
+            found[joint.child] = found[joint.parent] @ self.robot.transform(joint, state)
+        frames = self._frames(rest)
+        return np.array(
+            [
+                np.linalg.inv(frames[carrier]) @ found[link]
+                for link, carrier in zip(self._links, self._carrier, strict=True)
+            ]
+        )
+
+    def reach(
+        self, pose: Floats, near: Floats | None = None, *, starts: int = STARTS, seed: int = 0
+    ) -> Floats | None:
+        """Return a position (D,) that brings the grasp frame to a pose; None if none is found.
+
+        Differential inverse kinematics of mink (a quadratic program with the joints' limits), from
+        a near position, then from random ones.
+
+        Parameters
+        ----------
+        pose : (4, 4) in the robot's frame
+        near : (D,) the first position to start from; by default at rest
+        """
+        mink = library("mink")
+        model, root = self._kinematics()
+        local = np.linalg.inv(root) @ pose
+        random = np.random.default_rng(seed)
+        target = mink.SE3.from_matrix(local)
+        task = mink.FrameTask("grasp", "site", position_cost=1.0, orientation_cost=0.5)
+        task.set_target(target)
+        limits = [mink.ConfigurationLimit(model)]
+        for attempt in range(starts):
+            if attempt == 0 and (near is not None or seed == 0):
+                begin = self.rest() if near is None else near
+            else:
+                begin = random.uniform(self.low, self.high)
+            configuration = mink.Configuration(model, np.clip(begin, self.low, self.high))
+            for _ in range(ITERATIONS):
+                error = task.compute_error(configuration)
+                if np.linalg.norm(error[:3]) < POSITION and np.linalg.norm(error[3:]) < ROTATION:
+                    found: Floats = np.clip(configuration.q, self.low, self.high)
+                    return found
+                velocity = mink.solve_ik(
+                    configuration, [task], 1.0, solver="daqp", damping=1e-4, limits=limits
+                )
+                configuration.integrate_inplace(velocity, 1.0)
+        return None
+
+    def is_free(
+        self,
+        position: Floats,
+        obstacles: Obstacles,
+        *,
+        fingers: Mapping[str, float] | None = None,
+        held: tuple[Any, Floats] | None = None,
+    ) -> bool:
+        """Return whether no moving link touches an obstacle or another link.
+
+        Parameters
+        ----------
+        position : (D,)
+        obstacles : in the robot's frame
+        fingers : positions of the finger joints, by default open
+        held : a body of FCL and its pose (4, 4) in the grasp frame: a part of the robot
+        """
+        poses = self._link_poses(position, fingers)
+        moving = np.flatnonzero(self._carrier)
+        bodies = [self._bodies[i] for i in moving]
+        placed = [poses[i] for i in moving]
+        if held is not None:
+            bodies.append(held[0])
+            placed.append(self.grasp_pose(position) @ held[1])
+        if obstacles.touched_by(bodies, placed):
+            return False
+        if self._touching(poses, self._pairs()).any():
+            return False
+        return held is None or not self._holds_against_itself(poses, placed[-1], held[0])
+
+    def _touching(self, poses: Floats, pairs: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """(P,) whether the hulls of each of (P, 2) pairs of links touch."""
+        fcl = library("fcl")
+        middles = np.einsum("lij,lj->li", poses[:, :3, :3], self._middles) + poses[:, :3, 3]
+        a, b = pairs.T
+        far = np.linalg.norm(middles[a] - middles[b], axis=1) > self._radii[a] + self._radii[b]
+        touching = np.zeros(len(pairs), bool)
+        request = fcl.CollisionRequest()
+        for k in np.flatnonzero(~far):
+            i, j = pairs[k]
+            one = fcl.CollisionObject(
+                self._bodies[i], fcl.Transform(poses[i, :3, :3], poses[i, :3, 3])
+            )
+            two = fcl.CollisionObject(
+                self._bodies[j], fcl.Transform(poses[j, :3, :3], poses[j, :3, 3])
+            )
+            touching[k] = bool(fcl.collide(one, two, request, fcl.CollisionResult()))
+        return touching
+
+    def _holds_against_itself(self, poses: Floats, pose: Floats, body: Any) -> bool:
+        """Whether a held object touches a link that is not of the gripper."""
+        fcl = library("fcl")
+        request = fcl.CollisionRequest()
+        item = fcl.CollisionObject(body, fcl.Transform(pose[:3, :3], pose[:3, 3]))
+        for i, link in enumerate(self._links):
+            if link not in self.gripper.links:
+                one = fcl.Transform(poses[i, :3, :3], poses[i, :3, 3])
+                other = fcl.CollisionObject(self._bodies[i], one)
+                if fcl.collide(other, item, request, fcl.CollisionResult()):
+                    return True
+        return False
+
+    def _pairs(self) -> NDArray[np.intp]:
+        """(P, 2) pairs of links that can touch and do not always: not neighbours, apart at rest.
+
+        Convex hulls of links near each other overlap in most positions.
+        """
+        if self._apart is None:
+            near = {frozenset((j.parent, j.child)) for j in self.robot.joints}
+            pairs = np.array(
+                [
+                    (i, j)
+                    for (i, a), (j, b) in combinations(enumerate(self._links), 2)
+                    if self._carrier[i] != self._carrier[j]
+                    and frozenset((a, b)) not in near
+                    and not (a in self.gripper.links and b in self.gripper.links)
+                ],
+                np.intp,
+            ).reshape(-1, 2)
+            random = np.random.default_rng(0)
+            positions = random.uniform(self.low, self.high, (20, len(self.low)))
+            often = np.mean([self._touching(self._link_poses(p), pairs) for p in positions], axis=0)
+            at_rest = self._touching(self._link_poses(self.rest()), pairs)
+            self._apart = pairs[(often < 0.7) & ~at_rest]
+        return self._apart
+
+    def _kinematics(self) -> tuple[Any, Floats]:
+        """The arm as a model of MuJoCo, and the pose of its world in the robot's frame."""
+        if self._model is None:
+            mujoco = library("mujoco")
+            spec = mujoco.MjSpec()
+            spec.compiler.degree = False
+            body = spec.worldbody
+            slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+            for i, joint in enumerate(self.joints):
+                at = self._before[i]
+                body = body.add_body(pos=at[:3, 3], quat=_quaternion(at), name=joint.child)
+                body.explicitinertial, body.mass, body.inertia = True, 1.0, [0.01] * 3
+                body.add_joint(
+                    name=joint.name,
+                    type=slide if joint.type == "prismatic" else hinge,
+                    axis=joint.axis,
+                    limited=True,
+                    range=[self.low[i], self.high[i]],
+                )
+            body.add_site(name="grasp", pos=self._tool[:3, 3], quat=_quaternion(self._tool))
+            self._model = spec.compile()
+        return self._model, self._root
+
+
+def _turn(axis: Floats, angle: float) -> Floats:
+    """The rotation (3, 3) about an axis (Rodrigues)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turned: Floats = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return turned
+
+
+def _quaternion(pose: Floats) -> Floats:
+    """The rotation as (w, x, y, z), the order of MuJoCo."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    return np.array([w, x, y, z])

@@ -1,0 +1,161 @@
+"""The effect evaluator: was a grasp what was expected, and what to try next (Tosello et al., IV-C).
+
+A failure has a cause, and a cause has a correction of the grasp; where that does not help either,
+the next grasp of another kind is tried. What worked replaces what did not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.manipulation.candidates import Grasp
+from semmap.manipulation.trial import HEIGHT, Outcome
+
+__all__ = ["Attempt", "Expected", "Lesson", "corrected", "group_of", "learn_grasp"]
+
+Floats = NDArray[np.float64]
+
+Cause = Literal["pushed", "missed", "dropped", "slipped", "turned"]
+
+STEP = 0.015
+"""Metres by which a correction moves a grasp."""
+
+CORRECTIONS = 2
+"""Corrections of one grasp before another is tried."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a successful grasp leads to; metres and radians, the least or the most.
+
+    Attributes
+    ----------
+    lifted : at least; pushed, slipped, turned : at most
+    """
+
+    lifted: float = 0.9 * HEIGHT
+    pushed: float = 0.01
+    slipped: float = 0.03
+    turned: float = 0.35
+
+    def mismatch(self, outcome: Outcome) -> Cause | None:
+        """Return how an outcome differs from the expected one; None for a success."""
+        if outcome.pushed > self.pushed:
+            return "pushed"
+        if outcome.lifted < 0.2 * self.lifted:
+            return "missed"
+        if outcome.lifted < self.lifted:
+            return "dropped"
+        if np.linalg.norm(outcome.turned) > self.turned:
+            return "turned"
+        return "slipped" if outcome.slipped > self.slipped else None
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One trial: the grasp, its outcome, and the cause of its failure, None for a success.
+
+    `correction` is (3,) by which the grasp was moved from the candidate, metres, in the frame of
+    the grasp.
+    """
+
+    grasp: Grasp
+    outcome: Outcome
+    cause: Cause | None
+    correction: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """The attempts on an object, in order; the last one succeeded if any did."""
+
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def learned(self) -> Attempt | None:
+        """The attempt to store in place of the others; None where none succeeded."""
+        last = self.attempts[-1] if self.attempts else None
+        return last if last is not None and last.cause is None else None
+
+
+def group_of(grasp: Grasp) -> str:
+    """Return what grasps have in common that fail alike: approach, closing axis, offset."""
+    approach, axis, _, offset, _ = grasp.family.split()
+    return f"{approach} {axis} {offset}"
+
+
+def corrected(grasp: Grasp, outcome: Outcome, cause: Cause, down: Floats) -> Floats | None:
+    """Return how to move a failed grasp, (3,) metres in its own frame; None for no idea.
+
+    Parameters
+    ----------
+    down : (3,) the direction of gravity in the frame of the grasp
+    """
+    if cause == "pushed" or cause == "missed":
+        shift = np.array(outcome.shift)
+        across = np.array([shift[0], shift[1], 0.0])
+        if cause == "missed" and np.linalg.norm(across) < 0.003:
+            return np.array([0.0, 0.0, STEP])  # reach further
+        return across if np.linalg.norm(across) > 0.001 else None
+    if cause in ("turned", "slipped", "dropped"):
+        # What hangs beside its support turns downwards: turn = lever x weight.
+        lever = np.cross(down, np.array(outcome.turned))
+        lever[0] = 0.0  # along the closing axis the fingers do not move
+        length = float(np.linalg.norm(lever))
+        return lever / length * STEP if length > 0.1 else None
+    return None
+
+
+def learn_grasp(
+    grasps: Sequence[Grasp],
+    attempt: Callable[[Grasp], Outcome],
+    upright: Callable[[Grasp], Floats],
+    *,
+    expected: Expected | None = None,
+    tries: int = 12,
+) -> Lesson:
+    """Try grasps, correct what fails, and return the attempts up to the first success.
+
+    Parameters
+    ----------
+    grasps : the first to try first
+    attempt : executes a grasp, in simulation or by a robot
+    upright : returns the direction of gravity in the frame of a grasp, (3,)
+    expected : what counts as a success
+    tries : attempts, at most
+    """
+    expected = expected or Expected()
+    failed: dict[str, int] = {}
+    made: list[Attempt] = []
+    for grasp in grasps:
+        group = group_of(grasp)
+        if failed.get(group, 0) > 1:
+            continue
+        moved, shift = grasp, np.zeros(3)
+        for _ in range(CORRECTIONS + 1):
+            if len(made) == tries:
+                return Lesson(tuple(made))
+            outcome = attempt(moved)
+            cause = expected.mismatch(outcome)
+            made.append(Attempt(moved, outcome, cause, shift))
+            if cause is None:
+                return Lesson(tuple(made))
+            correction = corrected(moved, outcome, cause, upright(moved))
+            if correction is None:
+                break
+            shift = shift + correction
+            moved = shifted(grasp, shift)
+        failed[group] = failed.get(group, 0) + 1
+    return Lesson(tuple(made))
+
+
+def shifted(grasp: Grasp, shift: Floats) -> Grasp:
+    """Return a grasp that is moved in its own frame, (3,) metres, without turning."""
+    move = np.eye(4)
+    move[:3, 3] = grasp.pose[:3, :3] @ shift
+    return replace(grasp, pose=move @ grasp.pose, pre_grasp=move @ grasp.pre_grasp)

@@ -1,0 +1,117 @@
+"""What trials teach about other objects of the same shape: which grasps to try first.
+
+A trial counts for similar ones: of the same kind of shape, by the likeness of sizes and of grasps.
+Trials of another gripper count less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.manipulation.candidates import Grasp
+from semmap.manipulation.evaluation import Lesson, group_of, shifted
+from semmap.manipulation.solids import Shape
+
+__all__ = ["Experience"]
+
+Floats = NDArray[np.float64]
+
+PRIOR = 1.0
+"""Trials that the quality of a grasp is worth."""
+
+LIKENESS = 0.5
+"""Difference of the logarithms of sizes at which a trial counts exp(-1/2)."""
+
+OTHER_GRIPPER = 0.5
+"""What a trial of another gripper counts."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Record:
+    kind: str
+    size: Floats
+    gripper: str
+    group: str
+    correction: Floats
+    """(3,) in the frame of the grasp, by the size of the object."""
+    succeeded: bool
+
+
+@dataclass(eq=False)
+class Experience:
+    """Outcomes of trials, by shape, gripper and group of grasps."""
+
+    _records: list[_Record] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def add(self, shape: Shape, gripper: str, lesson: Lesson) -> None:
+        """Take in all attempts on an object."""
+        size = np.log(np.array(shape.size))
+        scale = float(max(shape.size))
+        for attempt in lesson.attempts:
+            self._records.append(
+                _Record(
+                    shape.kind,
+                    size,
+                    gripper,
+                    group_of(attempt.grasp),
+                    attempt.correction / scale,
+                    attempt.cause is None,
+                )
+            )
+
+    def ranked(self, shape: Shape, gripper: str, grasps: Sequence[Grasp]) -> list[Grasp]:
+        """Return grasps, those first that experience and quality let expect a success of.
+
+        The expected success is that of a Beta distribution whose prior is the quality. A grasp that
+        succeeded after a correction is corrected alike.
+        """
+        scale = float(max(shape.size))
+        known: dict[tuple[str, tuple[float, ...]], list[tuple[float, bool]]] = {}
+        for record in self._records:
+            weight = self._weight(record, shape, gripper)
+            if weight > 0.05:
+                key = (record.group, tuple(record.correction.tolist()))
+                known.setdefault(key, []).append((weight, record.succeeded))
+        by_group: dict[str, list[tuple[Floats, float, float]]] = {}
+        for (group, correction), trials in known.items():
+            good = sum(w for w, ok in trials if ok)
+            bad = sum(w for w, ok in trials if not ok)
+            by_group.setdefault(group, []).append((np.array(correction), good, bad))
+        chosen = []
+        for number, grasp in enumerate(grasps):
+            plain_good = plain_bad = 0.0
+            best, moved = -1.0, grasp
+            good_shifts, good_weights = [], []
+            for correction, good, bad in by_group.get(group_of(grasp), []):
+                if not correction.any():
+                    plain_good, plain_bad = plain_good + good, plain_bad + bad
+                elif good > 0:
+                    good_shifts.append(correction)
+                    good_weights.append(good)
+            best = _expectation(grasp.quality, plain_good, plain_bad)
+            if good_weights:
+                shift = np.average(good_shifts, axis=0, weights=good_weights) * scale
+                corrected = _expectation(grasp.quality, sum(good_weights), 0.0)
+                if corrected > best:
+                    best, moved = corrected, shifted(grasp, shift)
+            chosen.append((-best, number, moved))
+        chosen.sort(key=lambda item: item[:2])
+        return [grasp for _, _, grasp in chosen]
+
+    def _weight(self, record: _Record, shape: Shape, gripper: str) -> float:
+        if record.kind != shape.kind:
+            return 0.0
+        apart = float(np.linalg.norm(record.size - np.log(np.array(shape.size)))) / LIKENESS
+        own = 1.0 if record.gripper == gripper else OTHER_GRIPPER
+        return own * float(np.exp(-(apart**2) / 2))
+
+
+def _expectation(quality: float, good: float, bad: float) -> float:
+    return (good + PRIOR * quality) / (good + bad + PRIOR)

@@ -1,0 +1,202 @@
+"""Motions of an arm that touch nothing, by KPIECE (Tosello et al., section IV-B)."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.manipulation.arm import Arm
+from semmap.manipulation.candidates import Grasps
+from semmap.manipulation.collision import Obstacles, free_grasps
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.extra import library
+
+__all__ = ["Held", "PickMotion", "plan_motion", "plan_pick", "straight_motion"]
+
+Floats = NDArray[np.float64]
+
+STEP = 0.05
+"""The largest change of a joint between checked positions, radians or metres."""
+
+
+POSTURES = 3
+"""Postures of the arm that are tried for a grasp."""
+
+
+class Held(NamedTuple):
+    """An object in the gripper, which is a part of the robot during transport."""
+
+    body: Any
+    """A body of FCL (`convex_body`)."""
+
+    pose: Floats
+    """(4, 4) in the grasp frame."""
+
+    width: float
+    """Metres between the pads."""
+
+
+class PickMotion(NamedTuple):
+    """The grasp that was chosen and the positions (N, D) that lead there."""
+
+    grasp: int
+    to_pre_grasp: Floats
+    approach: Floats
+
+
+def plan_motion(
+    arm: Arm,
+    start: Floats,
+    goal: Floats,
+    obstacles: Obstacles,
+    *,
+    held: Held | None = None,
+    seconds: float = 5.0,
+    seed: int = 1,
+) -> Floats | None:
+    """Return positions (N, D) from start to goal that are free of collisions; None if not found.
+
+    KPIECE (Şucan and Kavraki) of OMPL, then shortcuts. Neighbouring positions differ by at most
+    `STEP` in each joint, and each of them has been checked.
+
+    Parameters
+    ----------
+    start, goal : (D,)
+    obstacles : in the robot's frame
+    held : an object that moves with the gripper
+    seconds : the longest time to plan
+
+    Raises
+    ------
+    ManipulationError
+        Start or goal touches something, or is beyond the limits of a joint.
+    """
+    fingers = arm.gripper.posture(held.width) if held is not None else None
+    item = None if held is None else (held.body, held.pose)
+
+    def is_free(position: Floats) -> bool:
+        return arm.is_free(position, obstacles, fingers=fingers, held=item)
+
+    for name, position in (("start", start), ("goal", goal)):
+        beyond = (position < arm.low - 1e-9) | (position > arm.high + 1e-9)
+        if beyond.any():
+            joint = arm.joints[int(np.argmax(beyond))].name
+            raise ManipulationError(f"{name} of the motion: joint {joint} is beyond its limits")
+        if not is_free(position):
+            raise ManipulationError(
+                f"{name} of the motion: the arm touches an obstacle or itself; choose another"
+            )
+    direct = _dense(np.stack([start, goal]))
+    if all(is_free(p) for p in direct):
+        return direct
+    return _kpiece(arm, start, goal, is_free, seconds, seed)
+
+
+def _kpiece(
+    arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float, seed: int
+) -> Floats | None:
+    base, geometric, util = (library(f"ompl.{name}") for name in ("base", "geometric", "util"))
+    util.setLogLevel(util.LOG_NONE)
+    util.RNG.setSeed(seed)
+    count = len(start)
+    space = base.RealVectorStateSpace(count)
+    bounds = base.RealVectorBounds(count)
+    for i in range(count):
+        bounds.setLow(i, float(arm.low[i]))
+        bounds.setHigh(i, float(arm.high[i]))
+    space.setBounds(bounds)
+    space.setLongestValidSegmentFraction(STEP / max(space.getMaximumExtent(), STEP))
+    setup = geometric.SimpleSetup(space)
+    setup.setStateValidityChecker(lambda state: is_free(np.array([state[i] for i in range(count)])))
+    ends = []
+    for position in (start, goal):
+        state = space.allocState()
+        for i in range(count):
+            state[i] = float(position[i])
+        ends.append(state)
+    setup.setStartAndGoalStates(*ends)
+    setup.setPlanner(geometric.BKPIECE1(setup.getSpaceInformation()))
+    if not setup.solve(seconds) or not setup.haveExactSolutionPath():
+        return None
+    setup.simplifySolution(seconds / 5)
+    path = np.array([[s[i] for i in range(count)] for s in setup.getSolutionPath().getStates()])
+    dense = _dense(path)
+    return dense if all(is_free(p) for p in dense) else None
+
+
+def _dense(path: Floats) -> Floats:
+    """The positions of a path with steps of at most `STEP`."""
+    pieces = []
+    for a, b in pairwise(path):
+        steps = max(1, math.ceil(float(np.abs(b - a).max()) / STEP))
+        pieces.append(a + (b - a) * np.linspace(0, 1, steps, endpoint=False)[:, None])
+    return np.concatenate([*pieces, path[-1:]])
+
+
+def straight_motion(arm: Arm, start: Floats, pose: Floats, steps: int = 10) -> Floats | None:
+    """Return positions (N, D) that move the gripper straight to a pose without turning it.
+
+    Parameters
+    ----------
+    start : (D,)
+    pose : (4, 4) of the grasp frame, in the robot's frame, turned as at the start
+    """
+    begin = arm.grasp_pose(start)
+    found = [start]
+    for share in np.linspace(0, 1, steps + 1)[1:]:
+        between = pose.copy()
+        between[:3, 3] = (1 - share) * begin[:3, 3] + share * pose[:3, 3]
+        position = arm.reach(between, found[-1], starts=1)
+        if position is None or np.abs(position - found[-1]).max() > 0.5:
+            return None
+        found.append(position)
+    return np.array(found)
+
+
+def plan_pick(
+    arm: Arm,
+    start: Floats,
+    grasps: Grasps,
+    model: Floats,
+    obstacles: Obstacles,
+    *,
+    object_triangles: Floats | None = None,
+    tries: int = 20,
+    seconds: float = 5.0,
+) -> PickMotion | None:
+    """Return the motion to the first grasp that is reachable and free of collisions.
+
+    Parameters
+    ----------
+    start : (D,)
+    grasps : the best first
+    model : (4, 4) pose of the object in the robot's frame
+    obstacles : in the robot's frame, without the object
+    object_triangles : (F, 3, 3) of the object in the robot's frame, which the arm must not touch
+        before it grasps
+    tries : grasps for which inverse kinematics and planning are tried
+    """
+    room = obstacles if object_triangles is None else obstacles.joined(object_triangles)
+    tried = 0
+    for i in np.flatnonzero(free_grasps(grasps, model, obstacles, item=object_triangles)):
+        if tried == tries:
+            return None
+        tried += 1
+        for seed in range(POSTURES):
+            near = start if seed == 0 else None
+            before = arm.reach(model @ grasps.pre_grasps[i], near, seed=seed)
+            if before is None:
+                break
+            if not arm.is_free(before, room):
+                continue
+            approach = straight_motion(arm, before, model @ grasps.poses[i])
+            if approach is None or not all(arm.is_free(p, obstacles) for p in approach):
+                continue
+            path = plan_motion(arm, start, before, room, seconds=seconds)
+            if path is not None:
+                return PickMotion(int(i), path, approach)
+    return None

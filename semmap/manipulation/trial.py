@@ -1,0 +1,456 @@
+"""Trials of grasps in simulation (MuJoCo): approach, close, lift, shake, and look what happened.
+
+The gripper is the one of the URDF, its links are their convex hulls, and it flies on a given path.
+The object stands on a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from semmap.geometry.mesh import Mesh
+from semmap.manipulation.candidates import Grasp
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.extra import library
+from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.solids import Solid
+
+__all__ = ["Body", "Outcome", "Trial", "body_of"]
+
+Floats = NDArray[np.float64]
+
+STEP = 0.002
+"""Seconds of a step of the simulation."""
+
+SETTLE, APPROACH, CLOSE, LIFT, SHAKE = 0.1, 0.5, 0.5, 0.5, 0.5
+"""Seconds of the phases of a trial."""
+
+HEIGHT = 0.15
+"""Metres by which the object is lifted."""
+
+SWAY = 0.02
+"""Metres by which the gripper is shaken, 3 times a second."""
+
+FORCE = 20.0
+"""Newtons (or newton-metres a decimetre) with which a finger closes, if the URDF has no limit."""
+
+TOUCHED = 0.01
+"""Metres by which an object that a gripper only approaches may move."""
+
+SLIP = 0.03
+"""Metres by which an object may slip in the gripper that holds it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """An object for a trial: its convex surface in its model's frame, mass and friction.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        Its convex hull is simulated.
+    mass : kg
+    friction : coefficient between object and pads
+    centre : (3,) centre of mass
+    solid : Solid, optional
+        A primitive that is simulated in place of the mesh, at `pose`.
+    pose : (4, 4) of the solid in the frame of the model
+    """
+
+    mesh: Mesh
+    mass: float
+    friction: float
+    centre: Floats
+    solid: Solid | None = None
+    pose: Floats | None = None
+
+
+def body_of(
+    given: Solid | Mesh,
+    *,
+    pose: Floats | None = None,
+    mass: float | None = None,
+    density: float = 500.0,
+    friction: float = 0.5,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Body:
+    """Return an object for trials.
+
+    Parameters
+    ----------
+    pose : (4, 4) of a solid in the frame of its model
+    mass : kg; by default of the density, kg/m³
+    offset : of the centre of mass from that of even density, metres, in the model's frame
+
+    Raises
+    ------
+    ManipulationError
+        A mesh without a volume, or a mass or friction that is not above 0.
+    """
+    pose = np.eye(4) if pose is None else pose
+    if isinstance(given, Solid):
+        made = given.mesh()
+        mesh = Mesh(made.vertices @ pose[:3, :3].T + pose[:3, 3], made.faces)
+        volume, centre = given.volume, pose[:3, :3] @ given.centre + pose[:3, 3]
+    else:
+        mesh = given
+        volume, centre = _hull_volume(mesh)
+    mass = density * volume if mass is None else mass
+    if not (mass > 0 and friction > 0):
+        raise ManipulationError(
+            f"object: mass {mass:g} kg and friction {friction:g}: above 0, each"
+        )
+    solid = given if isinstance(given, Solid) else None
+    return Body(mesh, mass, friction, centre + np.array(offset), solid, pose)
+
+
+def _hull_volume(mesh: Mesh) -> tuple[float, Floats]:
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = mesh.used
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        hull = None
+    size = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    if hull is None or hull.volume < 1e-6 * size**3 or hull.volume == 0:
+        raise ManipulationError(
+            "object: its mesh has no volume; give a mesh of a solid, or fit a shape to its points"
+        )
+    middle = points[hull.vertices].mean(axis=0)
+    corners = points[hull.simplices] - middle
+    volumes = np.abs(np.linalg.det(corners)) / 6
+    centre = middle + (corners.sum(axis=1) / 4 * volumes[:, None]).sum(axis=0) / volumes.sum()
+    return float(hull.volume), centre
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a trial led to, as sensors would tell.
+
+    Attributes
+    ----------
+    lifted : metres by which the object rose
+    slipped : metres by which it moved in the gripper after the fingers closed
+    pushed : metres by which it moved before the fingers closed
+    width : metres between the pads at the end
+    turned : (3,) rotation vector of its turn in the gripper after the fingers closed, radians, in
+        the grasp frame
+    shift : (3,) by which it moved in the grasp frame while the fingers closed, metres
+    """
+
+    lifted: float
+    slipped: float
+    pushed: float
+    width: float
+    turned: tuple[float, float, float]
+    shift: tuple[float, float, float]
+
+
+class Trial:
+    """A gripper and an object on a table, simulated.
+
+    Parameters
+    ----------
+    gripper : Gripper
+    body : Body
+    standing : (4, 4)
+        The pose of the object's model on the table, whose top is at z = 0.
+    table : bool
+    """
+
+    def __init__(
+        self, gripper: Gripper, body: Body, standing: Floats, *, table: bool = True
+    ) -> None:
+        self.gripper, self.body, self.standing = gripper, body, standing
+        mujoco = library("mujoco")
+        self._mujoco = mujoco
+        spec = mujoco.MjSpec()
+        spec.compiler.degree = False
+        spec.option.timestep = STEP
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio = 10.0
+        if table:
+            floor = spec.worldbody.add_geom(
+                name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1]
+            )
+            floor.friction = [0.5, 0.005, 1e-4]
+        self._add_object(spec)
+        self._links = self._add_gripper(spec)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._actuators = [self.model.actuator(name).id for name in gripper.joints]
+
+    def _add_object(self, spec: Any) -> None:
+        mujoco, body = self._mujoco, self.body
+        item = spec.worldbody.add_body(
+            name="object", pos=self.standing[:3, 3], quat=_quaternion(self.standing)
+        )
+        item.add_freejoint()
+        size = np.ptp(body.mesh.used, axis=0)
+        item.explicitinertial, item.mass = True, body.mass
+        item.ipos = body.centre
+        item.inertia = body.mass / 12 * ((size**2).sum() - size**2)
+        kinds = {
+            "cuboid": mujoco.mjtGeom.mjGEOM_BOX,
+            "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+            "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+        }
+        solid = body.solid
+        if solid is not None and solid.kind in kinds:
+            sizes = solid.size
+            half = {
+                "cuboid": tuple(s / 2 for s in sizes),
+                "sphere": (sizes[0], 0, 0),
+                "cylinder": (sizes[0], sizes[-1] / 2, 0),
+            }[solid.kind]
+            pose = np.eye(4) if body.pose is None else body.pose
+            shape = item.add_geom(
+                type=kinds[solid.kind], size=half, pos=pose[:3, 3], quat=_quaternion(pose)
+            )
+        else:
+            mesh = spec.add_mesh(name="object")
+            mesh.uservert = body.mesh.vertices.ravel().tolist()
+            mesh.userface = body.mesh.faces.ravel().tolist()
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+            shape = item.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="object")
+        shape.condim = 4
+        shape.friction = [body.friction, 0.01, 1e-4]
+        shape.priority = 1  # its friction holds against pads and table
+
+    def _add_gripper(self, spec: Any) -> dict[str, str]:
+        """Add the palm, which moves as it is told, and the fingers, which are driven."""
+        mujoco, gripper = self._mujoco, self.gripper
+        robot = gripper.robot
+        spec.worldbody.add_body(name="guide", mocap=True)
+        # The palm follows by a stiff weld: a body that is only placed has no speed, and would
+        # not take along by friction what it holds.
+        palm = spec.worldbody.add_body(name="palm")
+        palm.add_freejoint(name="palm")
+        palm.explicitinertial, palm.mass, palm.inertia = True, 2.0, [0.02] * 3
+        palm.gravcomp = 1.0
+        weld = spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_WELD,
+            name1="palm",
+            name2="guide",
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+        )
+        weld.data[:11] = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1]
+        weld.solref = [0.01, 1.0]
+        bodies = {gripper.palm: palm}
+        inverse = np.linalg.inv(gripper.frame)
+        rigid = [k for k in gripper.links if k not in {n for f in self._moved() for n in f}]
+        for link in rigid:
+            pose = gripper.poses[0, gripper.links.index(link)]
+            self._add_link(spec, palm, link, pose)
+        below = {gripper.palm: inverse}
+        driven = set(gripper.joints)
+        names, followers = set[str](), []
+        for joint in robot.joints:
+            if joint.parent not in below:
+                continue
+            step = robot.transform(joint, {})
+            if not joint.moves:
+                below[joint.child] = below[joint.parent] @ step
+                bodies[joint.child] = bodies[joint.parent]
+                if joint.child in robot.meshes and joint.child not in rigid:
+                    self._add_link(spec, bodies[joint.child], joint.child, below[joint.child])
+                continue
+            at = below[joint.parent] @ step
+            part = bodies[joint.parent].add_body(
+                name=joint.child, pos=at[:3, 3], quat=_quaternion(at)
+            )
+            part.explicitinertial, part.mass, part.inertia = True, 0.05, [1e-4] * 3
+            part.gravcomp = 1.0
+            slides = joint.type == "prismatic"
+            part.add_joint(
+                name=joint.name,
+                type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
+                axis=joint.axis,
+                limited=joint.mimics is None,
+                range=joint.limits if np.isfinite(joint.limits).all() else (-3.0, 3.0),
+                damping=20.0 if slides else 0.2,
+                armature=0.05 if slides else 0.002,
+            )
+            names.add(joint.name)
+            bodies[joint.child], below[joint.child] = part, np.eye(4)
+            if joint.child in robot.meshes:
+                self._add_link(spec, part, joint.child, np.eye(4))
+            if joint.mimics is not None:
+                followers.append(joint)
+            elif joint.name in driven:
+                force = FORCE if slides else FORCE / 10
+                stiffness = 2000.0 if slides else 40.0
+                motor = spec.add_actuator(
+                    name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+                )
+                motor.set_to_position(kp=stiffness, kv=0.05 * stiffness)
+                motor.forcelimited, motor.forcerange = True, [-force, force]
+        for joint in followers:
+            if joint.mimics in names:
+                multiplier, offset = robot.mimicry(joint)
+                equal = spec.add_equality(
+                    type=mujoco.mjtEq.mjEQ_JOINT, name1=joint.name, name2=joint.mimics
+                )
+                equal.data[:5] = [offset, multiplier, 0, 0, 0]
+        parts = sorted({b.name for b in bodies.values()})
+        for i, one in enumerate(parts):
+            for other in parts[i + 1 :]:
+                spec.add_exclude(bodyname1=one, bodyname2=other)
+        spec.add_exclude(bodyname1="palm", bodyname2="world")
+        return {link: body.name for link, body in bodies.items()}
+
+    def _moved(self) -> list[tuple[str, ...]]:
+        """The links that hang on moving joints below the palm."""
+        robot = self.gripper.robot
+        moved: list[str] = []
+        below = {self.gripper.palm: False}
+        for joint in robot.joints:
+            if joint.parent in below:
+                below[joint.child] = below[joint.parent] or joint.moves
+                if below[joint.child]:
+                    moved.append(joint.child)
+        return [tuple(moved)]
+
+    def _add_link(self, spec: Any, body: Any, link: str, pose: Floats) -> None:
+        if link not in self.gripper.robot.meshes:
+            return
+        mujoco = self._mujoco
+        from scipy.spatial import ConvexHull, QhullError
+
+        points = self.gripper.robot.hull(link) @ pose[:3, :3].T + pose[:3, 3]
+        try:
+            hull = ConvexHull(points)
+        except QhullError:
+            return
+        if hull.volume < 1e-10:
+            return
+        mesh = spec.add_mesh(name=f"hull of {link}")
+        number = np.zeros(len(points), int)
+        number[hull.vertices] = np.arange(len(hull.vertices))
+        corners = points[hull.vertices]
+        faces = number[hull.simplices]
+        a, b, c = np.moveaxis(corners[faces], 1, 0)
+        turned = np.einsum("ni,ni->n", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0
+        faces = np.where(turned[:, None], faces[:, ::-1], faces)
+        mesh.uservert = corners.ravel().tolist()
+        mesh.userface = faces.ravel().tolist()
+        shape = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"hull of {link}")
+        shape.condim = 4
+        shape.mass = 0.0
+
+    def run(
+        self,
+        grasp: Grasp,
+        *,
+        closing: Mapping[str, float] | None = None,
+        error: Floats | None = None,
+    ) -> Outcome:
+        """Try a grasp and return what happened.
+
+        Parameters
+        ----------
+        grasp : in the frame of the object's model
+        closing : positions to which the fingers are driven; by default fully closed, until the
+            object stops them
+        error : (4, 4) by which the robot is wrong about the pose of the model
+        """
+        mujoco, data = self._mujoco, self.data
+        mujoco.mj_resetData(self.model, data)
+        wrong = np.eye(4) if error is None else error
+        goal = self.standing @ wrong @ grasp.pose
+        before = self.standing @ wrong @ grasp.pre_grasp
+        opened = grasp.pre_posture
+        shut = dict(self.gripper.postures[-1]) if closing is None else dict(closing)
+        for name, value in opened.items():
+            data.joint(name).qpos[0] = value
+        for joint in self.gripper.robot.joints:  # what mimics begins where it belongs
+            if joint.mimics in opened and joint.name in {
+                self.model.joint(i).name for i in range(self.model.njnt)
+            }:
+                multiplier, offset = self.gripper.robot.mimicry(joint)
+                data.joint(joint.name).qpos[0] = multiplier * opened[joint.mimics] + offset
+        self._hold(before)
+        self.data.joint("palm").qpos[:] = [*before[:3, 3], *_quaternion(before)]
+        self._drive(opened, opened, before, before, SETTLE)
+        start = self._pose()
+        self._drive(opened, opened, before, goal, APPROACH)
+        reached = self._pose()
+        self._drive(opened, shut, goal, goal, CLOSE)
+        held = np.linalg.inv(self._pose("palm")) @ self._pose()
+        above = goal.copy()
+        above[2, 3] += HEIGHT
+        self._drive(shut, shut, goal, above, LIFT)
+        self._drive(shut, shut, above, above, SHAKE, sway=SWAY)
+        end = self._pose()
+        in_hand = np.linalg.inv(self._pose("palm")) @ end
+        centre = np.append(self.body.centre, 1.0)
+        was = (np.linalg.inv(goal) @ reached @ centre)[:3]
+        slip = (in_hand @ centre - held @ centre)[:3]
+        turn = Rotation.from_matrix(in_hand[:3, :3] @ held[:3, :3].T).as_rotvec()
+        moved = (held @ centre)[:3] - was
+        return Outcome(
+            float((end @ centre)[2] - (start @ centre)[2]),
+            float(np.linalg.norm(slip)),
+            float(np.linalg.norm((reached @ centre)[:3] - (start @ centre)[:3])),
+            self._width(),
+            (float(turn[0]), float(turn[1]), float(turn[2])),
+            (float(moved[0]), float(moved[1]), float(moved[2])),
+        )
+
+    def _width(self) -> float:
+        name = self.gripper.joints[0]
+        series = np.array([p[name] for p in self.gripper.postures])
+        order = np.argsort(series)
+        at = float(self.data.joint(name).qpos[0])
+        return float(np.interp(at, series[order], self.gripper.widths[order]))
+
+    def _pose(self, name: str = "object") -> Floats:
+        body = self.data.body(name)
+        pose = np.eye(4)
+        pose[:3, :3] = body.xmat.reshape(3, 3)
+        pose[:3, 3] = body.xpos
+        return pose
+
+    def _hold(self, pose: Floats) -> None:
+        self.data.mocap_pos[0] = pose[:3, 3]
+        self.data.mocap_quat[0] = _quaternion(pose)
+
+    def _drive(
+        self,
+        opened: Mapping[str, float],
+        shut: Mapping[str, float],
+        begin: Floats,
+        end: Floats,
+        seconds: float,
+        sway: float = 0.0,
+    ) -> None:
+        """Move the palm straight and the fingers' targets evenly."""
+        steps = round(seconds / STEP)
+        pose = end.copy()
+        self._hold(pose)
+        for i in range(steps):
+            share = (i + 1) / steps
+            smooth = share * share * (3 - 2 * share)
+            at = begin[:3, 3] + smooth * (end[:3, 3] - begin[:3, 3])
+            if sway:
+                phase = 2 * np.pi * 3 * share * seconds
+                at = at + sway * np.sin(phase) * np.array([1.0, 0.5, 0.25])
+            self.data.mocap_pos[0] = at
+            for name, actuator in zip(self.gripper.joints, self._actuators, strict=True):
+                early = min(1.0, 2 * share)
+                self.data.ctrl[actuator] = opened[name] + early * (shut[name] - opened[name])
+            self._mujoco.mj_step(self.model, self.data)
+
+
+def _quaternion(pose: Floats) -> Floats:
+    """The rotation as (w, x, y, z), the order of MuJoCo."""
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    return np.array([w, x, y, z])
