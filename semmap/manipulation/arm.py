@@ -23,7 +23,7 @@ POSITION, ROTATION = 5e-4, 5e-3
 """What a solution may be off, metres and radians."""
 
 ITERATIONS = 60
-STARTS = 8
+STARTS = 16
 """Iterations of one attempt of inverse kinematics, and attempts from different positions."""
 
 
@@ -178,8 +178,14 @@ class Arm:
             else:
                 begin = random.uniform(self.low, self.high)
             configuration = mink.Configuration(model, np.clip(begin, self.low, self.high))
+            best, stuck = np.inf, 0
             for _ in range(ITERATIONS):
                 error = task.compute_error(configuration)
+                size = float(np.linalg.norm(error))
+                stuck = stuck + 1 if size > 0.95 * best else 0
+                best = min(best, size)
+                if stuck > 5:
+                    break
                 if np.linalg.norm(error[:3]) < POSITION and np.linalg.norm(error[3:]) < ROTATION:
                     found: Floats = np.clip(configuration.q, self.low, self.high)
                     return found

@@ -22,10 +22,13 @@ Floats = NDArray[np.float64]
 
 Cause = Literal["pushed", "missed", "dropped", "slipped", "turned"]
 
-STEP = 0.015
+STEP = 0.03
 """Metres by which a correction moves a grasp."""
 
-CORRECTIONS = 2
+EMPTY = 0.003
+"""Width below which the fingers hold nothing, metres."""
+
+CORRECTIONS = 3
 """Corrections of one grasp before another is tried."""
 
 
@@ -96,18 +99,17 @@ def corrected(grasp: Grasp, outcome: Outcome, cause: Cause, down: Floats) -> Flo
     ----------
     down : (3,) the direction of gravity in the frame of the grasp
     """
-    if cause == "pushed" or cause == "missed":
-        shift = np.array(outcome.shift)
-        across = np.array([shift[0], shift[1], 0.0])
-        if cause == "missed" and np.linalg.norm(across) < 0.003:
-            return np.array([0.0, 0.0, STEP])  # reach further
-        return across if np.linalg.norm(across) > 0.001 else None
-    if cause in ("turned", "slipped", "dropped"):
-        # What hangs beside its support turns downwards: turn = lever x weight.
-        lever = np.cross(down, np.array(outcome.turned))
-        lever[0] = 0.0  # along the closing axis the fingers do not move
-        length = float(np.linalg.norm(lever))
-        return lever / length * STEP if length > 0.1 else None
+    # What hangs beside its support turns downwards: turn = lever x weight.
+    lever = np.cross(down, np.array(outcome.turned))
+    lever[0] = 0.0  # along the closing axis the fingers do not move
+    length = float(np.linalg.norm(lever))
+    if cause != "pushed" and length > 0.15:
+        return lever / length * STEP
+    across = np.array([outcome.shift[0], outcome.shift[1], 0.0])
+    if cause == "pushed" and np.linalg.norm(across) > 0.001:
+        return across
+    if cause == "missed" and outcome.width < EMPTY:
+        return np.array([0.0, 0.0, STEP / 2])  # reach further
     return None
 
 

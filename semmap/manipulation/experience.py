@@ -37,7 +37,7 @@ class _Record:
     gripper: str
     group: str
     correction: Floats
-    """(3,) in the frame of the grasp, by the size of the object."""
+    """(4,) across the approach, in the frame of the shape, and along it; by the largest size."""
     succeeded: bool
 
 
@@ -61,7 +61,7 @@ class Experience:
                     size,
                     gripper,
                     group_of(attempt.grasp),
-                    attempt.correction / scale,
+                    _in_shape(attempt.correction, attempt.grasp, shape) / scale,
                     attempt.cause is None,
                 )
             )
@@ -98,6 +98,7 @@ class Experience:
             best = _expectation(grasp.quality, plain_good, plain_bad)
             if good_weights:
                 shift = np.average(good_shifts, axis=0, weights=good_weights) * scale
+                shift = _in_grasp(shift, grasp, shape)
                 corrected = _expectation(grasp.quality, sum(good_weights), 0.0)
                 if corrected > best:
                     best, moved = corrected, shifted(grasp, shift)
@@ -111,6 +112,20 @@ class Experience:
         apart = float(np.linalg.norm(record.size - np.log(np.array(shape.size)))) / LIKENESS
         own = 1.0 if record.gripper == gripper else OTHER_GRIPPER
         return own * float(np.exp(-(apart**2) / 2))
+
+
+def _in_shape(correction: Floats, grasp: Grasp, shape: Shape) -> Floats:
+    """(4,): the part across the approach in the frame of the shape, and the part along it."""
+    turned = shape.pose[:3, :3].T @ grasp.pose[:3, :3]
+    return np.append(turned @ (correction * [1, 1, 0]), correction[2])
+
+
+def _in_grasp(correction: Floats, grasp: Grasp, shape: Shape) -> Floats:
+    """(3,) in the frame of the grasp; the part along the approach comes from that of others."""
+    turned = shape.pose[:3, :3].T @ grasp.pose[:3, :3]
+    across = (turned.T @ correction[:3]) * [1, 1, 0]
+    found: Floats = across + np.array([0.0, 0.0, correction[3]])
+    return found
 
 
 def _expectation(quality: float, good: float, bad: float) -> float:

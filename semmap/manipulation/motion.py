@@ -122,7 +122,7 @@ def _kpiece(
     setup.setPlanner(geometric.BKPIECE1(setup.getSpaceInformation()))
     if not setup.solve(seconds) or not setup.haveExactSolutionPath():
         return None
-    setup.simplifySolution(seconds / 5)
+    setup.simplifySolution(min(1.0, seconds / 5))
     path = np.array([[s[i] for i in range(count)] for s in setup.getSolutionPath().getStates()])
     dense = _dense(path)
     return dense if all(is_free(p) for p in dense) else None

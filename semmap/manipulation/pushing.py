@@ -1,0 +1,133 @@
+"""Pushes of an object along free directions of its surface (Tosello et al., section III-A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.ops import nearest_points
+
+from semmap.manipulation.collision import Obstacles, convex_body
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.gripper import Gripper
+
+__all__ = ["Push", "push_candidates"]
+
+Floats = NDArray[np.float64]
+
+DIRECTIONS = 16
+"""Directions of pushes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A push of an object by the closed gripper, straight and level.
+
+    Attributes
+    ----------
+    pose, end : (4, 4)
+        The grasp frame where the fingers touch the object, and where the push ends.
+    pre_push : (4, 4) before the approach
+    direction : (2,) unit vector in the plane
+    distance : metres
+    posture : positions of the finger joints, closed
+    quality : 0 to 1
+        How squarely the finger meets the object, and how near to the line through its middle.
+    """
+
+    pose: Floats
+    end: Floats
+    pre_push: Floats
+    direction: Floats
+    distance: float
+    posture: dict[str, float]
+    quality: float
+
+
+def push_candidates(
+    vertices: Floats,
+    model: Floats,
+    gripper: Gripper,
+    surface: Polygon,
+    obstacles: Obstacles,
+    *,
+    distance: float = 0.1,
+    height: float = 0.5,
+    safety: float = 0.05,
+) -> list[Push]:
+    """Return pushes along which an object meets nothing and stays on its surface, best first.
+
+    Parameters
+    ----------
+    vertices : (N, 3) of the object, in the frame of its model
+    model : (4, 4) its pose in the frame of surface and obstacles
+    surface : the outline of what it stands on
+    obstacles : without the object, with the surface that it stands on
+    distance : metres that the object is pushed
+    height : of the contact, a share of the object's height
+    safety : metres between pre-push and push
+
+    Raises
+    ------
+    ManipulationError
+        A number is not above 0.
+    """
+    if not (distance > 0 and safety > 0 and 0 < height < 1):
+        raise ManipulationError(
+            f"distance {distance:g}, safety {safety:g}, height {height:g}: give numbers above 0, "
+            "and a height below 1"
+        )
+    placed = vertices @ model[:3, :3].T + model[:3, 3]
+    hull = shapely.convex_hull(shapely.multipoints(placed[:, :2]))
+    middle = np.array(hull.centroid.coords[0])
+    level = placed[:, 2].min() + height * np.ptp(placed[:, 2])
+    lifted = placed + np.array((0, 0, 1e-3))  # free of what it stands on
+    posture = gripper.postures[-1]
+    fingers = [
+        convex_body(gripper.robot.hull(link) @ pose[:3, :3].T + pose[:3, 3])
+        for link, pose in zip(gripper.links, gripper.poses[-1], strict=True)
+    ]
+    tip = float(gripper.reaches[-1]) + 0.01  # pads end this far in front of their middle
+    found = []
+    for angle in 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
+        along = np.array([np.cos(angle), np.sin(angle)])
+        moved = lifted + np.append(distance * along, 0)
+        if not surface.contains(shapely.convex_hull(shapely.multipoints(moved[:, :2]))):
+            continue
+        if obstacles.touched_by([convex_body(np.concatenate([lifted, moved]))], [np.eye(4)]):
+            continue
+        contact, squarely = _contact(hull, middle, along)
+        pose = np.eye(4)
+        pose[:3, 2] = [*along, 0]
+        pose[:3, 0] = [-along[1], along[0], 0]
+        pose[:3, 1] = np.cross(pose[:3, 2], pose[:3, 0])
+        pose[:3, 3] = [*(contact - tip * along), level]
+        end, before = pose.copy(), pose.copy()
+        end[:2, 3] += distance * along
+        before[:2, 3] -= safety * along
+        ways = (before, pose, end)
+        if any(obstacles.touched_by(fingers, [way] * len(fingers)) for way in ways):
+            continue
+        found.append(Push(pose, end, before, along, distance, dict(posture), squarely))
+    return sorted(found, key=lambda push: -push.quality)
+
+
+def _contact(hull: Polygon, middle: Floats, along: Floats) -> tuple[Floats, float]:
+    """Where a finger that moves towards the middle meets a hull, and cos of the angle there."""
+    far = middle - 10 * along
+    ray = shapely.LineString([far, middle])
+    contact = np.array(
+        nearest_points(hull.boundary.intersection(ray), shapely.Point(far))[0].coords[0]
+    )
+    corners = shapely.get_coordinates(hull.exterior)
+    edges = np.diff(corners, axis=0)
+    apart = [
+        shapely.LineString(pair).distance(shapely.Point(contact)) for pair in pairwise(corners)
+    ]
+    edge = edges[int(np.argmin(apart))]
+    normal = np.array([edge[1], -edge[0]]) / np.linalg.norm(edge)
+    return contact, float(abs(normal @ along))
