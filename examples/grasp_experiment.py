@@ -96,7 +96,8 @@ def random_item(random: np.random.Generator) -> Item:
         kind,
         tuple(float(s) for s in size),
         pose,
-        float(random.uniform(0.2, 0.6) * 2.5 * friction),  # what a hand can hold at all
+        # What a hand can hold at all; a cone slips out of it.
+        float(random.uniform(0.2, 0.6) * 2.5 * friction * (0.4 if kind == "cone" else 1)),
         float(friction),
         tuple((pose[:3, :3] @ offset).tolist()),
     )

@@ -71,8 +71,8 @@ class Grasp:
     approach : "top", "above", "side", "below" or "bottom"
         Where the gripper comes from, by the z axis of the shape.
     family : str
-        What it has in common with grasps of similar shapes: approach, closing axis, its angle,
-        offset, kind of approach.
+        What it has in common with grasps of similar shapes: approach; closing axis x, y or z, or
+        r across a round shape; degrees above the side; offset; kind of approach.
     quality : 0 to 1
     posture, pre_posture : dict
         Positions of the finger joints, at the grasp and before.
@@ -205,7 +205,8 @@ def grasp_candidates(
     before = poses.copy()
     before[:, :3, 3] -= distance * both
     kinds = np.repeat(["own", "straight"], len(width))
-    names, families = _names(np.tile(rotations, (2, 1, 1)), np.tile(offsets, 2), kinds)
+    letters = "xyz" if solid.kind == "cuboid" else "rrz"  # round: across is across
+    names, families = _names(np.tile(rotations, (2, 1, 1)), np.tile(offsets, 2), kinds, letters)
     order = np.argsort(-np.tile(quality, 2), kind="stable")
     found = Grasps(
         gripper,
@@ -331,7 +332,7 @@ def _contacts(
 
 
 def _names(
-    rotations: Floats, offsets: NDArray[np.intp], kinds: NDArray[np.str_]
+    rotations: Floats, offsets: NDArray[np.intp], kinds: NDArray[np.str_], letters: str
 ) -> tuple[NDArray[np.str_], NDArray[np.str_]]:
     """The approach and the family of each grasp."""
     step = np.pi / (ANGLES - 1)
@@ -344,7 +345,7 @@ def _names(
     )
     axis = np.argmax(np.abs(rotations[:, :, 0]).round(6), axis=1)
     family = [
-        f"{a} {'xyz'[c]} {round(float(np.degrees(step * e)))} {'-0+'[o + 1]} {k}"
+        f"{a} {letters[c]} {round(float(np.degrees(step * e)))} {'-0+'[o + 1]} {k}"
         for a, c, e, o, k in zip(approach, axis, elevation, offsets, kinds, strict=True)
     ]
     return approach, np.array(family)

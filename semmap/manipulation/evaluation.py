@@ -26,7 +26,7 @@ STEP = 0.03
 """Metres by which a correction moves a grasp."""
 
 EMPTY = 0.003
-"""Width below which the fingers hold nothing, metres."""
+"""Width below which closed fingers hold nothing, metres."""
 
 CORRECTIONS = 3
 """Corrections of one grasp before another is tried."""
@@ -50,7 +50,7 @@ class Expected:
         """Return how an outcome differs from the expected one; None for a success."""
         if outcome.pushed > self.pushed:
             return "pushed"
-        if outcome.lifted < 0.2 * self.lifted:
+        if outcome.grip < EMPTY:
             return "missed"
         if outcome.lifted < self.lifted:
             return "dropped"
@@ -108,7 +108,7 @@ def corrected(grasp: Grasp, outcome: Outcome, cause: Cause, down: Floats) -> Flo
     across = np.array([outcome.shift[0], outcome.shift[1], 0.0])
     if cause == "pushed" and np.linalg.norm(across) > 0.001:
         return across
-    if cause == "missed" and outcome.width < EMPTY:
+    if cause == "missed":
         return np.array([0.0, 0.0, STEP / 2])  # reach further
     return None
 

@@ -23,8 +23,11 @@ Floats = NDArray[np.float64]
 PRIOR = 1.0
 """Trials that the quality of a grasp is worth."""
 
-LIKENESS = 0.5
+LIKENESS = 1.0
 """Difference of the logarithms of sizes at which a trial counts exp(-1/2)."""
+
+STANCE = 0.3
+"""Difference in uprightness at which a trial counts exp(-1/2): what lies is not what stands."""
 
 OTHER_GRIPPER = 0.5
 """What a trial of another gripper counts."""
@@ -34,6 +37,8 @@ OTHER_GRIPPER = 0.5
 class _Record:
     kind: str
     size: Floats
+    upright: float
+    """|cos| of the angle of the shape's axis with the z axis of the model."""
     gripper: str
     group: str
     correction: Floats
@@ -59,6 +64,7 @@ class Experience:
                 _Record(
                     shape.kind,
                     size,
+                    _upright(shape),
                     gripper,
                     group_of(attempt.grasp),
                     _in_shape(attempt.correction, attempt.grasp, shape) / scale,
@@ -69,8 +75,9 @@ class Experience:
     def ranked(self, shape: Shape, gripper: str, grasps: Sequence[Grasp]) -> list[Grasp]:
         """Return grasps, those first that experience and quality let expect a success of.
 
-        The expected success is that of a Beta distribution whose prior is the quality. A grasp that
-        succeeded after a correction is corrected alike.
+        The expected success is that of a Beta distribution whose prior is the quality, times the
+        share of all trials with such shapes that succeeded. A grasp that succeeded after a
+        correction is corrected alike.
         """
         scale = float(max(shape.size))
         known: dict[tuple[str, tuple[float, ...]], list[tuple[float, bool]]] = {}
@@ -84,6 +91,9 @@ class Experience:
             good = sum(w for w, ok in trials if ok)
             bad = sum(w for w, ok in trials if not ok)
             by_group.setdefault(group, []).append((np.array(correction), good, bad))
+        good = sum(g for trials in by_group.values() for _, g, _ in trials)
+        bad = sum(b for trials in by_group.values() for _, _, b in trials)
+        share = (good + PRIOR) / (good + bad + PRIOR)  # of all grasps of such shapes
         chosen = []
         for number, grasp in enumerate(grasps):
             plain_good = plain_bad = 0.0
@@ -95,11 +105,11 @@ class Experience:
                 elif good > 0:
                     good_shifts.append(correction)
                     good_weights.append(good)
-            best = _expectation(grasp.quality, plain_good, plain_bad)
+            best = _expectation(share * grasp.quality, plain_good, plain_bad)
             if good_weights:
                 shift = np.average(good_shifts, axis=0, weights=good_weights) * scale
                 shift = _in_grasp(shift, grasp, shape)
-                corrected = _expectation(grasp.quality, sum(good_weights), 0.0)
+                corrected = _expectation(share * grasp.quality, sum(good_weights), 0.0)
                 if corrected > best:
                     best, moved = corrected, shifted(grasp, shift)
             chosen.append((-best, number, moved))
@@ -110,8 +120,13 @@ class Experience:
         if record.kind != shape.kind:
             return 0.0
         apart = float(np.linalg.norm(record.size - np.log(np.array(shape.size)))) / LIKENESS
+        apart += abs(record.upright - _upright(shape)) / STANCE
         own = 1.0 if record.gripper == gripper else OTHER_GRIPPER
         return own * float(np.exp(-(apart**2) / 2))
+
+
+def _upright(shape: Shape) -> float:
+    return abs(float(shape.pose[2, 2]))
 
 
 def _in_shape(correction: Floats, grasp: Grasp, shape: Shape) -> Floats:
@@ -128,5 +143,5 @@ def _in_grasp(correction: Floats, grasp: Grasp, shape: Shape) -> Floats:
     return found
 
 
-def _expectation(quality: float, good: float, bad: float) -> float:
-    return (good + PRIOR * quality) / (good + bad + PRIOR)
+def _expectation(prior: float, good: float, bad: float) -> float:
+    return (good + PRIOR * prior) / (good + bad + PRIOR)

@@ -133,6 +133,7 @@ class Outcome:
     lifted : metres by which the object rose
     slipped : metres by which it moved in the gripper after the fingers closed
     pushed : metres by which it moved before the fingers closed
+    grip : metres between the closed fingers, before the lift, beyond their narrowest width
     width : metres between the pads at the end
     turned : (3,) rotation vector of its turn in the gripper after the fingers closed, radians, in
         the grasp frame
@@ -142,6 +143,7 @@ class Outcome:
     lifted: float
     slipped: float
     pushed: float
+    grip: float
     width: float
     turned: tuple[float, float, float]
     shift: tuple[float, float, float]
@@ -378,6 +380,7 @@ class Trial:
         self._drive(opened, opened, before, goal, APPROACH)
         reached = self._pose()
         self._drive(opened, shut, goal, goal, CLOSE)
+        grip = self._width() - float(self.gripper.widths[-1])
         held = np.linalg.inv(self._pose("palm")) @ self._pose()
         above = goal.copy()
         above[2, 3] += HEIGHT
@@ -394,6 +397,7 @@ class Trial:
             float((end @ centre)[2] - (start @ centre)[2]),
             float(np.linalg.norm(slip)),
             float(np.linalg.norm((reached @ centre)[:3] - (start @ centre)[:3])),
+            grip,
             self._width(),
             (float(turn[0]), float(turn[1]), float(turn[2])),
             (float(moved[0]), float(moved[1]), float(moved[2])),

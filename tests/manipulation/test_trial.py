@@ -32,7 +32,7 @@ def test_a_can_is_lifted_and_held(name):
     gripper = real_gripper(name)
     shape = Shape("cylinder", (0.03, 0.12))
     body = body_of(solid_of(*shape[:2]), mass=0.2)
-    grasp = grasp_of(grasp_candidates(shape, gripper), "side y 0 0 own")
+    grasp = grasp_of(grasp_candidates(shape, gripper), "side r 0 0 own")
     outcome = Trial(gripper, body, standing(0.12)).run(grasp)
     assert Expected().mismatch(outcome) is None
     assert outcome.lifted == pytest.approx(HEIGHT, abs=0.01)
