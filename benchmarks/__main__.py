@@ -25,6 +25,7 @@ TABLES = (
     "perception",
     "knowledge",
     "interlinking",
+    "manipulation_actions",
 )
 
 for name in sys.argv[1:] or TABLES:

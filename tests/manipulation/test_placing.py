@@ -79,7 +79,7 @@ def test_pushes_stay_on_the_table_and_meet_nothing(tmp_path):
     gripper = gripper_by_hand(tmp_path)
     table = Polygon([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.16), (-0.5, 0.16)])
     wood = box_mesh((-0.5, -0.5, -0.05), (0.5, 0.16, 0.0)).triangles
-    cup = box_mesh((0.15, -0.05, 0.0), (0.2, 0.05, 0.1)).triangles
+    cup = box_mesh((0.1, -0.05, 0.0), (0.15, 0.05, 0.12)).triangles
     item = solid_of("cuboid", (0.06, 0.06, 0.2)).mesh().vertices
     model = np.eye(4)
     model[2, 3] = 0.1
