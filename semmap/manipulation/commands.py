@@ -242,6 +242,33 @@ def record(
     print(f"task {task}: {outcome}")
 
 
+@manipulation.command("try")
+def try_command(
+    name: Annotated[str, typer.Argument(help="The object.")],
+    gripper: Gripper = None,
+    tries: Annotated[int, typer.Option(min=1, help="The most attempts.")] = 12,
+    mass: Annotated[
+        float | None, typer.Option(help="kg; by default the object's property, else by volume.")
+    ] = None,
+    friction: Annotated[float, typer.Option(help="Between the pads and the object.")] = 0.5,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Try grasps of an object in simulation until one succeeds, and store what was learned."""
+    from semmap.manipulation.practice import practise
+
+    with cli.open_database() as db:
+        rows = practise(
+            db.map(map_name).session_of_map(),
+            name,
+            gripper,
+            tries=tries,
+            mass=mass,
+            friction=friction,
+        )
+    cli.show_table(rows, json_, ("action_id", "family", "moved", "outcome", "stored"))
+
+
 @manipulation.command()
 def tasks(limit: Limit = 20, map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the newest manipulations of the map with their outcomes."""

@@ -6,7 +6,7 @@ the next grasp of another kind is tried. What worked replaces what did not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -88,8 +88,8 @@ class Lesson:
 
 def group_of(grasp: Grasp) -> str:
     """Return what grasps have in common that fail alike: approach, closing axis, offset."""
-    approach, axis, _, offset, _ = grasp.family.split()
-    return f"{approach} {axis} {offset}"
+    words = grasp.family.split()
+    return " ".join((*words[:2], words[3])) if len(words) == 5 else grasp.family
 
 
 def corrected(grasp: Grasp, outcome: Outcome, cause: Cause, down: Floats) -> Floats | None:
@@ -114,7 +114,7 @@ def corrected(grasp: Grasp, outcome: Outcome, cause: Cause, down: Floats) -> Flo
 
 
 def learn_grasp(
-    grasps: Sequence[Grasp],
+    grasps: Iterable[Grasp],
     attempt: Callable[[Grasp], Outcome],
     upright: Callable[[Grasp], Floats],
     *,
