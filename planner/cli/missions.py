@@ -32,6 +32,10 @@ def run_command(
     ] = None,
     world: options.WorldFile = None,
     apply: options.Apply = False,
+    try_grasps: Annotated[
+        bool,
+        typer.Option("--try-grasps", help="Simulate each grasp; learn by trial and error."),
+    ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue a mission whose process has ended.")
     ] = False,
@@ -69,6 +73,7 @@ def run_command(
         json_=json_,
         put=put or (),
         gripper=gripper,
+        try_grasps=try_grasps,
     ).run(goal, mission, resume=resume)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -47,6 +47,7 @@ class SimulatedRun:
     gripper: str | None = None
     sight: Sight | None = None
     detector: Detector | None = None
+    try_grasps: bool = False
     answers: dict[str, Answer] = field(default_factory=dict)
 
     def run(self, goal: str | None, mission: int | None = None, *, resume: bool = False) -> None:
@@ -91,7 +92,7 @@ class SimulatedRun:
             if not (self.apply or resume):
                 happens_in = opened_here.enter_context(simulation_map(engine, original, self.world))
             grasps = None
-            if self.gripper is not None or has_gripper(engine):
+            if not self.try_grasps and (self.gripper is not None or has_gripper(engine)):
                 grasps = GraspMemory(self.gripper, simulated=True)
             store = opened_here.enter_context(MissionStore(engine, happens_in, process, grasps))
             live = LiveTopology(engine, happens_in, self.robot_class)
@@ -131,7 +132,10 @@ class SimulatedRun:
                     )
                     self.answers = search.answers
                 else:
-                    body = simulated_robot(live, sim_world, robot, speed=self.speed, seed=self.seed)
+                    grasp = self._grasp(engine, original) if self.try_grasps else lambda item: None
+                    body = simulated_robot(
+                        live, sim_world, robot, speed=self.speed, seed=self.seed, grasp=grasp
+                    )
                 runner = Runner(
                     store,
                     body,
@@ -145,6 +149,32 @@ class SimulatedRun:
         self._show(result, steps, file, happens_in, original)
         if result.state != "done":
             raise typer.Exit(1)
+
+    def _grasp(self, engine: Any, map_name: str) -> Callable[[str], str | None]:
+        """Return a function that tries grasps in simulation and stores what is learned.
+
+        What is learned belongs to models of objects: it stays, whether the run changes the map or
+        not.
+        """
+        from semmap.manipulation.error import ManipulationError
+        from semmap.manipulation.extra import library
+        from semmap.manipulation.practice import practise
+
+        library("mujoco")
+
+        def grasp(item: str) -> str | None:
+            try:
+                with engine.begin() as connection:
+                    cli.choose_map(connection, map_name)
+                    attempts = practise(connection, item, self.gripper)
+            except ManipulationError as error:
+                return str(error)
+            last = attempts[-1]
+            tried = "1 grasp" if len(attempts) == 1 else f"{len(attempts)} grasps"
+            self._say(f"{item}: {tried} tried; {last['family']}: {last['outcome']}")
+            return None if last["outcome"] == "completed" else str(last["outcome"])
+
+        return grasp
 
     def _say(self, text: str) -> None:
         if not self.json_:

@@ -23,18 +23,33 @@ def pickup(body: SimBody, command: Command) -> Work:
     item, world = command.arguments[0], body.world
     yield from _half_of(command)
     with world.change():
-        here, pose = world.robot(body.name)
-        there, seen = world.objects().get(item, ("", None))
-        if seen is None or there != here or world.has_robot(seen.holder):
-            return "gone", f"{item} is not there"
-        if math.dist((pose.x, pose.y), (seen.pose.x, seen.pose.y)) > REACH:
-            return "misplaced", f"{item} is out of reach"
+        missing = _not_in_reach(body, item)
+    if missing is not None:
+        return missing
+    reason = body.grasp(item)  # may take seconds
+    if reason is not None:
+        return "missed", f"the grasp of {item} failed: {reason}"
+    with world.change():
+        missing = _not_in_reach(body, item)
+        if missing is not None:
+            return missing
         if body.fails("pickup"):
             return "missed", f"the grasp of {item} failed"
+        here, _ = world.robot(body.name)
         world.put_object(item, here, Sighting(body.name, "in", GRIP))
         world.log(body.name, "took", item)
     yield from lasting(command.seconds)
     return None, ""
+
+
+def _not_in_reach(body: SimBody, item: str) -> tuple[Cause, str] | None:
+    here, pose = body.world.robot(body.name)
+    there, seen = body.world.objects().get(item, ("", None))
+    if seen is None or there != here or body.world.has_robot(seen.holder):
+        return "gone", f"{item} is not there"
+    if math.dist((pose.x, pose.y), (seen.pose.x, seen.pose.y)) > REACH:
+        return "misplaced", f"{item} is out of reach"
+    return None
 
 
 def place(body: SimBody, command: Command) -> Work:

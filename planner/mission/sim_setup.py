@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,10 +70,17 @@ def open_world(
 
 
 def simulated_robot(
-    live: LiveTopology, world: SimWorld, name: str, *, speed: float, seed: int = 0
+    live: LiveTopology,
+    world: SimWorld,
+    name: str,
+    *,
+    speed: float,
+    seed: int = 0,
+    grasp: Callable[[str], str | None] = lambda item: None,
 ) -> SimulatedRobot:
     """A robot of the class of a live topology, on its costmaps; `speed` is that of its clock."""
-    return SimulatedRobot(name, world, live.topology, **body_options(live, speed=speed, seed=seed))
+    options = body_options(live, speed=speed, seed=seed)
+    return SimulatedRobot(name, world, live.topology, grasp=grasp, **options)
 
 
 def body_options(live: LiveTopology, *, speed: float, seed: int = 0) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typer.testing import Result
 
 from planner.mission import MissionError
 from tests.command_line import semmap
+from tests.manipulation.grippers import BY_HAND
 from tests.planner.mission.conftest import World
 
 
@@ -45,6 +46,31 @@ def test_figure_4_is_driven_and_the_muffin_lies_on_desk1(said: Commands, world: 
     ]
     shown = said.run("missions", listed[0]["id"]).output
     assert "use_elevator" in shown
+
+
+def test_the_muffin_is_grasped_in_simulation_and_the_outcome_stays(
+    said: Commands, world: World
+) -> None:
+    found = said.simulate("on(muffin, desk1)", "--from", "lab1", "--try-grasps")
+    assert found.exit_code == 0, found.output
+    assert "grasp tried" in found.output or "grasps tried" in found.output
+    assert world.holder("muffin1") == ("desk1", "on")
+    tasks = json.loads(said.run("manipulation", "tasks", "--json").stdout)
+    assert "completed" in [t["outcome"] for t in tasks if t["entity"] == "muffin1"]
+    again = said.simulate("on(muffin, desk4)", "--try-grasps")
+    assert again.exit_code == 0, again.output
+    assert "muffin1: 1 grasp tried" in again.output
+
+
+def test_a_gripper_that_is_too_small_is_the_reason(said: Commands, tmp_path: Path) -> None:
+    plates = tmp_path / "plates.urdf"
+    plates.write_text(BY_HAND.replace('upper="0.05"', 'upper="0.02"'))
+    said.run("manipulation", "add-gripper", plates, "--name", "small")
+    found = said.simulate(
+        "on(muffin, desk1)", "--from", "lab1", "--try-grasps", "--gripper", "small"
+    )
+    assert found.exit_code == 1
+    assert "gripper small opens 0.04 m" in found.output
 
 
 def test_a_reason_as_json(said: Commands, world: World) -> None:
