@@ -5,11 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
 
 from benchmarks.timing import Row, median_seconds, print_rows
+from semmap.geometry.pose import IDENTITY
 from semmap.ingest.sdf.world_file import read_sdf
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.candidates import Grasps, grasp_candidates
@@ -30,7 +32,7 @@ def house() -> Floats:
     world = read_sdf(worlds / "small_house" / "worlds" / "small_house.world")
     return np.concatenate(
         [
-            s.mesh.moved(e.pose).triangles
+            s.mesh.moved(e.pose or IDENTITY).triangles
             for e in world.entries
             for s in e.shapes
             if s.mesh is not None
@@ -43,8 +45,9 @@ def by_trimesh(
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """The same by trimesh's manager of python-fcl, which holds the room as a mesh."""
     gripper = grasps.gripper
-    manager = trimesh.collision.CollisionManager()
-    manager.add_object("room", trimesh.Trimesh(**trimesh.triangles.to_kwargs(triangles)))
+    engine: Any = trimesh
+    manager = engine.collision.CollisionManager()
+    manager.add_object("room", engine.Trimesh(**engine.triangles.to_kwargs(triangles)))
     free = np.ones(len(grasps), bool)
     for i, grasp in enumerate(grasps):
         back = (np.linalg.inv(grasp.pose) @ grasp.pre_grasp)[:3, 3]
@@ -58,7 +61,7 @@ def by_trimesh(
                 at = gripper.poses[shut, number]
                 hulls.append(corners @ at[:3, :3].T + at[:3, 3])
             for hull in hulls:
-                mesh = trimesh.convex.convex_hull(hull)
+                mesh = engine.convex.convex_hull(hull)
                 if manager.in_collision_single(mesh, model @ grasp.pose):
                     free[i] = False
     return free

@@ -87,10 +87,10 @@ class Experience:
                 key = (record.group, tuple(record.correction.tolist()))
                 known.setdefault(key, []).append((weight, record.succeeded))
         by_group: dict[str, list[tuple[Floats, float, float]]] = {}
-        for (group, correction), trials in known.items():
+        for (group, numbers), trials in known.items():
             good = sum(w for w, ok in trials if ok)
             bad = sum(w for w, ok in trials if not ok)
-            by_group.setdefault(group, []).append((np.array(correction), good, bad))
+            by_group.setdefault(group, []).append((np.array(numbers), good, bad))
         good = sum(g for trials in by_group.values() for _, g, _ in trials)
         bad = sum(b for trials in by_group.values() for _, _, b in trials)
         share = (good + PRIOR) / (good + bad + PRIOR)  # of all grasps of such shapes

@@ -56,17 +56,17 @@ def practise(
     rows = [row for row in found.rows if row["entity"] == entity]
     if not rows:
         raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free grasp")
-    name = session.execute(
+    ((name,),) = session.execute(
         "SELECT name FROM device WHERE id = %s", (gripper_id(session, gripper),)
-    ).fetchone()[0]
+    ).fetchall()
     hand = stored_gripper(session, name)
     mesh = model_mesh(session, entity)
-    weight, pose = session.execute(
+    ((weight, pose),) = session.execute(
         "SELECT (e.properties->>'mass')::float8, w.pose FROM entity e "
         "JOIN world w ON w.entity_id = e.id "
         "WHERE e.map_id = (SELECT current_map()) AND e.name = %s",
         (entity,),
-    ).fetchone()
+    ).fetchall()
     surface = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32))
     body = body_of(surface, mass=mass if mass is not None else weight or None, friction=friction)
     standing = np.eye(4)

@@ -246,7 +246,7 @@ class Trial:
         for link in rigid:
             pose = gripper.poses[0, gripper.links.index(link)]
             self._add_link(spec, palm, link, pose)
-        below = {gripper.palm: inverse}
+        below: dict[str, Floats] = {gripper.palm: inverse}
         driven = set(gripper.joints)
         names, followers = set[str](), []
         for joint in robot.joints:
