@@ -241,7 +241,7 @@ class Trial:
         weld.data[:11] = [0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1]
         weld.solref = [0.01, 1.0]
         bodies = {gripper.palm: palm}
-        inverse = np.linalg.inv(gripper.frame)
+        inverse = np.asarray(np.linalg.inv(gripper.frame), np.float64)
         rigid = [k for k in gripper.links if k not in {n for f in self._moved() for n in f}]
         for link in rigid:
             pose = gripper.poses[0, gripper.links.index(link)]
