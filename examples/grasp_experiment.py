@@ -267,6 +267,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=6)
     parser.add_argument("--objects", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=100, help="of the first run's objects")
     parser.add_argument("--draw", type=Path)
     given = parser.parse_args()
     lives: dict[str, list[list[Meeting]]] = {}
@@ -275,7 +276,11 @@ def main() -> None:
         waiting = {
             name: [
                 pool.submit(
-                    run, name.split()[0], 100 + i, given.objects // (3 if teacher else 1), teacher
+                    run,
+                    name.split()[0],
+                    given.seed + i,
+                    given.objects // (3 if teacher else 1),
+                    teacher,
                 )
                 for i in range(given.runs)
             ]
