@@ -126,6 +126,8 @@ def free_positions(
         cells = np.argwhere(costs < INSCRIBED)
         points = np.array(room.grid.origin) + (cells[:, ::-1] + 0.5) * room.grid.resolution
         price = costs[cells[:, 0], cells[:, 1]].astype(float)
+        inside = shapely.contains_xy(outline, points)  # the costs reach into doorways
+        points, price = points[inside], price[inside]
     else:
         points, price = _free_without_costmap(floor, outline, space)
     if not len(points):

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import shapely
 from sqlalchemy import Engine, text
@@ -32,6 +33,10 @@ from planner.robot_class import RobotClass
 from planner.route_planner import RoutePlanner
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
+from planner.search.line_of_sight import LineOfSight
+from planner.search.reader import read_believed_object
+from planner.search.viewpoints import free_positions
+from planner.storey_costmaps import StoreyCostmaps
 from planner.task_planner import TaskPlanner
 from planner.tasks import parse_goal
 from planner.tasks.reader import read_world
@@ -71,10 +76,31 @@ def tiago() -> RobotClass:
     return RobotClass("tiago", tuple(robot_parts(load_robot(real_robot("tiago")), {})), speed=0.5)
 
 
-def test_tiago_faces_everything_within_reach_in_the_small_house(
-    engine: Engine, tiago: RobotClass
-) -> None:
-    planner = RoutePlanner.of_live(LiveTopology(engine, "house", replace(tiago, reach=(0.2, 1.2))))
+@pytest.fixture(scope="module")
+def tiago_live(engine: Engine, tiago: RobotClass) -> LiveTopology:
+    return LiveTopology(engine, "house", replace(tiago, reach=(0.2, 1.2)))
+
+
+def test_tiago_looks_from_poses_in_the_rooms_that_they_name(tiago_live: LiveTopology) -> None:
+    """Also beside an open door, where the room's costs reach into the next room."""
+    costs = tiago_live.graph.costs
+    assert isinstance(costs, StoreyCostmaps)
+    with tiago_live.snapshot() as connection:
+        places = read_believed_object(connection, "Ball_01_003").places
+    rooms = [place for place in places if place.kind == "room"]
+    assert len(rooms) == 4
+    for room in rooms:
+        assert room.footprint is not None
+        floor = tiago_live.topology.places[room.name].floor
+        positions = free_positions(
+            room.name, floor, room.footprint, LineOfSight(np.empty((0, 3, 3))), costs
+        )
+        assert len(positions) > 3, room.name
+        assert shapely.contains_xy(room.footprint, positions).all(), room.name
+
+
+def test_tiago_faces_everything_within_reach_in_the_small_house(tiago_live: LiveTopology) -> None:
+    planner = RoutePlanner.of_live(tiago_live)
     reached = 0
     for name in ("TV_02_001", "RoomWall_01_001", "FoldingDoor_01_002", "Bed_01_001"):
         try:
