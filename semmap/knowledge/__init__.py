@@ -11,14 +11,16 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
+    from semmap.knowledge.client import KnowledgeClient
     from semmap.knowledge.queries import Answer, KnowledgeError, query
     from semmap.knowledge.updates import update
     from semmap.knowledge.whole_graph import dump
 
-__all__ = ["Answer", "KnowledgeError", "dump", "query", "update"]
+__all__ = ["Answer", "KnowledgeClient", "KnowledgeError", "dump", "query", "update"]
 
 _HOMES = {
     "Answer": "semmap.knowledge.queries",
+    "KnowledgeClient": "semmap.knowledge.client",
     "KnowledgeError": "semmap.knowledge.queries",
     "dump": "semmap.knowledge.whole_graph",
     "query": "semmap.knowledge.queries",

@@ -35,8 +35,12 @@ def sparql_command(
     explain: Annotated[
         bool, typer.Option("--explain", help="Print the SQL that answers the query.")
     ] = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Follow the map: print which rows appear and disappear.")
+    ] = False,
     seconds: Annotated[
-        float | None, typer.Option(min=0.001, help="Stop after this time; by default 60.")
+        float | None,
+        typer.Option(min=0.001, help="Stop after this time; by default 60, --watch never."),
     ] = None,
     rows: Annotated[int | None, typer.Option(min=1, help="The most rows of an answer.")] = None,
     map_name: cli.MapName = None,
@@ -51,6 +55,11 @@ def sparql_command(
     from semmap.knowledge.updates import update as update_map
 
     text = _text(text)
+    if watch:
+        if update or explain or rows is not None:
+            raise typer.BadParameter("--watch does not go with --update, --explain or --rows")
+        _watch(text, map_name, seconds, json_)
+        return
     with _session(map_name, write=update) as session:
         if update:
             changes = update_map(session, text, seconds=seconds)
@@ -67,6 +76,37 @@ def sparql_command(
         if not json_:
             return
     _show(answer, known, json_)
+
+
+def _watch(text: str, map_name: str | None, seconds: float | None, json_: bool) -> None:
+    """Print events until the time is over, or Ctrl-C."""
+    import threading
+    from contextlib import suppress
+
+    from semmap.database.reader import as_reader
+    from semmap.knowledge.results import event_json, shown
+    from semmap.knowledge.subscriptions import Subscriptions
+    from semmap.knowledge.vocabulary import prefixes
+
+    engine = cli.engine()
+    reader = as_reader(engine)
+    with engine.connect() as connection:
+        name = cli.choose_map(connection, map_name)
+    known = prefixes(name)
+    with Subscriptions(reader or engine, name) as standing, suppress(KeyboardInterrupt):
+        _, count = standing.add(text)
+        print(f"{count} rows now; Ctrl-C stops", file=sys.stderr, flush=True)
+        timer = threading.Timer(seconds or 0, standing.close)
+        timer.daemon = True
+        if seconds is not None:
+            timer.start()
+        for event in standing.events():
+            if json_:
+                print(event_json(event.what, event.bindings), flush=True)
+            else:
+                row = (f"?{n} = {shown(term, known)}" for n, term in event.bindings.items())
+                print(f"{event.what}: {', '.join(row) or 'yes'}", flush=True)
+        timer.cancel()
 
 
 def _prefixes(session: Session) -> dict[str, str]:

@@ -32,6 +32,12 @@ __all__ = ["Fact", "FactWriter", "RefusedError"]
 SKOLEM = "urn:semmap:blank:"
 """Blank nodes of updates and files get an IRI (RDF 1.1, section 3.5)."""
 
+_ONCE = (
+    "map_id, predicate, graph, coalesce(subject_id, 0), coalesce(subject, ''), "
+    "coalesce(object_id, 0), md5(coalesce(object, '')), coalesce(tag, '')"
+)
+"""The index `statement_once`."""
+
 
 @dataclass(frozen=True)
 class Fact:
@@ -79,9 +85,12 @@ class FactWriter:
         self._until = until
         self._constants = Constants({})
         self._blank: dict[str, str] = {}
+        self._type_iris: dict[str, str] = {}
 
     def insert(self, facts: Iterable[Fact]) -> int:
-        """Add facts; return how many were new.
+        """Add facts; return how many were new, or end later than before.
+
+        A statement that is there without an end keeps none.
 
         Raises
         ------
@@ -120,17 +129,23 @@ class FactWriter:
     def _insert_fact(self, fact: Fact, iri: str) -> int:
         if fact.graph is None:
             if iri == f"{RDF}type" and self._type(fact) is not None:
+                self._refuse_end(fact)
                 return self._set_type(fact)
             for writes, (insert, _) in _TABLES.items():
                 if iri == writes or (writes.endswith("#") and iri.startswith(writes)):
                     if iri == f"{RDFS}label" and self._entity(fact.subject) is None:
                         break
+                    self._refuse_end(fact)
                     return insert(self, fact, iri)
             self._refuse_mapped(fact, iri)
         return self._execute(
             "INSERT INTO statement (map_id, graph, subject_id, subject, predicate, object_id, "
             "object, tag, until) VALUES (%(map)s, %(graph)s, %(subject_id)s, %(subject)s, "
-            "%(predicate)s, %(object_id)s, %(object)s, %(tag)s, %(until)s) ON CONFLICT DO NOTHING",
+            "%(predicate)s, %(object_id)s, %(object)s, %(tag)s, %(until)s) "
+            f"ON CONFLICT ({_ONCE}) DO UPDATE SET until = excluded.until, since = CASE "
+            "WHEN statement.until > statement_timestamp() THEN statement.since "
+            "ELSE excluded.since END "
+            "WHERE statement.until < coalesce(excluded.until, 'infinity')",
             self._columns(fact, iri),
         )
 
@@ -155,6 +170,14 @@ class FactWriter:
             "AND object IS NOT DISTINCT FROM %(object)s AND tag IS NOT DISTINCT FROM %(tag)s",
             self._columns(fact, iri),
         )
+
+    def _refuse_end(self, fact: Fact) -> None:
+        if self._until is not None:
+            raise RefusedError(
+                "the map keeps this fact in a table, where it cannot end by itself: state it "
+                "without a lifespan, or in a model",
+                fact,
+            )
 
     def _refuse_mapped(self, fact: Fact, iri: str) -> None:
         if is_mapped(iri):
@@ -186,14 +209,25 @@ class FactWriter:
             from uuid import uuid4
 
             return self._blank.setdefault(str(term), f"{SKOLEM}{uuid4()}")
-        return str(term)
+        form, key = self._constants.node(str(term))
+        return self._type_iri(str(key)) if form == "type" else str(term)
+
+    def _type_iri(self, name: str) -> str:
+        """Return the IRI of a type, by which queries find what other IRIs of it state."""
+        if name not in self._type_iris:
+            row = self._view.session.execute("SELECT type_iri(%s)", (name,)).fetchone()
+            assert row is not None
+            self._type_iris[name] = str(row[0])
+        return self._type_iris[name]
 
     def _columns(self, fact: Fact, iri: str) -> dict[str, Any]:
         """Return the columns of a statement."""
         subject, object_ = self._entity(fact.subject), self._entity(fact.object)
         text, tag = tag_and_text(fact.object)
-        if isinstance(fact.object, rdflib.BNode):
+        if isinstance(fact.object, (rdflib.BNode, rdflib.URIRef)):
             text, tag = self._iri(fact.object), "I"
+        if iri == f"{RDF}type" and (type_ := self._type(fact)) is not None:
+            object_, text, tag = None, self._type_iri(type_), "I"
         return {
             "map": self._view.number,
             "graph": "" if fact.graph is None else str(fact.graph),

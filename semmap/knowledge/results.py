@@ -14,7 +14,15 @@ import rdflib
 from semmap.knowledge.queries import Answer
 from semmap.knowledge.vocabulary import short
 
-__all__ = ["RESULT_FORMATS", "shown", "sparql_csv", "sparql_json", "sparql_tsv", "sparql_xml"]
+__all__ = [
+    "RESULT_FORMATS",
+    "event_json",
+    "shown",
+    "sparql_csv",
+    "sparql_json",
+    "sparql_tsv",
+    "sparql_xml",
+]
 
 
 def shown(term: Any, known: Mapping[str, str]) -> str | None:
@@ -35,6 +43,11 @@ def sparql_json(answer: Answer) -> str:
         for row in answer.rows
     ]
     return json.dumps({"head": {"vars": list(answer.names)}, "results": {"bindings": bindings}})
+
+
+def event_json(what: str, bindings: Mapping[str, Any]) -> str:
+    """Return an event of a standing query as a line, its terms as in `sparql_json`."""
+    return json.dumps({"event": what, "bindings": {n: _json(t) for n, t in bindings.items()}})
 
 
 def _json(term: Any) -> dict[str, str]:

@@ -150,7 +150,11 @@ class TriplePatterns:
                 verb = self.part(predicate)
                 if isinstance(verb, Value):
                     verb = self._verb(predicate)
-                maps = [m for m in self._maps(verb, scope) if self._fits(subject, verb, object_, m)]
+                maps = [
+                    m
+                    for m in self._maps(verb, scope)
+                    if self._fits(subject, verb, object_, m, scope)
+                ]
                 plain.append(_Pattern(subject, verb, object_, maps))
 
         for subject, predicate, object_ in triples:
@@ -212,14 +216,17 @@ class TriplePatterns:
         if not is_mapped(iri):
             yield from STATEMENTS
 
-    def _fits(self, subject: Part, verb: Part, object_: Part, triple: TripleMap) -> bool:
+    def _fits(
+        self, subject: Part, verb: Part, object_: Part, triple: TripleMap, scope: Scope
+    ) -> bool:
         """Return whether the constants of a pattern can match a triple map."""
         for part, column in ((subject, triple.subject), (object_, triple.object)):
             if isinstance(part, Value) and self._as_column(part, column) is None:
                 return False
         typed = isinstance(verb, Value) and verb.constant == (_RDF_TYPE, "I")
-        # Entities have the types of the T-Box, and statements no others of these.
+        # Entities have the types of the T-Box; only statements of named graphs have these, too.
         own = typed and isinstance(object_, Value) and object_.form == "type"
+        own = own and scope.graph is None
         return not (own and triple in STATEMENTS)
 
     def _prune(self, patterns: list[_Pattern], scope: Scope) -> None:
@@ -392,6 +399,10 @@ class TriplePatterns:
         if form == constant.form and constant.tag is None:
             return constant
         text, tag = constant.constant or ("", "I")
+        if constant.form == "type" and form in ("term", "iri") and not column.sql.startswith("'"):
+            # All IRIs of a type stand for that of its ontology, which statements have.
+            tagged = self._bind(tag) if form == "term" else None
+            return Value(form, text_of(constant, self.namespace), tagged)
         if form == "term":
             return Value("term", self._bind(text), self._bind(tag))
         if is_literal(form):

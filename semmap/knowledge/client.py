@@ -1,0 +1,390 @@
+"""The map for programs that speak to KnowledgeCore: revise, find, subscribe.
+
+The interface is that of KnowledgeCore (github.com/severin-lemaignan/knowledge_core, doc/api.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+import psycopg
+import rdflib
+from sqlalchemy import Engine
+
+from semmap.knowledge.facts import Fact, FactWriter, RefusedError
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.patterns import Pattern, name_of, parse_pattern, query_text, variables
+from semmap.knowledge.queries import Answer, limited, query
+from semmap.knowledge.subscriptions import Event, Subscriptions
+from semmap.knowledge.updates import Changes
+from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
+from semmap.query.maps import see_map
+
+__all__ = ["KnowledgeClient"]
+
+Statements = str | Sequence[str]
+
+METHODS = ("add", "retract", "update")
+
+
+class KnowledgeClient:
+    """Statements on a map, in KnowledgeCore's notation; any thread may call its methods.
+
+    A model is a named graph: what the robot thinks that an agent knows. Without one, statements are
+    about the map itself.
+
+    Parameters
+    ----------
+    engine : of the database
+    map_name : the current map if not given
+
+    Examples
+    --------
+    >>> with semmap.connect() as database:  # doctest: +SKIP
+    ...     kb = KnowledgeClient(database.engine, "house")
+    ...     kb += ["human1 looksAt book", "book rdf:type Book"]
+    ...     kb.find(["who"], ["?who looksAt ?what", "?what rdf:type Book"])
+    {'human1'}
+    """
+
+    def __init__(self, engine: Engine, map_name: str | None = None) -> None:
+        self._engine = engine
+        with engine.connect() as connection:
+            self.map_name = see_map(connection, map_name)
+            MapView.of(_driver(connection))
+        self._subscriptions = Subscriptions(engine, self.map_name)
+
+    def __enter__(self) -> KnowledgeClient:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all subscriptions."""
+        self._subscriptions.close()
+
+    # Statements
+
+    def revise(
+        self,
+        statements: Statements,
+        method: str = "add",
+        *,
+        lifespan: float = 0,
+        model: str | None = None,
+    ) -> Changes:
+        """Change statements, all of them or none.
+
+        Parameters
+        ----------
+        statements : those to retract may have variables and ``*``, and stand for all that match
+        method : "add", "retract", or "update", which replaces the objects of functional properties
+            (``PROPERTY rdf:type owl:FunctionalProperty``) and adds all others
+        lifespan : seconds after which new statements end; 0 for never. A statement that is there
+            without an end keeps none, and an earlier end is put off
+        model : the model that is changed
+
+        Raises
+        ------
+        ValueError
+            A statement is malformed, or the map does not allow it; nothing was changed.
+        """
+        if method not in METHODS:
+            raise ValueError(f"method {method!r} is not one of {', '.join(METHODS)}")
+        if not 0 <= lifespan < 1e10:
+            raise ValueError(f"lifespan {lifespan!r} is not a number of seconds from 0 on")
+        patterns, graph = self._parsed(statements), self._graph(model)
+        if method != "retract":
+            _refuse_variables(patterns)
+        with self._view() as view:
+            _remove_ended(view)
+            with _refusals():
+                if method == "retract":
+                    gone = [fact for p in patterns for fact in _matching(view, p, graph)]
+                    return Changes(0, FactWriter(view).delete(gone))
+                facts = [_fact(pattern, graph) for pattern in patterns]
+                removed = 0
+                if method == "update":
+                    gone = [fact for new in facts for fact in _replaced(view, new)]
+                    removed = FactWriter(view).delete(f for f in gone if f not in facts)
+                added = FactWriter(view, _end(view, lifespan)).insert(facts)
+                return Changes(added, removed)
+
+    def add(
+        self, statements: Statements, *, lifespan: float = 0, model: str | None = None
+    ) -> Changes:
+        """Add statements."""
+        return self.revise(statements, "add", lifespan=lifespan, model=model)
+
+    def retract(self, statements: Statements, *, model: str | None = None) -> Changes:
+        """Remove statements, and all that match those with variables or ``*``."""
+        return self.revise(statements, "retract", model=model)
+
+    def update(
+        self, statements: Statements, *, lifespan: float = 0, model: str | None = None
+    ) -> Changes:
+        """Add statements; those with a functional property replace former ones."""
+        return self.revise(statements, "update", lifespan=lifespan, model=model)
+
+    def __iadd__(self, statements: Statements) -> KnowledgeClient:
+        self.update(statements)
+        return self
+
+    def __isub__(self, statements: Statements) -> KnowledgeClient:
+        self.retract(statements)
+        return self
+
+    # Questions
+
+    def find(
+        self, names: Statements, patterns: Statements, *, model: str | None = None
+    ) -> set[Any] | list[dict[str, Any]]:
+        """Return what the variables of some names stand for where all patterns match.
+
+        Returns
+        -------
+        the set of values of one variable; of several, a dictionary for each solution
+
+        Raises
+        ------
+        ValueError
+            A pattern is malformed, or does not have a variable.
+        """
+        wanted = [name.removeprefix("?") for name in ([names] if isinstance(names, str) else names)]
+        parsed = self._parsed(patterns)
+        known = variables(parsed)
+        for name in wanted:
+            if name not in known:
+                raise ValueError(
+                    f"no pattern has the variable ?{name}; variables: {', '.join(known) or 'none'}"
+                )
+        if not wanted:
+            raise ValueError("no variable is named: name one, or use has() for a yes or no")
+        rows = self.sparql(query_text(parsed, wanted, self._graph(model))).rows
+        found = [[name_of(term, self.map_name) for term in row] for row in rows]
+        if len(wanted) == 1:
+            return {value for (value,) in found}
+        return [dict(zip(wanted, row, strict=True)) for row in found]
+
+    def __getitem__(self, patterns: Statements) -> set[Any] | list[dict[str, Any]]:
+        parsed = self._parsed(patterns)
+        names = variables(parsed)
+        if names:
+            return self.find(names, patterns)
+        starred = [term for term in parsed[0].terms if isinstance(term, rdflib.Variable)]
+        if len(parsed) != 1 or len(starred) != 1:
+            raise ValueError(f"{patterns!r}: name the variables that you want, such as ?x")
+        rows = self.sparql(query_text(parsed, [str(starred[0])], None)).rows
+        return {name_of(term, self.map_name) for (term,) in rows}
+
+    def has(self, patterns: Statements, *, model: str | None = None) -> bool:
+        """Return whether all patterns match together."""
+        text = query_text(self._parsed(patterns), [], self._graph(model))
+        return bool(self.sparql(text).truth)
+
+    def __contains__(self, patterns: Statements) -> bool:
+        return self.has(patterns)
+
+    def about(self, resource: str, *, model: str | None = None) -> list[tuple[Any, Any, Any]]:
+        """Return the statements that have a resource as subject or object, sorted."""
+        graph = self._graph(model)
+        with self._view() as view:
+            term = self._resource(view, resource)
+            found = {*view.triples((term, None, None), graph)}
+            found |= {*view.triples((None, None, term), graph)}
+        named = (tuple(name_of(term, self.map_name) for term in triple) for triple in found)
+        return sorted(named, key=str)
+
+    def details(self, resource: str) -> dict[str, Any]:
+        """Return name, id, type ("class", "instance" or "undecided") and classes of a resource."""
+        with self._view() as view:
+            term = self._resource(view, resource)
+            described = {*view.triples((term, None, None))}
+            used = any(True for _ in view.triples((None, rdflib.RDF.type, term)))
+        values: dict[str, list[Any]] = {}
+        for _, verb, value in described:
+            values.setdefault(str(verb), []).append(name_of(value, self.map_name))
+        classes = values.get(f"{SEMMAP}directType") or values.get(f"{RDF}type", [])
+        parents = values.get(f"{RDFS}subClassOf", [])
+        is_class = used or bool(parents) or "owl:Class" in classes
+        attributes = (
+            {"name": "Parents", "id": "superClasses", "values": sorted(parents, key=str)}
+            if is_class
+            else {"name": "Classes", "id": "classes", "values": sorted(classes, key=str)}
+        )
+        return {
+            "name": next(iter(values.get(f"{RDFS}label", [])), name_of(term, self.map_name)),
+            "id": name_of(term, self.map_name),
+            "type": "class" if is_class else "instance" if classes else "undecided",
+            "attributes": [attributes],
+        }
+
+    def sparql(self, text: str) -> Answer:
+        """Answer a query of SPARQL."""
+        with self._view() as view:
+            return query(view.session, text)
+
+    # Events
+
+    def subscribe(
+        self,
+        patterns: Statements,
+        callback: Callable[[Event], Any] | None = None,
+        *,
+        one_shot: bool = False,
+        model: str | None = None,
+    ) -> int:
+        """Return the number of a subscription to what patterns match.
+
+        What they match already is not an event. Bindings of events are written as in statements.
+
+        Parameters
+        ----------
+        patterns : with or without variables; all of them together
+        callback : gets the events, in a thread of the client; else `events` yields them
+        one_shot : end with the first match that appears; it alone is reported
+
+        Raises
+        ------
+        ValueError
+            A pattern is malformed.
+        """
+        parsed = self._parsed(patterns)
+        text = query_text(parsed, variables(parsed), self._graph(model))
+        named = None if callback is None else lambda event: callback(self._named(event))
+        return self._subscriptions.add(text, one_shot=one_shot, callback=named)[0]
+
+    def unsubscribe(self, number: int) -> None:
+        """End a subscription."""
+        self._subscriptions.remove(number)
+
+    def events(self, timeout: float | None = None) -> Iterator[Event]:
+        """Yield the events of subscriptions without a callback, until none comes in `timeout` s."""
+        yield from map(self._named, self._subscriptions.events(timeout))
+
+    def _named(self, event: Event) -> Event:
+        terms = event.bindings.items()
+        return replace(event, bindings={n: name_of(term, self.map_name) for n, term in terms})
+
+    # Parts
+
+    @contextmanager
+    def _view(self) -> Iterator[MapView]:
+        """A transaction that sees the map."""
+        with self._engine.begin() as connection:
+            see_map(connection, self.map_name)
+            session = _driver(connection)
+            with limited(session, None) as deadline:
+                view = MapView.of(session)
+                view.deadline = deadline
+                yield view
+
+    def _parsed(self, statements: Statements) -> list[Pattern]:
+        texts = [statements] if isinstance(statements, str) else list(statements)
+        if not texts:
+            raise ValueError("there is no statement")
+        return [parse_pattern(text, self.map_name) for text in texts]
+
+    def _graph(self, model: str | None) -> rdflib.URIRef | None:
+        if model is None:
+            return None
+        if not model:
+            raise ValueError("a model has a name: leave it out for the map itself")
+        return rdflib.URIRef(f"{map_namespace(self.map_name)}{encode(model)}")
+
+    def _resource(self, view: MapView, name: str) -> Any:
+        """Return the term of a name: an entity's, else a type's, else that of an individual."""
+        subject = parse_pattern(f"{name} rdf:type *", self.map_name).subject
+        type_ = parse_pattern(f"* rdf:type {name}", self.map_name).object
+        constants = view.constants([subject, type_])
+        if subject != type_ and constants.node(str(subject))[0] == "iri":
+            stated = any(True for _ in view.triples((None, None, type_)))
+            if constants.node(str(type_))[0] == "type" or stated:
+                return type_
+        return subject
+
+
+def _driver(connection: Any) -> psycopg.Connection[Any]:
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    return driver
+
+
+def _refuse_variables(patterns: Sequence[Pattern]) -> None:
+    for pattern in patterns:
+        for term in pattern.terms:
+            if not isinstance(term, (rdflib.URIRef, rdflib.Literal)):
+                raise ValueError(
+                    f"{' '.join(t.n3() for t in pattern.terms)}: only what is retracted has "
+                    "variables, *, or paths: name all three terms"
+                )
+
+
+def _remove_ended(view: MapView) -> None:
+    # Rows that another transaction changes are left to it.
+    view.session.execute(
+        "DELETE FROM statement WHERE id IN (SELECT id FROM statement WHERE map_id = %s "
+        "AND until <= statement_timestamp() FOR UPDATE SKIP LOCKED)",
+        (view.number,),
+    )
+
+
+def _end(view: MapView, lifespan: float) -> datetime | None:
+    if not lifespan:
+        return None
+    row = view.session.execute(
+        "SELECT clock_timestamp() + make_interval(secs => %s)", (lifespan,)
+    ).fetchone()
+    assert row is not None
+    return row[0]  # type: ignore[no-any-return]
+
+
+def _fact(pattern: Pattern, graph: rdflib.URIRef | None) -> Fact:
+    return Fact(pattern.subject, pattern.verb, pattern.object, graph)
+
+
+def _matching(view: MapView, pattern: Pattern, graph: rdflib.URIRef | None) -> Iterator[Fact]:
+    """Yield the facts that a pattern stands for."""
+    names = [str(t) for t in pattern.terms if isinstance(t, (rdflib.Variable, rdflib.BNode))]
+    if not isinstance(pattern.verb, (rdflib.URIRef, rdflib.Variable, rdflib.BNode)):
+        raise ValueError(f"{pattern.verb.n3()}: a path is not stated: name a property")
+    if not names:
+        yield _fact(pattern, graph)
+        return
+    free = tuple(
+        None if isinstance(term, (rdflib.Variable, rdflib.BNode)) else term
+        for term in pattern.terms
+    )
+    for triple in view.triples(free, graph):  # type: ignore[arg-type]
+        values: dict[str, Any] = {}
+        pairs = zip(pattern.terms, triple, strict=True)
+        if all(
+            term == value or values.setdefault(str(term), value) == value for term, value in pairs
+        ):
+            yield Fact(*triple, graph)
+
+
+def _replaced(view: MapView, fact: Fact) -> Iterator[Fact]:
+    """Yield the facts that a new one replaces: those of a functional property."""
+    functional = (fact.property, rdflib.RDF.type, rdflib.URIRef(f"{OWL}FunctionalProperty"))
+    graphs = {None, fact.graph}
+    if any(True for graph in graphs for _ in view.triples(functional, graph)):
+        for triple in view.triples((fact.subject, fact.property, None), fact.graph):
+            yield Fact(*triple, fact.graph)
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Report what the map does not allow."""
+    try:
+        yield
+    except RefusedError as error:
+        raise ValueError(f"{error.fact.shown()}: {error.reason}") from error
+    except (psycopg.IntegrityError, psycopg.errors.InsufficientPrivilege) as error:
+        lines = [error.diag.message_primary or str(error), error.diag.message_hint]
+        raise ValueError(". ".join(line for line in lines if line)) from error

@@ -1,0 +1,150 @@
+"""Statements as users of KnowledgeCore write them: "human1 looksAt book", "?x rdf:type Book".
+
+Bare words get a prefix; all else is read by the front end of SPARQL.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import Any
+from urllib.parse import quote
+
+import rdflib
+from rdflib.paths import Path
+
+from semmap.knowledge.queries import plain
+from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, map_namespace, prefixes, short
+from semmap.language.error import QueryError
+from semmap.language.parser import parse_sparql
+
+__all__ = ["Pattern", "name_of", "parse_pattern", "query_text", "variables"]
+
+_BARE = re.compile(r"[^\W\d](?:[\w.%-]*[\w%-])?")
+_NAMELESS = "__"
+_COUNT = count()
+"""Variables that ``*`` stands for: each is another one."""
+_LITERALS = frozenset({"true", "false"})
+_ABOUT_VOCABULARY = frozenset(
+    {
+        "rdfs:subClassOf",
+        "rdfs:subPropertyOf",
+        "rdfs:domain",
+        "rdfs:range",
+        "owl:equivalentClass",
+        "owl:disjointWith",
+        "owl:inverseOf",
+        "owl:equivalentProperty",
+    }
+)
+"""Properties between classes and properties; bare words are individuals with all others."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A triple of terms, some of which may be variables; the verb, its property, may be a path."""
+
+    subject: Any
+    verb: Any
+    object: Any
+
+    @property
+    def terms(self) -> tuple[Any, Any, Any]:
+        """The three terms."""
+        return self.subject, self.verb, self.object
+
+
+def parse_pattern(statement: str, map_name: str) -> Pattern:
+    """Return the terms of a statement.
+
+    A bare word is an individual of the map (`:word`), as property or class a term of KnowledgeCore
+    (`oro:word`), and so the property or type of the map with that name. ``*`` is a variable without
+    a name.
+
+    Raises
+    ------
+    ValueError
+        It is not a statement.
+
+    Examples
+    --------
+    >>> [str(term) for term in parse_pattern("human1 looksAt ?book", "lab").terms]
+    ['urn:semmap:map:lab#human1', 'http://kb.openrobots.org#looksAt', 'book']
+    """
+    parts = statement.strip().removesuffix(" .").split(None, 2)
+    if len(parts) != 3:
+        raise ValueError(f"{statement!r}: a statement has a subject, a property and an object")
+    subject, verb, object_ = parts
+    verb = "rdf:type" if verb == "a" else verb
+    both = verb in _ABOUT_VOCABULARY
+    of_class = both or verb == "rdf:type"
+    of_term = both or (verb == "rdf:type" and object_.startswith("owl:"))
+    triple = " ".join(
+        (
+            _word(subject, "oro" if of_term else ""),
+            _word(verb, "oro"),
+            _word(object_, "oro" if of_class else ""),
+        )
+    )
+    try:
+        parsed = parse_sparql(
+            f"SELECT * {{ {triple}\n}}", "query", tuple(prefixes(map_name).items())
+        )
+    except QueryError as error:
+        raise ValueError(f"{statement!r}: {error.reason}: write a string in quotes") from error
+    node = parsed.algebra
+    while node.name in ("SelectQuery", "Project"):
+        node = node.p
+    if node.name != "BGP" or len(node.triples) != 1:
+        raise ValueError(f"{statement!r}: this is more than one statement: give a list of them")
+    return Pattern(*map(_plain, node.triples[0]))
+
+
+def _word(word: str, prefix: str) -> str:
+    if word == "*":
+        return f"?{_NAMELESS}{next(_COUNT)}"
+    if word in _LITERALS or not _BARE.fullmatch(word):
+        return word
+    return f"{prefix}:{quote(word, safe='%')}"
+
+
+def _plain(term: Any) -> Any:
+    return term if isinstance(term, (rdflib.Variable, Path)) else plain(term)
+
+
+def variables(patterns: Iterable[Pattern]) -> list[str]:
+    """Return the names of the variables of patterns, in order; without those of ``*``."""
+    terms = (term for pattern in patterns for term in pattern.terms)
+    names = dict.fromkeys(str(term) for term in terms if isinstance(term, rdflib.Variable))
+    return [name for name in names if not name.startswith(_NAMELESS)]
+
+
+def query_text(
+    patterns: Sequence[Pattern], names: Sequence[str], graph: rdflib.URIRef | None
+) -> str:
+    """Return the query for all patterns: SELECT of the names, or ASK where there are none."""
+    body = " . ".join(" ".join(term.n3() for term in pattern.terms) for pattern in patterns)
+    if graph is not None:
+        body = f"GRAPH {graph.n3()} {{ {body} }}"
+    form = f"SELECT DISTINCT {' '.join(f'?{name}' for name in names)}" if names else "ASK"
+    return f"{form} {{ {body} }}"
+
+
+def name_of(term: Any, map_name: str) -> Any:
+    """Return a term as it is written in a statement; a literal as a value of Python.
+
+    Examples
+    --------
+    >>> name_of(rdflib.URIRef("urn:semmap:ontology#Cup"), "lab"), name_of(rdflib.Literal(5), "lab")
+    ('Cup', 5)
+    """
+    if isinstance(term, rdflib.Literal):
+        return term.toPython()
+    if not isinstance(term, rdflib.URIRef):
+        return None if term is None else term.n3()
+    for space in (map_namespace(map_name), KNOWLEDGE_CORE[0], SEMMAP):
+        if term.startswith(space):
+            return str(term)[len(space) :]
+    return short(str(term), prefixes(map_name))
