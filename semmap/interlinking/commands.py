@@ -33,7 +33,7 @@ class _FilesOrCommand(TyperGroup):
 interlink = typer.Typer(
     cls=_FilesOrCommand,
     no_args_is_help=True,
-    help="Find which records of two data sets are the same: semmap interlink A B --ask.",
+    help="Find which records of two data sets are the same, and store the links.",
 )
 
 
