@@ -38,7 +38,7 @@ END $$
 
 
 def upgrade() -> None:
-    """Make the indexes anew, set what the planner goes by."""
+    """Make the indexes again, and set the statistics that the planner uses."""
     op.execute("SET LOCAL search_path = semmap, public")
     run_sql_files(op, "tables/090_planning.sql")
     for statement in (*FORGET_HISTOGRAMS, WITHIN):

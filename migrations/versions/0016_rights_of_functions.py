@@ -9,7 +9,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Nothing: the code is made anew after each upgrade."""
+    """Nothing: each upgrade makes the code again."""
 
 
 def downgrade() -> None:

@@ -1,7 +1,7 @@
 """The schema's revisions: up, down, and the SQL files of `schema/` that they run.
 
 Revisions change tables only. The code (functions, triggers, views, rights) is as `schema/` has it
-now: an upgrade drops it before the first revision and makes it anew after the last, so that no
+now: an upgrade drops it before the first revision and makes it after the last, so that no
 revision meets code that speaks of later tables.
 """
 
