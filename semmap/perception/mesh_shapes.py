@@ -89,7 +89,7 @@ def _likeness(fit: Fit, probes: Floats, share: float, volume: float) -> float:
     size = size_of(kind, bounds)
     if not (size > 0).all():
         return 0.0
-    inside = (face_distances(kind, fit.local(probes), bounds).distance <= 0).all(axis=0)
+    inside = (face_distances(kind, fit.local(probes), bounds) <= 0).all(axis=0)
     common = share * float(inside.sum())
     return common / (VOLUMES[kind](*size) + volume - common)
 

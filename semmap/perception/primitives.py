@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
 from semmap.perception.error import PerceptionError
-from semmap.perception.hypotheses import SLIMMEST, WIDEST, hypotheses
+from semmap.perception.hypotheses import SLIMMEST, WIDEST, Placed, hypotheses
 from semmap.perception.plane import Plane
 from semmap.perception.point_cloud import Floats, Surfels, checked_points, surfels
 from semmap.perception.refinement import Fit, refined
@@ -37,6 +38,9 @@ SELECTED = 300
 
 CLOSE = 0.05
 """Hypotheses whose costs differ less are both refined."""
+
+SAME = 0.002
+"""Hypotheses of one kind whose costs differ less are one shape that was found twice."""
 
 PRICE = 0.004
 """Of each bound of a shape, as a share of the points."""
@@ -142,8 +146,8 @@ def fit_primitive(
         refined(shape, few, few.points, noise, table, 1) for shape in rough if shape.kind in kinds
     ]
     usable = [fit for fit in fits if fit is not None and _is_plausible(fit, few, diameter)]
-    costs = sorted((_cost(fit, few, within), i) for i, fit in enumerate(usable))
-    finalists = [usable[i].placed for cost, i in costs[:2] if cost < costs[0][0] + CLOSE]
+    ranked = sorted(((_cost(fit, few, within), fit.placed) for fit in usable), key=itemgetter(0))
+    finalists = _finalists(ranked)
     fits = [refined(shape, fitted, cloud, noise, table) for shape in finalists]
     usable = [fit for fit in fits if fit is not None and _is_plausible(fit, fitted, diameter)]
     if not usable:
@@ -179,6 +183,19 @@ def _surfels_of(
     length = np.maximum(np.linalg.norm(chosen[:, 3:], axis=1, keepdims=True), 1e-12)
     fitted = Surfels(flat.points, chosen[:, 3:] / length, 0.0, flat.spacing)
     return both[:, :3], fitted, centre
+
+
+def _finalists(ranked: list[tuple[float, Placed]]) -> list[Placed]:
+    """The shape of least cost, and the next close one, unless it is the first one again."""
+    if not ranked:
+        return []
+    least, best = ranked[0]
+    others = [
+        shape
+        for cost, shape in ranked[1:]
+        if cost < least + CLOSE and (shape.kind != best.kind or cost > least + SAME)
+    ]
+    return [best, *others[:1]]
 
 
 def _is_plausible(fit: Fit, cloud: Surfels, diameter: float) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from semmap.perception.hypotheses import Placed
 from semmap.perception.plane import Plane
 from semmap.perception.point_cloud import Floats, Surfels
-from semmap.perception.shapes import face_distances, size_gradient
+from semmap.perception.shapes import face_distances, face_normals, face_slopes, size_gradient
 
 __all__ = ["Fit", "refined"]
 
@@ -145,12 +145,12 @@ def _first_ends(shape: Placed, cloud: Surfels, scale: float) -> Floats:
 def _seen_faces(placed: Placed, cloud: Surfels, scale: float) -> NDArray[np.bool_]:
     """(faces,) whether a face has points on it with normals across it."""
     points, normals = _local(placed, cloud)
-    faces = face_distances(placed.kind, points, placed.bounds)
-    own = faces.distance.argmax(axis=0)
-    every = np.arange(len(points))
-    across = np.abs(np.einsum("ni,ni->n", faces.normal[own, every], normals))
-    on = (np.abs(faces.distance[own, every]) < 3 * scale) & (across > 0.85)
-    count = np.bincount(own[on], minlength=len(faces.distance))
+    distances = face_distances(placed.kind, points, placed.bounds)
+    own = distances.argmax(axis=0)
+    outward = face_normals(placed.kind, points, placed.bounds, own)
+    across = np.abs(np.einsum("ni,ni->n", outward, normals))
+    on = (np.abs(distances[own, np.arange(len(points))]) < 3 * scale) & (across > 0.85)
+    count = np.bincount(own[on], minlength=len(distances))
     seen = np.asarray(count >= max(10, 0.02 * len(points)))
     for low, high in OPPOSITE[placed.kind]:
         thickness = placed.bounds[high] - placed.bounds[low]
@@ -167,23 +167,33 @@ def _equations(
     The first six columns are a motion of the shape in its own frame: translation, rotation vector.
     """
     points, normals = _local(placed, cloud)
-    faces = face_distances(placed.kind, points, placed.bounds)
-    own = np.where(seen[:, None], faces.distance, -np.inf).argmax(axis=0), np.arange(len(points))
-    residual, normal = faces.distance[own], faces.normal[own]
+    own, residual = _nearest(placed.kind, points, placed.bounds, seen)
+    normal = face_normals(placed.kind, points, placed.bounds, own)
     across = np.einsum("ni,ni->n", normal, normals)
     weights = across**4 / (1 + (residual / (2 * scale)) ** 2) ** 2
     rows = np.empty((len(points), 6 + len(placed.bounds)))
     x, y, z = points.T
     a, b, c = normal.T
-    rows[:, :3], rows[:, 6:] = -normal, faces.slope[own]
+    rows[:, :3], rows[:, 6:] = -normal, face_slopes(placed.kind, points, placed.bounds, own)
     rows[:, 3], rows[:, 4], rows[:, 5] = z * b - y * c, x * c - z * a, y * a - x * b
     return rows, residual, weights
 
 
+def _nearest(
+    kind: str, points: Floats, bounds: Floats, seen: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], Floats]:
+    """The face of each point among those that are seen, and the distance to it."""
+    faces = np.flatnonzero(seen)
+    distances = face_distances(kind, points, bounds)[faces]
+    nearest = distances.argmax(axis=0)
+    return faces[nearest], distances[nearest, np.arange(len(points))]
+
+
 def _moved(placed: Placed, step: Floats) -> Placed:
-    x, y, z = np.clip(step[3:6], -0.5, 0.5) / 2
+    x, y, z = (min(max(angle, -0.5), 0.5) / 2 for angle in step[3:6].tolist())
     half = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turn = np.linalg.solve(np.eye(3) - half, np.eye(3) + half)  # Cayley's map: a rotation
+    # Cayley's map, a rotation: (1 - half)^-1 (1 + half)
+    turn = np.eye(3) + 2 / (1 + x * x + y * y + z * z) * (half + half @ half)
     return placed._replace(
         rotation=placed.rotation @ turn,
         origin=placed.origin + placed.rotation @ step[:3],
@@ -206,9 +216,8 @@ def _ended(
     if kind == "cylinder" and not seen[0]:
         placed, points, rim = _disk(placed, points, noise)
         ends.append(rim)
-    faces = face_distances(kind, points, placed.bounds)
-    own = np.where(seen[:, None], faces.distance, -np.inf).argmax(axis=0)
-    near = np.abs(faces.distance[own, np.arange(len(points))]) < 4 * noise
+    own, distance = _nearest(kind, points, placed.bounds, seen)
+    near = np.abs(distance) < 4 * noise
     across = {e[0]: e[2] for e in ENDS[kind]}
     axis_of = np.array([across.get(face, -1) for face in range(len(seen))])[own]
     bounds = placed.bounds.copy()
@@ -259,15 +268,18 @@ def _edge(along: Floats, width: float, spacing: float) -> tuple[float, float]:
     The points beyond a line are as many as the density inside of it times the distance to the end:
     noise moves as many over the edge as back.
     """
-    count, edges = np.histogram(along, max(int(np.ptp(along) / width * 2), 1))
-    last = float(edges[1:][count > 0.3 * np.median(count[count > 0])][-1])  # beyond are outliers
+    start, reach = float(along.min()), float(np.ptp(along))
+    bins = max(int(reach / width * 2), 1)
+    count = np.bincount(((along - start) * (bins / max(reach, 1e-12))).astype(int), minlength=bins)
+    count[bins - 1] += count[bins:].sum()
+    full = np.flatnonzero(count[:bins] > 0.3 * np.median(count[:bins][count[:bins] > 0]))
+    last = start + reach * (int(full[-1]) + 1) / bins  # beyond are outliers
     line = last - width
     inside = along[(along > line - WINDOW * width) & (along <= line)]
     beyond = int(((along > line) & (along < last + width / 2)).sum())
     if len(inside) < 10:
         return last, max(width, spacing)
-    reach = line - max(line - WINDOW * width, float(along.min()))
-    density = len(inside) / reach
+    density = len(inside) / (line - max(line - WINDOW * width, start))
     counted = math.sqrt(beyond + beyond**2 / len(inside)) / density
     return line + beyond / density, math.hypot(counted, spacing / math.sqrt(12))
 

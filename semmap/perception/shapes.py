@@ -18,10 +18,21 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semmap.perception.point_cloud import Floats
 
-__all__ = ["SHAPES", "FaceDistances", "face_distances", "size_gradient", "size_of", "surface"]
+__all__ = [
+    "SHAPES",
+    "face_distances",
+    "face_normals",
+    "face_slopes",
+    "size_gradient",
+    "size_of",
+    "surface",
+]
+
+Numbers = NDArray[np.intp]
 
 SHAPES: dict[str, tuple[str, ...]] = {
     "sphere": ("radius",),
@@ -32,83 +43,116 @@ SHAPES: dict[str, tuple[str, ...]] = {
 """Parameters of the shapes, metres."""
 
 
-class FaceDistances(NamedTuple):
-    """Distances of n points to the k unbounded faces of a shape with b bounds.
+class _Faces(NamedTuple):
+    """How the distances to the unbounded faces of a kind of shape are computed.
 
     Attributes
     ----------
-    distance : (k, n), metres, positive outside
-    normal : (k, n, 3), outward
-    slope : (k, n, b)
-        Derivatives of the distances by the bounds.
+    distances : from points (n, 3) and bounds to (faces, n) metres, positive outside
+    normals : from the same and the face of each point to outward normals (n, 3)
+    slopes : from the same to the derivatives of those distances by the bounds, (n, bounds)
     """
 
-    distance: Floats
-    normal: Floats
-    slope: Floats
+    distances: Callable[[Floats, Floats], Floats]
+    normals: Callable[[Floats, Floats, Numbers], Floats]
+    slopes: Callable[[Floats, Floats, Numbers], Floats]
 
 
-def _sphere(p: Floats, bounds: Floats) -> FaceDistances:
-    radius = np.maximum(np.linalg.norm(p, axis=1), 1e-12)
-    return FaceDistances(
-        (radius - bounds[0])[None], (p / radius[:, None])[None], -np.ones((1, len(p), 1))
-    )
+def _sphere_distances(p: Floats, bounds: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.einsum("ni,ni->n", p, p)) - bounds[0])[None]
 
 
-def _cylinder(p: Floats, bounds: Floats) -> FaceDistances:
+def _sphere_normals(p: Floats, bounds: Floats, own: Numbers) -> Floats:
+    return np.asarray(p / np.maximum(np.sqrt(np.einsum("ni,ni->n", p, p)), 1e-12)[:, None])
+
+
+def _from_axis(p: Floats) -> Floats:
+    return np.maximum(np.hypot(p[:, 0], p[:, 1]), 1e-12)
+
+
+def _cylinder_distances(p: Floats, bounds: Floats) -> Floats:
     radius, low, high = bounds
-    rho = np.maximum(np.hypot(p[:, 0], p[:, 1]), 1e-12)
-    normal = np.zeros((3, len(p), 3))
-    normal[0, :, :2] = p[:, :2] / rho[:, None]
-    normal[1, :, 2], normal[2, :, 2] = -1, 1
-    slope = np.zeros((3, len(p), 3))
-    slope[0, :, 0], slope[1, :, 1], slope[2, :, 2] = -1, 1, -1
-    return FaceDistances(np.stack([rho - radius, low - p[:, 2], p[:, 2] - high]), normal, slope)
+    return np.stack([_from_axis(p) - radius, low - p[:, 2], p[:, 2] - high])
 
 
-def _cuboid(p: Floats, bounds: Floats) -> FaceDistances:
-    low, high = bounds[:3], bounds[3:]
-    normal = np.zeros((6, len(p), 3))
-    slope = np.zeros((6, len(p), 6))
-    for i in range(3):
-        normal[i, :, i], normal[3 + i, :, i] = -1, 1
-        slope[i, :, i], slope[3 + i, :, 3 + i] = 1, -1
-    return FaceDistances(np.concatenate([low - p, p - high], axis=1).T, normal, slope)
+def _cylinder_normals(p: Floats, bounds: Floats, own: Numbers) -> Floats:
+    normal = _CYLINDER_NORMALS[own]
+    normal[:, :2] = p[:, :2] * ((own == 0) / _from_axis(p))[:, None]
+    return normal
 
 
-def _cone(p: Floats, bounds: Floats) -> FaceDistances:
+def _cuboid_distances(p: Floats, bounds: Floats) -> Floats:
+    return np.concatenate([bounds[:3, None] - p.T, p.T - bounds[3:, None]])
+
+
+def _cone_distances(p: Floats, bounds: Floats) -> Floats:
     tangent, low, tip = bounds
-    rho = np.maximum(np.hypot(p[:, 0], p[:, 1]), 1e-12)
+    cos = 1 / np.sqrt(1 + tangent**2)
+    return np.stack([cos * (_from_axis(p) - tangent * (tip - p[:, 2])), low - p[:, 2]])
+
+
+def _cone_normals(p: Floats, bounds: Floats, own: Numbers) -> Floats:
+    cos = 1 / np.sqrt(1 + bounds[0] ** 2)
+    normal = np.array([[0, 0, cos * bounds[0]], [0, 0, -1]])[own]
+    normal[:, :2] = p[:, :2] * (cos * (own == 0) / _from_axis(p))[:, None]
+    return normal
+
+
+def _cone_slopes(p: Floats, bounds: Floats, own: Numbers) -> Floats:
+    tangent, _, tip = bounds
     below = tip - p[:, 2]
     cos = 1 / np.sqrt(1 + tangent**2)
-    gap = rho - tangent * below
-    normal = np.zeros((2, len(p), 3))
-    normal[0, :, :2] = cos * p[:, :2] / rho[:, None]
-    normal[0, :, 2], normal[1, :, 2] = cos * tangent, -1
-    slope = np.zeros((2, len(p), 3))
-    slope[0, :, 0] = -cos * below - gap * tangent * cos**3
-    slope[0, :, 2], slope[1, :, 1] = -cos * tangent, 1
-    return FaceDistances(np.stack([cos * gap, low - p[:, 2]]), normal, slope)
+    gap = _from_axis(p) - tangent * below
+    slope = np.array([[0, 0, -cos * tangent], [0, 1, 0]])[own]
+    slope[:, 0] = (-cos * below - gap * tangent * cos**3) * (own == 0)
+    return slope
 
 
-_FACES: dict[str, Callable[[Floats, Floats], FaceDistances]] = {
-    "sphere": _sphere,
-    "cylinder": _cylinder,
-    "cone": _cone,
-    "cuboid": _cuboid,
+_CYLINDER_NORMALS = np.array([[0.0, 0, 0], [0, 0, -1], [0, 0, 1]])
+_CYLINDER_SLOPES = np.diag([-1.0, 1, -1])
+_CUBOID_NORMALS = np.vstack([-np.eye(3), np.eye(3)])
+_CUBOID_SLOPES = np.diag([1.0, 1, 1, -1, -1, -1])
+
+_FACES: dict[str, _Faces] = {
+    "sphere": _Faces(
+        _sphere_distances, _sphere_normals, lambda p, bounds, own: -np.ones((len(p), 1))
+    ),
+    "cylinder": _Faces(
+        _cylinder_distances, _cylinder_normals, lambda p, bounds, own: _CYLINDER_SLOPES[own]
+    ),
+    "cuboid": _Faces(
+        _cuboid_distances,
+        lambda p, bounds, own: _CUBOID_NORMALS[own],
+        lambda p, bounds, own: _CUBOID_SLOPES[own],
+    ),
+    "cone": _Faces(_cone_distances, _cone_normals, _cone_slopes),
 }
 
 
-def face_distances(kind: str, points: Floats, bounds: Floats) -> FaceDistances:
-    """Return the distances of points, in the frame of a shape, to its faces."""
-    return _FACES[kind](points, bounds)
+def face_distances(kind: str, points: Floats, bounds: Floats) -> Floats:
+    """Return the distances of points (n, 3), in the frame of a shape, to its faces: (faces, n).
+
+    They are metres, positive outside.
+    """
+    return _FACES[kind].distances(points, bounds)
+
+
+def face_normals(kind: str, points: Floats, bounds: Floats, face: Numbers) -> Floats:
+    """Return the outward normals (n, 3) of the face of each point, (n,) numbers."""
+    return _FACES[kind].normals(points, bounds, face)
+
+
+def face_slopes(kind: str, points: Floats, bounds: Floats, face: Numbers) -> Floats:
+    """Return the derivatives of the distance to the face of each point by the bounds, (n, b)."""
+    return _FACES[kind].slopes(points, bounds, face)
 
 
 def surface(kind: str, points: Floats, bounds: Floats) -> tuple[Floats, Floats]:
     """Return the distances of points to the surface, (n,) metres, and its normals, (n, 3)."""
-    faces = face_distances(kind, points, bounds)
-    nearest = faces.distance.argmax(axis=0), np.arange(len(points))
-    return np.abs(faces.distance[nearest]), faces.normal[nearest]
+    distances = face_distances(kind, points, bounds)
+    nearest = distances.argmax(axis=0)
+    normals = face_normals(kind, points, bounds, nearest)
+    return np.abs(distances[nearest, np.arange(len(points))]), normals
 
 
 def size_of(kind: str, bounds: Floats) -> Floats:
