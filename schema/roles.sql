@@ -135,7 +135,7 @@ END $$;
 GRANT USAGE ON ALL SEQUENCES IN SCHEMA semmap TO semmap_robot, semmap_admin;
 -- Tables that triggers maintain are written by triggers only.
 REVOKE INSERT, UPDATE, DELETE ON world, object_type, type_closure, entity_chunk, change, change_pruned,
-    entity_history, placement_history, belief FROM semmap_admin;
+    entity_history, placement_history, belief, entity_object FROM semmap_admin;
 
 -- Functions that can write are executed by those who need them alone. A trigger function that everybody may
 -- execute could be attached to a user's own table.

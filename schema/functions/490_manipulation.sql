@@ -41,10 +41,49 @@ END $$;
 
 CREATE FUNCTION object_of(entity bigint)
 RETURNS bigint LANGUAGE sql STABLE AS $$
--- The object model of an entity, by its visual mesh, else by its collision mesh; null where nothing is known of it.
-SELECT o.object_id FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id JOIN semmap.object_mesh o ON o.digest = m.digest
-WHERE em.entity_id = entity ORDER BY em.role DESC, o.object_id LIMIT 1
+-- The object model of an entity; null where nothing is known of it.
+SELECT o.object_id FROM semmap.entity_object o WHERE o.entity_id = entity
 $$;
+
+CREATE FUNCTION find_objects(entities bigint[])
+RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- Determines the object models of entities anew.
+DELETE FROM entity_object WHERE entity_id = ANY (entities);
+INSERT INTO entity_object (entity_id, object_id)
+    SELECT DISTINCT ON (em.entity_id) em.entity_id, h.object_id
+    FROM entity_model em JOIN model m ON m.id = em.model_id JOIN object_mesh h ON h.digest = m.digest
+    WHERE em.entity_id = ANY (entities) ORDER BY em.entity_id, em.role DESC, h.object_id
+$$;
+
+CREATE FUNCTION entity_meshes_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+BEGIN
+    IF EXISTS (SELECT FROM object_mesh) THEN
+        PERFORM find_objects(ARRAY(SELECT DISTINCT entity_id FROM changed));
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE FUNCTION object_meshes_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+BEGIN
+    PERFORM find_objects(ARRAY(SELECT DISTINCT em.entity_id FROM changed c JOIN model m ON m.digest = c.digest
+                                                            JOIN entity_model em ON em.model_id = m.id));
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER entity_meshes_inserted AFTER INSERT ON entity_model REFERENCING NEW TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION entity_meshes_changed();
+CREATE TRIGGER entity_meshes_updated AFTER UPDATE ON entity_model REFERENCING NEW TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION entity_meshes_changed();
+CREATE TRIGGER entity_meshes_deleted AFTER DELETE ON entity_model REFERENCING OLD TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION entity_meshes_changed();
+CREATE TRIGGER object_meshes_inserted AFTER INSERT ON object_mesh REFERENCING NEW TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION object_meshes_changed();
+CREATE TRIGGER object_meshes_updated AFTER UPDATE ON object_mesh REFERENCING NEW TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION object_meshes_changed();
+CREATE TRIGGER object_meshes_deleted AFTER DELETE ON object_mesh REFERENCING OLD TABLE AS changed
+    FOR EACH STATEMENT EXECUTE FUNCTION object_meshes_changed();
 
 CREATE FUNCTION best_actions(objects bigint[], gripper integer, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
 RETURNS TABLE (action_id bigint, object_id bigint, expected double precision)
@@ -91,9 +130,23 @@ $$;
 
 CREATE FUNCTION known_actions(use text, gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
 RETURNS TABLE (action_id bigint, object_id bigint, expected double precision) LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
--- The best stored actions on all object models for a function, in any map or none.
+-- The best stored actions on all object models for a function, in any map or none: usually among the best of the gripper.
+DECLARE
+    depth CONSTANT integer := 500;
+    chosen integer := semmap.gripper_named(gripper);
+    types text[] := semmap.types_for(use);
+    found_ids bigint[] := ARRAY(
+        SELECT a.id FROM (SELECT t.id, t.object_id, t.replaced_by FROM semmap.action t
+                          WHERE t.gripper_id = chosen AND t.kind = of_kind ORDER BY t.expected DESC, t.id LIMIT depth) a
+        WHERE a.replaced_by IS NULL
+          AND (SELECT o.type = ANY (types) OR o.functions @> ARRAY[use] FROM semmap.object_model o WHERE o.id = a.object_id)
+        LIMIT most);
 BEGIN
-    RETURN QUERY SELECT * FROM semmap.best_actions(ARRAY(SELECT o FROM semmap.objects_for(use) o), semmap.gripper_named(gripper), of_kind, most);
+    IF cardinality(found_ids) = most THEN
+        RETURN QUERY SELECT a.id, a.object_id, a.expected FROM semmap.action a WHERE a.id = ANY (found_ids) ORDER BY a.expected DESC, a.id;
+        RETURN;
+    END IF;
+    RETURN QUERY SELECT * FROM semmap.best_actions(ARRAY(SELECT o FROM semmap.objects_for(use) o), chosen, of_kind, most);
 END $$;
 
 CREATE FUNCTION actions_on(entities bigint[], gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
@@ -109,10 +162,8 @@ DECLARE
     chosen integer := semmap.gripper_named(gripper);
 BEGIN
     RETURN QUERY
-    WITH found AS MATERIALIZED (  -- as object_of
-        SELECT DISTINCT ON (em.entity_id) em.entity_id AS id, h.object_id AS object
-        FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id JOIN semmap.object_mesh h ON h.digest = m.digest
-        WHERE em.entity_id = ANY (entities) ORDER BY em.entity_id, em.role DESC, h.object_id
+    WITH found AS MATERIALIZED (
+        SELECT o.entity_id AS id, o.object_id AS object FROM semmap.entity_object o WHERE o.entity_id = ANY (entities)
     ), best AS MATERIALIZED (
         SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f), chosen, of_kind, most) b
     )
@@ -156,9 +207,8 @@ BEGIN
     RETURN ARRAY(
         SELECT e.id FROM semmap.entity e WHERE e.map_id = map AND e.kind = 'object' AND e.type = ANY (types)
       UNION
-        SELECT e.id FROM semmap.object_model o JOIN semmap.object_mesh h ON h.object_id = o.id
-          JOIN semmap.model m ON m.digest = h.digest JOIN semmap.entity_model em ON em.model_id = m.id
-          JOIN semmap.entity e ON e.id = em.entity_id AND e.map_id = map AND e.kind = 'object'
+        SELECT e.id FROM semmap.object_model o JOIN semmap.entity_object h ON h.object_id = o.id
+          JOIN semmap.entity e ON e.id = h.entity_id AND e.map_id = map AND e.kind = 'object'
         WHERE o.functions @> ARRAY[use]);
 END $$;
 

@@ -249,3 +249,33 @@ def test_no_answer_is_an_exit_status(url: str) -> None:
     assert semmap(url, "grasp", "table").exit_code == 1
     assert semmap(url, "grasp", "mug", "--kind", "push").exit_code == 1
     assert semmap(url, "grasp").exit_code == 2
+
+
+CHANGES_OF_MESHES = (
+    "INSERT INTO object_model (key) VALUES ('other')",
+    "DELETE FROM object_mesh WHERE digest IN (SELECT digest FROM object_mesh ORDER BY 1 LIMIT 1)",
+    "UPDATE object_mesh SET object_id = (SELECT max(id) FROM object_model)",
+    "INSERT INTO object_mesh (digest, object_id) SELECT digest, (SELECT min(id) FROM object_model) "
+    "FROM model ON CONFLICT DO NOTHING",
+    "UPDATE entity_model SET model_id = (SELECT min(model_id) FROM entity_model) "
+    "WHERE entity_id = (SELECT max(entity_id) FROM entity_model)",
+    "DELETE FROM entity WHERE id = (SELECT max(entity_id) FROM entity_model)",
+    "DELETE FROM object_model WHERE id = (SELECT max(id) FROM object_model)",
+)
+"""What changes the object model of entities."""
+
+
+def test_object_models_of_entities_follow_their_meshes(house: SemanticMap) -> None:
+    by_meshes = (
+        "SELECT DISTINCT ON (em.entity_id) em.entity_id, h.object_id FROM entity_model em "
+        "JOIN model m ON m.id = em.model_id JOIN object_mesh h ON h.digest = m.digest "
+        "ORDER BY em.entity_id, em.role DESC, h.object_id"
+    )
+    store_shapes(house.session_of_map())
+    seen = set()
+    for change in ("SELECT", *CHANGES_OF_MESHES):
+        house.execute(change)
+        kept = house.execute("SELECT entity_id, object_id FROM entity_object ORDER BY 1")
+        assert kept == house.execute(by_meshes), change
+        seen.add(str(kept))
+    assert len(seen) > 4

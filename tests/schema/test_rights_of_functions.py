@@ -41,6 +41,7 @@ CALLS: dict[str, set[str]] = {
     "drawn_model(ST_Multi(ST_MakeEnvelope(0, 0, 1, 1)), 0, 1)": WRITERS,
     "drop_map((SELECT name FROM semmap.map WHERE id = {map}))": {"admin"},
     "drop_unused_models()": {"admin"},
+    "find_objects('{{{mug}}}')": set(),
     "follow_geometry('{{{mug}}}', '{{}}')": set(),
     "hold_still({mug}, {room})": WRITERS,
     "lock_holders('{{{mug}}}')": set(),
