@@ -17,7 +17,7 @@ depends_on = None
 
 def upgrade() -> None:
     """Make the table where it is missing, with what the meshes say."""
-    make_tables(op, "115_entity_object.sql", "entity_object")
+    make_tables(op, "140_entity_object.sql", "entity_object")
     op.execute(
         "INSERT INTO entity_object (entity_id, object_id) "
         "SELECT DISTINCT ON (em.entity_id) em.entity_id, h.object_id FROM entity_model em "

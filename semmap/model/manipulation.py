@@ -33,6 +33,7 @@ __all__ = [
     "Automaton",
     "Contributor",
     "Device",
+    "EntityObject",
     "Experience",
     "Gripper",
     "ManipulationTask",
@@ -151,6 +152,18 @@ class ObjectMesh(Base):
     object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
 
     object: Mapped[ObjectModel] = relationship(back_populates="meshes")
+
+
+class EntityObject(Base):
+    """The object model of an entity, as its meshes say; triggers write it."""
+
+    __tablename__ = "entity_object"
+    __table_args__ = (Index("entity_object_object", "object_id"),)
+
+    entity_id: Mapped[int] = mapped_column(
+        ForeignKey(Entity.id, ondelete="CASCADE"), primary_key=True
+    )
+    object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
 
 
 class Action(Base):

@@ -191,23 +191,17 @@ def test_a_database_with_old_names_gets_the_new_ones(engine: Engine, revision: s
 
 
 @pytest.mark.parametrize(
-    ("revision", "later"),
-    [
-        ("0016", ("100_belief", "110_manipulation", "120_knowledge", "130_interlinking")),
-        ("0018", ("110_manipulation", "120_knowledge", "130_interlinking")),
-        ("0021", ("130_interlinking",)),
-    ],
+    ("revision", "first"),
+    [("0016", "100_belief"), ("0018", "110_manipulation"), ("0021", "130_interlinking")],
 )
-def test_a_database_from_before_later_tables(
-    engine: Engine, revision: str, later: tuple[str, ...]
-) -> None:
+def test_a_database_from_before_later_tables(engine: Engine, revision: str, first: str) -> None:
     """The code of today speaks of tables that each of its revisions in between does not have."""
     with engine.begin() as connection:
         connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
         names = {*connection.exec_driver_sql(NAMES).scalars()}
         migrate.drop_code(connection)
-        for file in later:
-            made = (migrate.schema_folder() / f"tables/{file}.sql").read_text()
+        for file in sorted(migrate.schema_folder().glob("tables/*.sql")):
+            made = file.read_text() if file.stem >= first else ""
             for table in re.findall(r"^CREATE TABLE (\w+)", made, re.MULTILINE):
                 connection.exec_driver_sql(f"DROP TABLE semmap.{table} CASCADE")
         connection.exec_driver_sql(f"UPDATE public.semmap_version SET version_num = '{revision}'")
