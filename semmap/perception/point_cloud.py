@@ -12,6 +12,9 @@ __all__ = ["Floats", "Surfels", "checked_points", "surfels", "voxel_downsample"]
 
 Floats = NDArray[np.float64]
 
+FARTHEST = 1e6
+"""Metres; farther coordinates are those of broken files, and squares of them overflow."""
+
 NEIGHBOURS = 20
 """Points of a local plane."""
 
@@ -36,7 +39,7 @@ def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Fl
     Raises
     ------
     PerceptionError
-        Another shape, or too few finite points.
+        Another shape, too few finite points, or a coordinate of more than 1,000 km.
     """
     try:
         found = np.asarray(points, np.float64)
@@ -50,6 +53,12 @@ def checked_points(points: ArrayLike, least: int, what: str = "the cloud") -> Fl
         raise PerceptionError(
             f"{what} has {len(finite)} finite points of {len(found)}, {least} are needed: "
             "check the range and the mask of the camera"
+        )
+    farthest = float(np.abs(finite).max(initial=0))
+    if farthest > FARTHEST:
+        raise PerceptionError(
+            f"{what} has a coordinate of {farthest:.3g} m: give metres in the frame of the sensor "
+            "or of a building"
         )
     return finite
 

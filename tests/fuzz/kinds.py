@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from tests.fuzz.files import FILE_KINDS
 from tests.fuzz.kind import Kind
+from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
 from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.native import NATIVE_KINDS
 
 __all__ = ["KINDS"]
 
-KINDS: dict[str, Kind] = {kind.name: kind for kind in (*FILE_KINDS, *LANGUAGE_KINDS, *NATIVE_KINDS)}
+KINDS: dict[str, Kind] = {
+    kind.name: kind for kind in (*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *NATIVE_KINDS)
+}

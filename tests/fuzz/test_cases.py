@@ -10,6 +10,7 @@ import pytest
 from tests.fuzz.cases import Case, kept
 from tests.fuzz.files import FILE_KINDS
 from tests.fuzz.kind import Kind
+from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
 from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.pool import Worker, encoded
 
@@ -28,6 +29,8 @@ def test_a_kept_case_ends_well(worker: Worker, case: Case) -> None:
     assert case.expected in (None, result.outcome), result.text
 
 
-@pytest.mark.parametrize("kind", [*FILE_KINDS, *LANGUAGE_KINDS], ids=lambda kind: kind.name)
+@pytest.mark.parametrize(
+    "kind", [*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS], ids=lambda kind: kind.name
+)
 def test_a_valid_input_of_each_kind_is_accepted(kind: Kind, tmp_path: Path) -> None:
     kind.run(kind.seeds[0], tmp_path)

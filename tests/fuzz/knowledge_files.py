@@ -1,0 +1,155 @@
+"""Files of knowledge that need no database: point clouds, RDF, and records to interlink."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import rdflib
+import trimesh
+
+from semmap.ingest.world import WorldError
+from semmap.interlinking.alignment_file import read_alignment, read_labels
+from semmap.interlinking.csv_file import read_csv_records
+from semmap.interlinking.error import InterlinkingError
+from semmap.interlinking.rdf_file import read_rdf_records
+from semmap.knowledge.rdf_file import parse_facts
+from semmap.knowledge.whole_graph import without_warnings
+from semmap.perception.cloud_file import read_cloud
+from semmap.perception.error import PerceptionError
+from semmap.perception.primitives import fit_primitive
+from semmap.perception.tabletop import segment_tabletop
+from tests.fuzz.kind import Kind
+from tests.fuzz.mutate import bytes_of, json_tree, lines_of, words_of, xml_tree
+from tests.interlinking.data_sets import alignment_xml, person1, rdf_xml
+
+__all__ = ["KNOWLEDGE_FILE_KINDS"]
+
+
+def tabletop() -> np.ndarray:
+    """A table with a box and a ball on it, metres."""
+    random = np.random.default_rng(1)
+    plane = np.column_stack([random.uniform(0, 1, (300, 2)), np.full(300, 0.7)])
+    box = np.add(trimesh.creation.box((0.1, 0.1, 0.2)).sample(80, seed=1), (0.3, 0.3, 0.8))
+    ball = np.add(trimesh.creation.icosphere(2, 0.06).sample(80, seed=1), (0.7, 0.6, 0.76))
+    return np.concatenate([plane, box, ball])
+
+
+def clouds(ending: str) -> Iterator[bytes]:
+    points = tabletop()
+    for some in (points, points[300:380], points[:40]):
+        if ending == "npy":
+            made = BytesIO()
+            np.save(made, some)
+            yield made.getvalue()
+        else:
+            cloud = trimesh.PointCloud(some)
+            yield cloud.export(file_type="ply")
+            yield trimesh.exchange.ply.export_ply(cloud, encoding="ascii")
+
+
+def run_cloud(ending: str, data: bytes, folder: Path) -> None:
+    path = folder / f"case.{ending}"
+    path.write_bytes(data)
+    points = read_cloud(path)
+    for use in (fit_primitive, segment_tabletop):
+        with suppress(PerceptionError):
+            use(points)
+
+
+FACTS = """
+@prefix : <urn:semmap:map:loft#> . @prefix ex: <http://example.org/> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+:mug a ex:Mug ; rdfs:label "a mug"@en, "Tasse"@de ; ex:size 0.1, 5, true ; ex:near [ ex:of :desk ] .
+:ann ex:said "2026-01-31T12:00:00Z"^^<http://www.w3.org/2001/XMLSchema#dateTime> ; ex:has (1 2) .
+"""
+FORMATS = ("turtle", "trig", "json-ld", "nquads")
+
+
+def facts(format_: str) -> Iterator[bytes]:
+    dataset = rdflib.Dataset()
+    with without_warnings():
+        dataset.parse(data=FACTS, format="turtle")
+        if format_ in ("trig", "nquads"):
+            told = dataset.graph(rdflib.URIRef("http://example.org/told"))
+            told.parse(data=FACTS, format="turtle")
+        yield dataset.serialize(format=format_).encode()
+    if format_ in ("turtle", "trig"):
+        yield FACTS.encode()
+
+
+def run_facts(format_: str, data: bytes, folder: Path) -> None:
+    parse_facts(data.decode("utf-8", "replace"), format_, folder / "case")
+
+
+def records(ending: str) -> Iterator[bytes]:
+    data = person1(n=6).left
+    if ending == ".csv":
+        lines = [",".join(["id", *data.properties])]
+        for key, *values in zip(data.keys, *data.properties.values(), strict=True):
+            lines.append(",".join([key, *(";".join(value) for value in values)]))
+        yield "\n".join(lines).encode()
+        yield b'id,name\n1,"a, b"\n2,\n'
+    else:
+        yield rdf_xml(data, "Person").encode()
+
+
+def run_records(ending: str, data: bytes, folder: Path) -> None:
+    path = folder / f"case{ending}"
+    path.write_bytes(data)
+    (read_csv_records if ending == ".csv" else read_rdf_records)(path)
+
+
+def run_links(ending: str, data: bytes, folder: Path) -> None:
+    path = folder / f"case{ending}"
+    path.write_bytes(data)
+    (read_labels if ending == ".csv" else read_alignment)(path)
+
+
+TEXT = [words_of, words_of, bytes_of, lines_of]
+LINKS = b"left,right,same\na,b,yes\nc,d,no\n"
+
+KNOWLEDGE_FILE_KINDS = [
+    *(
+        Kind(
+            f"cloud {ending}",
+            partial(lambda e: list(clouds(e)), ending),
+            [bytes_of, bytes_of, words_of],
+            partial(run_cloud, ending),
+            (PerceptionError,),
+        )
+        for ending in ("npy", "ply")
+    ),
+    *(
+        Kind(
+            f"facts {format_}",
+            partial(lambda f: list(facts(f)), format_),
+            [*TEXT, json_tree, json_tree] if format_ == "json-ld" else TEXT,
+            partial(run_facts, format_),
+            (WorldError,),
+        )
+        for format_ in FORMATS
+    ),
+    *(
+        Kind(
+            f"records {ending[1:]}",
+            partial(lambda e: list(records(e)), ending),
+            [*TEXT, xml_tree, xml_tree] if ending == ".rdf" else TEXT,
+            partial(run_records, ending),
+            (InterlinkingError,),
+        )
+        for ending in (".csv", ".rdf")
+    ),
+    Kind("links csv", lambda: [LINKS], TEXT, partial(run_links, ".csv"), (InterlinkingError,)),
+    Kind(
+        "links rdf",
+        lambda: [alignment_xml({("a", "b"), ("c", "d")}).encode()],
+        [*TEXT, xml_tree, xml_tree],
+        partial(run_links, ".rdf"),
+        (InterlinkingError,),
+    ),
+]
