@@ -201,9 +201,16 @@ def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most
     """Let rdflib evaluate what has no translation; it reads each triple pattern by SQL."""
     prepared = prepareQuery(parsed.text.sparql, initNs=prefixes(view.name))
     dataset = rdflib.Dataset(store=MapStore(view))
-    with without_warnings():
-        found = evalQuery(dataset, prepared, {})
-        bindings = list(islice(found.get("bindings") or (), most + 1))
+    try:
+        with without_warnings():
+            found = evalQuery(dataset, prepared, {})
+            bindings = list(islice(found.get("bindings") or (), most + 1))
+    except (psycopg.Error, KnowledgeError, RecursionError):
+        raise
+    except Exception as problem:  # rdflib raises anything on what it cannot evaluate
+        raise KnowledgeError(
+            f"neither SQL ({error.reason}) nor rdflib ({str(problem)[:200]}) can evaluate this"
+        ) from problem
     reason = f"evaluated by rdflib, because {error.reason}; it read these patterns:"
     forms = {"SelectQuery": "SELECT", "AskQuery": "ASK", "ConstructQuery": "CONSTRUCT"}
     form = forms.get(parsed.form, "DESCRIBE")

@@ -23,6 +23,7 @@ from psycopg.rows import dict_row
 from semmap.belief.store import MapConnection, driver
 from semmap.limits import TEXT_BYTES
 from semmap.manipulation.action_record import ActionRecord, action_key, pose_of
+from semmap.manipulation.bundle_entry import check_entry
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.signing import is_signed, own_key, public_key, sign
 from semmap.manipulation.store import add_gripper, insert_actions, refusals
@@ -284,6 +285,7 @@ class _Import:
         self.contributor = int(row[0])
         self.grippers: dict[str, int] = {}
         self.objects: dict[str, int] = {}
+        self.keys: set[UUID] = set()
         counts = {"grippers": 0, "objects": 0, "actions": 0, "outcomes": 0}
         actions = []
         for number, line in enumerate(lines, 2):
@@ -291,15 +293,14 @@ class _Import:
             if len(line) != 1 or not isinstance(content, dict):
                 raise self.error(f"line {number} is not an entry", "export it again")
             try:
+                check_entry(kind, content)
                 if kind == "gripper":
                     counts["grippers"] += self._gripper(content)
                 elif kind == "object":
                     counts["objects"] += self._object(content)
-                elif kind == "action":
-                    actions.append(self._action(content, f"line {number}"))
                 else:
-                    raise ManipulationError(f"{kind!r} is not an entry")
-            except (KeyError, TypeError, ValueError, AttributeError) as problem:
+                    actions.append(self._action(content, f"line {number}"))
+            except (TypeError, ValueError) as problem:
                 raise self.error(f"line {number}: {problem}", "export it again") from problem
         counts["actions"] = self._store_actions(actions)
         counts["outcomes"] = self._count([content for _, content in actions])
@@ -345,7 +346,7 @@ class _Import:
                 given.get("type"),
                 [str(f) for f in given.get("functions") or ()],
                 given.get("shape"),
-                given.get("size"),
+                None if given.get("size") is None else [float(v) for v in given["size"]],
                 None if pose is None else pose_of(pose, "shape_pose").row,
                 given.get("inliers"),
                 self.contributor,
@@ -373,14 +374,17 @@ class _Import:
             if given[key] not in table:
                 raise ManipulationError(f"{key} {given[key]} is not in the bundle before it")
         attempts, successes = given["attempts"], given["successes"]
-        if not (
-            isinstance(attempts, int) and isinstance(successes, int) and 0 <= successes <= attempts
-        ):
+        if successes > attempts:
             raise ManipulationError(f"{successes!r} of {attempts!r} attempts is not an outcome")
         given["key"] = UUID(given["key"])
+        if given["key"] in self.keys:
+            raise ManipulationError(f"the action {given['key']} occurs twice")
+        self.keys.add(given["key"])
         if given["kind"] == "put":
             return None, given
         values: dict[str, Any] = {column: given.get(column) for column in COLUMNS}
+        for column in ("posture", "pre_posture"):
+            values[column] = values[column] or {}
         for column in POSES:
             pose = given.get(column)
             values[column] = None if pose is None else pose_of(pose, f"{where}: {column}")

@@ -131,18 +131,28 @@ def read_rows(path: Path) -> Iterator[Row]:
         ) from error
     except UnicodeDecodeError as error:
         raise ManipulationError(f"{path}: byte {error.start} is not UTF-8: save it so") from error
+    if "\0" in text or "\\u0000" in text:
+        raise ManipulationError(f"{path}: has a NUL character: remove it")
     if path.suffix.lower() == ".json":
         return _json_rows(text, path)
     if path.suffix.lower() == ".csv":
-        return iter(csv.DictReader(text.splitlines()))
+        return _csv_rows(text, path)
     if path.suffix.lower() in (".sql", ".dump"):
         return _dump_rows(text)
     raise ManipulationError(f"{path}: {path.suffix!r} is not known: give .csv, .json or .sql")
 
 
+def _csv_rows(text: str, path: Path) -> Iterator[Row]:
+    try:
+        yield from csv.DictReader(text.splitlines())
+    except csv.Error as error:
+        raise ManipulationError(f"{path}: is not valid CSV: {error}") from error
+
+
 def _json_rows(text: str, path: Path) -> Iterator[Row]:
     try:
         found = json.loads(text)
+        json.dumps(found, ensure_ascii=False).encode()  # refuses half of a pair of surrogates
     except (ValueError, RecursionError) as error:
         raise ManipulationError(f"{path}: is not valid JSON: {error}") from error
     if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
@@ -161,7 +171,7 @@ def _dump_rows(text: str) -> Iterator[Row]:
             pairs = zip(columns, line.split("\t"), strict=False)
             yield {column: value for column, value in pairs if value != r"\N"}
         elif line.startswith("COPY ") and line.rstrip().endswith("FROM stdin;"):
-            listed = line[line.index("(") + 1 : line.rindex(")")] if "(" in line else ""
+            listed = line.partition("(")[2].rpartition(")")[0]
             columns = [column.strip().strip('"') for column in listed.split(",")]
 
 

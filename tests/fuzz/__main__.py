@@ -20,12 +20,14 @@ import sys
 import threading
 import time
 from collections import Counter, defaultdict
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from tests.fuzz.cases import FOLDER, keep, kept
 from tests.fuzz.kinds import KINDS
 from tests.fuzz.pool import Result, Worker, encoded
+from tests.fuzz.stored_knowledge import served
 
 PROGRESS = Path("build/fuzz.json")
 """Where a run of a number of cases stores how far it is."""
@@ -179,6 +181,33 @@ class Run:
         return "\n".join(lines)
 
 
+def try_cases(run: Run, jobs: int) -> None:
+    """Let workers do a run."""
+    workers = [Worker() for _ in range(jobs)]
+    failed: list[BaseException] = []
+
+    def work(worker: Worker) -> None:
+        try:
+            run.work(worker)
+        except BaseException as error:
+            failed.append(error)
+
+    try:
+        if not run.done:
+            run.replay(workers[0])
+        threads = [threading.Thread(target=work, args=(worker,)) for worker in workers]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        run.store()
+        for worker in workers:
+            worker.close()
+    if failed:
+        raise failed[0]
+
+
 def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(
@@ -203,40 +232,22 @@ def main() -> int:
     chosen = parser.parse_args()
     starts = tuple(chosen.kinds.split(","))
     seconds = chosen.seconds or (float("inf") if chosen.cases else 240.0)
+    kinds = [kind for kind in KINDS if kind.startswith(starts)]
+    if not kinds:
+        parser.error(f"no kind begins with {chosen.kinds}: choose of {', '.join(KINDS)}")
     run = Run(
-        [k for k in KINDS if k.startswith(starts)],
+        kinds,
         seconds,
         chosen.seed,
         chosen.keep,
         chosen.cases or float("inf"),
         chosen.progress if chosen.cases else None,
     )
-    workers = [Worker() for _ in range(chosen.jobs)]
-    failed: list[BaseException] = []
-
-    def work(worker: Worker) -> None:
-        try:
-            run.work(worker)
-        except BaseException as error:
-            failed.append(error)
-
     most = f"{chosen.cases:,} cases" if chosen.cases else f"{seconds:.0f} s"
     begun = f", {run.done:,} done before" if run.done else ""
     print(f"seed {run.seed}, {most}{begun}, {chosen.jobs} workers", flush=True)
-    try:
-        if not run.done:
-            run.replay(workers[0])
-        threads = [threading.Thread(target=work, args=(worker,)) for worker in workers]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    finally:
-        run.store()
-        for worker in workers:
-            worker.close()
-    if failed:
-        raise failed[0]
+    with served() if any(KINDS[kind].server for kind in run.kinds) else nullcontext():
+        try_cases(run, chosen.jobs)
     print(run.table())
     return 1 if run.findings else 0
 

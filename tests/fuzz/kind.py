@@ -10,7 +10,10 @@ from random import Random
 
 from tests.fuzz.mutate import MOST_BYTES, Mutation
 
-__all__ = ["Kind"]
+__all__ = ["SERVER", "Kind"]
+
+SERVER = "SEMMAP_FUZZ_DB"
+"""Environment variable with the URL of a database that has the map of `stored_knowledge`."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,7 @@ class Kind:
     mutations : one of them is chosen for each case
     run : takes an input, and a folder for files; returns where it is accepted
     refused : what it may raise
+    server : whether it needs the database of `SERVER`
     """
 
     name: str
@@ -31,6 +35,7 @@ class Kind:
     mutations: Sequence[Mutation]
     run: Callable[[bytes, Path], None]
     refused: tuple[type[BaseException], ...]
+    server: bool = False
 
     @cached_property
     def seeds(self) -> list[bytes]:

@@ -7,9 +7,9 @@ from tests.fuzz.kind import Kind
 from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
 from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.native import NATIVE_KINDS
+from tests.fuzz.stored_knowledge import STORED_KINDS
 
 __all__ = ["KINDS"]
 
-KINDS: dict[str, Kind] = {
-    kind.name: kind for kind in (*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *NATIVE_KINDS)
-}
+_ALL = (*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *STORED_KINDS, *NATIVE_KINDS)
+KINDS: dict[str, Kind] = {kind.name: kind for kind in _ALL}

@@ -7,16 +7,27 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import MakeDatabase
 from tests.fuzz.cases import Case, kept
 from tests.fuzz.files import FILE_KINDS
-from tests.fuzz.kind import Kind
+from tests.fuzz.kind import SERVER, Kind
 from tests.fuzz.knowledge_files import KNOWLEDGE_FILE_KINDS
 from tests.fuzz.languages import LANGUAGE_KINDS
 from tests.fuzz.pool import Worker, encoded
+from tests.fuzz.stored_knowledge import STORED_KINDS, prepare
+
+
+@pytest.fixture(scope="module", autouse=True)
+def server(make_database: MakeDatabase) -> Iterator[None]:
+    url = make_database().render_as_string(hide_password=False)
+    prepare(url)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(SERVER, url)
+        yield
 
 
 @pytest.fixture(scope="module")
-def worker() -> Iterator[Worker]:
+def worker(server: None) -> Iterator[Worker]:
     made = Worker()
     yield made
     made.close()
@@ -30,7 +41,9 @@ def test_a_kept_case_ends_well(worker: Worker, case: Case) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", [*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS], ids=lambda kind: kind.name
+    "kind",
+    [*FILE_KINDS, *KNOWLEDGE_FILE_KINDS, *LANGUAGE_KINDS, *STORED_KINDS],
+    ids=lambda kind: kind.name,
 )
 def test_a_valid_input_of_each_kind_is_accepted(kind: Kind, tmp_path: Path) -> None:
     kind.run(kind.seeds[0], tmp_path)

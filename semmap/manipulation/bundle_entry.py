@@ -1,0 +1,145 @@
+"""What the entries of a bundle hold: the forms of their values, checked before anything is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+from uuid import UUID
+
+from semmap.limits import NAME_CHARACTERS
+from semmap.manipulation.error import ManipulationError
+
+__all__ = ["check_entry"]
+
+LARGEST = 1e9
+"""Of a number in a bundle: metres, radians, shares and outcomes are smaller."""
+
+
+class _Form(NamedTuple):
+    """What a value is, in words, and whether a value is one."""
+
+    words: str
+    holds: Callable[[Any], bool]
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and "\0" not in value and _is_unicode(value)
+
+
+def _is_unicode(value: str) -> bool:
+    try:
+        value.encode()
+    except UnicodeEncodeError:  # half of a pair of surrogates
+        return False
+    return True
+
+
+def _is_name(value: Any) -> bool:
+    return _is_text(value) and 0 < len(value) <= NAME_CHARACTERS.value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and abs(value) <= LARGEST and value is not True
+
+
+def _is_key(value: Any) -> bool:
+    try:
+        UUID(value)
+    except (ValueError, TypeError, AttributeError):
+        return False
+    return True
+
+
+def _list(form: _Form) -> _Form:
+    return _Form(
+        f"a list, each {form.words}",
+        lambda value: isinstance(value, list) and all(map(form.holds, value)),
+    )
+
+
+def _by_name(form: _Form) -> _Form:
+    return _Form(
+        f"names, each with {form.words}",
+        lambda value: (
+            isinstance(value, dict)
+            and all(map(_is_name, value))
+            and all(map(form.holds, value.values()))
+        ),
+    )
+
+
+def _or_null(form: _Form) -> _Form:
+    return _Form(f"{form.words} or null", lambda value: value is None or form.holds(value))
+
+
+NAME = _Form(f"a name of 1 to {NAME_CHARACTERS.value:g} characters", _is_name)
+TEXT = _Form("a text", _is_text)
+NUMBER = _Form(f"a number from {-LARGEST:g} to {LARGEST:g}", _is_number)
+COUNT = _Form(
+    f"a count up to {LARGEST:g}",
+    lambda value: isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LARGEST,
+)
+KEY = _Form("a UUID", _is_key)
+NUMBERS = _list(NUMBER)
+
+REQUIRED: dict[str, dict[str, _Form]] = {
+    "gripper": {"name": NAME, "form": NAME, "opening": NUMBER, "depth": NUMBER},
+    "object": {"key": NAME},
+    "action": {
+        "key": KEY,
+        "kind": NAME,
+        "object": NAME,
+        "gripper": NAME,
+        "quality": NUMBER,
+        "attempts": COUNT,
+        "successes": COUNT,
+    },
+}
+OPTIONAL: dict[str, dict[str, _Form]] = {
+    "gripper": {"urdf": TEXT, "joints": _by_name(_list(_or_null(NUMBER)))},
+    "object": {
+        "name": NAME,
+        "type": NAME,
+        "functions": _list(NAME),
+        "shape": NAME,
+        "size": NUMBERS,
+        "shape_pose": NUMBERS,
+        "inliers": NUMBER,
+        "meshes": _list(NAME),
+    },
+    "action": {
+        "pose": NUMBERS,
+        "pre_pose": NUMBERS,
+        "post_pose": NUMBERS,
+        "motion": NUMBERS,
+        "approach": NAME,
+        "family": NAME,
+        "width": NUMBER,
+        "posture": _by_name(NUMBER),
+        "pre_posture": _by_name(NUMBER),
+        "replaced_by": KEY,
+        "steps": _list(KEY),
+    },
+}
+"""The values of each kind of entry; what is optional may be null."""
+
+
+def check_entry(kind: str, entry: Mapping[str, Any]) -> None:
+    """Check that the values of an entry are what they stand for.
+
+    Raises
+    ------
+    ManipulationError
+        The kind is not known, a value is missing, or is of another form.
+    """
+    if kind not in REQUIRED:
+        raise ManipulationError(f"{kind!r} is not an entry: {', '.join(REQUIRED)} are")
+    for name, form in REQUIRED[kind].items():
+        if name not in entry:
+            raise ManipulationError(f"the {kind} has no {name}: give {form.words}")
+    for name, form in (REQUIRED[kind] | OPTIONAL[kind]).items():
+        value = entry.get(name)
+        if not (form.holds(value) or (value is None and name in OPTIONAL[kind])):
+            raise ManipulationError(
+                f"{name} of the {kind} is {str(value)[:60]!r}: give {form.words}"
+            )
