@@ -175,6 +175,16 @@ BEGIN
     RETURN NULL;
 END $$;
 
+CREATE FUNCTION rdf_is_valid(value text, tag text)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
+-- Whether a literal has a value that is known here.
+SELECT CASE WHEN semmap.is_numeric_tag(tag) THEN semmap.text_number(value) IS NOT NULL
+            WHEN tag = 'http://www.w3.org/2001/XMLSchema#boolean' THEN semmap.text_boolean(value) IS NOT NULL
+            WHEN tag IN ('http://www.w3.org/2001/XMLSchema#dateTime', 'http://www.w3.org/2001/XMLSchema#date')
+            THEN semmap.text_time(value) IS NOT NULL
+            ELSE tag = 'http://www.w3.org/2001/XMLSchema#string' END
+$$;
+
 CREATE FUNCTION rdf_equal(a text, a_tag text, b text, b_tag text)
 RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
 -- Whether two terms are equal by value (SPARQL 1.1, section 17.4.1.7); null for literals of which that is unknown.
@@ -182,12 +192,8 @@ SELECT CASE WHEN a_tag = b_tag AND a = b THEN NOT (semmap.is_numeric_tag(a_tag) 
             WHEN a_tag IN ('I', 'B') OR b_tag IN ('I', 'B') THEN false
             WHEN semmap.rdf_order(a, a_tag, b, b_tag) IS NOT NULL THEN semmap.rdf_order(a, a_tag, b, b_tag) = 0
             WHEN starts_with(a_tag, '@') OR starts_with(b_tag, '@') THEN false
-            WHEN semmap.is_numeric_tag(a_tag) <> semmap.is_numeric_tag(b_tag) OR a_tag <> b_tag THEN
-                 CASE WHEN (semmap.is_numeric_tag(a_tag) OR a_tag = ANY (ARRAY['http://www.w3.org/2001/XMLSchema#string',
-                            'http://www.w3.org/2001/XMLSchema#boolean', 'http://www.w3.org/2001/XMLSchema#dateTime']))
-                       AND (semmap.is_numeric_tag(b_tag) OR b_tag = ANY (ARRAY['http://www.w3.org/2001/XMLSchema#string',
-                            'http://www.w3.org/2001/XMLSchema#boolean', 'http://www.w3.org/2001/XMLSchema#dateTime']))
-                      THEN false END END
+            WHEN (semmap.is_numeric_tag(a_tag) <> semmap.is_numeric_tag(b_tag) OR a_tag <> b_tag)
+                 AND semmap.rdf_is_valid(a, a_tag) AND semmap.rdf_is_valid(b, b_tag) THEN false END
 $$;
 
 CREATE FUNCTION rdf_calculate(operator text, a text, a_tag text, b text, b_tag text)
@@ -206,7 +212,7 @@ BEGIN
                                WHEN '-' THEN semmap.text_number(a) - semmap.text_number(b)
                                WHEN '*' THEN semmap.text_number(a) * semmap.text_number(b)
                                ELSE semmap.text_number(a) / nullif(semmap.text_number(b), 0) END;
-        RETURN ARRAY[semmap.rdf_double(found), xsd || 'double'];
+        RETURN ARRAY[semmap.rdf_double(found), xsd || CASE WHEN xsd || 'double' IN (a_tag, b_tag) THEN 'double' ELSE 'float' END];
     END IF;
     x := semmap.text_decimal(a);
     y := semmap.text_decimal(b);

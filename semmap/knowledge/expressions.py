@@ -150,6 +150,21 @@ class Expressions:
             )
         return "NULL::text"
 
+    def _simple(self, value: Value) -> str:
+        """Return the SQL of a string without language; null for other terms."""
+        if value.form == "term":
+            return f"(CASE WHEN {value.tag} = '{STRING}' THEN {value.sql} END)"
+        return self._string(value)
+
+    def _beside(self, a: Value, b: Value, sql: str) -> str:
+        """Return the SQL of a function of two strings; null where their languages do not fit.
+
+        The second has no language, or that of the first (SPARQL 1.1, section 17.4.3.1.2).
+        """
+        if b.form != "term":
+            return sql
+        return f"(CASE WHEN {b.tag} IN ('{STRING}', {tag_of(a)}) THEN {sql} END)"
+
     def _like(self, value: Value, sql: str) -> Value:
         """Return a string that was made from another: with the language of that one."""
         if value.form == "term":
@@ -362,6 +377,10 @@ class Expressions:
         value = self.value(tree.arg, seen)
         if not is_literal(value.form) and value.form != "term":
             return value
+        if tree.base is not None:
+            if not isinstance(tree.arg, rdflib.Literal):
+                raise UntranslatedError("IRI resolves a computed text against BASE", tree)
+            return self.constant(rdflib.URIRef(str(tree.arg), base=tree.base))
         text = value.sql if value.form == "term" else self._string(value)
         return Value("term", text, "'I'::text")
 
@@ -369,11 +388,11 @@ class Expressions:
 
     def _of_STRDT(self, tree: Any, seen: Environment) -> Value:
         text, type_ = self._arguments(tree, seen, "arg1", "arg2")
-        return Value("term", self._string(text), self._text(type_))
+        return Value("term", self._simple(text), self._text(type_))
 
     def _of_STRLANG(self, tree: Any, seen: Environment) -> Value:
         text, language = self._arguments(tree, seen, "arg1", "arg2")
-        return Value("term", self._string(text), f"('@' || lower({self._string(language)}))")
+        return Value("term", self._simple(text), f"('@' || lower({self._simple(language)}))")
 
     def _tagged(self, tree: Any, seen: Environment, condition: str) -> Value:
         tag = tag_of(self.value(tree.arg, seen))
@@ -438,8 +457,9 @@ class Expressions:
         )
 
     def _pair(self, tree: Any, seen: Environment, sql: str) -> Value:
-        a, b = (self._string(v) for v in self._arguments(tree, seen, "arg1", "arg2"))
-        return Value("boolean", f"({sql.format(a, b)})")
+        a, b = self._arguments(tree, seen, "arg1", "arg2")
+        found = sql.format(self._string(a), self._string(b))
+        return Value("boolean", f"({self._beside(a, b, found)})")
 
     def _of_CONTAINS(self, tree: Any, seen: Environment) -> Value:
         return self._pair(tree, seen, "strpos({0}, {1}) > 0")
@@ -454,6 +474,8 @@ class Expressions:
         a, b = self._arguments(tree, seen, "arg1", "arg2")
         x, y = self._string(a), self._string(b)
         found = f"(CASE WHEN strpos({x}, {y}) > 0 THEN {sql.format(x, y)} ELSE '' END)"
+        found = f"(CASE WHEN {x} IS NOT NULL AND {y} IS NOT NULL THEN {found} END)"
+        found = self._beside(a, b, found)
         if a.form != "term":
             return Value("string", found)
         return Value(
@@ -556,7 +578,11 @@ class Expressions:
         arguments = [self.value(each, seen) for each in tree.expr or ()]
         cast = CASTS.get(iri)
         if cast is not None and len(arguments) == 1:
-            return self._cast(arguments[0], *cast)
+            found = self._cast(arguments[0], *cast)
+            if iri == f"{XSD}float" and found is not UNBOUND:
+                tag = f"(CASE WHEN {found.sql} IS NOT NULL THEN '{XSD}float' END)"
+                return Value("term", f"rdf_double({found.sql})", tag)
+            return found
         function = FUNCTIONS.get(iri)
         if function is None:
             raise UntranslatedError(f"there is no function <{iri}>", tree)

@@ -39,7 +39,8 @@ class MapStore(Store):
             "SELECT DISTINCT graph FROM statement WHERE map_id = %s AND graph <> ''",
             (self._view.number,),
         ).fetchall()
-        yield from (rdflib.URIRef(graph) for (graph,) in rows)
+        chosen = self._view.chosen
+        yield from (rdflib.URIRef(g) for (g,) in rows if chosen is None or g in chosen.named)
 
     def __len__(self, context: Any = None) -> int:
         return sum(1 for _ in self.triples((None, None, None), context))

@@ -13,6 +13,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.constants import Constants, iris_in, resolve
 from semmap.knowledge.translator import Statement, translate
+from semmap.knowledge.triples import Chosen
 from semmap.knowledge.vocabulary import XSD, map_namespace
 from semmap.query.entity_query import pick_map
 
@@ -32,6 +33,7 @@ class MapView:
     session : psycopg's connection
     name, number : of the map
     deadline : when queries are stopped, of `time.monotonic`
+    chosen : the graphs that a text chooses to read
     """
 
     session: Session
@@ -39,6 +41,7 @@ class MapView:
     number: int
     deadline: float = float("inf")
     statements: list[str] = field(default_factory=list)
+    chosen: Chosen | None = None
 
     @classmethod
     def of(cls, session: Session) -> MapView:
@@ -72,6 +75,7 @@ class MapView:
             self.namespace,
             self.number,
             limit=limit,
+            chosen=self.chosen,
         )
 
     def run(self, statement: Statement) -> list[Row]:

@@ -17,6 +17,7 @@ from rdflib.plugins.sparql.evaluate import evalQuery
 from semmap.knowledge.expressions import UntranslatedError
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
+from semmap.knowledge.triples import Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql
@@ -90,6 +91,7 @@ def query(
         view = MapView.of(session)
         view.deadline = deadline
         parsed = parse_sparql(text, "query", tuple(prefixes(view.name).items()))
+        view.chosen = Chosen.by(parsed.dataset)
         most = int(QUERY_ROWS.value if rows is None else rows)
         with errors_of(parsed):
             try:
@@ -200,6 +202,7 @@ def _described(view: MapView, tree: Any, most: int) -> list[Term]:
 def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most: int) -> Answer:
     """Let rdflib evaluate what has no translation; it reads each triple pattern by SQL."""
     prepared = prepareQuery(parsed.text.sparql, initNs=prefixes(view.name))
+    prepared.algebra.pop("datasetClause", None)  # the view knows it; rdflib would read files
     dataset = rdflib.Dataset(store=MapStore(view))
     try:
         with without_warnings():

@@ -8,12 +8,13 @@ from functools import partial
 from typing import Any
 
 import rdflib
+from rdflib.paths import Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.constants import Constants
 from semmap.knowledge.expressions import Environment, Expressions, UntranslatedError
 from semmap.knowledge.relation import UNBOUND, Rows, in_form, union, union_form
-from semmap.knowledge.triples import Scope, TriplePatterns
+from semmap.knowledge.triples import Chosen, Scope, TriplePatterns
 from semmap.knowledge.values import (
     NUMERIC,
     Value,
@@ -52,6 +53,7 @@ def translate(
     map_id: int,
     *,
     limit: int | None = None,
+    chosen: Chosen | None = None,
 ) -> Statement:
     """Translate a pattern with its solution modifiers.
 
@@ -62,13 +64,14 @@ def translate(
     constants : what the IRIs of the text stand for
     namespace, map_id : of the map
     limit : the most rows to read
+    chosen : the graphs to read; None for the map and all graphs
 
     Raises
     ------
     UntranslatedError
         A part has no translation to SQL.
     """
-    translator = _Translator(constants, namespace, map_id)
+    translator = _Translator(constants, namespace, map_id, chosen)
     sql = translator.result(algebra, names)
     if limit is not None:
         sql = f"SELECT * FROM ({sql}) result LIMIT {translator.parameters.bind(limit, 'bigint')}"
@@ -78,8 +81,10 @@ def translate(
 class _Translator(TriplePatterns):
     """Translates patterns; each method `_rows_X` those of the algebra's node X."""
 
-    def __init__(self, constants: Constants, namespace: str, map_id: int) -> None:
-        super().__init__(constants, namespace, map_id)
+    def __init__(
+        self, constants: Constants, namespace: str, map_id: int, chosen: Chosen | None = None
+    ) -> None:
+        super().__init__(constants, namespace, map_id, chosen)
         self._scope = Scope()
         self.expressions = Expressions(
             self.parameters.bind, self.namespace, self.constant, self._exists
@@ -216,7 +221,25 @@ class _Translator(TriplePatterns):
         return graph
 
     def _rows_Graph(self, node: Any, scope: Scope) -> Rows:
-        return self.rows(node.p, replace(scope, graph=self.part(node.term)))
+        graph = self.part(node.term)
+        if isinstance(graph, Value) or _is_of_one_graph(node.p):
+            return self.rows(node.p, replace(scope, graph=graph))
+        # Each graph by itself: the pattern has parts that do not bind its name.
+        rows = self._graphs(graph)
+        name = rows.variables[graph]
+        inner = scope.joined(rows.variables)
+        rows.join(self.rows(node.p, replace(inner, graph=name)), self.namespace)
+        return rows
+
+    def _graphs(self, name: str) -> Rows:
+        """Return the names of all named graphs."""
+        alias, graph = self.parameters.alias("q"), self.parameters.alias()
+        rows = Rows(
+            [f"statement {graph}"], [f"{graph}.map_id = {self.map_id}", _ALIVE.format(graph)]
+        )
+        self._match_graph(rows, graph, name)
+        select = rows.select([rows.variables[name]], distinct=True)
+        return Rows([f"LATERAL ({select}) {alias}"], [], {name: Value("iri", f"{alias}.c0")})
 
     # VALUES and subqueries
 
@@ -446,6 +469,18 @@ class _Translator(TriplePatterns):
         known = f"FILTER (WHERE {value.sql} IS NOT NULL)"
         columns = [f"(array_agg({sql}) {known})[1]" for sql in value.columns()]
         return Value.of_columns(value.form, columns)
+
+
+_ALIVE = "({0}.until IS NULL OR {0}.until > statement_timestamp())"
+
+
+def _is_of_one_graph(node: Any) -> bool:
+    """Return whether each solution of a pattern binds the name of the graph that it is from."""
+    if node.name in ("Join", "Union"):
+        return all(_is_of_one_graph(part) for part in (node.p1, node.p2))
+    if node.name != "BGP":
+        return False
+    return bool(node.triples) and not any(isinstance(verb, Path) for _, verb, _ in node.triples)
 
 
 def _variables_of(tree: Any) -> list[rdflib.Variable]:

@@ -27,13 +27,46 @@ from semmap.knowledge.relation import UNBOUND, Rows, can_join, in_form, union, u
 from semmap.knowledge.values import Parameters, Value, as_term, is_literal, same, text_of
 from semmap.knowledge.vocabulary import RDF, decode
 
-__all__ = ["Scope", "TriplePatterns"]
+__all__ = ["Chosen", "Scope", "TriplePatterns"]
 
 _RDF_TYPE = f"{RDF}type"
 _COMPUTED = {each.property: each for each in COMPUTED}
+_IN_NO_EARLIER = (
+    "NOT EXISTS (SELECT FROM statement d WHERE d.map_id = {a}.map_id "
+    "AND d.predicate = {a}.predicate AND d.graph = ANY ({graphs}) AND d.id < {a}.id "
+    "AND (d.until IS NULL OR d.until > statement_timestamp()) "
+    "AND (d.subject_id, d.subject, d.object_id, d.object, d.tag) "
+    "IS NOT DISTINCT FROM ({a}.subject_id, {a}.subject, {a}.object_id, {a}.object, {a}.tag))"
+)
+"""A union of graphs has a triple once."""
 
 Part = str | Value
 """A variable by its name, or a constant."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The graphs that FROM or USING choose (SPARQL 1.1, section 13.2): the map is not in them.
+
+    Attributes
+    ----------
+    default : IRIs; the default graph is the union of these graphs
+    named : IRIs of the graphs that GRAPH finds
+    """
+
+    default: tuple[str, ...] = ()
+    named: tuple[str, ...] = ()
+
+    @classmethod
+    def by(cls, clauses: Iterable[Any] | None) -> Chosen | None:
+        """Return what the clauses of a text choose; None where there are none."""
+        clauses = list(clauses or ())
+        if not clauses:
+            return None
+        return cls(
+            tuple(str(each.default) for each in clauses if each.default is not None),
+            tuple(str(each.named) for each in clauses if each.named is not None),
+        )
 
 
 @dataclass(frozen=True)
@@ -80,10 +113,14 @@ class TriplePatterns:
     constants : what the IRIs of the text stand for
     namespace : of the map's entities
     map_id : the map
+    chosen : the graphs to read; None for the map and all graphs
     """
 
-    def __init__(self, constants: Constants, namespace: str, map_id: int) -> None:
+    def __init__(
+        self, constants: Constants, namespace: str, map_id: int, chosen: Chosen | None = None
+    ) -> None:
         self.parameters = Parameters()
+        self._chosen = chosen
         self.constants = constants
         self.namespace = self.parameters.bind(namespace)
         self.map_id = self.parameters.bind(map_id, "int")
@@ -144,8 +181,8 @@ class TriplePatterns:
                 parts.append(list(self._negated(subject, predicate, object_, scope)))
             elif isinstance(predicate, MulPath):
                 paths.append((subject, predicate, object_))
-            elif isinstance(predicate, rdflib.URIRef) and self._computed(predicate):
-                computed.append((subject, self._computed(predicate), object_))
+            elif isinstance(predicate, rdflib.URIRef) and self._computed(predicate, scope):
+                computed.append((subject, self._computed(predicate, scope), object_))
             else:
                 verb = self.part(predicate)
                 if isinstance(verb, Value):
@@ -197,12 +234,18 @@ class TriplePatterns:
         text = self.constants.property(str(iri))
         return Value("iri", self._bind(text), None, (text, "I"))
 
-    def _computed(self, iri: Any) -> Any:
+    def _computed(self, iri: Any, scope: Scope) -> Any:
+        if not self._is_map(scope):
+            return None
         return _COMPUTED.get(self.constants.property(str(iri)))
+
+    def _is_map(self, scope: Scope) -> bool:
+        """Return whether a pattern reads the map, and not only statements of chosen graphs."""
+        return scope.graph is None and self._chosen is None
 
     def _maps(self, verb: Part, scope: Scope) -> Iterable[TripleMap]:
         """Yield the triple maps of a property; all facts for a variable."""
-        if scope.graph is not None:
+        if not self._is_map(scope):
             yield from STATEMENTS
             return
         if isinstance(verb, str):
@@ -226,7 +269,7 @@ class TriplePatterns:
         typed = isinstance(verb, Value) and verb.constant == (_RDF_TYPE, "I")
         # Entities have the types of the T-Box; only statements of named graphs have these, too.
         own = typed and isinstance(object_, Value) and object_.form == "type"
-        own = own and scope.graph is None
+        own = own and self._is_map(scope)
         return not (own and triple in STATEMENTS)
 
     def _prune(self, patterns: list[_Pattern], scope: Scope) -> None:
@@ -354,12 +397,24 @@ class TriplePatterns:
         return rows
 
     def _match_graph(self, rows: Rows, alias: str, graph: Part | None) -> None:
-        if graph is None:
+        if graph is None and self._chosen is None:
             rows.where.append(f"{alias}.graph = ''")
+        elif graph is None:
+            assert self._chosen is not None
+            graphs = self.parameters.bind(list(self._chosen.default), "text[]")
+            rows.where.append(f"{alias}.graph = ANY ({graphs})")
+            if len(self._chosen.default) > 1:
+                rows.where.append(_IN_NO_EARLIER.format(a=alias, graphs=graphs))
         elif isinstance(graph, Value):
             rows.where.append(f"{alias}.graph = {text_of(graph, self.namespace)}")
+            named = None if self._chosen is None else self._chosen.named
+            if named is not None and graph.constant and graph.constant[0] not in named:
+                rows.where.append("false")
         else:
             rows.where.append(f"{alias}.graph <> ''")
+            if self._chosen is not None:
+                graphs = self.parameters.bind(list(self._chosen.named), "text[]")
+                rows.where.append(f"{alias}.graph = ANY ({graphs})")
             rows.bind(graph, Value("iri", f"{alias}.graph"), self.namespace)
 
     def _match_verb(

@@ -8,10 +8,12 @@ from typing import Any
 
 import psycopg
 import rdflib
+from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView, Session
 from semmap.knowledge.queries import errors_of, filled, limited, plain
+from semmap.knowledge.triples import Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.language.error import QueryError
 from semmap.language.parser import ParsedText, parse_sparql
@@ -63,12 +65,23 @@ def update(session: Session, text: str, *, seconds: float | None = None) -> Chan
         added = removed = 0
         for request in parsed.requests:
             with errors_of(parsed), _refusals(parsed, request):
-                more, less = _carry_out(view, request, parsed)
+                more, less = _carried_out(view, request)
             added, removed = added + more, removed + less
     return Changes(added, removed)
 
 
-def _carry_out(view: MapView, request: Any, parsed: ParsedText) -> tuple[int, int]:
+def _carried_out(view: MapView, request: Any) -> tuple[int, int]:
+    """Return how many facts a request added and removed; SILENT ones may do nothing."""
+    try:
+        with view.session.transaction():
+            return _carry_out(view, request)
+    except RefusedError:
+        if request.silent is None:
+            raise
+        return 0, 0
+
+
+def _carry_out(view: MapView, request: Any) -> tuple[int, int]:
     """Return how many facts a request added and removed."""
     name = request.name
     if name == "InsertData":
@@ -81,22 +94,24 @@ def _carry_out(view: MapView, request: Any, parsed: ParsedText) -> tuple[int, in
     if name == "Modify":
         graph = request.withClause
         where = request.where
-        if graph is not None:
-            from rdflib.plugins.sparql.parserutils import CompValue
-
+        view.chosen = Chosen.by(request.using)  # more than WITH says (Update, section 3.1.3)
+        if graph is not None and view.chosen is None:
             where = CompValue("Graph", term=graph, p=where)
         # Both templates are filled before anything is changed.
         gone = list(_instances(view, [request.delete], where, graph))
         new = list(_instances(view, [request.insert], where, graph))
+        view.chosen = None
         removed = FactWriter(view).delete(gone)
         return FactWriter(view).insert(new), removed
     if name in ("Clear", "Drop"):
         return 0, _clear(view, request)
     if name == "Create":
         return 0, 0  # a graph exists where it has statements
-    if name in ("Add", "Move", "Copy"):
-        return _copy(view, request, name, parsed)
-    raise parsed.error(f"{name} is not supported", request)
+    if name == "Load":
+        return 0, 0  # only with SILENT
+    assert name in ("Add", "Move", "Copy"), name
+    source, target = map(_graph_of, request.graph)
+    return _copy(view, source, target, name)
 
 
 def _data(request: Any) -> Iterator[Fact]:
@@ -110,8 +125,6 @@ def _data(request: Any) -> Iterator[Fact]:
 
 def _pattern_of(request: Any) -> Any:
     """Return the pattern of DELETE WHERE: its own template."""
-    from rdflib.plugins.sparql.parserutils import CompValue
-
     pattern: Any = CompValue("BGP", triples=list(request.triples or ()))
     for graph, triples in (request.quads or {}).items():
         named = CompValue("Graph", term=graph, p=CompValue("BGP", triples=list(triples)))
@@ -148,40 +161,59 @@ def _clear(view: MapView, request: Any) -> int:
     graph = request.graphiri
     conditions = {"NAMED": "graph <> ''", "ALL": "true", "DEFAULT": "graph = ''"}
     condition = conditions.get(str(graph), "graph = %(graph)s")
-    if str(graph) in ("DEFAULT", "ALL"):
-        raise RefusedError(
-            "the default graph is the map: delete its facts, or drop the map with semmap drop",
-            Fact(plain(rdflib.URIRef("")), rdflib.URIRef(""), rdflib.URIRef("")),
-        )
-    return view.session.execute(
+    removed = view.session.execute(
         f"DELETE FROM statement WHERE map_id = %(map)s AND {condition}",
         {"map": view.number, "graph": str(graph)},
     ).rowcount
+    if str(graph) in ("DEFAULT", "ALL"):
+        _refuse_to_clear_map(view)
+    return removed
 
 
-def _copy(view: MapView, request: Any, name: str, parsed: ParsedText) -> tuple[int, int]:
-    source, target = request.graph
-    if "DEFAULT" in (str(source), str(target)):
-        raise parsed.error("the default graph is the map: name a graph", request)
-    values = {"map": view.number, "source": str(source), "target": str(target)}
-    removed = 0
-    if str(source) == str(target):
+def _refuse_to_clear_map(view: MapView) -> None:
+    """Raise an error where the default graph has more than statements, after these are gone."""
+    pattern = CompValue("BGP", triples=[tuple(map(rdflib.Variable, "spo"))])
+    for triple in view.run(view.statement(pattern, "spo", limit=1)):
+        raise RefusedError(
+            "the default graph is the map: delete facts of it, or drop the map with semmap drop",
+            Fact(*triple),
+        )
+
+
+def _refuse_ends(view: MapView, graph: Any, facts: list[Fact]) -> None:
+    """Raise an error where a statement of a graph has a lifespan: a copy of it would not end."""
+    row = view.session.execute(
+        "SELECT FROM statement WHERE map_id = %s AND graph = %s AND until > statement_timestamp()",
+        (view.number, str(graph or "")),
+    ).fetchone()
+    if row is not None:
+        raise RefusedError("statements with a lifespan are not copied: state them again", facts[0])
+
+
+def _graph_of(name: Any) -> rdflib.URIRef | None:
+    """Return the IRI of a graph; None for the default graph."""
+    return None if str(name) == "DEFAULT" else rdflib.URIRef(str(name))
+
+
+def _copy(
+    view: MapView, source: rdflib.URIRef | None, target: rdflib.URIRef | None, name: str
+) -> tuple[int, int]:
+    """Copy the facts of a graph to another, which loses its own unless they are added."""
+    if source == target:
         return 0, 0
+    pattern: Any = CompValue("BGP", triples=[tuple(map(rdflib.Variable, "spo"))])
+    if source is not None:
+        pattern = CompValue("Graph", term=source, p=pattern)
+    found = view.run(view.statement(pattern, "spo"))
+    copied = [Fact(s, p, o, target) for s, p, o in found]
+    _refuse_ends(view, source, copied)
+    removed = 0
     if name != "Add":
-        removed = view.session.execute(
-            "DELETE FROM statement WHERE map_id = %(map)s AND graph = %(target)s", values
-        ).rowcount
-    added = view.session.execute(
-        "INSERT INTO statement (map_id, graph, subject_id, subject, predicate, object_id, object, "
-        "tag, until) SELECT map_id, %(target)s, subject_id, subject, predicate, object_id, object, "
-        "tag, until FROM statement WHERE map_id = %(map)s AND graph = %(source)s "
-        "ON CONFLICT DO NOTHING",
-        values,
-    ).rowcount
+        removed = _clear(view, CompValue("Clear", graphiri="DEFAULT" if target is None else target))
+    added = FactWriter(view).insert(copied)
     if name == "Move":
-        removed += view.session.execute(
-            "DELETE FROM statement WHERE map_id = %(map)s AND graph = %(source)s", values
-        ).rowcount
+        gone = CompValue("Clear", graphiri="DEFAULT" if source is None else source)
+        removed += _clear(view, gone)
     return added, removed
 
 

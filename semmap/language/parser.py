@@ -48,6 +48,7 @@ class ParsedText:
     moment : the literal after AT
     span : the one or two literals after DURING
     requests : rdflib's algebra of each request of an update
+    dataset : the clauses FROM and FROM NAMED of a query
     """
 
     text: NormalisedText
@@ -58,6 +59,7 @@ class ParsedText:
     moment: Literal | None = None
     span: tuple[Literal, ...] = ()
     requests: tuple[Any, ...] = ()
+    dataset: tuple[Any, ...] = ()
 
     def error(self, reason: str, at: object) -> QueryError:
         """Return an error at a term, at a part of the tree, or at a position."""
@@ -169,7 +171,8 @@ def parse_sparql(text: str, form: Form, prefixes: Prefixes = ()) -> ParsedText:
         template = algebra.triples(tree.template) if tree.template else None
         whole = CompValue(tree.name, p=pattern, PV=names, template=template)
         whole = algebra.traverse(whole, visitPost=algebra.simplify)
-    return ParsedText(normalised, tree.name, whole, tuple(names))
+    dataset = tuple(tree.datasetClause or ())
+    return ParsedText(normalised, tree.name, whole, tuple(names), dataset=dataset)
 
 
 def _requests(text: NormalisedText, tree: Any, prefixes: Prefixes) -> Iterator[Any]:
@@ -188,6 +191,8 @@ def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
     """Return a function from prefixed names and literals to terms that know their positions."""
 
     def resolve(part: Any) -> Any:
+        if getattr(part, "name", "") in ("Builtin_IRI", "Builtin_URI") and prologue.base:
+            part["base"] = rdflib.URIRef(prologue.base)
         try:
             term = algebra.translatePName(part, prologue)
         except Exception as error:

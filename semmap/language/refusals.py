@@ -36,11 +36,9 @@ _REASONS = {
 
 _UNSAFE = {
     "ServiceGraphPattern": "SERVICE is not supported: put the other answer into VALUES",
-    "Load": "LOAD is not supported: semmap rdf FILE imports a file",
-    "DatasetClause": "FROM is not supported: use GRAPH",
-    "UsingClause": "USING is not supported: use GRAPH",
+    "Load": "LOAD is not supported: semmap rdf import FILE reads a file",
 }
-"""What would read from other servers, or choose another dataset than the database."""
+"""What would read from other servers; with SILENT it has no effect."""
 
 
 def refuse_unsafe(text: NormalisedText, tree: Any) -> None:
@@ -51,7 +49,8 @@ def refuse_unsafe(text: NormalisedText, tree: Any) -> None:
     QueryError
         With the position of that part, and what to write instead.
     """
-    _refuse(text, [(_UNSAFE[part.name], part) for part in _parts(tree) if part.name in _UNSAFE])
+    unsafe = [part for part in _parts(tree) if part.name in _UNSAFE and not _is_silent(part)]
+    _refuse(text, [(_UNSAFE[part.name], part) for part in unsafe])
     _refuse(text, [(reason, part) for part in _parts(tree) for reason in _uneven(part)])
 
 
@@ -80,6 +79,10 @@ def _parts(tree: Any) -> Iterator[CompValue]:
     elif isinstance(tree, (list, tuple, pyparsing.ParseResults)):
         for part in tree:
             yield from _parts(part)
+
+
+def _is_silent(part: CompValue) -> bool:
+    return part.name == "Load" and bool(part.silent)
 
 
 def _reasons(part: CompValue) -> Iterator[str]:

@@ -15,7 +15,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import serialized, without_warnings
 
-NUMBERS = ("integer", "decimal", "double")
+NUMBERS = ("integer", "decimal", "double", "float")
 
 
 class Engines:

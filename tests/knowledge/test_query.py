@@ -35,6 +35,19 @@ QUERIES = (
     "SELECT ?s { ?s <http://nowhere/at#all> ?o }",
     "SELECT * { :unknown ?p ?o }",
     "SELECT ?x { ?x semmap:heldBy [ a semmap:Room ] }",
+    # Named graphs, and datasets of them
+    "SELECT ?g { GRAPH ?g {} }",
+    "SELECT ?g ?x ?y { GRAPH ?g { ?x ex:likes* ?y } }",
+    "SELECT ?x { GRAPH ?g { { SELECT ?x { ?x ?g ?y } } } }",
+    "SELECT ?g ?x ?h { GRAPH ?g { ?x ex:likes ?y OPTIONAL { ?z semmap:heldBy ?h } } }",
+    "SELECT * FROM ex:archive { ?s ?p ?o }",
+    "SELECT * FROM ex:archive FROM :ann_believes { ?s ?p ?o }",
+    "SELECT * FROM NAMED ex:archive { { ?s ?p ?o } UNION { GRAPH ?g { ?s ?p ?o } } }",
+    "SELECT * FROM ex:archive FROM NAMED :ann_believes { ?s ?p ?o "
+    "GRAPH :ann_believes { ?t ?q ?s } }",
+    "SELECT * FROM ex:archive FROM NAMED :ann_believes { GRAPH ex:archive { ?s ?p ?o } }",
+    "SELECT ?x FROM ex:archive { ?x a semmap:Room }",
+    "SELECT ?x FROM ex:archive { ?x semmap:on|semmap:name ?y }",
     # OPTIONAL, UNION, MINUS, EXISTS
     "SELECT ?x ?l { ?x a semmap:Room OPTIONAL { ?x rdfs:label ?l } }",
     "SELECT ?x ?c ?m { ?x a semmap:Object OPTIONAL { ?x prop:colour ?c OPTIONAL { ?x prop:mass ?m "
@@ -69,6 +82,12 @@ QUERIES = (
     'SELECT ?o { :ann ex:likes ?o FILTER(LANGMATCHES(LANG(?o), "*")) }',
     "SELECT ?o (DATATYPE(?o) AS ?d) { :ann ex:likes ?o }",
     "SELECT ?o (STR(?o) AS ?s) { :ann ex:likes ?o }",
+    'SELECT ?o (STRBEFORE(?o, "a"@de) AS ?b) (STRAFTER(?o, "a"@en) AS ?a) { :ann ex:likes ?o }',
+    'SELECT ?o (CONTAINS(?o, "e"@de) AS ?c) (STRSTARTS(?o, "t") AS ?s) { :ann ex:likes ?o }',
+    'SELECT ?o (STRLANG(?o, "fr") AS ?l) (STRDT(?o, xsd:string) AS ?d) { :ann ex:likes ?o }',
+    "SELECT ?o (xsd:float(?o) AS ?f) (xsd:float(?o) + 1 AS ?g) { :ann ex:likes ?o }",
+    'SELECT ?o { :ann ex:likes ?o FILTER(?o != "tea"^^xsd:integer) }',
+    'BASE <http://base.org/> SELECT (IRI("a/b") AS ?i) (IRI("urn:x") AS ?j) {}',
     "SELECT ?o (?o + 1 AS ?s) (?o / 2 AS ?h) (-?o AS ?n) { :ann ex:likes ?o }",
     "SELECT ?x (?m * 2 AS ?d) { ?x prop:mass ?m }",
     'SELECT ?x (CONCAT(?n, "-", ?n) AS ?s) (STRLEN(?n) AS ?l) (UCASE(?n) AS ?u) { ?x a '
@@ -154,6 +173,9 @@ RDFLIB_DIFFERS = (
     "CEIL(?z)",
     "BIND(YEAR",
     "VALUES (?x ?k)",
+    "STRLANG(?o",
+    "xsd:float(?o)",
+    '"tea"^^xsd:integer',
 )
 """Where rdflib's types or errors are not those of SPARQL 1.1: oxigraph alone is the oracle."""
 

@@ -62,6 +62,24 @@ def test_graphs_are_cleared_copied_and_moved(changing: psycopg.Connection) -> No
     assert not truth(changing, "GRAPH ex:moved { ?s ?p ?o }")
 
 
+def test_the_default_graph_gives_and_takes_facts(changing: psycopg.Connection) -> None:
+    update(changing, EX + "ADD ex:archive TO DEFAULT ; ADD DEFAULT TO ex:all")
+    assert truth(changing, ":bob ex:likes 'juice' GRAPH ex:all { :bob ex:likes 'juice' }")
+    assert truth(changing, "GRAPH ex:all { :table semmap:name 'table' }")
+    update(changing, EX + "CLEAR SILENT ALL ; LOAD SILENT <http://example.org/data>")
+    assert truth(changing, "GRAPH ex:archive { :bob ex:likes 'juice' }")
+
+
+def test_using_chooses_the_graphs_that_where_reads(changing: psycopg.Connection) -> None:
+    text = """INSERT { GRAPH ex:new { ?s ex:liked ?o } } USING ex:archive
+        USING NAMED :ann_believes WHERE { ?s ex:likes ?o GRAPH ?g { ?s ?p ?q } }"""
+    changes = update(changing, EX + text)
+    assert changes.added == 1
+    assert truth(changing, "GRAPH ex:new { :bob ex:liked 'juice' }")
+    text = "WITH ex:new DELETE { ?s ?p ?o } USING ex:archive WHERE { ?s ex:likes ?o . ?s ?p ?x }"
+    assert update(changing, EX + text).removed == 0  # what it read is not in ex:new
+
+
 REFUSED = (
     ("INSERT DATA { :table semmap:x 3.0 }", "follows from"),
     ("INSERT DATA { :bob ex:new 1 . :table geo:sfContains :sofa }", "follows from"),
@@ -72,6 +90,8 @@ REFUSED = (
     ('INSERT DATA { :table prop:when "2026-01-01T00:00:00Z"^^xsd:dateTime }', "JSON"),
     ("LOAD <http://example.org/data>", "not supported"),
     ("CLEAR ALL", "default graph"),
+    ("MOVE ex:archive TO DEFAULT", "default graph"),
+    ("MOVE DEFAULT TO ex:archive", "default graph"),
     ("INSERT DATA { :a :b }", "SPARQL"),
 )
 
@@ -97,6 +117,14 @@ def test_statements_go_with_their_entity_and_follow_a_new_one(
     assert truth(changing, ":bob ex:wants ?x . ?x ex:size 3 ; a semmap:Box ; semmap:kind 'object'")
     changing.execute("DELETE FROM entity WHERE name = 'later'")
     assert not truth(changing, "?x ex:size 3")
+
+
+def test_a_copy_does_not_lose_a_lifespan(changing: psycopg.Connection) -> None:
+    changing.execute(
+        "UPDATE statement SET until = now() + interval '1 h' WHERE graph LIKE '%archive'"
+    )
+    with pytest.raises(QueryError, match="lifespan"):
+        update(changing, EX + "COPY ex:archive TO ex:copy")
 
 
 def test_a_statement_with_an_end_is_gone_after_it(changing: psycopg.Connection) -> None:
