@@ -40,3 +40,34 @@ LEFT JOIN property p ON p.place = r.place
 LEFT JOIN sure s ON s.resource = r.resource
 ORDER BY r.resource NULLS LAST, r.left_keys, r.right_keys
 $$;
+
+CREATE FUNCTION record_iri(data_set text, key text)
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+-- The IRI of a record of a file, as links are written (`semmap.interlinking.same_as`).
+SELECT CASE WHEN key ~ '^[A-Za-z][A-Za-z0-9+.-]*:' AND strpos(key, '/') > 0 THEN key
+            ELSE 'urn:semmap:' || semmap.iri_encode(regexp_replace(regexp_replace(data_set, '^.*/', ''), '(.)\.[^.]*$', '\1'))
+                 || ':' || semmap.iri_encode(key) END
+$$;
+
+CREATE FUNCTION same_as()
+RETURNS TABLE (map_id integer, left_entity bigint, left_object bigint, left_iri text,
+               right_entity bigint, right_object bigint, right_iri text)
+LANGUAGE sql STABLE ROWS 1000 SET search_path = semmap, public, pg_temp AS $$
+-- Records that describe the same resource: a record of a map is its entity, one of the stored models its object model,
+-- and one of a file has an IRI. `map_id` is null where neither is an entity.
+WITH linked AS MATERIALIZED (
+    SELECT DISTINCT s.left_id, l.left_key, s.right_id, l.right_key FROM link_set s JOIN record_link l ON l.link_set_id = s.id
+), record AS MATERIALIZED (
+    SELECT k.set_id, k.key, e.map_id, e.id AS entity, o.id AS object,
+           CASE WHEN d.name <> 'models' AND d.name !~ '^map ' THEN record_iri(d.name, k.key) END AS iri
+    FROM (SELECT left_id AS set_id, left_key AS key FROM linked UNION SELECT right_id, right_key FROM linked) k
+    JOIN data_set d ON d.id = k.set_id
+    LEFT JOIN map m ON d.name = 'map ' || m.name
+    LEFT JOIN entity e ON e.map_id = m.id AND e.name = k.key
+    LEFT JOIN object_model o ON d.name = 'models' AND o.key = k.key
+)
+SELECT DISTINCT coalesce(a.map_id, b.map_id), a.entity, a.object, a.iri, b.entity, b.object, b.iri
+FROM linked l JOIN record a ON a.set_id = l.left_id AND a.key = l.left_key
+JOIN record b ON b.set_id = l.right_id AND b.key = l.right_key
+WHERE a.map_id IS NULL OR b.map_id IS NULL OR a.map_id = b.map_id
+$$;

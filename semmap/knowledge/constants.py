@@ -21,6 +21,8 @@ __all__ = ["Constants", "iris_in", "resolve", "tag_and_text"]
 _OWN = {t.property for t in TRIPLES} | {c.property for c in COMPUTED}
 _KEY = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")
 
+_UUID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+
 
 class Constants:
     """What the IRIs of a text stand for.
@@ -73,6 +75,7 @@ def resolve(session: psycopg.Connection[Any], iris: Iterable[str], namespace: st
     names: dict[str, list[tuple[str, Form]]] = {}
     classes: dict[str, str] = {}
     types: dict[str, list[str]] = {}
+    keyed: dict[Form, dict[str, str]] = {}
     for iri in set(iris):
         local = local_name(iri)
         if iri.startswith(namespace):
@@ -87,7 +90,9 @@ def resolve(session: psycopg.Connection[Any], iris: Iterable[str], namespace: st
         else:
             for form, node in NODES.items():
                 key = iri.removeprefix(node.prefix) if node.prefix and not node.of_map else iri
-                if key != iri and _KEY.fullmatch(key):
+                if key != iri and node.keyed:
+                    keyed.setdefault(form, {})[decode(key) or ""] = iri
+                elif key != iri and _KEY.fullmatch(key):
                     known[iri] = (form, key if form == "former" else int(key))
         classes[iri] = iri
     rows = session.execute(
@@ -109,7 +114,21 @@ def resolve(session: psycopg.Connection[Any], iris: Iterable[str], namespace: st
         if kind == "entity":
             for iri, form in names[found]:
                 known.setdefault(iri, (form, int(key)))
+    for form, wanted in keyed.items():
+        for key, number in _rows_of(session, form, wanted):
+            known[wanted[key]] = (form, number)
     return Constants(known, either)
+
+
+def _rows_of(
+    session: psycopg.Connection[Any], form: Form, keys: Iterable[str]
+) -> Iterable[tuple[str, int]]:
+    """Return the key and the id of each row that has one of the keys in the IRIs of a node."""
+    table, column, type_ = NODES[form].keyed or ("", "", "")
+    if type_ == "uuid":
+        keys = (key for key in keys if _UUID.fullmatch(key))
+    text = f"SELECT {column}::text, id FROM {table} WHERE {column} = ANY (%s::text[]::{type_}[])"
+    return session.execute(text.encode(), (list(keys),)).fetchall()
 
 
 def _node_of_map(part: str) -> tuple[Form, str | None]:

@@ -597,6 +597,9 @@ class Expressions:
                 texts.append(geometry_of(value))
             elif kind == "entity":
                 texts.append(value.sql if value.form == "entity" else "NULL::bigint")
+            elif kind == "time":
+                written = f"text_time({self._text(value)})"
+                texts.append(value.sql if value.form == "time" else written)
             else:
                 texts.append(self._number(value) if kind == "number" else self._text(value))
         return Value(function.result, f"({function.sql.format(*texts)})")

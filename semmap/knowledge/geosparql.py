@@ -26,7 +26,7 @@ class GeoFunction:
     ----------
     name : as errors write it
     sql : with {0}, {1} ... for the arguments
-    arguments : "geometry", "number", "text" or "entity"
+    arguments : "geometry", "number", "text", "time" or "entity"
     result : the form of the result
     optional : how many of the last arguments may be left out
     """
@@ -107,11 +107,19 @@ FUNCTIONS: Mapping[str, GeoFunction] = {
         ("entity", "entity"),
         "double",
     ),
+    f"{SEMMAP}positionAt": GeoFunction(
+        "semmap:positionAt",
+        "SELECT ST_MakePoint(p.pose[1], p.pose[2], p.pose[3]) FROM pose_at({0}, {1}) p (pose) "
+        "WHERE p.pose IS NOT NULL",
+        ("entity", "time"),
+        "geometry",
+    ),
     f"{SEMMAP}distance3D": GeoFunction(
         "semmap:distance3D", "ST_3DDistance({0}, {1})", _TWO, "double"
     ),
 }
-"""By IRI; `semmap:distance` is that of the 3D boxes of two entities, in metres."""
+"""By IRI; `semmap:distance` is that of the 3D boxes of two entities, in metres, and
+`semmap:positionAt` where an entity was at a time."""
 
 _DISTANCES = {f"{GEOF}distance", f"{GEOF}metricDistance"}
 

@@ -8,8 +8,18 @@ other is to move its line.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+from semmap.knowledge.manipulation_triples import MANIPULATION_NODES, MANIPULATION_TRIPLES
+from semmap.knowledge.triple_map import (
+    Column,
+    Computed,
+    Form,
+    Node,
+    Source,
+    TripleMap,
+    columns_of,
+    constant,
+)
 from semmap.knowledge.vocabulary import GEO, OWL, PROPERTY, RDF, RDFS, RELATION, SEMMAP, XSD
 
 __all__ = [
@@ -29,31 +39,6 @@ BOT = "https://w3id.org/bot#"
 CORA = "http://purl.org/ieee1872-owl/cora#"
 ORO = "http://kb.openrobots.org#"
 
-Form = str
-"""How a term is kept in columns: a name of `NODES` or `DATATYPES`, "iri" or "term".
-
-- a node: a key, from which the IRI is made;
-- a datatype: a value of SQL;
-- "iri": the IRI itself;
-- "term": any term, as its text and its tag (`schema/functions/500_knowledge.sql`).
-"""
-
-
-@dataclass(frozen=True)
-class Node:
-    """An IRI template.
-
-    Attributes
-    ----------
-    prefix : before the key
-    of_map : the key is the id of an entity, and the IRI is made of the namespace of its map,
-        `prefix` and its name; else the IRI is `prefix` and the key
-    """
-
-    prefix: str
-    of_map: bool = False
-
-
 NODES: dict[Form, Node] = {
     "entity": Node("", of_map=True),
     "footprint": Node("footprint/", of_map=True),
@@ -64,6 +49,7 @@ NODES: dict[Form, Node] = {
     "observation": Node("urn:semmap:observation:"),
     "model": Node("urn:semmap:model:"),
     "former": Node("urn:semmap:former:"),
+    **MANIPULATION_NODES,
 }
 
 DATATYPES: dict[Form, str] = {
@@ -77,72 +63,6 @@ DATATYPES: dict[Form, str] = {
     "gml": f"{GEO}gmlLiteral",
     "geojson": f"{GEO}geoJSONLiteral",
 }
-
-
-@dataclass(frozen=True)
-class Column:
-    """A term: its form, and the SQL of its value; a "term" also has the SQL of its tag."""
-
-    form: Form
-    sql: str
-    tag: str | None = None
-
-
-@dataclass(frozen=True)
-class Source:
-    """Tables, or functions of tables before them, by the letters that columns use for them.
-
-    Attributes
-    ----------
-    tables : letter and table
-    where : conditions
-    map_id : the column with the map; None where a table has none
-    key : the column of the first table that is unique, if there is one
-    """
-
-    tables: tuple[tuple[str, str], ...]
-    where: tuple[str, ...] = ()
-    map_id: str | None = None
-    key: str | None = None
-
-
-@dataclass(frozen=True)
-class TripleMap:
-    """Rows of a source as triples.
-
-    Attributes
-    ----------
-    property : the IRI; with `name`, its namespace
-    name : the SQL of the property's local name, before it is encoded; "" for a whole IRI
-    nullable : the object may be null, which is no triple
-    shared : statements may have this property, too
-    """
-
-    property: str
-    source: Source
-    subject: Column
-    object: Column
-    name: str | None = None
-    nullable: bool = False
-    shared: bool = False
-
-
-@dataclass(frozen=True)
-class Computed:
-    """A relation between entities that SQL functions decide when it is asked for.
-
-    Attributes
-    ----------
-    property : the IRI
-    decide : SQL of the condition for {a} and {b}, ids of entities
-    members, converse : SQL of all {a} for one {b}, and of all {b} for one {a}, where an index has
-        them
-    """
-
-    property: str
-    decide: str
-    members: str | None = None
-    converse: str | None = None
 
 
 ENTITY = Source((("a", "entity"),), map_id="{a}.map_id", key="{a}.id")
@@ -186,23 +106,11 @@ _CENTROID = (
 _BOX = "prism_tin(ST_Envelope({a}.box), ST_ZMin({a}.box), ST_ZMax({a}.box))"
 
 
-def _const(iri: str) -> Column:
-    return Column("iri", f"'{iri}'::text")
-
-
-def _columns(
-    source: Source, subject: Column, *columns: tuple[str, Form, str]
-) -> Iterator[TripleMap]:
-    """Yield a triple map for each property, form and column of a source."""
-    for name, form, sql in columns:
-        yield TripleMap(f"{SEMMAP}{name}", source, subject, Column(form, sql), nullable=True)
-
-
 def _typed_as(iri: str, *types: str) -> Iterator[TripleMap]:
     """Yield triple maps that give the entities of a type a class of another vocabulary."""
     for type_ in types:
         source = Source((("a", "object_type"),), (f"{{a}}.type = '{type_}'",), "{a}.map_id")
-        yield TripleMap(f"{RDF}type", source, _ID, _const(iri))
+        yield TripleMap(f"{RDF}type", source, _ID, constant(iri))
 
 
 def _geometries() -> Iterator[TripleMap]:
@@ -215,7 +123,7 @@ def _geometries() -> Iterator[TripleMap]:
         node = Column(form, "{a}.entity_id")
         for role in roles:
             yield TripleMap(f"{GEO}{role}", source, _OF, node)
-        yield TripleMap(f"{RDF}type", source, node, _const(f"{GEO}Geometry"))
+        yield TripleMap(f"{RDF}type", source, node, constant(f"{GEO}Geometry"))
         for name, kind, sql in (
             ("asWKT", "geometry", geometry),
             ("asGML", "gml", f"ST_AsGML(3, {geometry})"),
@@ -250,7 +158,7 @@ STATEMENTS: tuple[TripleMap, ...] = tuple(_statements())
 TRIPLES: tuple[TripleMap, ...] = (
     # Entities: types with all that subsume them (section 3.5 of Deeken et al.), names, properties
     TripleMap(f"{RDF}type", TYPED, _ID, Column("type", "{a}.type"), shared=True),
-    TripleMap(f"{RDF}type", ENTITY, _ID, _const(f"{GEO}Feature")),
+    TripleMap(f"{RDF}type", ENTITY, _ID, constant(f"{GEO}Feature")),
     *_typed_as(f"{BOT}Storey", "storey"),
     *_typed_as(f"{BOT}Space", "room"),
     *_typed_as(f"{BOT}Zone", "room", "storey"),
@@ -260,7 +168,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     *_typed_as(f"{ORO}Agent", "agent"),
     *_typed_as(f"{ORO}Artifact", "object"),
     TripleMap(f"{SEMMAP}directType", ENTITY, _ID, Column("type", "{a}.type"), nullable=True),
-    *_columns(
+    *columns_of(
         ENTITY,
         _ID,
         ("name", "string", "{a}.name"),
@@ -287,7 +195,7 @@ TRIPLES: tuple[TripleMap, ...] = (
         Column("entity", "{a}.to_id"),
         name="{a}.relation",
     ),
-    *_columns(
+    *columns_of(
         PLACEMENT,
         _OF,
         ("heldBy", "entity", "{a}.holder_id"),
@@ -332,7 +240,7 @@ TRIPLES: tuple[TripleMap, ...] = (
         _OF,
     ),
     # Where they are: metres and radians in the map's frame
-    *_columns(
+    *columns_of(
         WORLD,
         _OF,
         ("x", "double", "{a}.pose[1]"),
@@ -345,20 +253,20 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     *_geometries(),
     # The building
-    *_columns(
+    *columns_of(
         ROOM,
         _OF,
         ("floor", "double", "{a}.floor"),
         ("ceiling", "double", "{a}.ceiling"),
         ("cabinOf", "entity", "{a}.elevator_id"),
     ),
-    *_columns(
+    *columns_of(
         STOREY,
         _OF,
         ("elevation", "double", "{a}.elevation"),
         ("clearHeight", "double", "{a}.height"),
     ),
-    *_columns(
+    *columns_of(
         CONNECTOR,
         _OF,
         ("connectsFrom", "entity", "{a}.place_a"),
@@ -384,7 +292,7 @@ TRIPLES: tuple[TripleMap, ...] = (
         _OF,
         Column("entity", "{a}.place_b"),
     ),
-    *_columns(REGION, _OF, ("partOf", "entity", "{a}.of_id"), ("origin", "string", "{a}.origin")),
+    *columns_of(REGION, _OF, ("partOf", "entity", "{a}.of_id"), ("origin", "string", "{a}.origin")),
     TripleMap(
         f"{SEMMAP}hasModel",
         Source(
@@ -399,7 +307,7 @@ TRIPLES: tuple[TripleMap, ...] = (
         _OF,
         Column("model", "{a}.model_id"),
     ),
-    *_columns(
+    *columns_of(
         MODEL,
         Column("model", "{a}.id"),
         ("modelKind", "string", "{a}.kind"),
@@ -408,7 +316,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     # Beliefs, observations, and where entities were
     TripleMap(f"{SEMMAP}hasBelief", BELIEF, _OF, Column("belief", "{a}.id")),
-    *_columns(
+    *columns_of(
         BELIEF,
         Column("belief", "{a}.id"),
         ("place", "entity", "{a}.place_id"),
@@ -417,11 +325,12 @@ TRIPLES: tuple[TripleMap, ...] = (
         ("at", "time", "{a}.at"),
     ),
     TripleMap(f"{SEMMAP}hasObservation", OBSERVATION, _OF, Column("observation", "{a}.id")),
-    *_columns(
+    *columns_of(
         OBSERVATION,
         Column("observation", "{a}.id"),
         ("place", "entity", "{a}.place_id"),
         ("seen", "boolean", "{a}.seen"),
+        ("visibleShare", "double", "{a}.visible"),
         ("at", "time", "{a}.at"),
         ("observer", "entity", "{a}.observer_id"),
     ),
@@ -436,15 +345,16 @@ TRIPLES: tuple[TripleMap, ...] = (
         _FORMER,
         Column("entity", "{a}.holder_id"),
     ),
-    *_columns(
+    *columns_of(
         FORMER,
         _FORMER,
         ("from", "time", "lower({a}.during)"),
         ("until", "time", "upper({a}.during)"),
+        ("pose", "string", "array_to_string({a}.pose, ' ')"),  # in the frame of the holder
         ("reason", "string", "{a}.reason"),
     ),
     # The T-Box
-    TripleMap(f"{RDF}type", CLASS, _TYPE, _const(f"{OWL}Class")),
+    TripleMap(f"{RDF}type", CLASS, _TYPE, constant(f"{OWL}Class")),
     TripleMap(
         f"{RDFS}subClassOf",
         Source((("a", "type_parent"),)),
@@ -462,6 +372,7 @@ TRIPLES: tuple[TripleMap, ...] = (
         _TYPE,
         Column("type", "{b}.place"),
     ),
+    *MANIPULATION_TRIPLES,
 )
 """The facts of the graph, besides `STATEMENTS`."""
 

@@ -24,7 +24,7 @@ from semmap.knowledge.mapping import (
     is_mapped,
 )
 from semmap.knowledge.relation import UNBOUND, Rows, can_join, in_form, union, union_form
-from semmap.knowledge.values import Parameters, Value, as_term, is_literal, same, text_of
+from semmap.knowledge.values import Parameters, Value, as_term, is_literal, key_of, same, text_of
 from semmap.knowledge.vocabulary import RDF, decode
 
 __all__ = ["Chosen", "Scope", "TriplePatterns"]
@@ -324,6 +324,7 @@ class TriplePatterns:
                 for triple in pattern.maps:
                     part = self._match(pattern, triple, {})
                     self._anchor(part, pattern.subject, triple)
+                    _use_keys(part, rows.variables)
                     parts.append(part)
                 rows.join(union(parts, self.parameters, self.namespace), self.namespace)
             else:
@@ -451,9 +452,11 @@ class TriplePatterns:
     def _as_column(self, constant: Value, column: Column) -> Value | None:
         """Return a constant in the form of a column; None where no row can have it."""
         form = column.form
+        text, tag = constant.constant or ("", "I")
+        if form == "iri" and column.sql.startswith("'") and column.sql != f"'{text}'::text":
+            return None
         if form == constant.form and constant.tag is None:
             return constant
-        text, tag = constant.constant or ("", "I")
         if constant.form == "type" and form in ("term", "iri") and not column.sql.startswith("'"):
             # All IRIs of a type stand for that of its ontology, which statements have.
             tagged = self._bind(tag) if form == "term" else None
@@ -470,8 +473,6 @@ class TriplePatterns:
         if tag != "I" or (form == "iri" and constant.form == "entity"):
             return None
         if form == "iri":
-            if column.sql.startswith("'") and column.sql != f"'{text}'::text":
-                return None
             return Value("iri", self._bind(text))
         # Of an IRI that is a node of another kind, or none, no row is.
         return None
@@ -640,6 +641,15 @@ class TriplePatterns:
         else:
             rows.bind(part, value, self.namespace)
         return value.sql
+
+
+def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:
+    """Compare the IRIs of statements by the keys of nodes that a variable is bound to already."""
+    for name, value in part.variables.items():
+        form = known[name].form if name in known else "iri"
+        node = NODES.get(form)
+        if value.form == "iri" and node is not None and node.prefix and not node.of_map:
+            part.variables[name] = key_of(value, form)
 
 
 def _placed(column: Column, letters: Mapping[str, str]) -> Value:

@@ -20,6 +20,7 @@ __all__ = [
     "as_term",
     "is_literal",
     "is_null",
+    "key_of",
     "same",
     "tag_of",
     "text_of",
@@ -132,7 +133,33 @@ def text_of(value: Value, namespace: str) -> str:
             f"(SELECT {namespace} || '{node.prefix}' || iri_encode(n.name) "
             f"FROM entity n WHERE n.id = {value.sql})"
         )
+    if node.keyed:
+        table, column, _ = node.keyed
+        key = f"SELECT iri_encode(n.{column}::text) FROM {table} n WHERE n.id = {value.sql}"
+        return f"('{node.prefix}' || ({key}))"
     return f"('{node.prefix}' || {value.sql})"
+
+
+def key_of(value: Value, form: Form) -> Value:
+    """Return an "iri" as the key of a node that is not of a map; null where it is another IRI."""
+    node = NODES[form]
+    begins, key = (
+        f"starts_with({value.sql}, '{node.prefix}')",
+        f"substr({value.sql}, {len(node.prefix) + 1})",
+    )
+    if node.keyed is None:
+        whole = (
+            key
+            if form == "former"
+            else f"CASE WHEN {key} ~ '^[0-9]{{1,18}}$' THEN {key}::bigint END"
+        )
+        return Value(form, f"(CASE WHEN {begins} THEN {whole} END)")
+    table, column, type_ = node.keyed
+    same_key = f"iri_encode(n.{column}) = {key}"
+    if type_ == "uuid":
+        valid = f"{key} ~ '^[0-9a-f]{{8}}(-[0-9a-f]{{4}}){{3}}-[0-9a-f]{{12}}$'"
+        same_key = f"n.{column} = CASE WHEN {valid} THEN {key}::uuid END"
+    return Value(form, f"(SELECT n.id FROM {table} n WHERE {begins} AND {same_key})")
 
 
 def tag_of(value: Value) -> str:

@@ -1,0 +1,275 @@
+"""What robots know of manipulation as triples: automata, object models, actions, tasks, links.
+
+The classes are those of `schema/ontology/knowledge/manipulation.ttl` (Tosello, Fan and Pagello,
+section III), the tables those of `schema/tables/110_manipulation.sql` and `130_interlinking.sql`.
+All but tasks and paths belong to no map, and are in the graph of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+
+from semmap.knowledge.triple_map import Column, Node, Source, TripleMap, columns_of, constant
+from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
+
+__all__ = ["MANIPULATION_NODES", "MANIPULATION_TRIPLES"]
+
+MANIPULATION_NODES: dict[str, Node] = {
+    "device": Node("urn:semmap:device:", keyed=("device", "name", "text")),
+    "automaton": Node("urn:semmap:automaton:", keyed=("automaton", "name", "text")),
+    "object model": Node("urn:semmap:object-model:", keyed=("object_model", "key", "text")),
+    "action": Node("urn:semmap:action:", keyed=("action", "key", "uuid")),
+    "task": Node("urn:semmap:task:"),
+    "path": Node("urn:semmap:path:"),
+}
+
+DEVICE = Source((("a", "device"),), key="{a}.id")
+GRIPPER = Source((("a", "gripper"),), key="{a}.device_id")
+AUTOMATON = Source((("a", "automaton"),), key="{a}.id")
+OBJECT = Source((("a", "object_model"),), key="{a}.id")
+ACTION = Source((("a", "action"),), key="{a}.id")
+TASK = Source((("a", "task"),), map_id="{a}.map_id", key="{a}.id")
+PATH = Source((("a", "path"),), map_id="{a}.map_id", key="{a}.id")
+
+_DEVICE = Column("device", "{a}.id")
+_AUTOMATON = Column("automaton", "{a}.id")
+_OBJECT = Column("object model", "{a}.id")
+_ACTION = Column("action", "{a}.id")
+_TASK = Column("task", "{a}.id")
+_PATH = Column("path", "{a}.id")
+
+_TYPE_FUNCTIONS = (
+    "(SELECT DISTINCT c.sub, f.use FROM type_closure c JOIN semantic_type t ON t.name = c.super, "
+    "unnest(t.functions) f (use)) AS {b}"
+)
+_OBJECT_FUNCTIONS = (
+    "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use) UNION "
+    "SELECT o.id, f.use FROM object_model o, unnest(functions_of(o.type)) f (use)) AS {b}"
+)
+_OBJECT_OF = (
+    # The visual mesh counts, else that of collisions; one row where several meshes are one model.
+    "{b}.id = {a}.model_id",
+    "{c}.digest = {b}.digest",
+    "{d}.id = {a}.entity_id",
+    "NOT EXISTS (SELECT FROM entity_model v JOIN model w ON w.id = v.model_id JOIN object_mesh x "
+    "ON x.digest = w.digest WHERE v.entity_id = {a}.entity_id "
+    "AND (v.role, -x.object_id, v.model_id) > ({a}.role, -{c}.object_id, {a}.model_id))",
+)
+_MODELLED = (("a", "entity_model"), ("b", "model"), ("c", "object_mesh"), ("d", "entity"))
+
+
+def _class_of(name: str) -> Column:
+    """Return the IRI that a word of the tables has in the ontology: drinking, :Drinking."""
+    camel = f"iri_encode(replace(initcap(replace({name}, '_', ' ')), ' ', ''))"
+    return Column("iri", f"(text '{SEMMAP}' || {camel})")
+
+
+def _text_of_pose(name: str) -> str:
+    return f"array_to_string({{a}}.{name}, ' ')"
+
+
+def _typed(source: Source, subject: Column, *types: str, where: str = "") -> Iterator[TripleMap]:
+    """Yield triple maps that give the rows of a source classes of the ontology."""
+    if where:
+        source = Source(source.tables, (*source.where, where), source.map_id, source.key)
+    for type_ in types:
+        yield TripleMap(f"{RDF}type", source, subject, constant(f"{SEMMAP}{type_}"))
+
+
+def _kinds() -> Iterator[TripleMap]:
+    """Yield the classes of devices, shapes and actions."""
+    for kind in ("robot", "gripper", "sensor"):
+        name = f"{kind.capitalize()}Model"
+        yield from _typed(DEVICE, _DEVICE, name, where=f"{{a}}.kind = '{kind}'")
+    for kind in ("grasp", "place", "push", "turn", "open", "put"):
+        names = ("Push", "Turn") if kind == "turn" else (kind.capitalize(),)
+        yield from _typed(ACTION, _ACTION, *names, where=f"{{a}}.kind = '{kind}'")
+    for shape in ("sphere", "cylinder", "cone", "cuboid"):
+        source = Source(OBJECT.tables, (f"{{a}}.shape = '{shape}'",), key=OBJECT.key)
+        yield TripleMap(
+            f"{SEMMAP}hasShape", source, _OBJECT, constant(f"{SEMMAP}{shape.capitalize()}")
+        )
+
+
+def _functions() -> Iterator[TripleMap]:
+    """Yield what classes, object models and entities are used for."""
+    name = f"{SEMMAP}hasFunction"
+    yield TripleMap(
+        f"{SEMMAP}usedFor",
+        Source((("a", "semantic_type"), ("b", "unnest({a}.functions) AS {b}(use)"))),
+        Column("type", "{a}.name"),
+        _class_of("{b}.use"),
+    )
+    yield TripleMap(
+        name,
+        Source((("a", "object_model"), ("b", _OBJECT_FUNCTIONS)), ("{b}.id = {a}.id",)),
+        _OBJECT,
+        _class_of("{b}.use"),
+    )
+    yield TripleMap(
+        name,
+        Source((("a", "entity"), ("b", _TYPE_FUNCTIONS)), ("{b}.sub = {a}.type",), "{a}.map_id"),
+        Column("entity", "{a}.id"),
+        _class_of("{b}.use"),
+    )
+    own = "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use)) AS {e}"
+    yield TripleMap(
+        name,
+        Source(
+            (*_MODELLED, ("e", own)),
+            (
+                *_OBJECT_OF,
+                "{e}.id = {c}.object_id",
+                "{e}.use <> ALL (functions_of({d}.type))",
+            ),
+            "{d}.map_id",
+        ),
+        Column("entity", "{a}.entity_id"),
+        _class_of("{e}.use"),
+    )
+
+
+def _links() -> Iterator[TripleMap]:
+    """Yield owl:sameAs between records that describe the same resource (section III-D).
+
+    A record of a map is its entity, one of the stored models its object model, and one of a file
+    has the IRI that `semmap.interlinking.same_as` writes.
+    """
+    forms = {"entity": "entity", "object model": "object", "iri": "iri"}
+    for left, right in product(forms, repeat=2):
+        a, b = f"{{a}}.left_{forms[left]}", f"{{a}}.right_{forms[right]}"
+        in_map = "entity" in (left, right)
+        yield TripleMap(
+            f"{OWL}sameAs",
+            Source(
+                (("a", "same_as()"),),
+                (f"{a} IS NOT NULL", f"{b} IS NOT NULL"),
+                "{a}.map_id" if in_map else None,
+            ),
+            Column(left, a),
+            Column(right, b),
+            shared=True,
+        )
+
+
+MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
+    *_kinds(),
+    # Components of robots
+    *_typed(DEVICE, _DEVICE, "Device"),
+    TripleMap(f"{RDFS}label", DEVICE, _DEVICE, Column("string", "{a}.name"), shared=True),
+    TripleMap(
+        f"{SEMMAP}capability",
+        Source((("a", "device"), ("b", "unnest({a}.capabilities) AS {b}(name)"))),
+        _DEVICE,
+        _class_of("{b}.name"),
+    ),
+    *columns_of(
+        GRIPPER,
+        Column("device", "{a}.device_id"),
+        ("gripperForm", "string", "{a}.form"),
+        ("opening", "double", "{a}.opening"),
+        ("fingerDepth", "double", "{a}.depth"),
+        ("preferred", "boolean", "{a}.preferred"),
+    ),
+    *_typed(AUTOMATON, _AUTOMATON, "Automaton"),
+    TripleMap(f"{RDFS}label", AUTOMATON, _AUTOMATON, Column("string", "{a}.name"), shared=True),
+    *columns_of(
+        AUTOMATON,
+        _AUTOMATON,
+        ("hasRobot", "device", "{a}.robot_id"),
+        ("hasGripper", "device", "{a}.gripper_id"),
+        ("hasSensor", "device", "{a}.sensor_id"),
+    ),
+    # Objects and their shapes
+    *_typed(OBJECT, _OBJECT, "ObjectModel"),
+    TripleMap(
+        f"{RDFS}label",
+        OBJECT,
+        _OBJECT,
+        Column("string", "{a}.name"),
+        nullable=True,
+        shared=True,
+    ),
+    *columns_of(
+        OBJECT,
+        _OBJECT,
+        ("modelOf", "type", "{a}.type"),
+        ("shapeFit", "double", "{a}.inliers"),
+        ("shapeRadius", "double", "CASE WHEN {a}.shape <> 'cuboid' THEN {a}.size[1] END"),
+        (
+            "shapeHeight",
+            "double",
+            "CASE {a}.shape WHEN 'cuboid' THEN {a}.size[3] WHEN 'sphere' THEN NULL "
+            "ELSE {a}.size[2] END",
+        ),
+        ("shapeLength", "double", "CASE {a}.shape WHEN 'cuboid' THEN {a}.size[1] END"),
+        ("shapeWidth", "double", "CASE {a}.shape WHEN 'cuboid' THEN {a}.size[2] END"),
+    ),
+    TripleMap(
+        f"{SEMMAP}hasObjectModel",
+        Source(_MODELLED, _OBJECT_OF, "{d}.map_id"),
+        Column("entity", "{a}.entity_id"),
+        Column("object model", "{c}.object_id"),
+    ),
+    *_functions(),
+    # Actions, tasks and paths; a pose is x y z and the quaternion x y z w
+    *_typed(ACTION, _ACTION, "Action"),
+    *columns_of(
+        ACTION,
+        _ACTION,
+        ("actsOn", "object model", "{a}.object_id"),
+        ("gripper", "device", "{a}.gripper_id"),
+        ("approach", "string", "{a}.approach"),
+        ("family", "string", "{a}.family"),
+        ("width", "double", "{a}.width"),
+        ("pose", "string", _text_of_pose("pose")),
+        ("prePose", "string", _text_of_pose("pre_pose")),
+        ("postPose", "string", _text_of_pose("post_pose")),
+        ("quality", "double", "{a}.quality"),
+        ("attempts", "double", "{a}.attempts"),
+        ("successes", "double", "{a}.successes"),
+        ("expectedSuccess", "double", "{a}.expected"),
+        ("replacedBy", "action", "{a}.replaced_by"),
+    ),
+    TripleMap(
+        f"{SEMMAP}contributor",
+        Source((("a", "action"), ("b", "contributor")), ("{b}.id = {a}.contributor_id",)),
+        _ACTION,
+        Column("string", "{b}.name"),
+    ),
+    TripleMap(
+        f"{SEMMAP}hasStep",
+        Source((("a", "action_step"),)),
+        Column("action", "{a}.whole_id"),
+        Column("action", "{a}.step_id"),
+    ),
+    *_typed(TASK, _TASK, "Task"),
+    *columns_of(
+        TASK,
+        _TASK,
+        ("taskKind", "string", "{a}.kind"),
+        ("taskRobot", "entity", "{a}.robot_id"),
+        ("taskObject", "entity", "{a}.entity_id"),
+        ("taskAction", "action", "{a}.action_id"),
+        ("initialPose", "string", _text_of_pose("start")),
+        ("finalPose", "string", _text_of_pose("goal")),
+        ("deadline", "time", "{a}.deadline"),
+        ("outcome", "string", "{a}.outcome"),
+        ("message", "string", "{a}.message"),
+        ("createdAt", "time", "{a}.created_at"),
+        ("endedAt", "time", "{a}.ended_at"),
+    ),
+    *_typed(PATH, _PATH, "Path"),
+    *columns_of(
+        PATH,
+        _PATH,
+        ("pathOf", "automaton", "{a}.automaton_id"),
+        ("link", "string", "nullif({a}.link, '')"),
+        ("line", "geometry", "{a}.line"),
+        ("clearance", "double", "{a}.clearance"),
+        ("plannedAt", "time", "{a}.at"),
+    ),
+    *_links(),
+)
+"""The facts of manipulation and interlinking."""
