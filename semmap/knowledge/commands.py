@@ -33,7 +33,7 @@ def sparql_command(
         bool, typer.Option("--update", help="TEXT is an update: it may change the map.")
     ] = False,
     explain: Annotated[
-        bool, typer.Option("--explain", help="Print the SQL that answers the query.")
+        bool, typer.Option("--explain", help="Print what is asked of fields, and the SQL.")
     ] = False,
     watch: Annotated[
         bool, typer.Option("--watch", help="Follow the map: print which rows appear and disappear.")
@@ -70,6 +70,8 @@ def sparql_command(
             return
         answer = query(session, text, seconds=seconds, rows=rows)
         known = _prefixes(session)
+    for note in answer.notes:
+        print(note, file=sys.stderr)
     if explain:
         for part in answer.explanation:
             print(part, file=sys.stderr if json_ else sys.stdout)

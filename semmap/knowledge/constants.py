@@ -16,11 +16,12 @@ from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode
 from semmap.language.terms import local_name, namespace_of
 
-__all__ = ["Constants", "iris_in", "resolve", "tag_and_text"]
+__all__ = ["Constants", "iris_in", "parts_of", "resolve", "tag_and_text"]
 
 _OWN = {t.property for t in TRIPLES} | {c.property for c in COMPUTED}
 _KEY = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")
 
+_VOXEL = re.compile(r"-?[0-9]{1,7}(,-?[0-9]{1,7}){2}")
 _UUID = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 
@@ -92,6 +93,8 @@ def resolve(session: psycopg.Connection[Any], iris: Iterable[str], namespace: st
                 key = iri.removeprefix(node.prefix) if node.prefix and not node.of_map else iri
                 if key != iri and node.keyed:
                     keyed.setdefault(form, {})[decode(key) or ""] = iri
+                elif key != iri and form == "voxel" and _VOXEL.fullmatch(key):
+                    known[iri] = (form, key)
                 elif key != iri and _KEY.fullmatch(key):
                     known[iri] = (form, key if form == "former" else int(key))
         classes[iri] = iri
@@ -144,7 +147,7 @@ def iris_in(tree: Any) -> Iterator[str]:
     if isinstance(tree, rdflib.URIRef):
         yield str(tree)
     elif isinstance(tree, CompValue):
-        for part in tree.values():
+        for _, part in parts_of(tree):
             yield from iris_in(part)
     elif isinstance(tree, Path):
         yield from iris_in(list(vars(tree).values()))
@@ -154,6 +157,16 @@ def iris_in(tree: Any) -> Iterator[str]:
     elif isinstance(tree, Iterable) and not isinstance(tree, str | bytes):
         for part in tree:
             yield from iris_in(part)
+
+
+def parts_of(tree: CompValue) -> Iterator[tuple[str, Any]]:
+    """Yield name and value of each part of a node of the algebra.
+
+    rdflib keeps the algebra of EXISTS as an attribute, beside the syntax without its filters.
+    """
+    for name, part in tree.items():
+        if name != "_vars":
+            yield name, vars(tree).get(name, part)
 
 
 def tag_and_text(term: Any) -> tuple[str, str]:

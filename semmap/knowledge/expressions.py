@@ -597,6 +597,8 @@ class Expressions:
                 texts.append(geometry_of(value))
             elif kind == "entity":
                 texts.append(value.sql if value.form == "entity" else "NULL::bigint")
+            elif kind == "voxel":
+                texts.append(value.sql if value.form == "voxel" else "NULL::text")
             elif kind == "time":
                 written = f"text_time({self._text(value)})"
                 texts.append(value.sql if value.form == "time" else written)

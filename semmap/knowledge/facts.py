@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import rdflib
 
 from semmap.knowledge.constants import Constants, resolve, tag_and_text
+from semmap.knowledge.fields import is_of_fields
 from semmap.knowledge.mapping import is_mapped
 from semmap.knowledge.vocabulary import (
     PROPERTY,
@@ -180,7 +181,7 @@ class FactWriter:
             )
 
     def _refuse_mapped(self, fact: Fact, iri: str) -> None:
-        if is_mapped(iri):
+        if is_mapped(iri) or is_of_fields(iri):
             raise RefusedError(
                 "this follows from other data of the map, and is not stated: change what it "
                 "follows from, or state it in a named graph",

@@ -26,7 +26,7 @@ class GeoFunction:
     ----------
     name : as errors write it
     sql : with {0}, {1} ... for the arguments
-    arguments : "geometry", "number", "text", "time" or "entity"
+    arguments : "geometry", "number", "text", "time", "entity" or "voxel"
     result : the form of the result
     optional : how many of the last arguments may be left out
     """
@@ -114,12 +114,22 @@ FUNCTIONS: Mapping[str, GeoFunction] = {
         ("entity", "time"),
         "geometry",
     ),
+    **{
+        f"{SEMMAP}{axis}": GeoFunction(
+            f"semmap:{axis}",
+            f"(split_part({{0}}, ',', {number})::int + 0.5) * 0.05",
+            ("voxel",),
+            "double",
+        )
+        for number, axis in enumerate("xyz", start=1)
+    },
     f"{SEMMAP}distance3D": GeoFunction(
         "semmap:distance3D", "ST_3DDistance({0}, {1})", _TWO, "double"
     ),
 }
 """By IRI; `semmap:distance` is that of the 3D boxes of two entities, in metres, and
-`semmap:positionAt` where an entity was at a time."""
+`semmap:positionAt` where an entity was at a time; `semmap:x`, `y` and `z` are those of the centre
+of a voxel."""
 
 _DISTANCES = {f"{GEOF}distance", f"{GEOF}metricDistance"}
 

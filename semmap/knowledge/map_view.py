@@ -12,6 +12,8 @@ import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.constants import Constants, iris_in, resolve
+from semmap.knowledge.field_rows import FieldRows
+from semmap.knowledge.fields import Fields
 from semmap.knowledge.translator import Statement, translate
 from semmap.knowledge.triples import Chosen
 from semmap.knowledge.vocabulary import XSD, map_namespace
@@ -34,6 +36,8 @@ class MapView:
     name, number : of the map
     deadline : when queries are stopped, of `time.monotonic`
     chosen : the graphs that a text chooses to read
+    statements : what was asked, of SQL and of fields
+    notes : what the answers say nothing of
     """
 
     session: Session
@@ -42,6 +46,7 @@ class MapView:
     deadline: float = float("inf")
     statements: list[str] = field(default_factory=list)
     chosen: Chosen | None = None
+    notes: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, session: Session) -> MapView:
@@ -76,6 +81,24 @@ class MapView:
             self.number,
             limit=limit,
             chosen=self.chosen,
+            fields=self._fields(),
+        )
+
+    def _fields(self) -> FieldRows:
+        def execute(text: str, parameters: dict[str, Any]) -> list[tuple[Any, ...]]:
+            return self.session.execute(text.encode(), parameters).fetchall()
+
+        def open_fields() -> Fields:
+            from semmap.knowledge.map_fields import MapFields  # slow to import
+
+            return MapFields(self.session, self.name)
+
+        return FieldRows(
+            open_fields,
+            execute,
+            self.namespace,
+            self.statements.append,
+            self.notes.append,
         )
 
     def run(self, statement: Statement) -> list[Row]:

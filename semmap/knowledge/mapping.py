@@ -49,6 +49,7 @@ NODES: dict[Form, Node] = {
     "observation": Node("urn:semmap:observation:"),
     "model": Node("urn:semmap:model:"),
     "former": Node("urn:semmap:former:"),
+    "voxel": Node("urn:semmap:voxel:0.05:"),  # indices x,y,z of a voxel of that edge, metres
     **MANIPULATION_NODES,
 }
 

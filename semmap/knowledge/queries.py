@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
@@ -15,6 +15,7 @@ from rdflib.plugins.sparql import prepareQuery
 from rdflib.plugins.sparql.evaluate import evalQuery
 
 from semmap.knowledge.expressions import UntranslatedError
+from semmap.knowledge.fields import FieldError
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
 from semmap.knowledge.triples import Chosen
@@ -44,7 +45,8 @@ class Answer:
     rows : the solutions of a SELECT; None where a variable is unbound
     truth : the answer of an ASK
     graph : the triples of a CONSTRUCT or DESCRIBE
-    explanation : how it was evaluated: SQL, or what rdflib evaluated and why
+    explanation : how it was evaluated: what fields were asked, the SQL, or what rdflib evaluated
+    notes : what the answer says nothing of, such as entities without voxels
     """
 
     form: str
@@ -53,6 +55,7 @@ class Answer:
     truth: bool | None = None
     graph: rdflib.Graph | None = None
     explanation: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def query(
@@ -99,7 +102,7 @@ def query(
             except UntranslatedError as error:
                 view.statements.clear()
                 answer = _by_rdflib(view, parsed, error, most)
-    return answer
+    return replace(answer, notes=tuple(dict.fromkeys(view.notes)))
 
 
 def _answer(view: MapView, parsed: ParsedText, most: int) -> Answer:
@@ -264,6 +267,8 @@ def errors_of(parsed: ParsedText) -> Iterator[None]:
     """Report errors that only the server finds as those of a text."""
     try:
         yield
+    except FieldError as error:
+        raise parsed.error(error.reason, error.place) from error
     except psycopg.errors.InvalidRegularExpression as error:
         raise parsed.error(f"this has an invalid regular expression: {_first(error)}", 0) from error
     except psycopg.DataError as error:

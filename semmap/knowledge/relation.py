@@ -117,6 +117,7 @@ SQL_TYPES: Mapping[Form, str] = {
     "iri": "text",
     "type": "text",
     "former": "text",
+    "voxel": "text",
     "gml": "text",
     "geojson": "text",
     "integer": "numeric",

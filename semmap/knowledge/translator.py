@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,6 +14,8 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.constants import Constants
 from semmap.knowledge.expressions import Environment, Expressions, UntranslatedError
+from semmap.knowledge.field_rows import FieldRows
+from semmap.knowledge.fields import comparisons, count_variables
 from semmap.knowledge.relation import UNBOUND, Rows, in_form, union, union_form
 from semmap.knowledge.triples import Chosen, Scope, TriplePatterns
 from semmap.knowledge.values import (
@@ -54,6 +57,7 @@ def translate(
     *,
     limit: int | None = None,
     chosen: Chosen | None = None,
+    fields: FieldRows | None = None,
 ) -> Statement:
     """Translate a pattern with its solution modifiers.
 
@@ -65,13 +69,15 @@ def translate(
     namespace, map_id : of the map
     limit : the most rows to read
     chosen : the graphs to read; None for the map and all graphs
+    fields : answers what fields state
 
     Raises
     ------
     UntranslatedError
         A part has no translation to SQL.
     """
-    translator = _Translator(constants, namespace, map_id, chosen)
+    uses = count_variables(algebra) + Counter(names)
+    translator = _Translator(constants, namespace, map_id, chosen, fields, uses)
     sql = translator.result(algebra, names)
     if limit is not None:
         sql = f"SELECT * FROM ({sql}) result LIMIT {translator.parameters.bind(limit, 'bigint')}"
@@ -82,9 +88,15 @@ class _Translator(TriplePatterns):
     """Translates patterns; each method `_rows_X` those of the algebra's node X."""
 
     def __init__(
-        self, constants: Constants, namespace: str, map_id: int, chosen: Chosen | None = None
+        self,
+        constants: Constants,
+        namespace: str,
+        map_id: int,
+        chosen: Chosen | None,
+        fields: FieldRows | None,
+        uses: Counter[str],
     ) -> None:
-        super().__init__(constants, namespace, map_id, chosen)
+        super().__init__(constants, namespace, map_id, chosen, fields, uses)
         self._scope = Scope()
         self.expressions = Expressions(
             self.parameters.bind, self.namespace, self.constant, self._exists
@@ -128,7 +140,8 @@ class _Translator(TriplePatterns):
         return union(parts, self.parameters, self.namespace)
 
     def _rows_Filter(self, node: Any, scope: Scope) -> Rows:
-        rows = self.rows(node.p, scope)
+        conditions = (*scope.conditions, *comparisons(node.expr))
+        rows = self.rows(node.p, replace(scope, conditions=conditions))
         rows.where.append(self._condition(node.expr, rows, scope))
         return rows
 
@@ -184,7 +197,7 @@ class _Translator(TriplePatterns):
 
     def _rows_Minus(self, node: Any, scope: Scope) -> Rows:
         left = self.rows(node.p1, scope)
-        right = self.rows(node.p2, replace(scope, bindings=left.sure()))
+        right = self.rows(node.p2, replace(scope, bindings=left.sure(), conditions=()))
         shared = [n for n in right.variables if n in left.variables]
         if not shared:
             return left

@@ -10,6 +10,9 @@ import rdflib
 from rdflib.paths import AlternativePath, InvPath, MulPath, NegatedPath, SequencePath
 
 from semmap.knowledge.constants import Constants, tag_and_text
+from semmap.knowledge.expressions import UntranslatedError
+from semmap.knowledge.field_rows import FieldRows
+from semmap.knowledge.fields import field_property, is_of_fields
 from semmap.knowledge.mapping import (
     COMPUTED,
     DATATYPES,
@@ -79,11 +82,13 @@ class Scope:
     bindings : values that the solutions will be joined with: a pattern need not have others, and
         may refer to them
     outer : for EXISTS, the values that expressions see besides those of the pattern
+    conditions : variable, operator and number of comparisons that all solutions will meet
     """
 
     graph: Part | None = None
     bindings: Mapping[str, Value] = field(default_factory=dict)
     outer: Mapping[str, Value] = field(default_factory=dict)
+    conditions: tuple[tuple[str, str, str], ...] = ()
 
     def joined(self, bindings: Mapping[str, Value]) -> Scope:
         """Return the scope of a pattern that is joined with more values."""
@@ -114,11 +119,21 @@ class TriplePatterns:
     namespace : of the map's entities
     map_id : the map
     chosen : the graphs to read; None for the map and all graphs
+    fields : answers what fields state
+    uses : how often each variable occurs in the whole query
     """
 
     def __init__(
-        self, constants: Constants, namespace: str, map_id: int, chosen: Chosen | None = None
+        self,
+        constants: Constants,
+        namespace: str,
+        map_id: int,
+        chosen: Chosen | None = None,
+        fields: FieldRows | None = None,
+        uses: Mapping[str, int] | None = None,
     ) -> None:
+        self.fields = fields
+        self.uses = uses or {}
         self.parameters = Parameters()
         self._chosen = chosen
         self.constants = constants
@@ -166,6 +181,8 @@ class TriplePatterns:
         plain: list[_Pattern] = []
         paths: list[tuple[Part, MulPath, Part]] = []
         computed: list[tuple[Part, Computed, Part]] = []
+        stated: list[tuple[Part, Any, Part]] = []
+        either: list[tuple[Part, Any, Part]] = []
         parts: list[list[Rows]] = []
 
         def add(subject: Part, predicate: Any, object_: Part) -> None:
@@ -183,24 +200,37 @@ class TriplePatterns:
                 paths.append((subject, predicate, object_))
             elif isinstance(predicate, rdflib.URIRef) and self._computed(predicate, scope):
                 computed.append((subject, self._computed(predicate, scope), object_))
+            elif self._is_of_fields(predicate, scope):
+                stated.append((subject, predicate, object_))
+            elif self._may_be_of_fields(predicate, scope):
+                either.append((subject, predicate, object_))
             else:
-                verb = self.part(predicate)
-                if isinstance(verb, Value):
-                    verb = self._verb(predicate)
-                maps = [
-                    m
-                    for m in self._maps(verb, scope)
-                    if self._fits(subject, verb, object_, m, scope)
-                ]
-                plain.append(_Pattern(subject, verb, object_, maps))
+                add_fact(subject, predicate, object_)
+
+        def add_fact(subject: Part, predicate: Any, object_: Part) -> None:
+            verb = self.part(predicate)
+            if isinstance(verb, Value):
+                verb = self._verb(predicate)
+            maps = [
+                m for m in self._maps(verb, scope) if self._fits(subject, verb, object_, m, scope)
+            ]
+            plain.append(_Pattern(subject, verb, object_, maps))
 
         for subject, predicate, object_ in triples:
             end = self.part(object_)
             if str(predicate) == _RDF_TYPE and isinstance(end, Value):
                 end = self.constant(object_, as_type=True)
             add(self.part(subject), predicate, end)
+        voxels = {subject for subject, verb, _ in stated if self._field(verb).subject == "voxel"}
+        for subject, predicate, object_ in either:
+            if subject in voxels:
+                stated.append((subject, predicate, object_))
+            else:
+                add_fact(subject, predicate, object_)
         self._prune(plain, scope)
         rows = self._joined(plain, scope)
+        if stated:
+            self._join_fields(rows, stated, scope)
         for part in parts:
             rows.join(union(part, self.parameters, self.namespace), self.namespace)
         for start, path, end in paths:
@@ -233,6 +263,37 @@ class TriplePatterns:
     def _verb(self, iri: Any) -> Value:
         text = self.constants.property(str(iri))
         return Value("iri", self._bind(text), None, (text, "I"))
+
+    # Properties of fields
+
+    def _field(self, iri: Any) -> Any:
+        return field_property(self.constants.property(str(iri)))
+
+    def _is_of_fields(self, predicate: Any, scope: Scope) -> bool:
+        iri = isinstance(predicate, rdflib.URIRef) and self.constants.property(str(predicate))
+        return self._is_map(scope) and bool(iri) and is_of_fields(str(iri))
+
+    def _may_be_of_fields(self, predicate: Any, scope: Scope) -> bool:
+        """Return whether a property is one of voxels and, of other subjects, one of tables."""
+        iri = isinstance(predicate, rdflib.URIRef)
+        found = self._field(predicate) if iri and self._is_map(scope) else None
+        return found is not None and found.subject == "voxel"
+
+    def _join_fields(self, rows: Rows, stated: list[tuple[Part, Any, Part]], scope: Scope) -> None:
+        """Join what fields answer; variables that nothing else needs are counted there."""
+        if self.fields is None:
+            raise UntranslatedError("fields cannot be asked here", stated[0][1])
+
+        def is_needed(name: str, count: int) -> bool:
+            return name.startswith("*") or self.uses.get(name, 0) > count
+
+        found, equal = self.fields.rows(
+            stated, self.constants, self.parameters, is_needed, scope.conditions
+        )
+        for part in found:
+            for name in part.variables.keys() & equal.keys():
+                part.where.append(self._equals(part.variables.pop(name), equal[name]))
+            rows.join(part, self.namespace)
 
     def _computed(self, iri: Any, scope: Scope) -> Any:
         if not self._is_map(scope):

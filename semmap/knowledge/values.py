@@ -148,11 +148,8 @@ def key_of(value: Value, form: Form) -> Value:
         f"substr({value.sql}, {len(node.prefix) + 1})",
     )
     if node.keyed is None:
-        whole = (
-            key
-            if form == "former"
-            else f"CASE WHEN {key} ~ '^[0-9]{{1,18}}$' THEN {key}::bigint END"
-        )
+        number = f"CASE WHEN {key} ~ '^[0-9]{{1,18}}$' THEN {key}::bigint END"
+        whole = key if form in ("former", "voxel") else number
         return Value(form, f"(CASE WHEN {begins} THEN {whole} END)")
     table, column, type_ = node.keyed
     same_key = f"iri_encode(n.{column}) = {key}"

@@ -62,6 +62,8 @@ QUERIES = (
     '?x prop:colour "red" } }',
     "SELECT ?x { ?x a semmap:Object FILTER NOT EXISTS { ?x prop:colour ?c } }",
     "SELECT ?x { ?x a semmap:Object FILTER EXISTS { ?y semmap:heldBy ?x . ?y a semmap:Cup } }",
+    "SELECT ?x { ?x a semmap:Object FILTER NOT EXISTS { ?y semmap:heldBy ?x FILTER(?y = :cup%201) "
+    "FILTER NOT EXISTS { ?y prop:colour ?c FILTER(?x = :sofa) } } }",
     "SELECT ?x { ?x semmap:z ?z FILTER EXISTS { ?y semmap:z ?w FILTER(?w > ?z) } }",
     "SELECT ?x { { ?x a semmap:Cup } { ?x prop:colour ?c } { ?x prop:mass ?c } }",
     # FILTER and BIND
