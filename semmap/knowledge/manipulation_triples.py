@@ -47,16 +47,9 @@ _OBJECT_FUNCTIONS = (
     "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use) UNION "
     "SELECT o.id, f.use FROM object_model o, unnest(functions_of(o.type)) f (use)) AS {b}"
 )
-_OBJECT_OF = (
-    # The visual mesh counts, else that of collisions; one row where several meshes are one model.
-    "{b}.id = {a}.model_id",
-    "{c}.digest = {b}.digest",
-    "{d}.id = {a}.entity_id",
-    "NOT EXISTS (SELECT FROM entity_model v JOIN model w ON w.id = v.model_id JOIN object_mesh x "
-    "ON x.digest = w.digest WHERE v.entity_id = {a}.entity_id "
-    "AND (v.role, -x.object_id, v.model_id) > ({a}.role, -{c}.object_id, {a}.model_id))",
+_MODELLED = Source(
+    (("a", "entity_object"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id"
 )
-_MODELLED = (("a", "entity_model"), ("b", "model"), ("c", "object_mesh"), ("d", "entity"))
 
 
 def _class_of(name: str) -> Column:
@@ -113,20 +106,16 @@ def _functions() -> Iterator[TripleMap]:
         Column("entity", "{a}.id"),
         _class_of("{b}.use"),
     )
-    own = "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use)) AS {e}"
+    own = "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use)) AS {c}"
     yield TripleMap(
         name,
         Source(
-            (*_MODELLED, ("e", own)),
-            (
-                *_OBJECT_OF,
-                "{e}.id = {c}.object_id",
-                "{e}.use <> ALL (functions_of({d}.type))",
-            ),
-            "{d}.map_id",
+            (*_MODELLED.tables, ("c", own)),
+            (*_MODELLED.where, "{c}.id = {a}.object_id", "{c}.use <> ALL (functions_of({b}.type))"),
+            _MODELLED.map_id,
         ),
         Column("entity", "{a}.entity_id"),
-        _class_of("{e}.use"),
+        _class_of("{c}.use"),
     )
 
 
@@ -208,9 +197,9 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}hasObjectModel",
-        Source(_MODELLED, _OBJECT_OF, "{d}.map_id"),
+        _MODELLED,
         Column("entity", "{a}.entity_id"),
-        Column("object model", "{c}.object_id"),
+        Column("object model", "{a}.object_id"),
     ),
     *_functions(),
     # Actions, tasks and paths; a pose is x y z and the quaternion x y z w

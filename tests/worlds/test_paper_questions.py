@@ -390,11 +390,12 @@ def test_comparisons_limit_what_fields_return(
 
 
 def test_a_voxel_is_a_node(session: psycopg.Connection[Any]) -> None:
-    ((voxel, x, y, z),) = query(
+    answer: Any = query(
         session,
         "SELECT ?v (semmap:x(?v) AS ?x) (semmap:y(?v) AS ?y) (semmap:z(?v) AS ?z) "
         "{ ?v semmap:occupiedBy :mug1 } ORDER BY DESC(?z) ?v LIMIT 1",
-    ).rows
+    )
+    ((voxel, x, y, z),) = answer.rows
     point = [t.toPython() for t in (x, y, z)]
     assert np.linalg.norm(np.subtract(point, (6.5527, 0.9512, 0.87))) < 0.08
     assert query(session, f"ASK {{ {voxel.n3()} semmap:occupiedBy :mug1 }}").truth is True
