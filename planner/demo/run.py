@@ -18,6 +18,7 @@ from planner.demo.fields import field_demo
 from planner.demo.office import demo_robot, office_files
 from planner.demo.route_lines import Line, route_lines
 from planner.demo.search import search_demo
+from planner.demo.sparql import ask_in_sparql
 from planner.demo.task import task_demo
 from planner.exchange.picture import topology_plan
 from planner.readers.topology import read_topology
@@ -78,6 +79,7 @@ def run_demo(
     with cli.open_map(map_name) as connection:
         choices = choose(connection, read_choices(files[0].with_name("demo.yaml")))
         _ask(connection, choices, say)
+        ask_in_sparql(connection, choices, say)
         scenes = read_storeys(connection)
         topology = read_topology(connection)
     storeys = [storey_view(scene) for scene in scenes]

@@ -67,9 +67,11 @@ def test_the_demo_does_the_main_job_from_end_to_end(folder, said, capsys):
     assert any(f"on(muffin, desk1): {FIGURE_4}" in s for s in said)
     assert any("done: 21 steps by a simulated robot" in s for s in said)
     assert any("muffin1: desk4 4" in s and "To office4" in s for s in said)
-    before, after = [
-        line.split()[:2] for line in capsys.readouterr().out.splitlines() if "BOX3D" in line
-    ]
+    lines = capsys.readouterr().out.splitlines()
+    (row,) = (line.split() for line in lines if line.startswith(":office4"))
+    assert row[1] == ":desk4", "the answer in SPARQL"
+    assert "       ?object a semmap:Muffin ; semmap:heldBy ?table ." in said
+    before, after = [line.split()[:2] for line in lines if "BOX3D" in line]
     assert before == ["office4", "desk4"]
     assert after == ["lab2", "desk1"]
     with cli.open_map("office") as connection:  # the README's commands come next: desk4 again
@@ -99,5 +101,6 @@ def test_another_world_takes_files_and_folders(folder, said, tmp_path):
         "objects.png",
     ]
     assert any("none: the map has no rooms that doors join" in s for s in said)
+    assert any("How many doors has each room? In SPARQL:" in s for s in said)
     with pytest.raises(LookupError, match="no world in it"):
         demo.run_demo([folder], folder)
