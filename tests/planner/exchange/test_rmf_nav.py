@@ -20,6 +20,8 @@ from planner.readers.topology import read_topology
 from planner.route import NoRouteError
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Place, Topology
+from semmap.ingest.importer import import_file
+from tests.ingest.rmf.test_building import building, dump
 from tests.planner.exchange.buildings import buildings, figure_4
 from tests.planner.office import route
 
@@ -142,3 +144,30 @@ def test_nothing_to_drive_is_said(tmp_path: Path) -> None:
     with pytest.raises(ExchangeError, match="add connectors that join the rooms"):
         write_rmf_nav(RoutingGraph(Topology.of([Place("a")], [])), tmp_path / "0.yaml")
     assert not list(tmp_path.iterdir())
+
+
+def test_lanes_keep_their_speed_mutex_and_dock(engine: Engine, tmp_path: Path) -> None:
+    """A lane with all of them, in both directions; another fleet's lane without."""
+    drawn = building()
+    plan = drawn["levels"]["G"]
+    plan["vertices"][15][4]["dock_name"] = [1, "dock_1"]
+    plan["lanes"] = [
+        [15, 16, {"bidirectional": [4, True], "speed_limit": [3, 0.4], "mutex": [1, "aisle"]}],
+        [16, 17, {"bidirectional": [4, False], "orientation": [1, "forward"]}],
+    ]
+    import_file(engine, write_building(tmp_path / "house.building.yaml", drawn))
+    with engine.connect() as connection:
+        topology, around = read_topology(connection), read_building_outline(connection)
+    graph = read(write_rmf_nav(RoutingGraph(topology), tmp_path / "0.yaml", building=around))
+    shared = {"speed_limit": 0.4, "mutex": "aisle"}
+    assert graph.edges["kitchen-waypoint", "charger"] == {**shared, "dock_name": "dock_1"}
+    assert graph.edges["charger", "kitchen-waypoint"] == {**shared, "undock_name": "dock_1"}
+    one_way = graph.edges["kitchen-waypoint", "desk spot-waypoint"]
+    assert one_way["orientation_constraint"] == "forward"
+    assert not {"speed_limit", "mutex", "dock_name"} & one_way.keys()
+    assert graph.nodes["charger"]["dock_name"] == "dock_1"
+
+
+def write_building(path: Path, drawn: dict[str, Any]) -> Path:
+    path.write_text(dump(drawn))
+    return path
