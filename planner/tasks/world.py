@@ -27,6 +27,12 @@ _FIXED_TYPES = frozenset(
 )
 """Types of objects that no robot carries, whatever their size."""
 
+_HUNG_TYPES = frozenset({"board", "ceiling_lamp", "clock", "mirror", "picture"})
+"""Types of objects that are fixed to a wall or ceiling, unless they stand or lie somewhere."""
+
+HUNG = 0.25
+"""Height of its underside from which on such an object, with nothing below it, hangs, metres."""
+
 
 class UnknownObjectError(LookupError):
     """A word stands for no entity; the message suggests similar words."""
@@ -101,6 +107,13 @@ class TaskObject:
         """The area of its box on the ground, square metres."""
         return self.size[0] * self.size[1]
 
+    @property
+    def hangs(self) -> bool:
+        """Whether it is fixed to a wall or ceiling: of such a type, with nothing below it."""
+        underside = self.height - self.size[2] / 2
+        stands = self.holder is not None and self.holder != self.place
+        return not _HUNG_TYPES.isdisjoint(self.types) and not stands and underside > HUNG
+
     def obstacle(self, heights: tuple[float, float]) -> str | None:
         """Why a robot that reaches between two heights cannot pick it up; else None."""
         if self.graspable is False:
@@ -108,6 +121,8 @@ class TaskObject:
         if self.graspable is None:
             if not _FIXED_TYPES.isdisjoint(self.types):
                 return f"{self.name} is {_article(self.types[0])}; a robot does not carry it"
+            if self.hangs:
+                return f"{self.name} hangs; a robot does not take it down"
             if not (self.classified or any(self.size)):
                 return (
                     f"{self.name} may be too large: its type is not in the T-Box, and it has no "

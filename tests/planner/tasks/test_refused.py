@@ -135,3 +135,23 @@ def test_the_validator_finds_what_is_wrong():
         )
     with pytest.raises(InvalidPlanError, match="does not reach"):
         check(plan, said=parse_goal("on(muffin, desk4)"))
+
+
+@pytest.mark.parametrize(
+    ("name", "type_", "holder", "bottom", "top", "hangs"),
+    [
+        ("PortraitA_01", "picture", "bedroom", 1.00, 1.69, True),
+        ("PortraitB_01", "picture", "living-room", 0.00, 0.69, False),  # leans at a wall
+        ("DeskPortraitC_01", "picture", "NightStand_01_001", 0.69, 0.86, False),
+        ("Chandelier_01_003", "ceiling_lamp", "kitchen", 1.74, 2.66, True),
+        ("Vase_01", "vase", "kitchen", 1.00, 1.20, False),
+    ],
+)
+def test_what_hangs_in_small_house_is_not_carried(name, type_, holder, bottom, top, hangs):
+    room = holder if holder in ("bedroom", "living-room", "kitchen") else "bedroom"
+    size = (0.3, 0.05, top - bottom)
+    thing = TaskObject(
+        name, (type_,), holder=holder, place=room, height=(bottom + top) / 2, size=size
+    )
+    why = thing.obstacle((0.0, 3.0))
+    assert (why == f"{name} hangs; a robot does not take it down") == hangs, why
