@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 __all__ = ["Polytope", "convex_hull"]
 
 
+FARTHEST = 1e50
+"""Metres; products of three such coordinates can still be computed."""
+
+
 class Polytope(NamedTuple):
     """A convex hull.
 
@@ -27,15 +31,23 @@ class Polytope(NamedTuple):
 
 
 def convex_hull(points: NDArray[np.float64]) -> Polytope:
-    """Return the convex hull of (N, 3) points: a polytope, a polygon, a segment or a point."""
+    """Return the convex hull of (N, 3) points: a polytope, a polygon, a segment or a point.
+
+    Raises
+    ------
+    ValueError
+        A coordinate is so large that distances overflow.
+    """
     from scipy.spatial import ConvexHull  # slow to load; few commands need it
 
+    far = max(float(np.abs(points).max()), 1e-300)
+    if not far < FARTHEST:
+        raise ValueError(f"a point of the hull is at {far:.3g} m: give metres in the map's frame")
     middle = points.mean(axis=0)
     spread = np.linalg.svd(points - middle, full_matrices=True)
     lengths = np.zeros(3)
     lengths[: len(spread.S)] = spread.S
     none = np.zeros((0, 3))
-    far = max(float(np.abs(points).max()), 1e-300)
     dimension = int((lengths > 1e-12 * far * math.sqrt(len(points))).sum())
     axes = spread.Vh
     if dimension == 0:
