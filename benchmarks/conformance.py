@@ -331,10 +331,10 @@ def by_oxigraph(case: Case) -> Outcome:
     if isinstance(found, pyoxigraph.QueryTriples):
         text = found.serialize(format=pyoxigraph.RdfFormat.N_TRIPLES)
         return Outcome(graphs={"": rdflib.Graph().parse(data=text, format="nt")})
-    text = io.BytesIO()
-    found.serialize(text, format=pyoxigraph.QueryResultsFormat.JSON)
-    text.seek(0)
-    return of_result(rdflib.query.Result.parse(text, format="json"))
+    answer = io.BytesIO()
+    found.serialize(answer, format=pyoxigraph.QueryResultsFormat.JSON)
+    answer.seek(0)
+    return of_result(rdflib.query.Result.parse(answer, format="json"))
 
 
 def by_semmap(case: Case, session: psycopg.Connection[Any]) -> Outcome:

@@ -23,23 +23,30 @@ MILLION = (Path(__file__).parent / "million.sql").read_text()
 
 
 @contextmanager
-def million() -> Iterator[Engine]:
-    """A database of its own with the map of a million objects; kept for the next run."""
+def map_of(objects: int) -> Iterator[Engine]:
+    """A database of its own with a map of objects, kept for the next run; its name: `map_name`."""
     folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
     os.environ["SEMMAP_DATA"] = str(folder)
     engine = connect()
+    name = map_name(objects)
     with engine.begin() as connection:
-        there = connection.execute(text("SELECT 1 FROM map WHERE name = 'million'")).scalar()
+        there = connection.execute(text("SELECT 1 FROM map WHERE name = :n"), {"n": name}).scalar()
     if not there:
         start = time.perf_counter()
-        print("making a map of 1,000,000 objects (minutes) ...", flush=True)
+        print(f"making a map of {objects:,} objects (minutes) ...", flush=True)
+        made = MILLION.format(name=name, objects=objects, rooms=objects // 100)
         with engine.begin() as connection:
-            connection.connection.cursor().execute(MILLION)
+            connection.connection.cursor().execute(made)
         with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
             connection.execute(text("VACUUM ANALYZE"))
         print(f"... {time.perf_counter() - start:.0f} s")
     yield engine
     engine.dispose()
+
+
+def map_name(objects: int) -> str:
+    """Return the name of the map of `map_of`."""
+    return "million" if objects == 1_000_000 else f"objects_{objects}"
 
 
 def figure_3(engine: Engine) -> list[Row]:
@@ -109,5 +116,5 @@ def near(engine: Engine) -> list[Row]:
 
 def main() -> None:
     """Print the table."""
-    with million() as engine:
+    with map_of(1_000_000) as engine:
         print_rows("A map of 1,000,000 objects", figure_3(engine) + near(engine))

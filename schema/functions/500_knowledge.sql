@@ -34,8 +34,8 @@ FROM semmap.entity e JOIN semmap.map m ON m.id = e.map_id WHERE e.id = thing
 $$;
 
 CREATE FUNCTION type_iri(of_type text)
-RETURNS text LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
--- The class of a semantic type: that of its ontology, or one named after the type.
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- The class of a semantic type: that of its ontology, or one named after the type. Not strict, so that it is inlined.
 SELECT coalesce((SELECT iri FROM semmap.semantic_type WHERE name = of_type), 'urn:semmap:type#' || semmap.iri_encode(of_type))
 $$;
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -34,6 +35,10 @@ __all__ = ["Chosen", "Scope", "TriplePatterns"]
 
 _RDF_TYPE = f"{RDF}type"
 _COMPUTED = {each.property: each for each in COMPUTED}
+_KEYS = {t.source.tables[0][1]: t.source.key for t in TRIPLES if t.source.key is not None}
+"""The column of a table that is unique."""
+_PLAIN = re.compile(r"[a-z_]+ t\d+")
+_SAME_KEY = re.compile(r"(?P<a>t\d+)\.(?P<column>[a-z_]+) = (?P<b>t\d+)\.(?P=column)")
 _IN_NO_EARLIER = (
     "NOT EXISTS (SELECT FROM statement d WHERE d.map_id = {a}.map_id "
     "AND d.predicate = {a}.predicate AND d.graph = ANY ({graphs}) AND d.id < {a}.id "
@@ -386,6 +391,7 @@ class TriplePatterns:
                     part = self._match(pattern, triple, {})
                     self._anchor(part, pattern.subject, triple)
                     _use_keys(part, rows.variables)
+                    self._correlate(part, rows)
                     parts.append(part)
                 rows.join(union(parts, self.parameters, self.namespace), self.namespace)
             else:
@@ -397,7 +403,16 @@ class TriplePatterns:
             if name not in anchored:
                 anchored.add(name)
                 self._add_anchor(rows, value)
+        _share_rows(rows)
         return rows
+
+    def _correlate(self, part: Rows, rows: Rows) -> None:
+        """Limit a part of a union to keys that are known before it: then it uses its indexes."""
+        for name, value in part.variables.items():
+            known = rows.variables.get(name)
+            is_node = known is not None and known.form in NODES and known.form == value.form
+            if known is not None and is_node and name not in rows.nullable:
+                part.where.append(same(value, known, self.namespace))
 
     def _anchor(self, rows: Rows, subject: Part, triple: TripleMap) -> None:
         if isinstance(subject, str) and triple.source.map_id is None:
@@ -702,6 +717,30 @@ class TriplePatterns:
         else:
             rows.bind(part, value, self.namespace)
         return value.sql
+
+
+def _share_rows(rows: Rows) -> None:
+    """Read a row once that patterns join to itself by its key, as paths over geometries do."""
+    tables = dict(reversed(table.split(" ")) for table in rows.froms if _PLAIN.fullmatch(table))
+    for condition in list(rows.where):
+        joined = _SAME_KEY.fullmatch(condition)
+        if joined is None:
+            continue
+        kept, gone, column = joined["a"], joined["b"], joined["column"]
+        if kept == gone or tables.get(kept) != tables.get(gone) or kept not in tables:
+            continue
+        if f"{{a}}.{column}" != _KEYS.get(tables[gone]):
+            continue
+        old, new = re.compile(rf"\b{gone}\."), f"{kept}."
+        del tables[gone]
+        rows.froms = [old.sub(new, t) for t in rows.froms if t.split(" ")[-1] != gone]
+        rows.where = [old.sub(new, c) for c in rows.where if c != condition]
+        rows.variables = {
+            name: replace(v, sql=old.sub(new, v.sql), tag=v.tag and old.sub(new, v.tag))
+            for name, v in rows.variables.items()
+        }
+        return _share_rows(rows)
+    rows.where = list(dict.fromkeys(rows.where))
 
 
 def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:
