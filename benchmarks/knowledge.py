@@ -159,7 +159,8 @@ def count_of_oxigraph(store: pyoxigraph.Store, text: str) -> int:
     """Return how many rows an answer of oxigraph has."""
     spaces = prefixes(map_name(OBJECTS)).items()
     found = store.query("".join(f"PREFIX {p}: <{space}>\n" for p, space in spaces) + text)
-    return sum(1 for _ in found)
+    assert isinstance(found, pyoxigraph.QuerySolutions)
+    return len(list(found))
 
 
 def count_of_rdflib(graph: rdflib.Graph, text: str, objects: int) -> int:

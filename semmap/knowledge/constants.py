@@ -40,6 +40,11 @@ class Constants:
         self._known = known
         self._types = types or {}
 
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells these constants from others."""
+        return frozenset(self._known.items()), frozenset(self._types.items())
+
     def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
         """Return the form and the key of an IRI; of an IRI that is not a node, itself.
 

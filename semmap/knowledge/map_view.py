@@ -26,6 +26,11 @@ Term = rdflib.term.Identifier
 Row = tuple[Term | None, ...]
 
 
+_KEPT = 16
+"""How many translations of one text are kept."""
+_CHOSEN = "SELECT name, id FROM map WHERE name = current_setting('semmap.map', true)"
+
+
 @dataclass
 class MapView:
     """The map that a session sees, as namespace and number.
@@ -57,10 +62,12 @@ class MapView:
         LookupError
             There is none, or there are several and none is chosen.
         """
-        name = pick_map(session)
-        row = session.execute("SELECT id FROM map WHERE name = %s", (name,)).fetchone()
+        row = session.execute(_CHOSEN).fetchone()
+        if row is None:  # none is chosen: the only one, or an error that lists them
+            name = pick_map(session)
+            row = session.execute("SELECT name, id FROM map WHERE name = %s", (name,)).fetchone()
         assert row is not None
-        return cls(session, name, int(row[0]))
+        return cls(session, str(row[0]), int(row[1]))
 
     @property
     def namespace(self) -> str:
@@ -71,18 +78,46 @@ class MapView:
         """Return what the IRIs of parts of the algebra stand for."""
         return resolve(self.session, iris_in(trees), self.namespace)
 
-    def statement(self, algebra: Any, names: Iterable[str], limit: int | None = None) -> Statement:
-        """Translate a pattern."""
-        return translate(
-            algebra,
-            tuple(names),
-            self.constants(algebra),
-            self.namespace,
-            self.number,
-            limit=limit,
-            chosen=self.chosen,
-            fields=self._fields(),
-        )
+    def statement(
+        self,
+        algebra: Any,
+        names: Iterable[str],
+        limit: int | None = None,
+        kept: dict[Any, Any] | None = None,
+    ) -> Statement:
+        """Translate a pattern.
+
+        Parameters
+        ----------
+        limit : the most rows
+        kept : translations of the same pattern, which are used again while all that its IRIs
+            stand for is the same
+        """
+        kept = {} if kept is None else kept
+        if "iris" not in kept:
+            kept["iris"] = frozenset(iris_in(algebra))
+        constants = resolve(self.session, kept["iris"], self.namespace)
+        columns = tuple(names)
+        key = (columns, limit, self.number, self.name, self.chosen, constants.key)
+        if key not in kept:
+            if len(kept) > _KEPT:
+                kept.clear()
+            read = len(self.statements) + len(self.notes)
+            made = translate(
+                algebra,
+                columns,
+                constants,
+                self.namespace,
+                self.number,
+                limit=limit,
+                chosen=self.chosen,
+                fields=self._fields(),
+            )
+            if read < len(self.statements) + len(self.notes):
+                return made  # it has rows of fields, which change
+            kept[key] = made
+        found: Statement = kept[key]
+        return found
 
     def _fields(self) -> FieldRows:
         def execute(text: str, parameters: dict[str, Any]) -> list[tuple[Any, ...]]:

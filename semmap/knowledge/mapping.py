@@ -72,7 +72,7 @@ WORLD = Source((("a", "world"),), map_id="{a}.map_id", key="{a}.entity_id")
 SHAPED = Source(
     (("a", "world"),), ("{a}.footprint IS NOT NULL",), map_id="{a}.map_id", key="{a}.entity_id"
 )
-PLACEMENT = Source((("a", "placement"),), key="{a}.entity_id")
+PLACEMENT = Source((("a", "placement"),), key="{a}.entity_id", one_map=True)
 CONNECTOR = Source((("a", "connector"),), key="{a}.entity_id")
 ROOM = Source((("a", "room"),), key="{a}.entity_id")
 STOREY = Source((("a", "storey"),), key="{a}.entity_id")
@@ -205,14 +205,14 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}holds",
-        Source((("a", "placement"),), ("{a}.holder_id IS NOT NULL",)),
+        Source((("a", "placement"),), ("{a}.holder_id IS NOT NULL",), one_map=True),
         Column("entity", "{a}.holder_id"),
         _OF,
     ),
     *(
         TripleMap(
             iri,
-            Source((("a", "placement"),), (f"{{a}}.relation = '{relation}'",)),
+            Source((("a", "placement"),), (f"{{a}}.relation = '{relation}'",), one_map=True),
             _OF,
             Column("entity", "{a}.holder_id"),
             nullable=True,

@@ -26,7 +26,10 @@ from semmap.limits import QUERY_ROWS, QUERY_SECONDS
 
 __all__ = ["Answer", "KnowledgeError", "errors_of", "filled", "limited", "plain", "query"]
 
-_PLANNING = "SET LOCAL join_collapse_limit = 11; SET LOCAL from_collapse_limit = 11"
+_SETTINGS = (
+    "SET LOCAL join_collapse_limit = 11; SET LOCAL from_collapse_limit = 11; "
+    "SET LOCAL statement_timeout = {}"
+)
 """More tables than by default are joined in the best order, up to where that takes long."""
 
 
@@ -106,30 +109,31 @@ def query(
 
 
 def _answer(view: MapView, parsed: ParsedText, most: int) -> Answer:
-    form, tree = parsed.form, parsed.algebra
+    form = parsed.form
     names = [str(name) for name in parsed.names]
     if form == "SelectQuery":
-        found = _rows(view, tree.p, names, most)
+        found = _rows(view, parsed, names, most)
         return Answer("SELECT", tuple(names), tuple(found), explanation=tuple(view.statements))
     if form == "AskQuery":
-        found = _rows(view, tree.p, [], most, first=True)
+        found = _rows(view, parsed, [], most, first=True)
         return Answer("ASK", truth=bool(found), explanation=tuple(view.statements))
     graph = rdflib.Graph()
     _bind_prefixes(graph, view)
     if form == "ConstructQuery":
-        for triple in _constructed(view, tree, most):
+        for triple in _constructed(view, parsed, most):
             graph.add(triple)
         return Answer("CONSTRUCT", graph=graph, explanation=tuple(view.statements))
-    for resource in _described(view, tree, most):
+    for resource in _described(view, parsed, most):
         for triple in view.triples((resource, None, None)):
             graph.add(triple)
     return Answer("DESCRIBE", graph=graph, explanation=tuple(view.statements))
 
 
 def _rows(
-    view: MapView, tree: Any, names: list[str], most: int, *, first: bool = False
+    view: MapView, parsed: ParsedText, names: list[str], most: int, *, first: bool = False
 ) -> list[Row]:
-    found = view.run(view.statement(tree, names, 1 if first else most + 1))
+    limit = 1 if first else most + 1
+    found = view.run(view.statement(parsed.algebra.p, names, limit, parsed.kept))
     if len(found) > most:
         raise KnowledgeError(
             f"the answer has more than {most:,} rows: add LIMIT, or raise {QUERY_ROWS.variable}"
@@ -137,12 +141,13 @@ def _rows(
     return found
 
 
-def _constructed(view: MapView, tree: Any, most: int) -> Iterator[Any]:
+def _constructed(view: MapView, parsed: ParsedText, most: int) -> Iterator[Any]:
+    tree = parsed.algebra
     template = tree.template if tree.template is not None else _own_template(tree)
     names = sorted(
         {str(t) for triple in template for t in triple if isinstance(t, rdflib.Variable)}
     )
-    for row in _rows(view, tree.p, names, most):
+    for row in _rows(view, parsed, names, most):
         yield from filled(template, dict(zip(names, row, strict=True)))
 
 
@@ -190,14 +195,15 @@ def plain(term: Any) -> Any:
     return rdflib.BNode(str(term))
 
 
-def _described(view: MapView, tree: Any, most: int) -> list[Term]:
+def _described(view: MapView, parsed: ParsedText, most: int) -> list[Term]:
+    tree = parsed.algebra
     found: dict[Term, None] = {}
     for term in tree.PV:
         if not isinstance(term, rdflib.Variable):
             found[plain(term)] = None
     names = [str(term) for term in tree.PV if isinstance(term, rdflib.Variable)]
     if names:
-        for row in _rows(view, tree.p, names, most):
+        for row in _rows(view, parsed, names, most):
             found |= dict.fromkeys(t for t in row if isinstance(t, rdflib.URIRef))
     return list(found)
 
@@ -247,14 +253,13 @@ def _bind_prefixes(graph: rdflib.Graph, view: MapView) -> None:
 def limited(session: Session, seconds: float | None) -> Iterator[float]:
     """Run statements in a transaction that the server stops after some seconds; yield the end."""
     most = float(QUERY_SECONDS.value if seconds is None else seconds)
+    idle = session.info.transaction_status == psycopg.pq.TransactionStatus.IDLE
     try:
         with session.transaction():
-            session.execute(_PLANNING)
-            session.execute(
-                "SELECT set_config('statement_timeout', %s, true)", (f"{max(1, int(1e3 * most))}",)
-            )
+            session.execute(_SETTINGS.format(max(1, int(1e3 * most))).encode())
             yield time.monotonic() + most
-            session.execute("SELECT set_config('statement_timeout', '0', true)")
+            if not idle:  # the transaction goes on
+                session.execute("SET LOCAL statement_timeout = 0")
     except psycopg.errors.QueryCanceled as error:
         raise KnowledgeError(
             f"it took more than {most:g} s and was stopped: make it more selective, or raise "

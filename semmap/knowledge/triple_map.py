@@ -65,12 +65,14 @@ class Source:
     where : conditions
     map_id : the column with the map; None where a table has none
     key : the column of the first table that is unique, if there is one
+    one_map : both entities of a row are in one map, as the database checks
     """
 
     tables: tuple[tuple[str, str], ...]
     where: tuple[str, ...] = ()
     map_id: str | None = None
     key: str | None = None
+    one_map: bool = False
 
 
 @dataclass(frozen=True)

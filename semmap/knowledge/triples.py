@@ -38,7 +38,7 @@ _COMPUTED = {each.property: each for each in COMPUTED}
 _KEYS = {t.source.tables[0][1]: t.source.key for t in TRIPLES if t.source.key is not None}
 """The column of a table that is unique."""
 _PLAIN = re.compile(r"[a-z_]+ t\d+")
-_SAME_KEY = re.compile(r"(?P<a>t\d+)\.(?P<column>[a-z_]+) = (?P<b>t\d+)\.(?P=column)")
+_SAME_KEY = re.compile(r"(t\d+)\.([a-z_]+) = (t\d+)\.\2")
 _IN_NO_EARLIER = (
     "NOT EXISTS (SELECT FROM statement d WHERE d.map_id = {a}.map_id "
     "AND d.predicate = {a}.predicate AND d.graph = ANY ({graphs}) AND d.id < {a}.id "
@@ -374,22 +374,29 @@ class TriplePatterns:
         aliases: dict[tuple[str, Part | str], str] = {}
         loose: list[tuple[str, Value]] = []
         anchored: set[str] = set(scope.bindings)
+        together = [
+            {side for side in (p.subject, p.object) if isinstance(side, str)}
+            for p in patterns
+            if len(p.maps) == 1 and p.maps[0].source.one_map
+        ]
         for pattern in sorted(patterns, key=lambda p: len(p.maps) != 1):
             if len(pattern.maps) == 1:
                 (triple,) = pattern.maps
                 found = self._match(pattern, triple, aliases)
                 name = pattern.subject
                 if isinstance(name, str) and NODES.get(triple.subject.form):
-                    if triple.source.map_id is not None:
+                    if triple.source.map_id is not None or _is_anchored(pattern, triple, set()):
                         anchored.add(name)
                     else:
                         loose.append((name, found.variables[name]))
                 rows.join(found, self.namespace)
             elif pattern.maps:
                 parts = []
+                _spread(anchored, together)
                 for triple in pattern.maps:
                     part = self._match(pattern, triple, {})
-                    self._anchor(part, pattern.subject, triple)
+                    if not _is_anchored(pattern, triple, anchored):
+                        self._anchor(part, pattern.subject, triple)
                     _use_keys(part, rows.variables)
                     self._correlate(part, rows)
                     parts.append(part)
@@ -400,6 +407,7 @@ class TriplePatterns:
                         rows.variables.setdefault(name, UNBOUND)
                 rows.where.append("false")
         for name, value in loose:
+            _spread(anchored, together)
             if name not in anchored:
                 anchored.add(name)
                 self._add_anchor(rows, value)
@@ -719,28 +727,47 @@ class TriplePatterns:
         return value.sql
 
 
+def _is_anchored(pattern: _Pattern, triple: TripleMap, anchored: set[str]) -> bool:
+    """Return whether the other end of a triple limits its subject to the map."""
+    end = pattern.object
+    known = end in anchored if isinstance(end, str) else end.form == "entity"
+    return triple.source.one_map and triple.object.form == "entity" and known
+
+
+def _spread(anchored: set[str], together: list[set[str]]) -> None:
+    """Add the variables that are in the map because another one is."""
+    while more := [names for names in together if names & anchored and not names <= anchored]:
+        for names in more:
+            anchored |= names
+
+
 def _share_rows(rows: Rows) -> None:
     """Read a row once that patterns join to itself by its key, as paths over geometries do."""
-    tables = dict(reversed(table.split(" ")) for table in rows.froms if _PLAIN.fullmatch(table))
-    for condition in list(rows.where):
-        joined = _SAME_KEY.fullmatch(condition)
-        if joined is None:
-            continue
-        kept, gone, column = joined["a"], joined["b"], joined["column"]
-        if kept == gone or tables.get(kept) != tables.get(gone) or kept not in tables:
-            continue
-        if f"{{a}}.{column}" != _KEYS.get(tables[gone]):
-            continue
+    while joined := next((c for c in rows.where if _is_row_with_itself(rows, c)), None):
+        kept, _, gone = _SAME_KEY.fullmatch(joined).groups()  # type: ignore[union-attr]
         old, new = re.compile(rf"\b{gone}\."), f"{kept}."
-        del tables[gone]
-        rows.froms = [old.sub(new, t) for t in rows.froms if t.split(" ")[-1] != gone]
-        rows.where = [old.sub(new, c) for c in rows.where if c != condition]
+        rows.froms = [old.sub(new, table) for table in rows.froms if _alias(table) != gone]
+        rows.where = [old.sub(new, each) for each in rows.where if each != joined]
         rows.variables = {
             name: replace(v, sql=old.sub(new, v.sql), tag=v.tag and old.sub(new, v.tag))
             for name, v in rows.variables.items()
         }
-        return _share_rows(rows)
     rows.where = list(dict.fromkeys(rows.where))
+
+
+def _is_row_with_itself(rows: Rows, condition: str) -> bool:
+    """Return whether a condition joins a table to itself by a column that is unique."""
+    joined = _SAME_KEY.fullmatch(condition)
+    if joined is None:
+        return False
+    a, column, b = joined.groups()
+    tables = {_alias(t): t.split(" ")[0] for t in rows.froms if _PLAIN.fullmatch(t)}
+    same_table = a != b and a in tables and tables[a] == tables.get(b)
+    return same_table and _KEYS.get(tables[a]) == f"{{a}}.{column}"
+
+
+def _alias(table: str) -> str:
+    return table.rsplit(" ", 1)[-1]
 
 
 def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:

@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -49,6 +49,7 @@ class ParsedText:
     span : the one or two literals after DURING
     requests : rdflib's algebra of each request of an update
     dataset : the clauses FROM and FROM NAMED of a query
+    kept : what a back end has made of the text, by its own keys
     """
 
     text: NormalisedText
@@ -60,6 +61,7 @@ class ParsedText:
     span: tuple[Literal, ...] = ()
     requests: tuple[Any, ...] = ()
     dataset: tuple[Any, ...] = ()
+    kept: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def error(self, reason: str, at: object) -> QueryError:
         """Return an error at a term, at a part of the tree, or at a position."""
