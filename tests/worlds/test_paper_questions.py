@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +30,7 @@ from semmap.manipulation.store import add_actions, add_gripper, record_task
 from tests.command_line import semmap as semmap_command
 from tests.knowledge.engines import Engines, comparable
 from tests.manipulation.cup_map import candidate
+from tests.question_page import DOCS, blocks_of, plain, questions, written
 
 ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
@@ -457,42 +456,19 @@ def test_the_command_says_who_answered(house: SemanticMap) -> None:
     assert "is_on(" in done.stdout
 
 
-PAGE = Path(__file__).parents[2] / "docs" / "questions.md"
-
-
-def sections() -> dict[str, dict[str, str]]:
-    """The blocks of each question of the page, by language; the answer is "text"."""
-    found = {}
-    for part in PAGE.read_text(encoding="utf-8").split("\n### ")[1:]:
-        blocks = dict(re.findall(r"^```(\w+)\n(.*?)^```$", part, re.S | re.M))
-        if blocks:
-            found[part.splitlines()[0]] = blocks
-    return found
-
-
-SECTIONS = sections()
+SECTIONS = questions("questions.md")
 
 
 @pytest.fixture(scope="module")
 def given(house: SemanticMap) -> Iterator[dict[str, Any]]:
     """The names that the page's Python has."""
-    introduction = PAGE.read_text(encoding="utf-8").split("\n## ")[0]
-    (block,) = re.findall(r"^```python\n(.*?)^```$", introduction, re.S | re.M)
+    block = blocks_of((DOCS / "questions.md").read_text().split("\n## ")[0])["python"]
     names: dict[str, Any] = {}
     url = house.database.engine.url.render_as_string(hide_password=False)
     exec(block.replace("semmap.connect()", f"semmap.connect({url!r})"), names)
     yield names
     names["session"].close()
     names["db"].close()
-
-
-def written(rows: Any) -> str:
-    """Rows as the page has them: sorted, numbers to three digits."""
-
-    def text(value: Any) -> str:
-        return f"{value:.3f}" if isinstance(value, (float, Decimal)) else str(value)
-
-    return "".join(sorted("  ".join(map(text, row)) + "\n" for row in rows))
 
 
 @pytest.mark.parametrize("question", SECTIONS)
@@ -511,9 +487,3 @@ def test_the_page_is_true_in_all_languages(
         with given["session"].begin():
             exec(blocks["python"], names)
             assert written(names["rows"]) == blocks["text"]
-
-
-def plain(term: Any) -> Any:
-    """An entity as its name, a literal as its value."""
-    text = str(term)
-    return text.rsplit("#")[-1] if text.startswith("urn:semmap:map:") else term.toPython()
