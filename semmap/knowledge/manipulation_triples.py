@@ -43,10 +43,6 @@ _TYPE_FUNCTIONS = (
     "(SELECT DISTINCT c.sub, f.use FROM type_closure c JOIN semantic_type t ON t.name = c.super, "
     "unnest(t.functions) f (use)) AS {b}"
 )
-_OBJECT_FUNCTIONS = (
-    "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use) UNION "
-    "SELECT o.id, f.use FROM object_model o, unnest(functions_of(o.type)) f (use)) AS {b}"
-)
 _MODELLED = Source(
     (("a", "entity_object"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id"
 )
@@ -96,7 +92,16 @@ def _functions() -> Iterator[TripleMap]:
     )
     yield TripleMap(
         name,
-        Source((("a", "object_model"), ("b", _OBJECT_FUNCTIONS)), ("{b}.id = {a}.id",)),
+        Source((("a", "object_model"), ("b", _TYPE_FUNCTIONS)), ("{b}.sub = {a}.type",)),
+        _OBJECT,
+        _class_of("{b}.use"),
+    )
+    yield TripleMap(
+        name,
+        Source(
+            (("a", "object_model"), ("b", "unnest({a}.functions) AS {b}(use)")),
+            ("{b}.use <> ALL (functions_of({a}.type))",),
+        ),
         _OBJECT,
         _class_of("{b}.use"),
     )

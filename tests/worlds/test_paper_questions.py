@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import psycopg
 import pytest
+import rdflib
 import trimesh
 from scipy.spatial import cKDTree
 from sqlalchemy import Engine
 
 import semmap
 from semmap import SemanticMap
+from semmap.database.files import schema_folder
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.sources.gaze import GazeSource
 from semmap.fields.sources.percepts import Gaze
@@ -25,6 +27,8 @@ from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from semmap.interlinking.reader import read_map_objects, read_object_models
 from semmap.knowledge import query, update
+from semmap.knowledge.manipulation_triples import MANIPULATION_TRIPLES
+from semmap.knowledge.vocabulary import SEMMAP
 from semmap.language.error import QueryError
 from semmap.manipulation.store import add_actions, add_gripper, record_task
 from tests.command_line import semmap as semmap_command
@@ -175,6 +179,16 @@ def test_nodes_are_found_by_their_iris(session: psycopg.Connection[Any]) -> None
         assert names(session, f"SELECT ?t {{ <{node}> a ?t }}")
     for other in ("urn:semmap:action:1", "urn:semmap:device:nobody", "urn:semmap:task:x"):
         assert names(session, f"SELECT ?t {{ <{other}> a ?t }}") == []
+
+
+def test_the_ontology_declares_the_properties() -> None:
+    ontology = rdflib.Graph()
+    for file in ("knowledge/manipulation.ttl", "functions.ttl"):
+        ontology.parse(schema_folder() / "ontology" / file)
+    kinds = (rdflib.OWL.ObjectProperty, rdflib.OWL.DatatypeProperty, rdflib.OWL.AnnotationProperty)
+    declared = {str(each) for kind in kinds for each in ontology.subjects(rdflib.RDF.type, kind)}
+    used = {t.property for t in MANIPULATION_TRIPLES if t.property.startswith(SEMMAP)}
+    assert used - declared == set()
 
 
 def test_statements_about_a_grasp_join_it(session: psycopg.Connection[Any]) -> None:
