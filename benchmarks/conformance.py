@@ -1,4 +1,4 @@
-"""The W3C's tests of SPARQL 1.1 on a map, beside rdflib and oxigraph.
+"""The requirements of GeoSPARQL, and the W3C's tests of SPARQL beside rdflib and oxigraph.
 
 ``python -m benchmarks.conformance FOLDER`` runs all tests below a folder with manifests, such as
 ``test/DAWG/data-sparql11`` in the source distribution of rdflib 6.0.0, and prints how many pass and
@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import shutil
 import sys
 import tempfile
 import warnings
@@ -30,8 +31,11 @@ from rdflib.namespace import RDF, RDFS
 from rich.console import Console
 from rich.table import Table
 
+import semmap
 from benchmarks.conformance_failures import why
-from semmap.database import Cluster, connect
+from benchmarks.geosparql import requirements_table, small_map
+from semmap import Database
+from semmap.database import Cluster
 from semmap.knowledge import query, update
 from semmap.knowledge.facts import SKOLEM, Fact, FactWriter
 from semmap.knowledge.map_view import MapView
@@ -369,25 +373,28 @@ def by_semmap(case: Case, session: psycopg.Connection[Any]) -> Outcome:
 
 
 @contextmanager
-def empty_map() -> Iterator[psycopg.Connection[Any]]:
-    """A session that sees an empty map, in a database of its own without a T-Box."""
+def scratch() -> Iterator[Database]:
+    """A database of its own, which is gone afterwards."""
     folder = Path(tempfile.mkdtemp(prefix="semmap-conformance-"))
     folder.chmod(0o755)
     os.environ["SEMMAP_DATA"] = str(folder)
     try:
-        engine = connect()
-        with engine.connect() as connection:
-            session = connection.connection.driver_connection
-            assert isinstance(session, psycopg.Connection)
-            session.execute("DELETE FROM type_parent")
-            session.execute("DELETE FROM semantic_type")
-            session.execute("INSERT INTO map (name) VALUES ('empty')")
-            session.execute("SELECT set_config('semmap.map', 'empty', false)")
-            session.commit()
-            yield session
-        engine.dispose()
+        with semmap.connect() as database:
+            yield database
     finally:
         Cluster(folder).stop()
+        shutil.rmtree(folder)
+
+
+def empty_map(database: Database) -> psycopg.Connection[Any]:
+    """Return a session that sees an empty map; the other maps and the T-Box go."""
+    for name in database.maps:
+        database.drop_map(name)
+    session = database.create_map("empty").session_of_map()
+    session.execute("DELETE FROM type_parent")
+    session.execute("DELETE FROM semantic_type")
+    session.commit()
+    return session
 
 
 def run(case: Case, engine: Callable[[Case], Outcome]) -> str:
@@ -403,19 +410,21 @@ def run(case: Case, engine: Callable[[Case], Outcome]) -> str:
 
 
 def main(folder: Path) -> int:
-    """Print both tables; return how many failures of the map have no explanation."""
+    """Print the tables; return how many failures of the map have no explanation."""
     rdflib.NORMALIZE_LITERALS = False
     rdflib.plugins.sparql.SPARQL_DEFAULT_GRAPH_UNION = False
     rdflib.plugins.sparql.SPARQL_LOAD_GRAPHS = False
     tests = [case for case in cases(folder) if case.group != "service"]
     failures: dict[str, dict[str, str]] = {engine: {} for engine in ENGINES}
-    with empty_map() as session:
+    console = Console(width=140)
+    with scratch() as database:
+        console.print(requirements_table(small_map(database)))
+        session = empty_map(database)
         engines = (lambda case: by_semmap(case, session), by_rdflib, by_oxigraph)
         for case in tests:
             for name, engine in zip(ENGINES, engines, strict=True):
                 if reason := run(case, engine):
                     failures[name][case.key] = reason
-    console = Console(width=140)
     console.print(_passes(tests, failures))
     console.print(_failures(failures))
     return sum(why(key) is None for key in failures["semmap"])

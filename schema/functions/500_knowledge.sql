@@ -127,8 +127,12 @@ END $$;
 CREATE FUNCTION text_geometry(written text, tag text)
 RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
 -- A geometry literal of GeoSPARQL (WKT, GML or GeoJSON) in the map's frame; null for any other text. An IRI of a
--- reference system before WKT is not looked at: a map has one frame.
+-- reference system before WKT is not looked at: a map has one frame. An empty text is an empty geometry.
 BEGIN
+    IF regexp_replace(written, '^\s*<[^>]*>\s*$', '') ~ '^\s*$' THEN
+        RETURN CASE WHEN tag IN ('http://www.opengis.net/ont/geosparql#wktLiteral', 'http://www.opengis.net/ont/geosparql#gmlLiteral',
+                                 'http://www.opengis.net/ont/geosparql#geoJSONLiteral') THEN 'GEOMETRYCOLLECTION EMPTY'::geometry END;
+    END IF;
     RETURN CASE tag
         WHEN 'http://www.opengis.net/ont/geosparql#wktLiteral'
             THEN ST_SetSRID(ST_GeomFromText(regexp_replace(written, '^\s*<[^>]*>\s*', '')), 0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cache
 from typing import Any, Protocol
 
@@ -239,10 +240,11 @@ def comparisons(tree: Any) -> Iterator[tuple[str, str, str]]:
         left, operator, right = tree.expr, str(tree.op), tree.other
         if isinstance(right, rdflib.Variable):
             left, operator, right = right, _MIRRORED[operator], left
-        number = isinstance(right, rdflib.Literal) and isinstance(right.value, (int, float))
-        decimal = isinstance(right, rdflib.Literal) and right.datatype == rdflib.XSD.decimal
-        if isinstance(left, rdflib.Variable) and (number or decimal):
-            yield str(left), operator, repr(float(right))
+        value = right.value if isinstance(right, rdflib.Literal) else None
+        if isinstance(value, bool) or not isinstance(value, (int, float, Decimal)):
+            return
+        if isinstance(left, rdflib.Variable):
+            yield str(left), operator, repr(float(value))
 
 
 def _a(kind: str) -> str:

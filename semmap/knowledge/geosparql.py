@@ -13,9 +13,9 @@ from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.mapping import DATATYPES, TOPOLOGICAL, Form
 from semmap.knowledge.values import Value
-from semmap.knowledge.vocabulary import GEOF, SEMMAP
+from semmap.knowledge.vocabulary import GEOF, SEMMAP, SF
 
-__all__ = ["FUNCTIONS", "GeoFunction", "geometry_of", "within_distance"]
+__all__ = ["AGGREGATES", "FUNCTIONS", "GeoFunction", "geometry_of", "within_distance"]
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,7 @@ _TABLE: tuple[tuple[str, str, tuple[str, ...], Form, int], ...] = (
     ("isMeasured", "ST_Zmflag({0}) IN (1, 3)", _ONE, "boolean", 0),
     ("numGeometries", "ST_NumGeometries({0})", _ONE, "integer", 0),
     ("geometryN", "ST_GeometryN({0}, ({1})::int)", ("geometry", "number"), "geometry", 0),
+    ("geometryType", f"'{SF}' || substr(ST_GeometryType({{0}}), 4)", _ONE, "iri", 0),
     ("getSRID", "''::text", _ONE, "string", 0),
     ("relate", "ST_Relate({0}, {1}, {2})", (*_TWO, "text"), "boolean", 0),
     ("asWKT", "{0}", _ONE, "geometry", 0),
@@ -130,6 +131,16 @@ FUNCTIONS: Mapping[str, GeoFunction] = {
 """By IRI; `semmap:distance` is that of the 3D boxes of two entities, in metres, and
 `semmap:positionAt` where an entity was at a time; `semmap:x`, `y` and `z` are those of the centre
 of a voxel."""
+
+AGGREGATES: Mapping[str, str] = {
+    "aggBoundingBox": "ST_Envelope(ST_Collect({0}))",
+    "aggBoundingCircle": "ST_MinimumBoundingCircle(ST_Collect({0}))",
+    "aggCentroid": "ST_Centroid(ST_Collect({0}))",
+    "aggConcaveHull": "ST_ConcaveHull(ST_Collect({0}), 0.8)",
+    "aggConvexHull": "ST_ConvexHull(ST_Collect({0}))",
+    "aggUnion": "ST_Union({0})",
+}
+"""The functions of `geof:` that make one geometry of those of a group."""
 
 _DISTANCES = {f"{GEOF}distance", f"{GEOF}metricDistance"}
 

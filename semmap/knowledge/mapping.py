@@ -20,7 +20,17 @@ from semmap.knowledge.triple_map import (
     columns_of,
     constant,
 )
-from semmap.knowledge.vocabulary import GEO, OWL, PROPERTY, RDF, RDFS, RELATION, SEMMAP, XSD
+from semmap.knowledge.vocabulary import (
+    GEO,
+    OWL,
+    PROPERTY,
+    RDF,
+    RDFS,
+    RELATION,
+    SEMMAP,
+    SF,
+    XSD,
+)
 
 __all__ = [
     "COMPUTED",
@@ -124,8 +134,15 @@ def _geometries() -> Iterator[TripleMap]:
         node = Column(form, "{a}.entity_id")
         for role in roles:
             yield TripleMap(f"{GEO}{role}", source, _OF, node)
-        yield TripleMap(f"{RDF}type", source, node, constant(f"{GEO}Geometry"))
+        shape = f"('{SF}' || substr(ST_GeometryType({geometry}), 4))"
+        for class_ in (
+            constant(f"{GEO}SpatialObject"),
+            constant(f"{GEO}Geometry"),
+            Column("iri", shape),
+        ):
+            yield TripleMap(f"{RDF}type", source, node, class_)
         for name, kind, sql in (
+            ("hasSerialization", "geometry", geometry),
             ("asWKT", "geometry", geometry),
             ("asGML", "gml", f"ST_AsGML(3, {geometry})"),
             ("asGeoJSON", "geojson", f"ST_AsGeoJSON({geometry})"),
@@ -133,8 +150,12 @@ def _geometries() -> Iterator[TripleMap]:
             ("coordinateDimension", "integer", f"ST_CoordDim({geometry})::int"),
             ("spatialDimension", "integer", f"ST_CoordDim({geometry})::int"),
             ("isEmpty", "boolean", f"ST_IsEmpty({geometry})"),
+            ("isSimple", "boolean", f"ST_IsSimple(ST_Force2D({geometry}))"),
         ):
             yield TripleMap(f"{GEO}{name}", source, node, Column(kind, sql))
+    for name, sql in (("Area", "ST_Area"), ("PerimeterLength", "ST_Perimeter")):
+        size = Column("double", f"{sql}({{a}}.footprint)")
+        yield TripleMap(f"{GEO}hasMetric{name}", SHAPED, _OF, size)
 
 
 def _statements() -> Iterator[TripleMap]:
@@ -160,6 +181,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     # Entities: types with all that subsume them (section 3.5 of Deeken et al.), names, properties
     TripleMap(f"{RDF}type", TYPED, _ID, Column("type", "{a}.type"), shared=True),
     TripleMap(f"{RDF}type", ENTITY, _ID, constant(f"{GEO}Feature")),
+    TripleMap(f"{RDF}type", ENTITY, _ID, constant(f"{GEO}SpatialObject")),
     *_typed_as(f"{BOT}Storey", "storey"),
     *_typed_as(f"{BOT}Space", "room"),
     *_typed_as(f"{BOT}Zone", "room", "storey"),

@@ -16,6 +16,7 @@ from semmap.knowledge.constants import Constants
 from semmap.knowledge.expressions import Environment, Expressions, UntranslatedError
 from semmap.knowledge.field_rows import FieldRows
 from semmap.knowledge.fields import comparisons, count_variables
+from semmap.knowledge.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.relation import UNBOUND, Rows, in_form, union, union_form
 from semmap.knowledge.triples import Chosen, Scope, TriplePatterns
 from semmap.knowledge.values import (
@@ -435,6 +436,8 @@ class _Translator(TriplePatterns):
             order = f" ORDER BY {text}" if distinct else ""
             joined = f"string_agg({distinct}{text}, {between}{order})"
             return Value("string", f"coalesce({joined}, '')"), True
+        if function in AGGREGATES:
+            return Value("geometry", AGGREGATES[function].format(geometry_of(value))), False
         raise UntranslatedError(f"{function} has no translation to SQL", each)
 
     def _sum(self, function: str, distinct: str, value: Value) -> tuple[Value, bool]:

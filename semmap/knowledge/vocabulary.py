@@ -18,6 +18,7 @@ __all__ = [
     "RDFS",
     "RELATION",
     "SEMMAP",
+    "SF",
     "TYPE",
     "XSD",
     "decode",
@@ -40,6 +41,8 @@ RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 OWL = "http://www.w3.org/2002/07/owl#"
 XSD = "http://www.w3.org/2001/XMLSchema#"
 GEO = "http://www.opengis.net/ont/geosparql#"
+SF = "http://www.opengis.net/ont/sf#"
+"""The classes of geometries."""
 GEOF = "http://www.opengis.net/def/function/geosparql/"
 KNOWLEDGE_CORE = ("http://kb.openrobots.org#", PAPER_NAMESPACE)
 """Namespaces whose local names stand for entities, types and properties of the map, too."""
@@ -57,7 +60,7 @@ PREFIXES: Mapping[str, str] = {
     "foaf": "http://xmlns.com/foaf/0.1/",
     "geo": GEO,
     "geof": GEOF,
-    "sf": "http://www.opengis.net/ont/sf#",
+    "sf": SF,
     "uom": "http://www.opengis.net/def/uom/OGC/1.0/",
     "bot": "https://w3id.org/bot#",
     "oro": KNOWLEDGE_CORE[0],

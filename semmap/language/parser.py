@@ -189,12 +189,19 @@ def _requests(text: NormalisedText, tree: Any, prefixes: Prefixes) -> Iterator[A
         yield algebra.translateUpdate1(request, prologue)
 
 
+_AGGREGATES = "http://www.opengis.net/def/function/geosparql/agg"
+"""The functions of a group: the grammar cannot tell them from others (GeoSPARQL 1.1)."""
+
+
 def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
     """Return a function from prefixed names and literals to terms that know their positions."""
 
     def resolve(part: Any) -> Any:
         if getattr(part, "name", "") in ("Builtin_IRI", "Builtin_URI") and prologue.base:
             part["base"] = rdflib.URIRef(prologue.base)
+        if getattr(part, "name", "") == "Function" and str(part.iri).startswith(_AGGREGATES):
+            name = str(part.iri).rpartition("/")[2]
+            return CompValue(f"Aggregate_{name}", vars=part.expr[0], distinct=part.distinct)
         try:
             term = algebra.translatePName(part, prologue)
         except Exception as error:

@@ -71,6 +71,7 @@ QUERIES = (
     "SELECT ?x ?m { ?x prop:mass ?m FILTER(?m >= 1) }",
     "SELECT ?x ?m { ?x prop:mass ?m FILTER(?m = 1.0) }",
     "SELECT ?x ?z { ?x semmap:z ?z FILTER(?z > 0 && ?z < 1) }",
+    "SELECT ?x ?f { ?x prop:fixed ?f FILTER(?f = true) }",
     'SELECT ?x { ?x semmap:name ?n FILTER(?n IN ("table", "sofa")) }',
     'SELECT ?x { ?x semmap:name ?n FILTER(?n NOT IN ("table", "sofa")) }',
     "SELECT ?o { :ann ex:likes ?o FILTER(isLITERAL(?o)) }",
