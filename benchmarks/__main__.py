@@ -24,6 +24,7 @@ TABLES = (
     "manipulation",
     "perception",
     "knowledge",
+    "subscriptions",
     "interlinking",
     "manipulation_actions",
 )

@@ -60,7 +60,7 @@ SELECT NOT EXISTS (SELECT FROM semmap.change_pruned p
 $$;
 
 CREATE FUNCTION changes_since(after_cursor text)
-RETURNS TABLE (id bigint, at timestamptz, map_id integer, what text, entities bigint[], cursor text)
+RETURNS TABLE (id bigint, at timestamptz, map_id integer, what text, entities bigint[], cursor text, facts jsonb)
 LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The changes of transactions that the cursor did not see, and the cursor of this statement. They are compared by
 -- transaction snapshot, so a transaction that began early and committed late is not skipped. A null cursor
@@ -72,7 +72,7 @@ BEGIN
                   HINT = 'Read the map again and go on from change_cursor(); the table retention says how long changes are kept.';
     END IF;
     RETURN QUERY
-        SELECT c.id, c.at, c.map_id, c.what, c.entities, pg_current_snapshot()::text
+        SELECT c.id, c.at, c.map_id, c.what, c.entities, pg_current_snapshot()::text, c.facts
         FROM change c
         WHERE c.xid >= coalesce(pg_snapshot_xmin(after_cursor::pg_snapshot)::text::bigint, 0)
           AND (after_cursor IS NULL OR NOT pg_visible_in_snapshot(c.xid::text::xid8, after_cursor::pg_snapshot))

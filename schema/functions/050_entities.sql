@@ -119,6 +119,16 @@ BEGIN
     RETURN NULL;
 END $$;
 
+CREATE FUNCTION links_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- A link is a change of the entities that it joins.
+BEGIN
+    IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
+        PERFORM record_change('linked', ARRAY(SELECT from_id FROM touched UNION SELECT to_id FROM touched));
+    END IF;
+    RETURN NULL;
+END $$;
+
 CREATE TRIGGER entity_stamp BEFORE UPDATE ON entity
     FOR EACH ROW WHEN (OLD IS DISTINCT FROM NEW) EXECUTE FUNCTION entity_stamp();
 CREATE TRIGGER entity_inserted AFTER INSERT ON entity REFERENCING NEW TABLE AS fresh
@@ -137,5 +147,9 @@ CREATE TRIGGER region_changed AFTER UPDATE ON region REFERENCING NEW TABLE AS fr
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
 CREATE TRIGGER connector_changed AFTER UPDATE ON connector REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
+CREATE TRIGGER link_added AFTER INSERT ON link REFERENCING NEW TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION links_changed();
+CREATE TRIGGER link_removed AFTER DELETE ON link REFERENCING OLD TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION links_changed();
 CREATE TRIGGER connector_gone AFTER DELETE ON connector REFERENCING OLD TABLE AS former
     FOR EACH STATEMENT EXECUTE FUNCTION connector_gone();

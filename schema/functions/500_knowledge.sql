@@ -252,19 +252,30 @@ CREATE TRIGGER statement_readopted AFTER UPDATE ON entity REFERENCING NEW TABLE 
 
 CREATE FUNCTION statement_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- The change log has the entities that the statements are about. Deleting an entity or a map is a change already.
+-- The change log has the statements, and the entities that they are about. Deleting an entity or a map is a change already.
+DECLARE
+    stated statement[];
 BEGIN
-    IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
-        INSERT INTO change (map_id, what, entities)
-            SELECT s.map_id, 'statement', coalesce(array_agg(DISTINCT s.subject_id) FILTER (WHERE s.subject_id IS NOT NULL), '{}')
-            FROM touched s JOIN map m ON m.id = s.map_id GROUP BY s.map_id;
+    IF coalesce(current_setting('semmap.dropping', true), '') <> '' THEN
+        RETURN NULL;
     END IF;
+    IF TG_OP = 'UPDATE' THEN
+        stated := ARRAY(SELECT f FROM former f UNION ALL SELECT t FROM touched t);
+    ELSE
+        stated := ARRAY(SELECT t FROM touched t);
+    END IF;
+    INSERT INTO change (map_id, what, entities, facts)
+        SELECT s.map_id, 'statement', coalesce(array_agg(DISTINCT s.subject_id) FILTER (WHERE s.subject_id IS NOT NULL), '{}'),
+               CASE WHEN count(*) <= 200 THEN jsonb_agg(jsonb_build_array(s.graph,
+                   CASE WHEN s.subject IS NULL THEN to_jsonb(s.subject_id) ELSE to_jsonb(s.subject) END, s.predicate,
+                   CASE WHEN s.object IS NULL THEN to_jsonb(s.object_id) ELSE to_jsonb(s.object) END, s.tag)) END
+        FROM unnest(stated) s JOIN map m ON m.id = s.map_id GROUP BY s.map_id;
     RETURN NULL;
 END $$;
 
 CREATE TRIGGER statement_added AFTER INSERT ON statement REFERENCING NEW TABLE AS touched
     FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
-CREATE TRIGGER statement_edited AFTER UPDATE ON statement REFERENCING NEW TABLE AS touched
+CREATE TRIGGER statement_edited AFTER UPDATE ON statement REFERENCING OLD TABLE AS former NEW TABLE AS touched
     FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
 CREATE TRIGGER statement_removed AFTER DELETE ON statement REFERENCING OLD TABLE AS touched
     FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();

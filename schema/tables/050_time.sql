@@ -46,9 +46,10 @@ CREATE TABLE change (
     xid      bigint NOT NULL DEFAULT (pg_current_xact_id()::text)::bigint,
     at       timestamptz NOT NULL DEFAULT clock_timestamp(),
     map_id   integer NOT NULL,
-    what     text NOT NULL CHECK (what IN ('added', 'changed', 'moved', 'removed', 'reshaped', 'field', 'belief', 'statement')),
-    entities bigint[] NOT NULL                                 -- none for fields
-);
+    what     text NOT NULL CHECK (what IN ('added', 'changed', 'moved', 'removed', 'reshaped', 'field', 'belief', 'statement', 'linked')),
+    entities bigint[] NOT NULL,                                -- none for fields
+    facts    jsonb                                             -- of statements, up to 200: arrays of graph, subject,
+);                                                             -- property, object and tag; an entity is its id
 CREATE INDEX change_xid ON change (xid);
 
 -- The newest transaction of which a change was pruned: a cursor that did not see it has missed changes.

@@ -12,13 +12,25 @@ from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.knowledge.client import KnowledgeClient
+    from semmap.knowledge.knowledge_core import KB, KbError
     from semmap.knowledge.queries import Answer, KnowledgeError, query
     from semmap.knowledge.updates import update
     from semmap.knowledge.whole_graph import dump
 
-__all__ = ["Answer", "KnowledgeClient", "KnowledgeError", "dump", "query", "update"]
+__all__ = [
+    "KB",
+    "Answer",
+    "KbError",
+    "KnowledgeClient",
+    "KnowledgeError",
+    "dump",
+    "query",
+    "update",
+]
 
 _HOMES = {
+    "KB": "semmap.knowledge.knowledge_core",
+    "KbError": "semmap.knowledge.knowledge_core",
     "Answer": "semmap.knowledge.queries",
     "KnowledgeClient": "semmap.knowledge.client",
     "KnowledgeError": "semmap.knowledge.queries",

@@ -98,10 +98,10 @@ class KnowledgeClient:
             raise ValueError(f"method {method!r} is not one of {', '.join(METHODS)}")
         if not 0 <= lifespan < 1e10:
             raise ValueError(f"lifespan {lifespan!r} is not a number of seconds from 0 on")
-        patterns, graph = self._parsed(statements), self._graph(model)
+        patterns, graph = self.parsed(statements), self.graph_of(model)
         if method != "retract":
             _refuse_variables(patterns)
-        with self._view() as view:
+        with self.view() as view:
             _remove_ended(view)
             with _refusals():
                 if method == "retract":
@@ -156,7 +156,7 @@ class KnowledgeClient:
             A pattern is malformed, or does not have a variable.
         """
         wanted = [name.removeprefix("?") for name in ([names] if isinstance(names, str) else names)]
-        parsed = self._parsed(patterns)
+        parsed = self.parsed(patterns)
         known = variables(parsed)
         for name in wanted:
             if name not in known:
@@ -165,14 +165,23 @@ class KnowledgeClient:
                 )
         if not wanted:
             raise ValueError("no variable is named: name one, or use has() for a yes or no")
-        rows = self.sparql(query_text(parsed, wanted, self._graph(model))).rows
-        found = [[name_of(term, self.map_name) for term in row] for row in rows]
+        found = self.rows(patterns, wanted, model=model)
         if len(wanted) == 1:
             return {value for (value,) in found}
         return [dict(zip(wanted, row, strict=True)) for row in found]
 
+    def rows(
+        self, patterns: Statements, names: Sequence[str], *, model: str | None = None
+    ) -> list[tuple[Any, ...]]:
+        """Return what variables stand for in each solution of patterns, as in statements."""
+        wanted = [name.removeprefix("?") for name in names]
+        text = query_text(self.parsed(patterns), wanted, self.graph_of(model))
+        return [
+            tuple(name_of(term, self.map_name) for term in row) for row in self.sparql(text).rows
+        ]
+
     def __getitem__(self, patterns: Statements) -> set[Any] | list[dict[str, Any]]:
-        parsed = self._parsed(patterns)
+        parsed = self.parsed(patterns)
         names = variables(parsed)
         if names:
             return self.find(names, patterns)
@@ -184,7 +193,7 @@ class KnowledgeClient:
 
     def has(self, patterns: Statements, *, model: str | None = None) -> bool:
         """Return whether all patterns match together."""
-        text = query_text(self._parsed(patterns), [], self._graph(model))
+        text = query_text(self.parsed(patterns), [], self.graph_of(model))
         return bool(self.sparql(text).truth)
 
     def __contains__(self, patterns: Statements) -> bool:
@@ -192,9 +201,9 @@ class KnowledgeClient:
 
     def about(self, resource: str, *, model: str | None = None) -> list[tuple[Any, Any, Any]]:
         """Return the statements that have a resource as subject or object, sorted."""
-        graph = self._graph(model)
-        with self._view() as view:
-            term = self._resource(view, resource)
+        graph = self.graph_of(model)
+        with self.view() as view:
+            term = self.resource(view, resource)
             found = {*view.triples((term, None, None), graph)}
             found |= {*view.triples((None, None, term), graph)}
         named = (tuple(name_of(term, self.map_name) for term in triple) for triple in found)
@@ -202,8 +211,8 @@ class KnowledgeClient:
 
     def details(self, resource: str) -> dict[str, Any]:
         """Return name, id, type ("class", "instance" or "undecided") and classes of a resource."""
-        with self._view() as view:
-            term = self._resource(view, resource)
+        with self.view() as view:
+            term = self.resource(view, resource)
             described = {*view.triples((term, None, None))}
             used = any(True for _ in view.triples((None, rdflib.RDF.type, term)))
         values: dict[str, list[Any]] = {}
@@ -226,7 +235,7 @@ class KnowledgeClient:
 
     def sparql(self, text: str) -> Answer:
         """Answer a query of SPARQL."""
-        with self._view() as view:
+        with self.view() as view:
             return query(view.session, text)
 
     # Events
@@ -254,8 +263,8 @@ class KnowledgeClient:
         ValueError
             A pattern is malformed.
         """
-        parsed = self._parsed(patterns)
-        text = query_text(parsed, variables(parsed), self._graph(model))
+        parsed = self.parsed(patterns)
+        text = query_text(parsed, variables(parsed), self.graph_of(model))
         named = None if callback is None else lambda event: callback(self._named(event))
         return self._subscriptions.add(text, one_shot=one_shot, callback=named)[0]
 
@@ -274,7 +283,7 @@ class KnowledgeClient:
     # Parts
 
     @contextmanager
-    def _view(self) -> Iterator[MapView]:
+    def view(self) -> Iterator[MapView]:
         """A transaction that sees the map."""
         with self._engine.begin() as connection:
             see_map(connection, self.map_name)
@@ -284,20 +293,32 @@ class KnowledgeClient:
                 view.deadline = deadline
                 yield view
 
-    def _parsed(self, statements: Statements) -> list[Pattern]:
+    def parsed(self, statements: Statements) -> list[Pattern]:
+        """Return the terms of statements, of which there is at least one."""
         texts = [statements] if isinstance(statements, str) else list(statements)
         if not texts:
             raise ValueError("there is no statement")
         return [parse_pattern(text, self.map_name) for text in texts]
 
-    def _graph(self, model: str | None) -> rdflib.URIRef | None:
+    def graph_of(self, model: str | None) -> rdflib.URIRef | None:
+        """Return the named graph of a model; None for the map itself."""
         if model is None:
             return None
         if not model:
             raise ValueError("a model has a name: leave it out for the map itself")
         return rdflib.URIRef(f"{map_namespace(self.map_name)}{encode(model)}")
 
-    def _resource(self, view: MapView, name: str) -> Any:
+    def models(self) -> list[str]:
+        """Return the models that have statements."""
+        with self.view() as view:
+            rows = view.session.execute(
+                "SELECT DISTINCT graph FROM statement WHERE map_id = %s AND graph <> '' "
+                "AND (until IS NULL OR until > statement_timestamp()) ORDER BY graph",
+                (view.number,),
+            ).fetchall()
+        return [str(name_of(rdflib.URIRef(graph), self.map_name)) for (graph,) in rows]
+
+    def resource(self, view: MapView, name: str) -> Any:
         """Return the term of a name: an entity's, else a type's, else that of an individual."""
         subject = parse_pattern(f"{name} rdf:type *", self.map_name).subject
         type_ = parse_pattern(f"* rdf:type {name}", self.map_name).object

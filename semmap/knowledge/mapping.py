@@ -359,7 +359,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(f"{SEMMAP}hasFormerPlacement", FORMER, _OF, _FORMER),
     TripleMap(
-        f"{SEMMAP}heldBy",
+        f"{SEMMAP}formerHolder",
         Source(
             (("a", "placement_history"), ("b", "entity"), ("c", "entity")),
             ("{b}.id = {a}.entity_id", "{c}.id = {a}.holder_id"),

@@ -1,7 +1,7 @@
 """Standing queries: what begins and ceases to be an answer, as the map changes.
 
-One follower of the change feed evaluates them again when something of the map changed, or when a
-statement ended, and compares the answers with the former ones.
+One follower of the change feed evaluates what a change, or the end of a statement, concerns
+(`semmap.knowledge.standing_queries`), and compares the answers with the former ones.
 """
 
 from __future__ import annotations
@@ -10,16 +10,23 @@ import math
 import queue
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 import psycopg
-from sqlalchemy import Engine, text
+from sqlalchemy import Engine
 
-from semmap.knowledge.map_view import Row, Session
-from semmap.knowledge.queries import Answer, query
-from semmap.query.change_feed import ChangeFeed, Look, reaches_back
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.standing_queries import (
+    Changes,
+    Difference,
+    StandingQueries,
+    StandingQuery,
+)
+from semmap.query.change_feed import ChangeFeed, Look
 
 __all__ = ["Event", "Subscriptions"]
 
@@ -44,12 +51,13 @@ class Event:
 
 
 @dataclass
-class _Standing:
-    text: str
+class _Subscriber:
+    query: StandingQuery
     one_shot: bool
     callback: Callable[[Event], Any] | None
-    names: tuple[str, ...]
-    rows: frozenset[Row]
+
+
+_News = tuple[Callable[[Event], Any] | None, Event | Exception]
 
 
 class Subscriptions:
@@ -70,9 +78,13 @@ class Subscriptions:
 
     def __init__(self, engine: Engine, map_name: str | None = None) -> None:
         self._feed = ChangeFeed(engine, map_name, durable=False)
-        self._standing: dict[int, _Standing] = {}
+        self._queries = StandingQueries()
+        self._subscribers: dict[int, _Subscriber] = {}
+        self._numbers: dict[StandingQuery, list[int]] = defaultdict(list)
+        self._news: list[_News] = []
         self._count = 0
         self._due = math.inf
+        self._ended_until: datetime | None = None
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -122,25 +134,32 @@ class Subscriptions:
         if self._stop.is_set():
             raise ValueError("these subscriptions are closed: make new ones")
         with self._lock:
-            with self._feed.look() as look:
-                answer = query(_session(look), text)
-                if answer.form not in ("SELECT", "ASK"):
-                    raise ValueError(f"{answer.form} has no answers to follow: use SELECT or ASK")
-                # An end that is past, and not reported to others yet, stays due.
-                self._due = min(self._due, _next_end(look))
-            rows = _rows(answer)
+            with self._feed.look(entities=False) as look:
+                view, due = self._catch_up(look)
+                found = self._queries.add(view, text)
+            self._take_in(look, due)
             self._count += 1
             number = self._count
-            self._standing[number] = _Standing(text, one_shot, callback, answer.names, rows)
+            self._subscribers[number] = _Subscriber(found, one_shot, callback)
+            self._numbers[found].append(number)
             if self._thread is None:
                 self._thread = threading.Thread(target=self._follow, daemon=True)
                 self._thread.start()
-        return number, len(rows)
+            return number, len(found.counts)
 
     def remove(self, number: int) -> None:
         """End a subscription; nothing happens where it has ended."""
         with self._lock:
-            self._standing.pop(number, None)
+            self._remove(number)
+
+    def _remove(self, number: int) -> None:
+        subscriber = self._subscribers.pop(number, None)
+        if subscriber is not None:
+            numbers = self._numbers[subscriber.query]
+            numbers.remove(number)
+            if not numbers:
+                del self._numbers[subscriber.query]
+                self._queries.remove(subscriber.query)
 
     def events(self, timeout: float | None = None) -> Iterator[Event]:
         """Yield the events of subscriptions without a callback.
@@ -172,17 +191,14 @@ class Subscriptions:
             self._events.put(error)
 
     def _wake(self, payloads: tuple[str, ...] | None) -> None:
-        if payloads == () and time.monotonic() < self._due:
+        if payloads == () and time.monotonic() < self._due and not self._news:
             return
         with self._lock:
-            with self._feed.look() as look:
-                answers = self._answers(look) if self._has_news(look) else {}
-                due = _next_end(look)
-            # Only now: a look that fails is repeated.
-            self._due = due
-            self._feed.take_in(look)
-            found = [each for number, rows in answers.items() for each in self._new(number, rows)]
-        for callback, event in found:
+            with self._feed.look(entities=False) as look:
+                _, due = self._catch_up(look)
+            self._take_in(look, due)
+            news, self._news = self._news, []
+        for callback, event in news:
             if callback is None or isinstance(event, Exception):
                 self._events.put(event)
                 continue
@@ -191,69 +207,75 @@ class Subscriptions:
             except Exception as error:  # of the user's code: one event must not end the others
                 self._events.put(error)
 
-    def _has_news(self, look: Look) -> bool:
-        """Whether anything of the map changed or ended since the last look."""
-        since = self._feed.cursor
-        if since is None or time.monotonic() >= self._due:
-            return True
-        if not reaches_back(look.connection, since):
-            return True
-        changed = text(
-            "SELECT EXISTS (SELECT FROM changes_since(:since) WHERE map_id = current_map())"
-        )
-        return bool(look.connection.execute(changed, {"since": since}).scalar())
+    def _take_in(self, look: Look, due: float) -> None:
+        # Only now: a look that fails is repeated.
+        self._due, self._ended_until = due, look.moment
+        self._feed.take_in(look)
 
-    def _answers(self, look: Look) -> dict[int, frozenset[Row] | Exception]:
-        """Return what each subscription has for an answer now, or why it has none."""
-        answers: dict[int, frozenset[Row] | Exception] = {}
-        for number, standing in self._standing.items():
-            try:
-                answers[number] = _rows(query(_session(look), standing.text))
-            except (ValueError, LookupError) as error:
-                answers[number] = error
-        return answers
+    def _catch_up(self, look: Look) -> tuple[MapView, float]:
+        """Find the events since the last look; return the map, and when the next statement ends."""
+        view, changes, due = self._changes(look)
+        if self._queries.queries and changes != Changes():
+            # At once: a look that is repeated because its end fails finds no difference again.
+            for difference in self._queries.update(view, changes):
+                self._news += self._events_of(difference)
+        return view, due
 
-    def _new(
-        self, number: int, rows: frozenset[Row] | Exception
-    ) -> Iterator[tuple[Callable[[Event], Any] | None, Event | Exception]]:
-        """Yield the events of a subscription, each with what gets it."""
-        standing = self._standing[number]
-        if isinstance(rows, Exception):
-            del self._standing[number]
-            yield None, rows
-            return
-        gone, come = standing.rows - rows, rows - standing.rows
-        standing.rows = rows
-        if standing.one_shot:
-            gone, come = frozenset(), frozenset(sorted(come, key=str)[:1])
-            if come:
-                del self._standing[number]
-        for what, some in (("disappeared", gone), ("appeared", come)):
-            for row in sorted(some, key=str):
-                bound = zip(standing.names, row, strict=True)
-                event = Event(number, what, {n: t for n, t in bound if t is not None})
-                yield standing.callback, event
+    def _changes(self, look: Look) -> tuple[MapView, Changes, float]:
+        """Return the map, what changed or ended since the last look, and when the next one ends."""
+        session = look.connection.connection.driver_connection
+        assert isinstance(session, psycopg.Connection)
+        values = {"since": self._feed.cursor, "ended_until": self._ended_until}
+        (row,) = session.execute(_NEWS, values).fetchall()
+        number, reaches, changed, ended, left = row
+        assert self._feed.map_name is not None
+        view = MapView(session, self._feed.map_name, number) if number else MapView.of(session)
+        due = math.inf if left is None else time.monotonic() + left
+        changed = changed or []
+        if not reaches or any(what == "statement" and not facts for what, _, facts in changed):
+            return view, Changes(all=True), due
+        facts = [fact for _, _, some in changed for fact in some or ()]
+        entities = {n for what, ids, _ in changed if what not in _NO_ENTITIES for n in ids}
+        others = any(what in _OTHERS for what, _, _ in changed)
+        stated = dict.fromkeys(tuple(fact) for fact in (*facts, *(ended or ())))
+        return view, Changes(frozenset(entities), tuple(stated), others), due
 
-
-def _next_end(look: Look) -> float:
-    """Return when the next statement ends, on the clock of `time.monotonic`."""
-    # From the begin of the transaction on: queries of this look may have seen it end already.
-    left = look.connection.execute(
-        text(
-            "SELECT extract(epoch FROM min(until) - clock_timestamp())::float8 FROM statement "
-            "WHERE map_id = (SELECT current_map()) AND until > now()"
-        )
-    ).scalar()
-    return math.inf if left is None else time.monotonic() + left
+    def _events_of(self, difference: Difference) -> Iterator[_News]:
+        """Yield the events of the subscribers of a query, each with what gets it."""
+        found, gone, come, error = difference
+        for number in list(self._numbers.get(found, ())):
+            subscriber = self._subscribers[number]
+            if error is not None:
+                self._remove(number)
+                yield None, error
+                continue
+            disappeared, appeared = sorted(gone, key=str), sorted(come, key=str)
+            if subscriber.one_shot:
+                disappeared, appeared = [], appeared[:1]
+                if appeared:
+                    self._remove(number)
+            for what, rows in (("disappeared", disappeared), ("appeared", appeared)):
+                for row in rows:
+                    bound = zip(found.names, row, strict=True)
+                    event = Event(number, what, {n: t for n, t in bound if t is not None})
+                    yield subscriber.callback, event
 
 
-def _rows(answer: Answer) -> frozenset[Row]:
-    if answer.form == "ASK":
-        return frozenset({()} if answer.truth else ())
-    return frozenset(answer.rows)
+_OTHERS = frozenset({"belief", "field"})
+_NO_ENTITIES = _OTHERS | {"statement"}
 
-
-def _session(look: Look) -> Session:
-    driver = look.connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
-    return driver
+_NEWS = """
+SELECT m.id, reaches_back(%(since)s), CASE WHEN reaches_back(%(since)s) THEN (
+           SELECT jsonb_agg(jsonb_build_array(c.what, c.entities, c.facts))
+           FROM changes_since(%(since)s) c WHERE c.map_id = m.id) END,
+       (SELECT jsonb_agg(jsonb_build_array(
+                   s.graph, coalesce(to_jsonb(s.subject), to_jsonb(s.subject_id)),
+                   s.predicate, coalesce(to_jsonb(s.object), to_jsonb(s.object_id)), s.tag))
+        FROM statement s
+        WHERE s.map_id = m.id AND s.until > %(ended_until)s AND s.until <= statement_timestamp()),
+       (SELECT extract(epoch FROM min(s.until) - clock_timestamp())::float8 FROM statement s
+        WHERE s.map_id = m.id AND s.until > now())
+FROM (SELECT current_map()) n (id) LEFT JOIN map m USING (id)
+"""
+"""The map, whether all changes are kept, which there are, which statements ended, and the seconds
+to the next end: from the begin of the transaction on, as queries of it may have seen it end."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -18,6 +18,7 @@ from semmap.knowledge.field_rows import FieldRows
 from semmap.knowledge.fields import comparisons, count_variables
 from semmap.knowledge.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.relation import UNBOUND, Rows, in_form, union, union_form
+from semmap.knowledge.triple_map import Form
 from semmap.knowledge.triples import Chosen, Scope, TriplePatterns
 from semmap.knowledge.values import (
     NUMERIC,
@@ -30,7 +31,10 @@ from semmap.knowledge.values import (
 )
 from semmap.knowledge.vocabulary import XSD
 
-__all__ = ["Statement", "translate"]
+__all__ = ["GIVEN", "Statement", "translate", "translate_each"]
+
+GIVEN = "given p"
+"""Stands for the table with the given values; no text of a user is in a statement."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,48 @@ def translate(
     return Statement(sql, translator.parameters.values, names)
 
 
+def translate_each(
+    algebra: Any,
+    names: tuple[str, ...],
+    constants: Constants,
+    namespace: str,
+    map_id: int,
+    given: Mapping[str, Form],
+) -> Statement:
+    """Translate a pattern that is answered for each row of a table with values of variables.
+
+    Parameters
+    ----------
+    given : the form of each variable with given values, whose columns in the table p are s0,
+        s1 ..., and t0 ... for the tags of a "term"; with them, the pattern is not a SELECT or ASK
+
+    Returns
+    -------
+    a statement with `GIVEN` in it, whose first column is p.n
+
+    Raises
+    ------
+    UntranslatedError
+        A part has no translation to SQL.
+    """
+    uses = count_variables(algebra) + Counter(names)
+    translator = _Translator(constants, namespace, map_id, None, None, uses)
+    if not given:
+        result = translator.result(algebra, names)
+        if not names:
+            result = f"SELECT * FROM ({result}) q LIMIT 1"
+        sql = f"SELECT p.n, r.* FROM {GIVEN}, LATERAL ({result}) r"
+        return Statement(sql, translator.parameters.values, names)
+    values = {
+        name: Value(form, f"p.s{i}", f"p.t{i}" if form == "term" else None)
+        for i, (name, form) in enumerate(given.items())
+    }
+    rows = Rows([GIVEN], variables=dict(values))
+    rows.join(translator.rows(algebra, Scope(bindings=values, given=values)), translator.namespace)
+    sql = f"SELECT {', '.join(['p.n', *translator.columns(rows, names)])}{rows.tables()}"
+    return Statement(sql, translator.parameters.values, names)
+
+
 class _Translator(TriplePatterns):
     """Translates patterns; each method `_rows_X` those of the algebra's node X."""
 
@@ -106,6 +152,11 @@ class _Translator(TriplePatterns):
     def result(self, node: Any, names: tuple[str, ...]) -> str:
         """Return a SELECT of the text and the tag of each variable, in order."""
         rows, order, tail = self._modified(node, Scope())
+        sql = f"SELECT {', '.join(self.columns(rows, names)) or '1 AS v0'}{rows.tables()}"
+        return f"{sql}{order}{tail}"
+
+    def columns(self, rows: Rows, names: tuple[str, ...]) -> list[str]:
+        """Return the text and the tag of each variable, in order."""
         columns = []
         for i, name in enumerate(names):
             value = rows.variables.get(name, UNBOUND)
@@ -113,8 +164,7 @@ class _Translator(TriplePatterns):
             if value.tag is None and not isinstance(value.constant, tuple):
                 tag = f"CASE WHEN {is_null(value)} THEN NULL ELSE {tag} END"
             columns.append(f"{text} AS v{i}, {tag} AS t{i}")
-        sql = f"SELECT {', '.join(columns) or '1 AS v0'}{rows.tables()}"
-        return f"{sql}{order}{tail}"
+        return columns
 
     # Patterns
 

@@ -88,12 +88,14 @@ class Scope:
         may refer to them
     outer : for EXISTS, the values that expressions see besides those of the pattern
     conditions : variable, operator and number of comparisons that all solutions will meet
+    given : bindings of few rows: each table is limited to them by its index
     """
 
     graph: Part | None = None
     bindings: Mapping[str, Value] = field(default_factory=dict)
     outer: Mapping[str, Value] = field(default_factory=dict)
     conditions: tuple[tuple[str, str, str], ...] = ()
+    given: Mapping[str, Value] = field(default_factory=dict)
 
     def joined(self, bindings: Mapping[str, Value]) -> Scope:
         """Return the scope of a pattern that is joined with more values."""
@@ -173,6 +175,35 @@ class TriplePatterns:
         return self.parameters.alias("*")
 
     # Basic graph patterns
+
+    def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> list[TripleMap] | Computed:
+        """Return what can match a triple pattern: triple maps, or the relation that it computes.
+
+        Parameters
+        ----------
+        graph : the term after GRAPH; None for the default graph
+
+        Raises
+        ------
+        UntranslatedError
+            Fields state the property.
+        """
+        subject, predicate, object_ = triple
+        scope = Scope(None if graph is None else self.part(graph))
+        if isinstance(predicate, rdflib.URIRef):
+            computed = self._computed(predicate, scope)
+            if computed is not None:
+                return computed  # type: ignore[no-any-return]
+        if self._is_of_fields(predicate, scope) or self._may_be_of_fields(predicate, scope):
+            raise UntranslatedError("fields state this", predicate)
+        end = self.part(object_)
+        if str(predicate) == _RDF_TYPE and isinstance(end, Value):
+            end = self.constant(object_, as_type=True)
+        verb = self.part(predicate)
+        if isinstance(verb, Value):
+            verb = self._verb(predicate)
+        start = self.part(subject)
+        return [m for m in self._maps(verb, scope) if self._fits(start, verb, end, m, scope)]
 
     def triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: Scope) -> Rows:
         """Return the solutions of triple patterns that must all match."""
@@ -399,6 +430,11 @@ class TriplePatterns:
                         self._anchor(part, pattern.subject, triple)
                     _use_keys(part, rows.variables)
                     self._correlate(part, rows)
+                    part.where += [
+                        same(part.variables[name], scope.given[name], self.namespace)
+                        for name in (pattern.subject, pattern.object)
+                        if isinstance(name, str) and name in scope.given
+                    ]
                     parts.append(part)
                 rows.join(union(parts, self.parameters, self.namespace), self.namespace)
             else:

@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from sqlalchemy import BigInteger, ForeignKey, Identity, Index, Interval, text
-from sqlalchemy.dialects.postgresql import TSTZRANGE, Range
+from sqlalchemy.dialects.postgresql import JSONB, TSTZRANGE, Range
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.geometry.pose import Pose
@@ -85,6 +85,7 @@ class Change(Base):
     map_id: Mapped[int]
     what: Mapped[str]
     entities: Mapped[list[int]]
+    facts: Mapped[Any | None] = mapped_column(JSONB())
 
 
 class ChangePruned(Base):

@@ -81,11 +81,15 @@ class ChangeFeed:
             yield connection
 
     @contextmanager
-    def look(self) -> Iterator[Look]:
+    def look(self, *, entities: bool = True) -> Iterator[Look]:
         """Look at the map.
 
         Pass the look to `take_in` when it is processed: until then the next look sees the same
         changes.
+
+        Parameters
+        ----------
+        entities : find which entities changed; else `changed` is None
 
         Raises
         ------
@@ -96,7 +100,7 @@ class ChangeFeed:
             with self.snapshot() as connection:
                 now, moment = connection.execute(text("SELECT change_cursor(), now()")).one()
                 changed = None
-                if self.cursor is not None:
+                if self.cursor is not None and entities:
                     changed = changed_since(connection, self.cursor)
                 yield Look(connection, changed, now, moment)
                 if self._durable:
@@ -150,8 +154,8 @@ def cursor(connection: Connection) -> str:
 def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
     """The entities of the current map that changed after a cursor, deleted ones included.
 
-    Those of which only a belief or a statement changed are left out: their geometry and types are
-    as before.
+    Those of which only a belief, a statement or a link changed are left out: their geometry and
+    types are as before.
     None where the changes after the cursor are not all kept: read the whole map again.
     """
     if not reaches_back(connection, since):
@@ -159,7 +163,7 @@ def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
     rows = connection.execute(
         text(
             "SELECT entities FROM changes_since(:since) "
-            "WHERE map_id = current_map() AND what NOT IN ('belief', 'statement')"
+            "WHERE map_id = current_map() AND what NOT IN ('belief', 'statement', 'linked')"
         ),
         {"since": since},
     )

@@ -1,0 +1,516 @@
+"""The interface of KnowledgeCore, name by name, for programs that speak to one.
+
+Source: github.com/severin-lemaignan/knowledge_core, doc/api.md and its Python class `KB`.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+import shlex
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from hashlib import md5
+from importlib.metadata import version
+from itertools import count
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import rdflib
+from sqlalchemy import Engine
+
+from semmap.database import connect
+from semmap.ingest.world import WorldError
+from semmap.knowledge.client import KnowledgeClient
+from semmap.knowledge.map_view import MapView, Term
+from semmap.knowledge.patterns import name_of
+from semmap.knowledge.rdf_file import read_facts, store_facts
+from semmap.knowledge.results import sparql_json
+from semmap.knowledge.subscriptions import Event
+from semmap.knowledge.vocabulary import OWL, RDFS, SEMMAP
+
+__all__ = ["KB", "KbError"]
+
+Models = str | Sequence[str] | None
+
+_FORMATS = {".ttl": "turtle", ".owl": "xml", ".rdf": "xml", ".n3": "n3", ".nt": "nt"}
+_METHODS = ("add", "update", "safe_add", "safe_update", "revision", "retract", "remove")
+
+
+class KbError(Exception):
+    """A request that was refused.
+
+    Attributes
+    ----------
+    value : the reason
+    """
+
+    def __init__(self, value: str) -> None:
+        super().__init__(value)
+        self.value = value
+
+
+class KB:
+    """A map as KnowledgeCore's class `KB` has it.
+
+    Where a method takes models, these are the names of one or several; none, or "default", is the
+    map itself, "all" is the map and each model. All names of statements are those of
+    `semmap.knowledge.client.KnowledgeClient`.
+
+    Parameters
+    ----------
+    engine : of the database; by default that of ``semmap.connect()``
+    map_name : the current map if not given
+
+    Examples
+    --------
+    >>> with KB() as kb:  # doctest: +SKIP
+    ...     kb += ["alfred rdf:type Human", "alfred likes icecream"]
+    ...     kb["* likes icecream"]
+    [{'var1': 'alfred'}]
+    """
+
+    def __init__(self, engine: Engine | None = None, map_name: str | None = None) -> None:
+        if engine is None:
+            engine = connect()
+        self._engine = engine
+        self._client = KnowledgeClient(engine, map_name)
+        self.events: SimpleQueue[tuple[str, list[dict[str, Any]]]] = SimpleQueue()
+        self._subscribed: dict[tuple[str, Any], list[int]] = {}
+
+    def __enter__(self) -> KB:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all subscriptions."""
+        self._client.close()
+
+    # The knowledge base
+
+    def hello(self) -> str:
+        """Return the name and version of what answers."""
+        return f"semmap {self.version()}"
+
+    def version(self) -> str:
+        """Return the version of what answers."""
+        return version("semmap")
+
+    def stats(self) -> dict[str, Any]:
+        """Return the name of the knowledge base, its map and its models."""
+        models = ["default", *self._client.models()]
+        return {"name": self.hello(), "map": self._client.map_name, "models": models}
+
+    def methods(self) -> list[str]:
+        """Return the methods with their arguments."""
+        return [
+            f"{name}{inspect.signature(method)}"
+            for name, method in inspect.getmembers(self, inspect.ismethod)
+            if not name.startswith("_")
+        ]
+
+    def clear(self) -> None:
+        """Remove all statements of the map and its models; entities and their tables stay."""
+        for numbers in self._subscribed.values():
+            for number in numbers:
+                self._client.unsubscribe(number)
+        self._subscribed.clear()
+        with self._client.view() as view:
+            view.session.execute("DELETE FROM statement WHERE map_id = %s", (view.number,))
+
+    def load(self, filename: str | Path, models: Models = None) -> None:
+        """Add the statements of an RDF file: RDF/XML, Turtle, N3 or N-Triples."""
+        path = Path(filename)
+        with _errors():
+            facts = read_facts(path, _FORMATS.get(path.suffix, "turtle"))
+            with self._client.view() as view:
+                for model in self._models(models):
+                    graph = self._client.graph_of(model)
+                    placed = [type(f)(f.subject, f.property, f.object, graph) for f in facts]
+                    store_facts(view.session, placed, path)
+
+    # Statements
+
+    def revise(self, stmts: Sequence[str], policy: dict[str, Any]) -> None:
+        """Change statements.
+
+        Parameters
+        ----------
+        policy : "method" is add, update, retract, safe_add, safe_update or revision; all but
+            retract replace the objects of functional properties. "models" and "lifespan", in
+            seconds, may be there
+        """
+        if not isinstance(policy, dict) or "method" not in policy:
+            raise KbError("a policy is a dictionary with the key method, such as {'method': 'add'}")
+        unknown = policy.keys() - {"method", "models", "lifespan"}
+        if unknown or policy["method"] not in _METHODS:
+            wrong = f"{min(unknown)} in a policy" if unknown else f"method {policy['method']!r}"
+            raise KbError(
+                f"{wrong} is unknown; keys: method, models, lifespan; methods: "
+                + ", ".join(_METHODS)
+            )
+        if isinstance(stmts, str):
+            raise KbError(f"{stmts!r}: a list of statements is expected")
+        retracts = policy["method"] in ("retract", "remove")
+        with _errors():
+            for model in self._models(policy.get("models")):
+                if retracts:
+                    self._client.retract(stmts, model=model)
+                else:
+                    self._client.update(stmts, model=model, lifespan=policy.get("lifespan") or 0)
+
+    def update(self, stmts: Sequence[str], models: Models = None, lifespan: float = 0) -> None:
+        """Add statements; those with a functional property replace former ones."""
+        self.revise(stmts, {"method": "update", "models": models, "lifespan": lifespan})
+
+    add = update
+
+    def remove(self, stmts: Sequence[str], models: Models = None) -> None:
+        """Remove statements; those that are not there are left out."""
+        self.revise(stmts, {"method": "retract", "models": models})
+
+    retract = remove
+
+    def __iadd__(self, stmts: str | Sequence[str]) -> KB:
+        self.update([stmts] if isinstance(stmts, str) else stmts)
+        return self
+
+    def __isub__(self, stmts: str | Sequence[str]) -> KB:
+        self.remove([stmts] if isinstance(stmts, str) else stmts)
+        return self
+
+    # Questions
+
+    def find(
+        self, patterns: Sequence[str], vars: Sequence[str] | None = None, models: Models = None
+    ) -> list[dict[str, Any]] | bool:
+        """Return the terms of variables where all patterns match, for each model; or a yes or no.
+
+        Parameters
+        ----------
+        patterns : triples with variables; without any, the answer is a yes or no
+        vars : such as "?agent"; by default all of the patterns. Given first, as in former
+            versions, they are known by having no spaces. Where all are ``*`` or begin with
+            ``?__``, they are var1, var2 ...
+        """
+        patterns, wanted = _listed(patterns), _listed(vars or [])
+        if wanted and all(_is_name(each) for each in patterns):
+            patterns, wanted = wanted, patterns
+        with _errors():
+            patterns, starred = _with_stars(patterns)
+            parsed = self._client.parsed(patterns)
+            known = dict.fromkeys(
+                f"?{term}" for p in parsed for term in p.terms if isinstance(term, rdflib.Variable)
+            )
+            if not known:
+                return self.exist(patterns, models)
+            names = wanted or list(known)
+            named = [name for name in names if name not in starred and not name.startswith("?__")]
+            names = named or names
+            shown = [n.removeprefix("?") for n in named] or [
+                f"var{i + 1}" for i in range(len(names))
+            ]
+            found: dict[tuple[Any, ...], None] = {}
+            for model in self._models(models):
+                rows = self._client.rows(patterns, names, model=model)
+                found |= dict.fromkeys(rows)
+        return [dict(zip(shown, row, strict=True)) for row in found]
+
+    def exist(self, stmts: Sequence[str], models: Models = None) -> bool:
+        """Return whether all statements or patterns match together, in each of the models."""
+        with _errors():
+            patterns = _listed(stmts)
+            return all(self._client.has(patterns, model=m) for m in self._models(models))
+
+    def __getitem__(self, given: Any) -> Any:
+        args = [given] if isinstance(given, str) else list(given)
+        models = args.pop() if len(args) > 1 and isinstance(args[-1], (list, tuple)) else None
+        if len(args) == 1 and isinstance(args[0], (list, tuple)):
+            args = list(args[0])
+        if len(args) == 1 and not _is_statement(args[0]):
+            return [concept for concept, _ in self.lookup(args[0], models)]
+        return self.find(args, models=models)
+
+    def __contains__(self, pattern: str) -> bool:
+        if _is_statement(pattern):
+            return self.exist([pattern])
+        return bool(self.lookup(pattern))
+
+    def about(self, term: str, models: Models = None) -> list[list[Any]]:
+        """Return the statements with a term as subject, property or object, or in a label."""
+        with _errors(), self._client.view() as view:
+            triples: dict[tuple[Any, ...], None] = {}
+            for model in self._models(models):
+                graph = self._client.graph_of(model)
+                for place, each in self._senses(view, term):
+                    pattern: list[Any] = [None, None, None]
+                    pattern[place] = each
+                    triples |= dict.fromkeys(view.triples(tuple(pattern), graph))
+                triples |= dict.fromkeys(self._labelled(view, term, graph))
+        return [[self._name(part) for part in triple] for triple in triples]
+
+    def lookup(self, query: str, models: Models = None) -> list[list[str]]:
+        """Return terms by name or label with their types; partial matches of labels are last.
+
+        A type is instance, class, object_property, datatype_property, literal or undecided.
+        """
+        found: dict[str, None] = {}
+        partly: dict[str, None] = {}
+        with _errors(), self._client.view() as view:
+            for model in self._models(models):
+                graph = self._client.graph_of(model)
+                if any(
+                    _first(view, place, each, graph) for place, each in self._senses(view, query)
+                ):
+                    found[query] = None
+                for subject, _, label in self._labelled(view, query, graph):
+                    (found if str(label) == query else partly)[str(self._name(subject))] = None
+            names = {**found, **partly}
+            return [[name, self._type(view, name, models)] for name in names]
+
+    def label(self, term: str, lang: str | None = None, models: Models = None) -> str:
+        """Return the label of a term in a language, else the default one, else the term."""
+        labels = self._labels(term, models)
+        return labels.get(lang or "default", labels["default"])
+
+    def details(self, term: str, models: Models = None) -> dict[str, Any]:
+        """Return name, labels, id, type, equivalents, and the classes or relatives of a term."""
+        with _errors(), self._client.view() as view:
+            kind = self._type(view, term, models)
+            resource = self._client.resource(view, term)
+            direct = rdflib.URIRef(f"{SEMMAP}directType")
+
+            def values(subject: Any, *verbs: Any, inverse: bool = False) -> list[dict[str, Any]]:
+                ends: dict[Any, None] = {}
+                for model in self._models(models):
+                    for verb in verbs:
+                        pattern = (None, verb, subject) if inverse else (subject, verb, None)
+                        triples = view.triples(pattern, self._client.graph_of(model))
+                        ends |= dict.fromkeys(t[0] if inverse else t[2] for t in triples)
+                return sorted({str(self._name(end)) for end in ends})  # type: ignore[return-value]
+
+            sub = rdflib.RDFS.subClassOf
+            attributes: list[tuple[str, str, Any]] = []
+            if kind == "class":
+                attributes = [
+                    ("Parents", "superClasses", values(resource, sub)),
+                    ("Children", "subClasses", values(resource, sub, inverse=True)),
+                    (
+                        "Instances",
+                        "instances",
+                        values(resource, direct, inverse=True)
+                        or values(resource, rdflib.RDF.type, inverse=True),
+                    ),
+                ]
+            elif kind == "instance":
+                classes = values(resource, direct) or values(resource, rdflib.RDF.type)
+                attributes = [("Classes", "classes", classes)]
+            same = values(resource, rdflib.OWL.sameAs, rdflib.OWL.equivalentClass)
+        labels = self._labels(term, models)
+        return {
+            "name": labels["default"],
+            "label": labels,
+            "id": term,
+            "type": kind,
+            "sameAs": same,
+            "attributes": [{"name": n, "id": i, "values": v} for n, i, v in attributes],
+        }
+
+    def classesof(self, term: str, direct: bool = False, models: Models = None) -> list[str]:
+        """Return the classes of a term; only those that are stated if `direct`."""
+        verbs = ("semmap:directType",) if direct else ()
+        found: dict[str, None] = {}
+        with _errors():
+            for verb in (*verbs, "rdf:type"):
+                for model in self._models(models):
+                    rows = self._client.rows([f"{term} {verb} ?class"], ["?class"], model=model)
+                    found |= dict.fromkeys(str(name) for (name,) in rows)
+                if found and direct:
+                    break
+        return list(found)
+
+    def sparql(self, query: str, models: Models = None) -> dict[str, Any]:
+        """Return the answer of a query as SPARQL's JSON; without a prefix is as in statements."""
+        names = self._models(models)
+        if names != [None]:
+            raise KbError("a query of SPARQL names its model: GRAPH :model { ... }")
+        with _errors():
+            answer: dict[str, Any] = json.loads(sparql_json(self._client.sparql(query)))
+        return {**answer, "query": query}
+
+    # Events
+
+    def subscribe(
+        self,
+        patterns: str | Sequence[str],
+        callback: Callable[[list[dict[str, Any]]], Any] | None = None,
+        one_shot: bool = False,
+        models: Models = None,
+        gone: Callable[[list[dict[str, Any]]], Any] | None = None,
+    ) -> str:
+        """Return the id of a subscription to what patterns match.
+
+        Parameters
+        ----------
+        callback : gets a list with the terms of the variables of each new match; else `events` has
+            the id and the list
+        one_shot : end with the first match
+        gone : gets what matches no more; KnowledgeCore has no such event
+        """
+        listed = _listed(patterns)
+        with _errors():
+            names = self._models(models)
+            key = json.dumps([sorted(listed), one_shot, [name or "" for name in names]])
+            number = f"evt_{md5(key.encode(), usedforsecurity=False).hexdigest()}"
+            if (number, callback) in self._subscribed:
+                return number
+
+            def report(event: Event) -> None:
+                bindings = [dict(event.bindings)]
+                if event.what == "disappeared":
+                    if gone is not None:
+                        gone(bindings)
+                elif callback is not None:
+                    callback(bindings)
+                else:
+                    self.events.put((number, bindings))
+
+            self._subscribed[number, callback] = [
+                self._client.subscribe(listed, report, one_shot=one_shot, model=name)
+                for name in names
+            ]
+        return number
+
+    # Parts
+
+    def _models(self, models: Models) -> list[str | None]:
+        """Return the names of models; None for the map itself."""
+        given = [models] if isinstance(models, str) else list(models or [])
+        if "all" in given:
+            return [None, *self._client.models()]
+        names = [None if name in ("", "default") else name for name in given]
+        return list(dict.fromkeys(names)) or [None]
+
+    def _name(self, term: Any) -> Any:
+        return name_of(term, self._client.map_name)
+
+    def _senses(self, view: MapView, name: str) -> Iterator[tuple[int, Term]]:
+        """Yield places in a triple with what a name stands for there."""
+        try:
+            (as_subject,) = self._client.parsed(f"{name} rdf:type *")
+            (as_class,) = self._client.parsed(f"* rdf:type {name}")
+            (as_verb,) = self._client.parsed(f"* {name} *")
+        except ValueError:
+            return  # a text with spaces: only labels have it
+        for place, term in (
+            (0, as_subject.subject),
+            (0, as_class.object),
+            (1, as_verb.verb),
+            (2, as_subject.subject),
+            (2, as_class.object),
+        ):
+            if isinstance(term, rdflib.URIRef):
+                yield place, term
+
+    def _labelled(
+        self, view: MapView, text: str, graph: rdflib.URIRef | None
+    ) -> Iterable[tuple[Any, Any, Any]]:
+        """Yield the labels that have a text, as whole words."""
+        words = re.compile(rf"(?<!\w){re.escape(text)}(?!\w)")
+        return (
+            triple
+            for triple in view.triples((None, rdflib.RDFS.label, None), graph)
+            if words.search(str(triple[2]))
+        )
+
+    def _type(self, view: MapView, name: str, models: Models) -> str:
+        """Return what kind of term a name is."""
+        graphs = [self._client.graph_of(model) for model in self._models(models)]
+        senses = list(dict.fromkeys(self._senses(view, name)))
+        verbs = {"rdf:type": "object_property", "rdfs:label": "datatype_property"}
+        if name in verbs:
+            return verbs[name]
+        classes = {
+            str(triple[2])
+            for graph in graphs
+            for place, term in senses
+            if place == 0
+            for triple in view.triples((term, rdflib.RDF.type, None), graph)
+        }
+        for kind, iri in (
+            ("object_property", f"{OWL}ObjectProperty"),
+            ("datatype_property", f"{OWL}DatatypeProperty"),
+            ("class", f"{OWL}Class"),
+        ):
+            if iri in classes:
+                return kind
+        if classes:
+            return "instance"
+        for graph in graphs:
+            for place, term in senses:
+                sub = rdflib.URIRef(f"{RDFS}subClassOf")
+                patterns = ((None, rdflib.RDF.type, term), (None, sub, term), (term, sub, None))
+                if place == 2 and any(any(True for _ in view.triples(p, graph)) for p in patterns):
+                    return "class"
+                if place == 1:
+                    for triple in view.triples((None, term, None), graph):
+                        literal = isinstance(triple[2], rdflib.Literal)
+                        return "datatype_property" if literal else "object_property"
+        return "undecided"
+
+    def _labels(self, term: str, models: Models) -> dict[str, str]:
+        labels: dict[str, str] = {}
+        with _errors(), self._client.view() as view:
+            resource = self._client.resource(view, term)
+            for model in self._models(models):
+                graph = self._client.graph_of(model)
+                for _, _, label in view.triples((resource, rdflib.RDFS.label, None), graph):
+                    labels[getattr(label, "language", None) or "default"] = str(label)
+        return {"default": labels.get("en", term)} | labels
+
+
+def _first(view: MapView, place: int, term: Term, graph: rdflib.URIRef | None) -> bool:
+    pattern: list[Any] = [None, None, None]
+    pattern[place] = term
+    return any(True for _ in view.triples(tuple(pattern), graph))
+
+
+def _listed(given: Any) -> list[str]:
+    return [given] if isinstance(given, str) else [str(each) for each in given]
+
+
+def _is_name(word: str) -> bool:
+    return word.startswith("?") and len(word.split()) == 1
+
+
+def _is_statement(text: str) -> bool:
+    try:
+        return len(shlex.split(text)) == 3
+    except ValueError:  # a quotation mark without another one
+        return len(text.split(None, 2)) == 3
+
+
+def _with_stars(patterns: Sequence[str]) -> tuple[list[str], set[str]]:
+    """Return patterns with a variable for each ``*``, and these variables."""
+    numbers, starred, found = count(), set(), []
+    for pattern in patterns:
+        words = pattern.split(None, 2)
+        for place, word in enumerate(words):
+            if word == "*":
+                words[place] = f"?__{next(numbers)}"
+                starred.add(words[place])
+        found.append(" ".join(words))
+    return found, starred
+
+
+@contextmanager
+def _errors() -> Iterator[None]:
+    """Report what is refused as KnowledgeCore does."""
+    try:
+        yield
+    except (ValueError, LookupError, WorldError) as error:
+        raise KbError(str(error)) from error
