@@ -194,6 +194,46 @@ def import_(
 
 
 @rdf.command()
+def push(
+    relations: Annotated[
+        list[str] | None,
+        typer.Argument(help="RELATION=PROPERTY, such as sees=looksAt; all others are pulled."),
+    ] = None,
+    perspectives: Annotated[
+        bool, typer.Option("--perspectives", help="Put what an agent sees into its model.")
+    ] = False,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.001, help="Stop after this time; by default never.")
+    ] = None,
+    map_name: cli.MapName = None,
+) -> None:
+    """Keep relations of the service of fields as facts of the map; Ctrl-C stops and removes them.
+
+    `semmap sparql --watch` and subscriptions then see them begin and end.
+    """
+    import threading
+    from contextlib import suppress
+
+    from semmap.fields.service.client import find_service
+    from semmap.knowledge.field_push import FieldPush, read_pushed
+
+    if not relations and not perspectives:
+        raise typer.BadParameter("name a relation, such as sees=looksAt, or --perspectives")
+    engine = cli.engine()
+    with engine.connect() as connection:
+        name = cli.choose_map(connection, map_name)
+    pushed = read_pushed(relations or (), name)
+    with find_service(cli.chosen_url(), name) as service:
+        if service is None:
+            raise ValueError(f"no service of {name} is running: start `semmap fields serve`")
+        service.send("watch", seconds=seconds)
+        print(f"pushing {', '.join(pushed) or 'perspectives'} of {name}; Ctrl-C stops", flush=True)
+        with suppress(KeyboardInterrupt):
+            follower = FieldPush(engine, name, pushed, perspectives=perspectives)
+            follower.follow(service.replies(), threading.Event())
+
+
+@rdf.command()
 def serve(
     host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535)] = 8890,
