@@ -19,6 +19,7 @@ demo:
 	@scripts/setup
 	@.venv/bin/semmap demo $(WORLD)
 
+test: export PYTHONDONTWRITEBYTECODE =  # else each run compiles the tests anew, ten seconds a worker
 test:
 	@scripts/setup
 	@.venv/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
