@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from sqlalchemy.orm import Session
 from sqlalchemy.pool import NullPool
 
 from semmap.database import Cluster, connect
+from semmap.ingest.importer import import_file
 
 hypothesis.settings.register_profile("same", derandomize=True, deadline=None)
 hypothesis.settings.register_profile("explore", deadline=None)
@@ -35,8 +36,12 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 ROOT = Path(__file__).parents[1]
 PASSWORD = "p@ss/w:rd"  # with what a URL has to quote
 
-MakeDatabase = Callable[[], URL]
-"""Makes a fresh database with an empty, migrated schema, and says its URL."""
+MakeDatabase = Callable[..., URL]
+"""Makes a fresh database and says its URL: with an empty, migrated schema, or a copy of another,
+to which nobody is connected."""
+
+Import = Callable[..., AbstractContextManager[Engine]]
+"""Gives an engine on a fresh database that holds files, each a path and the map that takes it."""
 
 MEMORY = Path("/dev/shm")
 """Files in memory, where the system has them: hundreds of databases are 300 files each."""
@@ -131,10 +136,11 @@ def make_database(cluster: URL) -> Iterator[MakeDatabase]:
         run(f"CREATE DATABASE {template}")
         connect(cluster.set(database=template)).dispose()
 
-        def make() -> URL:
+        def make(of: URL | None = None) -> URL:
             name = f"{prefix}_{next(numbers)}"
+            copied = template if of is None else of.database
             # Copying files takes a third of the time of writing them to the log.
-            run(f"CREATE DATABASE {name} TEMPLATE {template} STRATEGY FILE_COPY")
+            run(f"CREATE DATABASE {name} TEMPLATE {copied} STRATEGY FILE_COPY")
             made.append(name)
             return cluster.set(database=name)
 
@@ -149,6 +155,31 @@ def drop_database(cluster: URL) -> Iterator[Callable[[URL], None]]:
     """Drops a database when its tests have ended, so that its files need never be written."""
     with administrator(cluster) as run:
         yield lambda url: run(f"DROP DATABASE IF EXISTS {url.database} WITH (FORCE)")
+
+
+@pytest.fixture(scope="session")
+def imported(make_database: MakeDatabase, drop_database: Callable[[URL], None]) -> Import:
+    """Fresh databases that hold files: each sequence of files is imported once, then copied."""
+    made: dict[tuple[tuple[Path, str], ...], URL] = {}
+
+    def holding(files: tuple[tuple[Path, str], ...]) -> URL | None:
+        if files and files not in made:
+            *others, (path, map_name) = files
+            url = make_database(holding(tuple(others)))
+            engine = connect(url)
+            import_file(engine, path, map_name=map_name)
+            engine.dispose()
+            made[files] = url
+        return made.get(files)
+
+    @contextmanager
+    def engine_on(*files: tuple[Path, str]) -> Iterator[Engine]:
+        engine = connect(make_database(holding(files)))
+        yield engine
+        engine.dispose()
+        drop_database(engine.url)
+
+    return engine_on
 
 
 @pytest.fixture

@@ -16,7 +16,6 @@ from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from navgrid.nav2 import write_nav2
 from navgrid.occupancy_grid import storey_grid
-from semmap.ingest.importer import import_file
 from semmap.query.geometry_notes import geometry_notes, read_names_without_geometry
 from semmap.query.maps import see_map
 from semmap.query.storey_reader import read_scene, read_storey_names, read_storeys
@@ -25,8 +24,6 @@ from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap
 from tests.navgrid.scenes import BASE, part, square
 from tests.robot.robots import real_robot
-
-ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
 
 def costmap_of(engine: Engine, name: str, storey: str | None, robot: str) -> Costmap:
@@ -225,26 +222,3 @@ def test_a_ground_above_zero_is_the_floor_of_a_world_without_rooms(
     with pytest.raises(ValueError, match=r"no cell of the costmap is free: .*crate"):
         semmap(database, *words, "-o", tmp_path / "none", "--map", "yard9")
     assert not (tmp_path / "none").exists()
-
-
-@pytest.fixture(scope="module")
-def house(module_engine: Engine, worlds: Path) -> Engine:
-    """A database that holds the small house."""
-    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
-        import_file(module_engine, path, map_name="house")
-    return module_engine
-
-
-@pytest.fixture(scope="module")
-def clinic(module_engine: Engine, worlds: Path) -> Engine:
-    """A database that holds the clinic."""
-    path = worlds / "rmf" / "clinic" / "clinic.building.yaml"
-    import_file(module_engine, path, map_name="clinic")
-    return module_engine
-
-
-@pytest.fixture(scope="module")
-def hotel(module_engine: Engine, worlds: Path) -> Engine:
-    """A database that holds the hotel."""
-    import_file(module_engine, worlds / "rmf" / "hotel" / "hotel.building.yaml", map_name="hotel")
-    return module_engine

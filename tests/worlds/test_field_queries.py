@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,6 @@ from semmap.fields.store.reader import read_visible_objects
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.surfaces import support_surfaces
 from semmap.geometry.tin import to_mesh
-from semmap.ingest.importer import import_file
 from semmap.language.names import NameIndex
 
 SIZE = 0.02
@@ -44,11 +42,9 @@ class HouseScene:
 
 
 @pytest.fixture(scope="module")
-def scene(module_engine: Engine, worlds: Path) -> HouseScene:
+def scene(bare_house: Engine) -> HouseScene:
     """The maps of sources in the house, from a place where the mug is visible."""
-    world = worlds / "small_house" / "worlds" / "small_house.world"
-    import_file(module_engine, world, map_name="house")
-    with module_engine.connect() as connection:
+    with bare_house.connect() as connection:
         names, objects = read_names(connection), read_visible_objects(connection)
     table, top = table_of(objects)
     cup = trimesh.creation.cylinder(radius=0.04, height=0.1, sections=24)

@@ -20,10 +20,8 @@ from sqlalchemy import Engine, text
 
 from semmap.fields.queries import QueryError
 from semmap.fields.service.client import ServiceConnection, find_service
-from semmap.ingest.importer import import_file
 from tests.command_line import semmap
 
-ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 PREFIX = "PREFIX : <urn:semmap:ontology#> "
 LOOK = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [7.153, 0.983, 0.85]}}}
 AWAY = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [6.5, -1.0, 4.0]}}}
@@ -32,11 +30,9 @@ SEEN = ("sees", "human1", "Tableware_01_001")
 
 
 @pytest.fixture(scope="module")
-def url(module_engine: Engine, worlds: Path) -> str:
+def url(house: Engine) -> str:
     """The URL of a database that holds the house and its rooms."""
-    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
-        import_file(module_engine, path, map_name="house")
-    return module_engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+    return house.url.set(drivername="postgresql").render_as_string(hide_password=False)
 
 
 class Server:
@@ -221,7 +217,7 @@ def processor_seconds(url: str, *words: str) -> float:
     return after.children_user + after.children_system - before[2] - before[3]
 
 
-def test_what_was_seen_is_kept(url: str, server: Server, module_engine: Engine) -> None:
+def test_what_was_seen_is_kept(url: str, server: Server, house: Engine) -> None:
     """The last test: it stops the service."""
     send(url, "gaze", LOOK)
     query = "ASK { :human1 :sees :Tableware_01_001 }"
@@ -239,7 +235,7 @@ def test_what_was_seen_is_kept(url: str, server: Server, module_engine: Engine) 
     moment = f'"{looking.isoformat()}"^^<http://www.w3.org/2001/XMLSchema#dateTime>'
     assert fields(url, "query", PREFIX + there + moment) is True
     assert fields(url, "query", PREFIX + query + "AT" + moment) is True
-    with module_engine.connect() as connection:
+    with house.connect() as connection:
         made = connection.execute(text("SELECT created_at + interval '1 ms' FROM map")).scalar_one()
     early = moment.replace(looking.isoformat(), made.isoformat())
     with pytest.raises(QueryError, match="no source provides"):

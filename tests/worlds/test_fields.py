@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 import trimesh
 from numpy.typing import NDArray
 from sqlalchemy import Engine
@@ -14,24 +11,15 @@ from semmap.fields.store.reader import read_occupants
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.parts import closed_parts
 from semmap.geometry.tin import to_mesh
-from semmap.ingest.importer import import_file
 
 SIZE = 0.05
 
 
-@pytest.fixture(scope="module")
-def house(module_engine: Engine, worlds: Path) -> Engine:
-    """A database that holds the house."""
-    world = worlds / "small_house" / "worlds" / "small_house.world"
-    import_file(module_engine, world, map_name="house")
-    return module_engine
-
-
-def test_every_thing_has_its_voxels(house: Engine) -> None:
-    mirror = VoxelMirror(house, "house", SIZE)
+def test_every_thing_has_its_voxels(bare_house: Engine) -> None:
+    mirror = VoxelMirror(bare_house, "house", SIZE)
     assert len(mirror.catch_up()) == 87
     mirror.regions.check()
-    with house.connect() as connection:
+    with bare_house.connect() as connection:
         things = read_occupants(connection)
     random = np.random.default_rng(3)
     far = 0
@@ -73,8 +61,8 @@ def turns(body: trimesh.Trimesh, point: NDArray[np.float64]) -> float:
     return float(np.arctan2(top, below).sum() / (2 * np.pi))
 
 
-def test_a_mirror_started_anew_is_the_same(house: Engine) -> None:
-    one, two = (VoxelMirror(house, "house", SIZE) for _ in range(2))
+def test_a_mirror_started_anew_is_the_same(bare_house: Engine) -> None:
+    one, two = (VoxelMirror(bare_house, "house", SIZE) for _ in range(2))
     one.catch_up()
     two.catch_up()
     for number in one.names:

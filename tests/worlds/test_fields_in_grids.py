@@ -36,7 +36,6 @@ from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.sources import Motion, People, PersonalSpaceSource
 from semmap.fields.store import field_store
 from semmap.fields.store.map_store import save_map
-from semmap.ingest.importer import import_file
 from semmap.limits import REGION_VOXELS
 from semmap.query.maps import see_map
 from semmap.robot import load_robot, robot_parts
@@ -46,17 +45,8 @@ from tests.navgrid.scenes import part, square
 from tests.navgrid.test_from_voxels import check_within_a_voxel
 from tests.robot.robots import real_robot
 
-ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
 VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
-
-
-@pytest.fixture(scope="module")
-def house(module_engine: Engine, worlds: Path) -> Engine:
-    """A database that holds the house with its rooms."""
-    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
-        import_file(module_engine, path, map_name="house")
-    return module_engine
 
 
 @pytest.fixture(scope="module")

@@ -3,37 +3,30 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import psycopg
 import pytest
 from sqlalchemy import Engine
 
-from semmap.ingest.importer import import_file
 from semmap.knowledge import KnowledgeError, query
 from semmap.language.error import QueryError
 from tests.command_line import semmap
 from tests.question_page import plain, questions, written
-
-ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
 HOUSE = questions("twenty_questions.md", "The small house")
 HOTEL = questions("twenty_questions.md", "A hotel")
 
 
 @pytest.fixture(scope="module")
-def sessions(module_engine: Engine, worlds: Path) -> dict[str, str]:
+def sessions(house_and_hotel: Engine) -> dict[str, str]:
     """A database with the house and the hotel."""
-    import_file(module_engine, worlds / "small_house/worlds/small_house.world", map_name="house")
-    import_file(module_engine, ROOMS, map_name="house")
-    import_file(module_engine, worlds / "rmf/hotel/hotel.building.yaml", map_name="hotel")
-    return {"url": module_engine.url.render_as_string(hide_password=False)}
+    return {"url": house_and_hotel.url.render_as_string(hide_password=False)}
 
 
 @pytest.fixture(scope="module")
-def connection(sessions: dict[str, str], module_engine: Engine) -> Any:
-    with module_engine.connect() as connection:
+def connection(house_and_hotel: Engine) -> Any:
+    with house_and_hotel.connect() as connection:
         yield connection.connection.driver_connection
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,19 +12,9 @@ from sqlalchemy import Engine, text
 
 from semmap.fields.queries import QueryError
 from semmap.fields.store.voxel_mirror import VoxelMirror
-from semmap.ingest.importer import import_file
 from tests.command_line import semmap
 
-ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 PREFIX = "PREFIX : <urn:semmap:ontology#> "
-
-
-@pytest.fixture(scope="module")
-def house(module_engine: Engine, worlds: Path) -> Engine:
-    """A database that holds the house and its rooms."""
-    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
-        import_file(module_engine, path, map_name="house")
-    return module_engine
 
 
 def url_of(house: Engine) -> str:

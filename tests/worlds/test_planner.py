@@ -41,29 +41,18 @@ from planner.task_planner import TaskPlanner
 from planner.tasks import parse_goal
 from planner.tasks.reader import read_world
 from planner.topology import OUTSIDE, UnknownPlaceError
-from semmap.database import connect
-from semmap.ingest.importer import import_file
 from semmap.query.sql_statement import run_sql
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap as semmap_command
-from tests.conftest import MakeDatabase
 from tests.robot.robots import real_robot
 
 SEMMAP = Path(sys.executable).parent / "semmap"
-ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 
 
 @pytest.fixture(scope="module")
-def engine(make_database: MakeDatabase, worlds: Path) -> Iterator[Engine]:
-    """A database that holds the small house and the hotel."""
-    engine = connect(make_database())
-    house = worlds / "small_house" / "worlds" / "small_house.world"
-    for path in (house, ROOMS):
-        import_file(engine, path, map_name="house")
-    import_file(engine, worlds / "rmf" / "hotel" / "hotel.building.yaml", map_name="hotel")
-    yield engine
-    engine.dispose()
+def engine(house_and_hotel: Engine) -> Engine:
+    return house_and_hotel
 
 
 @pytest.fixture(scope="module")

@@ -7,43 +7,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import Engine
 
 import semmap
 from semmap.belief.reader import read_occluders
 from semmap.belief.views import camera_at
 from semmap.database import connect
 from semmap.geometry.pose import Pose
-from semmap.ingest.importer import import_file
 from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.perception.models import depth_points
 from semmap.query.maps import see_map
 from tests.command_line import semmap as semmap_command
-from tests.conftest import MakeDatabase
 
-ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 TABLE = "KitchenTable_01_001"
 VIEW = (5.5, 1.1, 1.45, 0.0, 0.75)
 
 
 @pytest.fixture(scope="module")
-def url(make_database: MakeDatabase, worlds: Path) -> str:
+def url(house: Engine, worlds: Path) -> str:
     """A database that has the small house, with a can and a sugar box."""
-    url = make_database()
-    engine = connect(url)
-    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
-        import_file(engine, path, map_name="house")
-    engine.dispose()
-    text = url.render_as_string(hide_password=False)
+    text = house.url.render_as_string(hide_password=False)
     with semmap.connect(text) as database:
-        house = database.map("house")
-        _, _, top = house.spot(house[TABLE], "on")
+        home = database.map("house")
+        _, _, top = home.spot(home[TABLE], "on")
         for name, kind, file, y in (
             ("can", "can", "005_tomato_soup_can", 1.1),
             ("sugar", "box", "004_sugar_box", 0.9),
         ):
             mesh = read_mesh(worlds / "ycb" / "meshes" / f"{file}_textured.gltf", center=True)
             low = mesh.bounds[0, 2]
-            house.add_object(
+            home.add_object(
                 name, type=kind, on=TABLE, mesh=mesh, pose=(6.2, y, float(top - low), 0.4)
             )
     return text

@@ -34,9 +34,7 @@ from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.task_planner import plan_task
 from planner.topology import OUTSIDE, Topology
-from semmap.database import connect
-from semmap.ingest.importer import import_file
-from tests.conftest import MakeDatabase
+from tests.conftest import Import
 from tests.planner.office import route
 
 NAMED = {"hotel": 17, "clinic": 30}
@@ -172,14 +170,10 @@ class Building:
 
 
 @pytest.fixture(scope="module", params=NAMED)
-def building(
-    request: pytest.FixtureRequest, worlds: Path, make_database: MakeDatabase
-) -> Iterator[Building]:
+def building(request: pytest.FixtureRequest, worlds: Path, imported: Import) -> Iterator[Building]:
     path = worlds / "rmf" / request.param / f"{request.param}.building.yaml"
-    engine = connect(make_database())
-    import_file(engine, path)
-    yield Building(request.param, Lanes(yaml.safe_load(path.read_text())), engine)
-    engine.dispose()
+    with imported((path, request.param)) as engine:
+        yield Building(request.param, Lanes(yaml.safe_load(path.read_text())), engine)
 
 
 def test_each_named_vertex_is_in_a_place_of_its_level(building: Building) -> None:

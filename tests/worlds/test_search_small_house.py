@@ -6,34 +6,26 @@ import json
 from pathlib import Path
 
 import pytest
+from sqlalchemy import Engine
 
 import semmap
-from semmap.database import connect
-from semmap.ingest.importer import import_file
 from tests.command_line import semmap as semmap_command
-from tests.conftest import MakeDatabase
 
-ROOMS = Path(__file__).parent / "small_house_rooms.geojson"
 TABLE = "KitchenTable_01_001"
 
 
 @pytest.fixture(scope="module")
-def url(make_database: MakeDatabase, worlds: Path) -> str:
+def url(house: Engine) -> str:
     """A database that holds the small house, with a mug behind a box."""
-    url = make_database()
-    engine = connect(url)
-    for path in (worlds / "small_house" / "worlds" / "small_house.world", ROOMS):
-        import_file(engine, path, map_name="house")
-    engine.dispose()
-    text = url.render_as_string(hide_password=False)
+    text = house.url.render_as_string(hide_password=False)
     with semmap.connect(text) as database:
-        house = database.map("house")
-        _, _, top = house.spot(house[TABLE], "on")
+        home = database.map("house")
+        _, _, top = home.spot(home[TABLE], "on")
         for name, kind, size, y in (
             ("mug", "mug", (0.09, 0.09, 0.1), 1.12),
             ("box", "box", (0.6, 0.1, 0.4), 0.85),
         ):
-            house.add_object(name, type=kind, on=TABLE, size=size, pose=(6.3, y, float(top), 0.0))
+            home.add_object(name, type=kind, on=TABLE, size=size, pose=(6.3, y, float(top), 0.0))
     return text
 
 
