@@ -203,11 +203,12 @@ def build_search(
     chosen = choose_views(seen, weights, seconds, most_viewpoints)
     viewpoints: list[tuple[str, Pose, str | None]] = []
     masks: list[NDArray[np.bool_]] = []
+    boxes = _boxes(occluders)
     endpoints: list[Endpoint] = []
     opening: list[float] = []
     for number in chosen:
         pose, room = poses[number], in_room[number]
-        mask = _seen_on_meshes(sight, pose, points, occluders) & ~inside
+        mask = _seen_on_meshes(sight, pose, points, occluders, boxes) & ~inside
         if mask.any():
             viewpoints.append((room, pose, None))
             masks.append(mask)
@@ -346,13 +347,19 @@ def _before(container: Place, poses: Sequence[Pose], seconds: Floats) -> int | N
     return int(np.where(near, seconds, np.inf).argmin())
 
 
+def _boxes(triangles: Floats) -> tuple[Floats, Floats]:
+    """The lowest and highest coordinates (F, 3) of triangles (F, 3, 3)."""
+    a, b, c = np.moveaxis(triangles, 1, 0)  # four times as fast as min(axis=1)
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+
+
 def _seen_on_meshes(
-    sight: Sight, base: Pose, points: Floats, occluders: Floats
+    sight: Sight, base: Pose, points: Floats, occluders: Floats, boxes: tuple[Floats, Floats]
 ) -> NDArray[np.bool_]:
     """(N,) which points a look shows, by the depth image of what is near."""
     eye = sight.eye(base)
     near = np.linalg.norm(points - eye, axis=1) <= sight.furthest
-    low, high = occluders.min(axis=1), occluders.max(axis=1)
+    low, high = boxes
     close = ((low <= eye + sight.furthest) & (high >= eye - sight.furthest)).all(axis=1)
     camera = sight.camera(base)
     depths, _ = camera.image(occluders[close])

@@ -311,29 +311,24 @@ def _totals(
     A negative number in a tour (T, L) ends it.
     """
     count, length = tours.shape
-    mass = np.broadcast_to(belief, (count, *belief.shape)).copy()
-    totals = np.full((count, length + 1), np.inf)
-    spent = np.zeros(count)
-    going_on = np.ones(count)
-    here = np.full(count, -1)
+    alive = np.logical_and.accumulate(tours >= 0, axis=1)
+    to = np.where(alive, tours, 0)
+    mass = np.empty((count, length + 1, *belief.shape))
+    mass[:, 0] = belief
+    mass[:, 1:] = looks.unseen[to]
+    np.multiply.accumulate(mass, axis=1, out=mass)
+    unseen = mass.sum(axis=3)
+    going_on = 1 - np.prod(1 - np.minimum(unseen[:, :-1], 1), axis=2)
+    going_on[:, :1] = 1
+    leg = np.concatenate([legs[to[:, :1]], problem.travel[to[:, :-1], to[:, 1:]]], axis=1)
+    earlier = np.tri(length, k=-1, dtype=bool)
+    first = ~((to[:, :, None] == to[:, None, :]) & earlier).any(axis=2)
+    spent = np.where(alive, going_on * (leg + shut[to] * first + looks.seconds), np.inf)
+    spent += problem.wrong * np.einsum("tlos,tlos->tl", mass[:, :-1], looks.falsely[to])
+    likeliest = np.add.reduceat(mass, _ends_of_places(problem), axis=3).max(axis=3)
+    totals: Floats = problem.wrong * (unseen - likeliest).sum(axis=2)
+    totals[:, 1:] += np.cumsum(spent, axis=1)
     totals[:, 0] = problem.declared(belief)[1]
-    ends = _ends_of_places(problem)
-    for stop in range(length):
-        there = tours[:, stop]
-        alive = there >= 0
-        if not alive.any():
-            break
-        to = np.where(alive, there, 0)
-        leg = legs[to] if stop == 0 else problem.travel[here, to]
-        first = ~(tours[:, :stop] == there[:, None]).any(axis=1)
-        spent = spent + np.where(alive, going_on * (leg + shut[to] * first + looks.seconds), np.inf)
-        spent += problem.wrong * np.einsum("tos,tos->t", mass, looks.falsely[to])
-        mass *= looks.unseen[to]
-        unseen = mass.sum(axis=2)
-        going_on = 1 - np.prod(1 - np.minimum(unseen, 1), axis=1)
-        likeliest = np.add.reduceat(mass, ends, axis=2).max(axis=2)
-        totals[:, stop + 1] = spent + problem.wrong * (unseen - likeliest).sum(axis=1)
-        here = to
     return totals
 
 
@@ -351,17 +346,20 @@ def _greedy(
     usable: NDArray[np.bool_],
 ) -> NDArray[np.intp]:
     """A tour that goes where the chance to find an object per second is highest."""
-    mass, tour = belief.copy(), []
+    mass, tour = belief.ravel().copy(), []
+    unseen = looks.unseen.reshape(len(shut), -1)
     shut = shut.copy()
     for _ in range(LONGEST):
-        found = mass.sum() - np.einsum("os,vos->v", mass, looks.unseen)
+        left = mass.sum()
+        if left < 1e-3 * len(belief):
+            break
         seconds = legs + shut + looks.seconds
-        index = np.where(usable & np.isfinite(seconds), found / seconds, -1.0)
+        index = np.where(usable & np.isfinite(seconds), (left - unseen @ mass) / seconds, -1.0)
         best = int(index.argmax())
-        if index[best] <= 0 or mass.sum() < 1e-3 * len(mass):
+        if index[best] <= 0:
             break
         tour.append(best)
-        mass *= looks.unseen[best]
+        mass *= unseen[best]
         legs, shut[best] = problem.travel[best], 0.0
     return np.array(tour, np.intp)
 
