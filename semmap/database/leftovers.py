@@ -83,14 +83,15 @@ def servers_in(data: Path) -> list[int]:
     """
     if not data.exists():
         return []
-    listing = server_account(data).run(
-        ["find", "/proc", "-maxdepth", "2", "-path", "/proc/[0-9]*/cwd", "-printf", "%h\\t%l\\0"],
-        cwd=Path("/"),
-    )
+    owner, processes = server_account(data), Path("/proc")
+    running = [p for p in processes.glob("[0-9]*") if _program(p) in SERVER_PROGRAMS]
+    if not running:
+        return []
+    links = [str(process / "cwd") for process in running]
+    listing = owner.run(["find", *links, "-maxdepth", "0", "-printf", "%h\\t%l\\0"], cwd=Path("/"))
     entries = (line.partition("\t") for line in listing.stdout.split("\0"))
     resolved = str(data.resolve())
-    found = [Path(entry) for entry, _, target in entries if target == resolved]
-    return [int(process.name) for process in found if _program(process) in SERVER_PROGRAMS]
+    return [int(Path(entry).name) for entry, _, target in entries if target == resolved]
 
 
 def _program(process: Path) -> str:

@@ -62,7 +62,8 @@ def find_programs(version: int | None = None, folders: Iterable[Path] | None = N
     DatabaseError
         There is none; with the packages to install.
     """
-    installed = [_look(folder) for folder in (_folders() if folders is None else folders)]
+    places = _folders() if folders is None else folders
+    installed = [_look(folder) for folder in dict.fromkeys(place.resolve() for place in places)]
     found = [programs for programs in installed if programs is not None]
     fitting = [p for p in found if (p.version == version if version else p.version >= POSTGRESQL)]
     if not fitting:
@@ -114,10 +115,10 @@ def _look(folder: Path) -> Programs | None:
     version = int(match[1])
     share, lz4 = Path(f"/usr/share/postgresql/{version}"), False
     if (folder / "pg_config").exists():
-        share = Path(_output(folder / "pg_config", "--sharedir"))
-        lz4 = "--with-lz4" in _output(folder / "pg_config", "--configure")
+        said, _, built = _output(folder / "pg_config", "--sharedir", "--configure").partition("\n")
+        share, lz4 = Path(said), "--with-lz4" in built
     return Programs(folder, version, (share / "extension/postgis.control").exists(), lz4)
 
 
-def _output(program: str | Path, argument: str) -> str:
-    return subprocess.run([program, argument], capture_output=True, text=True).stdout.strip()
+def _output(program: str | Path, *arguments: str) -> str:
+    return subprocess.run([program, *arguments], capture_output=True, text=True).stdout.strip()
