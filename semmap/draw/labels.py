@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation, Text
-from matplotlib.transforms import Bbox
 
 __all__ = ["Labels"]
 
 Offset = tuple[float, float]
+Box = tuple[float, float, float, float]
+"""x0, y0, x1, y1, pixels: a Bbox reckons its sides anew each time that it is asked."""
+
 AROUND: tuple[Offset, ...] = tuple(
     (float(r * np.cos(a)), float(r * np.sin(a)))
     for r in (12, 20, 30, 42)
@@ -34,23 +36,25 @@ class Labels:
     def __init__(self, axes: Axes, padding: float = 1.5) -> None:
         self.axes = axes
         self.padding = padding
-        self.taken: list[Bbox] = []
-        self._shunned: list[Bbox] = []
+        self.taken: list[Box] = []
+        self._shunned: list[Box] = []
         figure = axes.get_figure(root=True)
         assert figure is not None
         self._points = figure.dpi / 72
         self._renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
-        self._inside = axes.get_window_extent(self._renderer)
+        x0, y0, x1, y1 = axes.get_window_extent(self._renderer).extents
+        self._inside: Box = float(x0), float(y0), float(x1), float(y1)
 
     def keep_clear(self, x: float, y: float, radius: float) -> None:
         """Keep texts further than `radius` points from a point, in data units."""
         px, py = self.axes.transData.transform((x, y))
         r = radius * self._points
-        self.taken.append(Bbox.from_extents(px - r, py - r, px + r, py + r))
+        self.taken.append((float(px - r), float(py - r), float(px + r), float(py + r)))
 
     def shun(self, boxes: Iterable[tuple[float, float, float, float]]) -> None:
         """Let later texts avoid these boxes, (x0, y0, x1, y1) in data units."""
-        self._shunned = [Bbox(self.axes.transData.transform(np.reshape(b, (2, 2)))) for b in boxes]
+        corners = (self.axes.transData.transform(np.reshape(b, (2, 2))) for b in boxes)
+        self._shunned = [(*map(float, low), *map(float, high)) for low, high in corners]
 
     def put(
         self,
@@ -84,7 +88,7 @@ class Labels:
         artist = self.axes.annotate(
             text, (x, y), xytext=(0, 0), textcoords="offset points", annotation_clip=False, **style
         )
-        best: tuple[float, float, Offset, Bbox] | None = None
+        best: tuple[float, float, Offset, Box] | None = None
         for offset in offsets:
             artist.set_position(offset)
             box = self._extent(artist)
@@ -115,7 +119,7 @@ class Labels:
             )
         return artist
 
-    def _extent(self, artist: Annotation) -> Bbox:
+    def _extent(self, artist: Annotation) -> Box:
         artist.update_positions(self._renderer)
         patch = artist.get_bbox_patch()
         if patch is not None:
@@ -123,18 +127,19 @@ class Labels:
             box = patch.get_window_extent(self._renderer)
         else:
             box = Text.get_window_extent(artist, self._renderer)
-        return Bbox(box.padded(self.padding * self._points).get_points())
+        x0, y0, x1, y1 = map(float, box.padded(self.padding * self._points).extents)
+        return x0, y0, x1, y1
 
-    def _fits(self, box: Bbox, within: tuple[float, float]) -> bool:
+    def _fits(self, box: Box, within: tuple[float, float]) -> bool:
         (x0, y0), (x1, y1) = self.axes.transData.transform([(0, 0), within])
-        return bool(box.width <= abs(x1 - x0) and box.height <= abs(y1 - y0))
+        return bool(box[2] - box[0] <= abs(x1 - x0) and box[3] - box[1] <= abs(y1 - y0))
 
 
-def _area(box: Bbox) -> float:
-    return float(box.width * box.height)
+def _area(box: Box) -> float:
+    return (box[2] - box[0]) * (box[3] - box[1])
 
 
-def _common(a: Bbox, b: Bbox) -> float:
-    width = min(a.x1, b.x1) - max(a.x0, b.x0)
-    height = min(a.y1, b.y1) - max(a.y0, b.y0)
-    return float(max(width, 0.0) * max(height, 0.0))
+def _common(a: Box, b: Box) -> float:
+    width = min(a[2], b[2]) - max(a[0], b[0])
+    height = min(a[3], b[3]) - max(a[1], b[1])
+    return width * height if width > 0 and height > 0 else 0.0

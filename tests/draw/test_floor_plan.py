@@ -61,15 +61,19 @@ def replace_cells(grid: OccupancyView, cells: np.ndarray) -> OccupancyView:
     return OccupancyView(grid.origin, grid.resolution, cells)
 
 
+@pytest.fixture(scope="module")
+def without_doors(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+    return drawn(replace(two_rooms(), doors=[]), tmp_path_factory.mktemp("bare"))
+
+
 @pytest.mark.parametrize("type_", ["door", "elevator_door", "stairs", "ramp"])
 @pytest.mark.parametrize("state", ["open", "closed", "locked"])
 @pytest.mark.parametrize("width", [None, 1.8, 4.0])
-def test_doors_of_all_kinds_are_drawn(tmp_path, type_, state, width):
+def test_doors_of_all_kinds_are_drawn(tmp_path, without_doors, type_, state, width):
     door = DoorView("d", (Pose.planar(3, 1.5), Pose.planar(5, 1.5)), width, type_, state)
     picture = drawn(replace(two_rooms(), doors=[door]), tmp_path)
-    bare = drawn(replace(two_rooms(), doors=[]), tmp_path)
-    assert picture.shape == bare.shape
-    assert (np.abs(picture - bare).max(axis=-1) > 0.2).sum() > 40
+    assert picture.shape == without_doors.shape
+    assert (np.abs(picture - without_doors).max(axis=-1) > 0.2).sum() > 40
 
 
 def test_a_plan_without_rooms_shows_objects_and_an_empty_one_is_refused(tmp_path):

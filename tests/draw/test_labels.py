@@ -19,7 +19,7 @@ def axes():
 def overlaps(labels: Labels) -> bool:
     boxes = labels.taken
     return any(
-        min(a.x1, b.x1) - max(a.x0, b.x0) > 1e-6 and min(a.y1, b.y1) - max(a.y0, b.y0) > 1e-6
+        min(a[2], b[2]) - max(a[0], b[0]) > 1e-6 and min(a[3], b[3]) - max(a[1], b[1]) > 1e-6
         for i, a in enumerate(boxes)
         for b in boxes[i + 1 :]
     )
