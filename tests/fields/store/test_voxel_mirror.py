@@ -206,4 +206,5 @@ def test_zones_are_followed(engine: Engine) -> None:
 
 
 def voxels_by_name(mirror: VoxelMirror) -> dict[str, Any]:
-    return {name: np.unique(mirror.regions.voxels(n), axis=0) for n, name in mirror.names.items()}
+    found = {name: mirror.regions.voxels(n) for n, name in mirror.names.items()}
+    return {name: voxels[np.lexsort(voxels.T)] for name, voxels in found.items()}
