@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from planner.search.search_problem import NOT_SEEN, SearchProblem
 
@@ -294,7 +294,7 @@ def _looks(problem: SearchProblem, belief: Floats, looks: int, needed: int) -> _
 def _at_least(looks: int, needed: int, chance: Floats) -> Floats:
     if looks == 1:
         return chance
-    enough: Floats = binom.sf(needed - 1, looks, chance)
+    enough: Floats = bdtrc(needed - 1, looks, chance)
     return enough
 
 

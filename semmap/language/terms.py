@@ -7,7 +7,6 @@ import re
 from typing import Any
 
 import rdflib
-from rdflib.plugins.sparql.parserutils import CompValue
 
 __all__ = [
     "EVERYTHING",
@@ -77,6 +76,8 @@ def with_position(term: object, position: int) -> Any:
 
     A part of the syntax tree is changed in place. None for anything else.
     """
+    from rdflib.plugins.sparql.parserutils import CompValue  # with it comes the SPARQL grammar
+
     if isinstance(term, CompValue):
         term.position = position
         return None
