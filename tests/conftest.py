@@ -209,6 +209,14 @@ def module_engine(
     drop_database(engine.url)
 
 
+@pytest.fixture(scope="module")
+def office_world(imported: Import) -> Iterator[Engine]:
+    """An engine on a database with the office, which the tests of a module share."""
+    names = ("office_rooms.geojson", "office.sdf")
+    with imported(*((ROOT / "examples/office" / name, "office") for name in names)) as engine:
+        yield engine
+
+
 @pytest.fixture
 def session(engine: Engine) -> Iterator[Session]:
     """An ORM session on a fresh, migrated database."""

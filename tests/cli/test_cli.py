@@ -10,19 +10,15 @@ from pathlib import Path
 import pytest
 from sqlalchemy import Engine
 
-from semmap.ingest.importer import import_file
 from tests.ingest.worlds_by_hand import box_world
 
-OFFICE = Path(__file__).parents[2] / "examples" / "office"
 FIGURE_3 = (Path(__file__).parents[2] / "benchmarks" / "figure3.sql").read_text()
 
 
 @pytest.fixture(scope="module")
-def office(module_engine: Engine) -> str:
+def office(office_world: Engine) -> str:
     """The URL of a database that holds the office."""
-    for name in ("office.sdf", "office_rooms.geojson"):
-        import_file(module_engine, OFFICE / name, map_name="office")
-    return module_engine.url.render_as_string(hide_password=False)
+    return office_world.url.render_as_string(hide_password=False)
 
 
 def semmap(url: str, *words: str | Path) -> subprocess.CompletedProcess[str]:

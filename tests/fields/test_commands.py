@@ -13,18 +13,13 @@ import trimesh
 from sqlalchemy import Engine, text
 
 from semmap.fields.store.event_channel import EventListener
-from semmap.ingest.importer import import_file
 from tests.command_line import semmap
-
-OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
 
 @pytest.fixture(scope="module")
-def office(module_engine: Engine) -> str:
+def office(office_world: Engine) -> str:
     """The URL of a database that holds the office."""
-    for name in ("office_rooms.geojson", "office.sdf"):
-        import_file(module_engine, OFFICE / name, map_name="office")
-    return module_engine.url.render_as_string(hide_password=False)
+    return office_world.url.render_as_string(hide_password=False)
 
 
 def run(office: str, *words: object) -> Any:
@@ -158,7 +153,7 @@ def test_tables_are_limited(office: str) -> None:
     assert "more rows" in done.stdout
 
 
-def test_watch(office: str, module_engine: Engine) -> None:
+def test_watch(office: str, office_world: Engine) -> None:
     """The muffin is lifted and put down: the command and the channel report it."""
     printed: list[Any] = []
 
@@ -167,7 +162,7 @@ def test_watch(office: str, module_engine: Engine) -> None:
         done = semmap(office, *words)
         printed.extend(json.loads(line) for line in done.stdout.splitlines())
 
-    with EventListener(module_engine) as listener:
+    with EventListener(office_world) as listener:
         watching = threading.Thread(target=watch)
         watching.start()
         received: set[tuple[str, str, str]] = set()
@@ -175,7 +170,7 @@ def test_watch(office: str, module_engine: Engine) -> None:
         while (
             watching.is_alive() and ("on", "muffin1", "desk4") not in received
         ):  # it is not known when watching begins
-            with module_engine.begin() as connection:
+            with office_world.begin() as connection:
                 connection.execute(
                     text(
                         "UPDATE placement SET pose[3] = pose[3] + :rise "

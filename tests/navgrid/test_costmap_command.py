@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from sqlalchemy import Engine
 
-from semmap.ingest.importer import import_file
 from tests.command_line import semmap
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
@@ -17,11 +16,9 @@ ROBOT, PARTS = OFFICE / "delivery_robot.urdf", OFFICE / "delivery_robot_parts.ya
 
 
 @pytest.fixture(scope="module")
-def office(module_engine: Engine) -> str:
+def office(office_world: Engine) -> str:
     """The URL of a database that holds the office."""
-    for name in ("office_rooms.geojson", "office.sdf"):
-        import_file(module_engine, OFFICE / name, map_name="office")
-    return module_engine.url.render_as_string(hide_password=False)
+    return office_world.url.render_as_string(hide_password=False)
 
 
 def run(office: str, *words: object) -> Any:

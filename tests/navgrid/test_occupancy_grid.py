@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,12 +14,9 @@ from sqlalchemy import Engine
 from navgrid.costmap import Costmap
 from navgrid.grid import Grid
 from navgrid.occupancy_grid import StoreyGrid, plane_heights, storey_grid
-from semmap.ingest.importer import import_file
 from semmap.query.storey_reader import read_storeys
 from semmap.query.storey_scene import StoreyScene
 from tests.navgrid.scenes import part, region, room, scene, sheet, solid, square, two_rooms
-
-OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
 
 def at(made: StoreyGrid, x: float, y: float) -> int:
@@ -176,10 +172,8 @@ def test_grid_and_costmap_agree(
     assert_agree(scene(*entities, ramp, zone, floors=floors), interval, grid)
 
 
-def test_grid_and_costmap_agree_on_the_office(module_engine: Engine) -> None:
-    for name in ("office_rooms.geojson", "office.sdf"):
-        import_file(module_engine, OFFICE / name, map_name="office")
-    with module_engine.connect() as connection:
+def test_grid_and_costmap_agree_on_the_office(office_world: Engine) -> None:
+    with office_world.connect() as connection:
         storeys = read_storeys(connection)
     assert len(storeys) == 2
     for storey in storeys:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,21 +13,16 @@ from sqlalchemy import Connection, Engine, text
 from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from navgrid.reader import read_costmaps
-from semmap.ingest.importer import import_file
 from semmap.ingest.regions.extraction import draw_region
 from semmap.query.change_feed import changed_since, cursor
 from semmap.query.storey_reader import read_entities, read_scene
 from tests.navgrid.scenes import ARM, BASE
 
-OFFICE = Path(__file__).parents[2] / "examples" / "office"
-
 
 @pytest.fixture(scope="module")
-def office(module_engine: Engine) -> Engine:
+def office(office_world: Engine) -> Engine:
     """A database that holds the office."""
-    for name in ("office_rooms.geojson", "office.sdf"):
-        import_file(module_engine, OFFICE / name, map_name="office")
-    return module_engine
+    return office_world
 
 
 @pytest.fixture

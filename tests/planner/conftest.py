@@ -13,9 +13,8 @@ from planner.demo.office import delivery_robot as make_delivery_robot
 from planner.demo.office import office_files
 from planner.live_topology import LiveTopology
 from planner.robot_class import RobotClass
-from semmap.ingest.importer import import_file
 from tests.command_line import semmap
-from tests.conftest import MakeDatabase
+from tests.conftest import Import
 
 
 class Commands:
@@ -30,16 +29,10 @@ class Commands:
 
 
 @pytest.fixture(scope="session")
-def office_url(make_database: MakeDatabase) -> str:
+def office_url(imported: Import) -> Iterator[str]:
     """A database that holds the office."""
-    from semmap.database import connect
-
-    url = make_database()
-    engine = connect(url)
-    for path in office_files():
-        import_file(engine, path, map_name="office")
-    engine.dispose()
-    return url.render_as_string(hide_password=False)
+    with imported(*((path, "office") for path in office_files())) as engine:
+        yield engine.url.render_as_string(hide_password=False)
 
 
 @pytest.fixture

@@ -20,7 +20,6 @@ from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, TopologyError
 from semmap.database import connect
-from semmap.ingest.importer import import_file
 from semmap.ingest.regions.extraction import draw_region
 
 
@@ -30,15 +29,12 @@ def robot(delivery_robot):
 
 
 @pytest.fixture(scope="module")
-def changing(make_database, robot):
+def changing(imported, robot):
     """The office, in a database that tests change: each compares with one made fresh."""
-    engine = connect(make_database())
-    for path in office_files():
-        import_file(engine, path, map_name="office")
-    with engine.begin() as connection:
-        store_robot_class(connection, robot)
-    yield engine
-    engine.dispose()
+    with imported(*((path, "office") for path in office_files())) as engine:
+        with engine.begin() as connection:
+            store_robot_class(connection, robot)
+        yield engine
 
 
 @pytest.fixture

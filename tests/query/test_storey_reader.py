@@ -12,7 +12,6 @@ from sqlalchemy import Connection, Engine, text
 
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
-from semmap.ingest.importer import import_file
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Shape, World
 from semmap.query.storey_reader import (
@@ -23,15 +22,11 @@ from semmap.query.storey_reader import (
 )
 from semmap.query.storey_scene import SceneEntity
 
-OFFICE = Path(__file__).parents[2] / "examples" / "office"
-
 
 @pytest.fixture(scope="module")
-def office(module_engine: Engine) -> Engine:
+def office(office_world: Engine) -> Engine:
     """A database that holds the office."""
-    for name in ("office_rooms.geojson", "office.sdf"):
-        import_file(module_engine, OFFICE / name, map_name="office")
-    return module_engine
+    return office_world
 
 
 @pytest.fixture

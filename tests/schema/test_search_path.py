@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from sqlalchemy import Engine, text
-
-from semmap.ingest.importer import import_file
-
-OFFICE = Path(__file__).parents[2] / "examples" / "office"
 
 UNQUALIFIED = r"""
 WITH known (name, is_function) AS (
@@ -26,10 +20,8 @@ WHERE p.pronamespace = 'semmap'::regnamespace AND l.lanname IN ('sql', 'plpgsql'
 
 
 @pytest.fixture(scope="module")
-def office(module_engine: Engine) -> Engine:
-    for name in ("office.sdf", "office_rooms.geojson"):
-        import_file(module_engine, OFFICE / name, map_name="office")
-    return module_engine
+def office(office_world: Engine) -> Engine:
+    return office_world
 
 
 def test_bodies_name_the_schema(office: Engine) -> None:

@@ -19,10 +19,8 @@ from semmap.fields.sources.synthetic_scene import (
     standpoints,
 )
 from semmap.geometry.mesh import box_mesh
-from semmap.ingest.importer import import_file
 
 NOW = datetime(2026, 11, 21, tzinfo=UTC)
-OFFICE = Path(__file__).parents[3] / "examples" / "office"
 
 
 def visible(
@@ -80,11 +78,9 @@ def test_places_from_which_an_object_is_visible() -> None:
         assert "mug" in {image.names[i] for i in np.unique(image.labels) if i}
 
 
-def test_the_demo_in_the_office(engine: Engine, tmp_path: Path) -> None:
-    for name in ("office_rooms.geojson", "office.sdf"):
-        import_file(engine, OFFICE / name, map_name="office")
+def test_the_demo_in_the_office(office_world: Engine, tmp_path: Path) -> None:
     said: list[str] = []
-    with engine.connect() as connection:
+    with office_world.connect() as connection:
         (picture,) = field_demo(connection, tmp_path, said.append, voxel_size=0.03)
     assert "   ?voxels :containsObject 'muffin'" in said
     count = int(next(line for line in said if "voxels of" in line).split()[0])

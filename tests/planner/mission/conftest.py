@@ -16,8 +16,7 @@ from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
 from semmap.database import connect
 from semmap.geometry.pose import Pose
-from semmap.ingest.importer import import_file
-from tests.conftest import MakeDatabase
+from tests.conftest import Import
 from tests.planner.mission.simple import simple_planner
 
 START = Pose.planar(13.0, 2.5)
@@ -25,17 +24,13 @@ SPEED = 1e5
 
 
 @pytest.fixture(scope="session")
-def mission_url(make_database: MakeDatabase) -> str:
+def mission_url(imported: Import) -> Iterator[str]:
     """A database with the office, which missions may change; each test begins with it as it was."""
-    url = make_database()
-    engine = connect(url)
-    for path in office_files():
-        import_file(engine, path, map_name="office")
-    with engine.begin() as connection:
-        for name in ("placement", "connector"):
-            connection.execute(text(f"CREATE TABLE public.was_{name} AS SELECT * FROM {name}"))
-    engine.dispose()
-    return url.render_as_string(hide_password=False)
+    with imported(*((path, "office") for path in office_files())) as engine:
+        with engine.begin() as connection:
+            for name in ("placement", "connector"):
+                connection.execute(text(f"CREATE TABLE public.was_{name} AS SELECT * FROM {name}"))
+        yield engine.url.render_as_string(hide_password=False)
 
 
 AS_IT_WAS = (
