@@ -54,7 +54,9 @@ class Labels:
     def shun(self, boxes: Iterable[tuple[float, float, float, float]]) -> None:
         """Let later texts avoid these boxes, (x0, y0, x1, y1) in data units."""
         corners = (self.axes.transData.transform(np.reshape(b, (2, 2))) for b in boxes)
-        self._shunned = [(*map(float, low), *map(float, high)) for low, high in corners]
+        self._shunned = [
+            (float(x0), float(y0), float(x1), float(y1)) for (x0, y0), (x1, y1) in corners
+        ]
 
     def put(
         self,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from sqlalchemy import Engine
 
+from tests.forked import semmap_process
 from tests.ingest.worlds_by_hand import box_world
 
 FIGURE_3 = (Path(__file__).parents[2] / "benchmarks" / "figure3.sql").read_text()
@@ -21,18 +20,8 @@ def office(office_world: Engine) -> str:
     return office_world.url.render_as_string(hide_password=False)
 
 
-def semmap(url: str, *words: str | Path) -> subprocess.CompletedProcess[str]:
-    call = "import sys; sys.argv[0] = 'semmap'; from semmap.cli import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", call, "--db", url, *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 def test_figure_3_verbatim(office: str) -> None:
-    done = semmap(office, "sql", FIGURE_3, "--json")
+    done = semmap_process(office, "sql", FIGURE_3, "--json")
     assert done.returncode == 0, done.stderr
     (row,) = json.loads(done.stdout)
     assert list(row) == ["label", "label_2", "box3d"]
@@ -41,23 +30,26 @@ def test_figure_3_verbatim(office: str) -> None:
 
 
 def test_ls_and_show(office: str) -> None:
-    names = {r["name"] for r in json.loads(semmap(office, "ls", "desk", "--json").stdout)}
+    names = {r["name"] for r in json.loads(semmap_process(office, "ls", "desk", "--json").stdout)}
     assert {"desk1", "desk4"} <= names
-    kitchens = json.loads(semmap(office, "ls", "--label", "kitchen", "--json").stdout)
+    kitchens = json.loads(semmap_process(office, "ls", "--label", "kitchen", "--json").stdout)
     assert [k["name"] for k in kitchens] == ["kitchen"]
-    held = {r["name"] for r in json.loads(semmap(office, "ls", "--in", "office4", "--json").stdout)}
+    held = {
+        r["name"]
+        for r in json.loads(semmap_process(office, "ls", "--in", "office4", "--json").stdout)
+    }
     assert {"desk4", "muffin1"} <= held
     nearest = json.loads(
-        semmap(office, "ls", "food", "--near", "desk4", "--within", "1", "--json").stdout
+        semmap_process(office, "ls", "food", "--near", "desk4", "--within", "1", "--json").stdout
     )
     assert [n["name"] for n in nearest] == ["muffin1"]
-    muffin = json.loads(semmap(office, "show", "muffin1", "--json").stdout)
+    muffin = json.loads(semmap_process(office, "show", "muffin1", "--json").stdout)
     assert (muffin["holder"], muffin["relation"]) == ("desk4", "on")
     assert "food" in muffin["types"]
 
 
 def test_route_of_figure_4(office: str) -> None:
-    done = semmap(office, "route", "lab1", "office4", "--json")
+    done = semmap_process(office, "route", "lab1", "office4", "--json")
     assert done.returncode == 0, done.stderr
     doors = [d["name"] for d in json.loads(done.stdout)["doors"]]
     assert doors == ["door1", "door2", "edoor1", "edoor3", "door5", "door6"]
@@ -81,7 +73,7 @@ def test_route_of_figure_4(office: str) -> None:
     ],
 )
 def test_errors_name_the_fix(office: str, words: tuple[str, ...], says: str) -> None:
-    done = semmap(office, *words)
+    done = semmap_process(office, *words)
     assert done.returncode == 2, done.stdout
     assert says in done.stderr
     assert "Traceback" not in done.stderr
@@ -89,22 +81,22 @@ def test_errors_name_the_fix(office: str, words: tuple[str, ...], says: str) -> 
 
 def test_a_bad_file_and_a_bad_element(office: str, tmp_path: Path) -> None:
     good = box_world(tmp_path, {"a": (0, 0, 0), "b": (0, 0, float("nan"))})
-    done = semmap(office, "import", good, "--map", "bad", "--strict")
+    done = semmap_process(office, "import", good, "--map", "bad", "--strict")
     assert done.returncode == 2
     assert "b" in done.stderr
-    done = semmap(office, "import", good, "--map", "bad")
+    done = semmap_process(office, "import", good, "--map", "bad")
     assert done.returncode == 0
     assert "left out: 1" in done.stdout
     good.write_text(good.read_text()[:100])
-    done = semmap(office, "import", good, "--map", "bad")
+    done = semmap_process(office, "import", good, "--map", "bad")
     assert done.returncode == 2
     assert good.name in done.stderr
 
 
 def test_changes_come_with_a_cursor(office: str) -> None:
-    first = json.loads(semmap(office, "changes", "--json").stdout)
+    first = json.loads(semmap_process(office, "changes", "--json").stdout)
     assert first["changes"]
-    moved = semmap(
+    moved = semmap_process(
         office,
         "sql",
         "--write",
@@ -113,6 +105,9 @@ def test_changes_come_with_a_cursor(office: str) -> None:
         "office",
     )
     assert moved.returncode == 0, moved.stderr
-    then = json.loads(semmap(office, "changes", first["cursor"], "--json").stdout)
+    then = json.loads(semmap_process(office, "changes", first["cursor"], "--json").stdout)
     assert {c["what"] for c in then["changes"]} == {"moved"}
-    assert json.loads(semmap(office, "changes", then["cursor"], "--json").stdout)["changes"] == []
+    assert (
+        json.loads(semmap_process(office, "changes", then["cursor"], "--json").stdout)["changes"]
+        == []
+    )

@@ -22,6 +22,7 @@ from sqlalchemy import Engine, text
 from semmap.cli.console import SafeConsole
 from semmap.terminal import visible
 from tests.command_line import semmap
+from tests.forked import semmap_process
 from tests.ingest.worlds_by_hand import box_world
 
 HOSTILE = "mug\x1b[2J\x1b]0;owned\x07\r\x9b31m\u202egnp.\u2066\x7f\x08"
@@ -55,14 +56,6 @@ def office(module_engine: Engine) -> str:
     return module_engine.url.render_as_string(hide_password=False)
 
 
-def run(url: str, *words: str) -> subprocess.CompletedProcess[str]:
-    """`semmap WORDS` in a process of its own."""
-    call = "import sys; sys.argv[0] = 'semmap'; from semmap.cli import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", call, "--db", url, *words], capture_output=True, text=True
-    )
-
-
 @pytest.mark.parametrize(
     "words",
     [
@@ -86,7 +79,7 @@ def run(url: str, *words: str) -> subprocess.CompletedProcess[str]:
     ],
 )
 def test_no_name_controls_the_terminal(office: str, words: tuple[str, ...]) -> None:
-    done = run(office, *words)
+    done = semmap_process(office, *words)
     said = done.stdout + done.stderr
     assert "Traceback" not in said
     assert controls(said) == set()
@@ -94,10 +87,12 @@ def test_no_name_controls_the_terminal(office: str, words: tuple[str, ...]) -> N
 
 def test_names_are_shown(office: str) -> None:
     names = ("sql", "SELECT name FROM entity ORDER BY 1")
-    assert f"object{SHOWN}" in run(office, *names).stdout
+    assert f"object{SHOWN}" in semmap_process(office, *names).stdout
     assert f"object{SHOWN}" in semmap(office, *names).stdout
-    assert f"did you mean object{SHOWN}" in run(office, "show", f"object{HOSTILE}x").stderr
-    told = json.loads(run(office, *names, "--json").stdout)
+    assert (
+        f"did you mean object{SHOWN}" in semmap_process(office, "show", f"object{HOSTILE}x").stderr
+    )
+    told = json.loads(semmap_process(office, *names, "--json").stdout)
     assert [row["name"] for row in told] == [f"object{HOSTILE}", f"room{HOSTILE}"]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import random
 import signal
@@ -17,11 +16,10 @@ from planner.mission.behaviours import Outcome, RunningBehaviour
 from planner.mission.runner import MissionEvent
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
+from tests.forked import context
 from tests.planner.mission.simple import simple_planner
 
 SOAK = "SEMMAP_SOAK" in os.environ
-_context = multiprocessing.get_context("forkserver")
-_context.set_forkserver_preload(["tests.planner.mission.runs"])
 
 
 def run_and_die(
@@ -45,8 +43,8 @@ def run_and_die(
     at : it dies at this moment alone
     chance : it dies so probably at each look at the robot
     """
-    here, there = _context.Pipe(duplex=False)
-    process = _context.Process(
+    here, there = context.Pipe(duplex=False)
+    process = context.Process(
         target=_child,
         args=(there, url, file, mission, robot, chance, seed, died_at, speed, expiry, at),
     )
