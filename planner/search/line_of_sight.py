@@ -6,12 +6,13 @@ It chooses among thousands of viewpoints. What the chosen ones see is then compu
 
 from __future__ import annotations
 
+import hashlib
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LineOfSight"]
+__all__ = ["LineOfSight", "line_of_sight"]
 
 Floats = NDArray[np.float64]
 
@@ -94,3 +95,19 @@ class LineOfSight:
             along = (s + o[left, None] * steps for s, o in zip(start, offset, strict=True))
             clear[left] = ~occupied[self._cells(*along)].any(axis=1)
         return clear
+
+
+_latest: dict[bytes, LineOfSight] = {}
+
+
+def line_of_sight(triangles: Floats) -> LineOfSight:
+    """The space that triangles (F, 3, 3) leave free.
+
+    The latest one is kept: a search that is built anew mostly meets the same obstacles.
+    """
+    key = hashlib.blake2b(triangles.tobytes()).digest()
+    if key not in _latest:
+        made = LineOfSight(triangles)
+        _latest.clear()
+        _latest[key] = made
+    return _latest[key]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planner.route_search import seconds_between
 from planner.routing_graph import Endpoint, RoutingGraph
-from planner.search.line_of_sight import LineOfSight
+from planner.search.line_of_sight import line_of_sight
 from planner.search.search_problem import SearchProblem
 from planner.search.viewpoints import Sight, choose_views, free_positions, views_from
 from planner.storey_costmaps import StoreyCostmaps
@@ -290,7 +290,7 @@ def _candidates(
 ) -> tuple[list[Pose], list[str], NDArray[np.bool_], Floats, list[Endpoint]]:
     """Base poses, their rooms, the points that they show, seconds to them, and endpoints."""
     costmaps = graph.costs if isinstance(graph.costs, StoreyCostmaps) else None
-    space = LineOfSight(occluders)
+    space = line_of_sight(occluders)
     poses: list[Pose] = []
     in_room: list[str] = []
     seen: list[NDArray[np.bool_]] = [np.empty((0, len(points)), np.bool_)]

@@ -12,7 +12,7 @@ from planner.live_topology import LiveTopology
 from planner.mission import Runner
 from planner.mission.runner import MissionEvent
 from planner.search import search_mission
-from planner.search.line_of_sight import LineOfSight
+from planner.search.line_of_sight import LineOfSight, line_of_sight
 from planner.search.point_based import solve
 from planner.search.problem_builder import Detector, MapSearch, build_search
 from planner.search.search_mission import NotFoundError, SearchPlanner
@@ -194,6 +194,14 @@ def test_a_wall_hides_what_is_behind_it():
     points = np.array([[0.5, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 0.0, 3.5], [2.0, 5.0, 1.0]])
     assert space.sees(np.array([0.0, 0.0, 1.5]), points).tolist() == [True, False, True, True]
     assert not space.is_free(np.array([1.0, 0.0, 1.0]))
+
+
+def test_the_latest_space_is_kept_while_the_obstacles_are_the_same():
+    wall = box_mesh((1.0, -2.0, 0.0), (1.1, 2.0, 2.0)).triangles
+    before = line_of_sight(wall)
+    assert line_of_sight(wall.copy()) is before
+    assert line_of_sight(wall + 0.5).is_free(np.array([1.0, 0.0, 1.0]))
+    assert not line_of_sight(wall).is_free(np.array([1.0, 0.0, 1.0]))
 
 
 def test_the_command_says_where_to_look_and_why(clean):
