@@ -33,6 +33,23 @@ SELECT 'urn:semmap:map:' || semmap.iri_encode(m.name) || '#' || semmap.iri_encod
 FROM semmap.entity e JOIN semmap.map m ON m.id = e.map_id WHERE e.id = thing
 $$;
 
+CREATE FUNCTION entity_of_iri(iri text)
+RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT AS $$
+-- The entity of the current map with an IRI; null if there is none.
+DECLARE
+    namespace text := (SELECT 'urn:semmap:map:' || semmap.iri_encode(m.name) || '#' FROM semmap.map m WHERE m.id = semmap.current_map());
+    encoded text := substr(iri, length(namespace) + 1);
+    hex text := (SELECT string_agg(CASE WHEN p[1] ~ '^%.' THEN substr(p[1], 2) ELSE encode(convert_to(p[1], 'UTF8'), 'hex') END, '' ORDER BY n)
+                 FROM regexp_matches(encoded, '%[0-9A-F]{2}|.', 'g') WITH ORDINALITY AS piece (p, n));
+BEGIN
+    IF NOT starts_with(iri, namespace) OR hex IS NULL THEN
+        RETURN NULL;
+    END IF;
+    RETURN (SELECT e.id FROM semmap.entity e WHERE e.map_id = semmap.current_map() AND e.name = convert_from(decode(hex, 'hex'), 'UTF8'));
+EXCEPTION WHEN character_not_in_repertoire OR untranslatable_character OR invalid_parameter_value THEN
+    RETURN NULL;  -- bytes that are no text
+END $$;
+
 CREATE FUNCTION type_iri(of_type text)
 RETURNS text LANGUAGE sql STABLE PARALLEL SAFE AS $$
 -- The class of a semantic type: that of its ontology, or one named after the type. Not strict, so that it is inlined.

@@ -596,7 +596,8 @@ class Expressions:
             if kind == "geometry":
                 texts.append(geometry_of(value))
             elif kind == "entity":
-                texts.append(value.sql if value.form == "entity" else "NULL::bigint")
+                written = f"entity_of_iri({self._text(value)})"
+                texts.append(value.sql if value.form == "entity" else written)
             elif kind == "voxel":
                 texts.append(value.sql if value.form == "voxel" else "NULL::text")
             elif kind == "time":

@@ -575,6 +575,9 @@ class TriplePatterns:
         text, tag = constant.constant or ("", "I")
         if form == "iri" and column.sql.startswith("'") and column.sql != f"'{text}'::text":
             return None
+        if form == "iri" and column.sql.startswith("('"):  # a computed name in a namespace
+            namespace = column.sql[2:].partition("'")[0]
+            return Value("iri", self._bind(text)) if text.startswith(namespace) else None
         if form == constant.form and constant.tag is None:
             return constant
         if constant.form == "type" and form in ("term", "iri") and not column.sql.startswith("'"):

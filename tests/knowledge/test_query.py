@@ -240,3 +240,12 @@ def test_the_notation_of_the_paper_is_read(loft: psycopg.Connection) -> None:
     text = "PREFIX : <http://kb.openrobots.org/>\nSELECT ?x WHERE ?x :isOn table"
     names = sorted(str(x).rsplit("#", 1)[1] for (x,) in query(loft, text).rows)
     assert names == ["cup%201", "tasse%20%CE%B2"]
+
+
+def test_the_distance_of_a_computed_iri(loft: psycopg.Connection) -> None:
+    """An entity is known by its IRI, too; other IRIs have no distance."""
+    near = "SELECT ?x { ?x a semmap:Cup FILTER(semmap:distance(%s, :table) < 1) }"
+    by_entity = query(loft, near % "?x").rows
+    assert by_entity
+    assert query(loft, near % "IRI(STR(?x))").rows == by_entity
+    assert query(loft, near % 'IRI(CONCAT(STR(?x), "%FF"))').rows == ()

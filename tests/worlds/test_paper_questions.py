@@ -245,7 +245,8 @@ def test_where_an_object_was(house: SemanticMap, session: psycopg.Connection[Any
         rows = names(
             session,
             "SELECT ?holder ?from ?until { :mug2 semmap:hasFormerPlacement ?p . "
-            "?p semmap:formerHolder ?holder ; semmap:from ?from ; semmap:until ?until } ORDER BY ?from",
+            "?p semmap:formerHolder ?holder ; semmap:from ?from ; semmap:until ?until } "
+            "ORDER BY ?from",
         )
         spans = [tuple(map(datetime.fromisoformat, row[1:])) for row in rows]
         expected = session.execute(
