@@ -1,4 +1,4 @@
-"""1,000 standing subscriptions, from the commit of an update until its last event is out."""
+"""1,000 standing subscriptions, from a committed update until its last event is out."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAME = "standing"
 TABLES, CANS, PEOPLE, KINDS = 1000, 10_000, 200, 50
 ALL = 1000
 LIMIT = 0.010
-"""Seconds from the commit until all events are out."""
+"""Seconds from the return of the commit until all events are out."""
 
 EX = "PREFIX ex: <http://example.org/> "
 AREA = (
@@ -173,7 +173,7 @@ def measured(made: semmap.SemanticMap, number: int, times: int = 60) -> Row:
                     session.execute(change)
                 else:
                     semmap.knowledge.update(session, change)
-                start = time.perf_counter()
+            start = time.perf_counter()
             assert done.wait(30), change
             time.sleep(0.01)
             if turn >= 10:

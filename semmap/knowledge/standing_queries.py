@@ -36,8 +36,9 @@ from semmap.knowledge.standing_parts import (
 from semmap.knowledge.translator import GIVEN, Statement, translate_each
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.triples import TriplePatterns
-from semmap.knowledge.vocabulary import GEO, SEMMAP, encode, prefixes
+from semmap.knowledge.vocabulary import GEO, KNOWLEDGE_CORE, SEMMAP, encode, prefixes
 from semmap.language.parser import ParsedText, parse_sparql
+from semmap.language.terms import local_name
 
 __all__ = ["Changes", "Difference", "StandingQueries", "StandingQuery"]
 
@@ -275,6 +276,8 @@ class StandingQueries:
         form, key = self._constants.node(str(term), as_type=role == "class")
         if form == "type":
             return rdflib.URIRef(self._type_iris[key])
+        if form == "entity" and not term.startswith(view.namespace):  # of KnowledgeCore's namespace
+            return rdflib.URIRef(f"{view.namespace}{encode(local_name(str(term)))}")
         return plain(term)  # type: ignore[no-any-return]
 
     # Changes
@@ -311,7 +314,9 @@ class StandingQueries:
 
     def _renewed(self, view: MapView, touched: _Touched) -> list[StandingQuery]:
         """Compile the queries again whose constants stand for other nodes now."""
-        mine = [str(node) for node in touched.changed if str(node) in self._known]
+        iris = {str(node) for node in touched.changed}
+        iris |= {space + name for name in touched.every_name for space in KNOWLEDGE_CORE}
+        mine = [iri for iri in iris if iri in self._known]
         stale = {
             part.query for iri in self._resolve(view, mine) for part in self._named.get(iri, ())
         }
@@ -598,6 +603,7 @@ class _Touched:
     ----------
     ids : of the changed entities
     names : of the entities that there are, by id: the changed ones, and those of statements
+    every_name : names that changed entities have or had
     renamed : ids of changed entities that had another name
     changed : the nodes of changed entities, with their forms; under former names, too
     nodes : the nodes that there are, with form and id
@@ -618,6 +624,7 @@ class _Touched:
         self.names: dict[int, str] = {number: name for number, name, now in rows if now}
         former = {(number, name) for number, name, now in rows if not now}
         former -= set(self.names.items())
+        self.every_name = {name for number, name, _ in rows if number in self.ids}
         self.renamed = {n for n, _ in former if n in self.names and n in self.ids}
         self.changed: dict[Term, Form] = {}
         self.nodes: dict[Term, tuple[Form, int]] = {}

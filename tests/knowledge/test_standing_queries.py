@@ -45,6 +45,8 @@ LOCAL = (
     "SELECT ?x { ?x ex:age 5 }",
     "SELECT ?n { :new semmap:name ?n }",
     "SELECT ?x { ?x semmap:heldBy :new }",
+    "SELECT ?x { ?x semmap:heldBy oro:bench }",
+    "SELECT ?x { ?x ex:looksAt oro:new }",
     # Joins, conditions, classes
     "SELECT ?x { ?x ex:looksAt ?y . ?y a semmap:Table }",
     "SELECT ?x { ?x ex:looksAt ?y . ?y semmap:heldBy :bench }",
