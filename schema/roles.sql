@@ -56,6 +56,8 @@ GRANT INSERT (map_id, robot_id, kind, entity_id, action_id, start, goal, deadlin
     UPDATE (action_id, start, goal, outcome, message) ON task TO semmap_robot;
 -- It states facts that no other table has a column for, and takes them back.
 GRANT INSERT, UPDATE, DELETE ON statement TO semmap_robot;
+-- Its updates keep the inferences up to date; an admin decides which shapes bind them.
+GRANT INSERT, UPDATE, DELETE ON reasoning, inference TO semmap_robot;
 -- It stores data sets and the links between them; an admin takes links back.
 GRANT INSERT (name, digest) ON data_set TO semmap_robot;
 GRANT INSERT ON data_record, record_link TO semmap_robot;

@@ -1,0 +1,361 @@
+"""Materialised Datalog on triples: closure by semi-naive evaluation, retraction by DRed.
+
+Rules have triples with variables. `close` adds what follows from new facts; `retract` removes what
+lost its last reason (delete and rederive; Gupta, Mumick and Subrahmanian, "Maintaining Views
+Incrementally", SIGMOD 1993, section 7).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+
+from semmap.knowledge.vocabulary import OWL, RDF, XSD
+
+__all__ = ["TYPE_OF", "Facts", "Proof", "Rule", "RuleSet", "Triple", "Var", "close", "retract"]
+
+Node = int | str | tuple[str, str]
+"""The id of an entity, an IRI, or a literal as text and tag."""
+
+Triple = tuple[Node, Node, Node]
+
+TYPE_OF = f"{RDF}type"
+SAME_AS = f"{OWL}sameAs"
+_NUMBERS = frozenset(f"{XSD}{name}" for name in ("integer", "decimal", "double", "float"))
+
+
+class Var(str):
+    """A variable of a rule."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A rule: where all triples of the body are facts, the head is one, too.
+
+    Attributes
+    ----------
+    name : in OWL 2 Profiles, section 4.3
+    body, head : triples with variables
+    text : the axiom in words
+    apart : two variables that must be different terms
+    clash : the two variables must be known to be different resources; else not known to be so
+    inferred_only : facts that were told need not be considered: what follows is told, too
+    """
+
+    name: str
+    body: tuple[Triple, ...]
+    head: Triple
+    text: str
+    apart: tuple[Var, Var] | None = None
+    clash: bool = False
+    inferred_only: bool = False
+
+
+Bindings = dict[str, Node]
+
+
+class Facts:
+    """Triples with an index for each bound side; told or inferred.
+
+    A subclass may read them when they are needed (`need_subject`, `need_object`).
+    """
+
+    def __init__(self) -> None:
+        self._objects: defaultdict[tuple[Node, Node], set[Node]] = defaultdict(set)
+        self._subjects: defaultdict[tuple[Node, Node], set[Node]] = defaultdict(set)
+        self._verbs_of: defaultdict[Node, set[Node]] = defaultdict(set)
+        self._verbs_to: defaultdict[Node, set[Node]] = defaultdict(set)
+        self._told: set[Triple] = set()
+
+    def __contains__(self, fact: Triple) -> bool:
+        self.need_subject(fact[0])
+        return fact[2] in self._objects.get((fact[0], fact[1]), ())
+
+    def need_subject(self, subject: Node) -> None:
+        """Read the facts of a subject."""
+
+    def need_object(self, verb: Node | None, node: Node) -> None:
+        """Read the facts with an object, of a property or of all."""
+
+    def is_told(self, fact: Triple) -> bool:
+        """Return whether a fact is stated, whatever it follows from."""
+        return fact in self._told
+
+    def all(self) -> Iterator[Triple]:
+        """Yield what is in memory."""
+        for (subject, verb), objects in self._objects.items():
+            yield from ((subject, verb, node) for node in objects)
+
+    def add(self, fact: Triple, *, told: bool = False) -> None:
+        """Add a fact; one that is told stays so."""
+        subject, verb, node = fact
+        self._objects[subject, verb].add(node)
+        self._subjects[verb, node].add(subject)
+        self._verbs_of[subject].add(verb)
+        self._verbs_to[node].add(verb)
+        if told:
+            self._told.add(fact)
+
+    def untell(self, fact: Triple) -> None:
+        """Let a fact be no longer stated."""
+        self._told.discard(fact)
+
+    def remove(self, fact: Triple) -> None:
+        """Remove a fact."""
+        subject, verb, node = fact
+        self._objects[subject, verb].discard(node)
+        self._subjects[verb, node].discard(subject)
+        self._told.discard(fact)
+
+    def match(self, subject: Node | None, verb: Node | None, node: Node | None) -> Iterable[Triple]:
+        """Return the facts with given terms, None for any: a list, so that facts may be added."""
+        if subject is not None:
+            self.need_subject(subject)
+            if verb is not None:
+                found = self._objects.get((subject, verb), ())
+                if node is not None:
+                    return [(subject, verb, node)] if node in found else []
+                return [(subject, verb, each) for each in found]
+            verbs = list(self._verbs_of.get(subject, ()))
+            return [f for each in verbs for f in self.match(subject, each, node)]
+        if node is None:
+            every = (f for f in self.all() if verb is None or f[1] == verb)
+            return list(every)
+        self.need_object(verb, node)
+        if verb is not None:
+            return [(each, verb, node) for each in self._subjects.get((verb, node), ())]
+        verbs = list(self._verbs_to.get(node, ()))
+        return [(each, v, node) for v in verbs for each in self._subjects.get((v, node), ())]
+
+
+class RuleSet:
+    """Rules, by the facts that they are about."""
+
+    def __init__(self, rules: Iterable[Rule]) -> None:
+        self.rules = tuple(dict.fromkeys(rules))
+        self._by_body: defaultdict[object, list[tuple[Rule, Triple, tuple[Triple, ...]]]]
+        self._by_body = defaultdict(list)
+        self._by_head: defaultdict[object, list[tuple[Rule, tuple[Triple, ...]]]]
+        self._by_head = defaultdict(list)
+        for rule in self.rules:
+            backwards = _ordered(rule.body, _variables(rule.head))
+            self._by_head[_key(rule.head)].append((rule, backwards))
+            for i, atom in enumerate(rule.body):
+                rest = _ordered(rule.body[:i] + rule.body[i + 1 :], _variables(atom))
+                self._by_body[_key(atom)].append((rule, atom, rest))
+
+    def __len__(self) -> int:
+        return len(self.rules)
+
+    def consequences(self, facts: Facts, fact: Triple) -> Iterator[tuple[Rule, Triple]]:
+        """Yield what follows from a fact and others, with the rules."""
+        told: bool | None = None
+        for key in _keys(fact):
+            for rule, atom, rest in self._by_body.get(key, ()):
+                if rule.inferred_only:
+                    told = facts.is_told(fact) if told is None else told
+                    if told:
+                        continue
+                start = _unified(atom, fact, {})
+                if start is None:
+                    continue
+                for bindings in _joined(facts, rest, start):
+                    if _allowed(rule, bindings):
+                        head = _filled(rule.head, bindings)
+                        if not isinstance(head[0], tuple) and not _is_trivial(head):
+                            yield rule, head
+
+    def reasons(self, facts: Facts, fact: Triple) -> Iterator[tuple[Rule, tuple[Triple, ...]]]:
+        """Yield the rules, and the facts, from which a fact follows in one step."""
+        for key in _keys(fact):
+            for rule, body in self._by_head.get(key, ()):
+                start = _unified(rule.head, fact, {})
+                if start is None:
+                    continue
+                for bindings in _joined(facts, body, start):
+                    if _allowed(rule, bindings):
+                        yield rule, tuple(_filled(atom, bindings) for atom in rule.body)
+
+
+def close(facts: Facts, rules: RuleSet, new: Iterable[Triple]) -> list[Triple]:
+    """Add all that follows from new facts, which `facts` has already; return what was added."""
+    queue = list(new)
+    added: list[Triple] = []
+    while queue:
+        fact = queue.pop()
+        for _, head in rules.consequences(facts, fact):
+            if head not in facts:
+                facts.add(head)
+                added.append(head)
+                queue.append(head)
+    return added
+
+
+def retract(facts: Facts, rules: RuleSet, gone: Collection[Triple]) -> tuple[set[Triple], set[Triple]]:
+    """Remove what follows only from facts that are no longer told.
+
+    Parameters
+    ----------
+    gone : the facts; they are in `facts`, and no longer told there
+
+    Returns
+    -------
+    the facts that were removed, and those of `gone` that are facts still, as inferences
+    """
+    over = dict.fromkeys(gone)
+    queue = list(over)
+    while queue:
+        fact = queue.pop()
+        for _, head in rules.consequences(facts, fact):
+            if head not in over and head in facts and not facts.is_told(head):
+                over[head] = None
+                queue.append(head)
+    for fact in over:
+        facts.remove(fact)
+    again = [fact for fact in over if next(rules.reasons(facts, fact), None) is not None]
+    for fact in again:
+        facts.add(fact)
+    close(facts, rules, again)
+    removed = {fact for fact in over if fact not in facts}
+    return removed, set(gone) - removed
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Why a fact is one.
+
+    Attributes
+    ----------
+    fact : the fact
+    text : the axiom from which it follows; "" where it is told
+    reasons : the proofs of the facts that meet the axiom
+    """
+
+    fact: Triple
+    text: str = ""
+    reasons: tuple[Proof, ...] = ()
+
+    @classmethod
+    def of(
+        cls, facts: Facts, rules: RuleSet, fact: Triple, above: tuple[Triple, ...] = ()
+    ) -> Proof | None:
+        """Return a proof of a fact from what is told; None where there is none."""
+        if facts.is_told(fact):
+            return cls(fact)
+        above = (*above, fact)
+        for rule, body in rules.reasons(facts, fact):
+            if any(atom in above for atom in body):
+                continue
+            found = [cls.of(facts, rules, atom, above) for atom in body]
+            if all(found):
+                return cls(fact, rule.text, tuple(each for each in found if each is not None))
+        return None
+
+
+# Triples with variables
+
+
+def _key(atom: Triple) -> object:
+    """Return under which key the facts are that can match: the property, of types the class."""
+    _, verb, node = atom
+    if isinstance(verb, Var):
+        return None
+    if verb == TYPE_OF and not isinstance(node, Var):
+        return (verb, node)
+    return verb
+
+
+def _keys(fact: Triple) -> tuple[object, ...]:
+    _, verb, node = fact
+    return ((verb, node), verb, None) if verb == TYPE_OF else (verb, None)
+
+
+def _variables(atom: Triple) -> frozenset[str]:
+    return frozenset(part for part in atom if isinstance(part, Var))
+
+
+def _ordered(atoms: Sequence[Triple], known: frozenset[str]) -> tuple[Triple, ...]:
+    """Return triples so that each has as many known terms as possible."""
+    left, found = list(atoms), []
+    while left:
+        best = min(left, key=lambda atom: len(_variables(atom) - known))
+        left.remove(best)
+        found.append(best)
+        known |= _variables(best)
+    return tuple(found)
+
+
+def _unified(atom: Triple, fact: Triple, bindings: Bindings) -> Bindings | None:
+    """Return bindings with which a triple is a fact."""
+    found = dict(bindings)
+    for part, term in zip(atom, fact, strict=True):
+        if isinstance(part, Var):
+            if found.setdefault(part, term) != term:
+                return None
+        elif part != term:
+            return None
+    return found
+
+
+def _joined(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> Iterator[Bindings]:
+    if not atoms:
+        yield bindings
+        return
+    first, *rest = atoms
+    subject, verb, node = (
+        bindings.get(part) if isinstance(part, Var) else part for part in first
+    )
+    for fact in facts.match(subject, verb, node):
+        found = _unified(first, fact, bindings)
+        if found is not None:
+            yield from _joined(facts, tuple(rest), found)
+
+
+def _filled(atom: Triple, bindings: Bindings) -> Triple:
+    subject, verb, node = (bindings[p] if isinstance(p, Var) else p for p in atom)
+    return subject, verb, node
+
+
+def _is_trivial(fact: Triple) -> bool:
+    """Return whether a fact says that a resource is itself."""
+    return fact[1] == SAME_AS and fact[0] == fact[2]
+
+
+def _allowed(rule: Rule, bindings: Bindings) -> bool:
+    if rule.apart is None:
+        return True
+    a, b = (bindings[name] for name in rule.apart)
+    return a != b and are_different(a, b) == rule.clash
+
+
+def are_different(a: Node, b: Node) -> bool:
+    """Return whether two terms are known to stand for different things.
+
+    Entities of a map have different names on purpose, and literals have values.
+
+    Examples
+    --------
+    >>> are_different(("1", f"{XSD}integer"), ("1.0", f"{XSD}decimal")), are_different(3, 4)
+    (False, True)
+    """
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return _value(a) != _value(b)
+    if isinstance(a, tuple) or isinstance(b, tuple):
+        return True
+    return isinstance(a, int) and isinstance(b, int) and a != b
+
+
+def _value(literal: tuple[str, str]) -> object:
+    text, tag = literal
+    if tag in _NUMBERS:
+        try:
+            return Decimal(text)
+        except InvalidOperation:
+            return literal
+    if tag == f"{XSD}boolean":
+        return {"1": "true", "0": "false"}.get(text, text), tag
+    return literal
