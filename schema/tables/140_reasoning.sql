@@ -8,6 +8,8 @@ CREATE TABLE reasoning (
     at         timestamptz NOT NULL DEFAULT clock_timestamp(), -- when they were last brought up to date
     properties text[] NOT NULL DEFAULT '{}',                   -- properties with inferences,
     classes    text[] NOT NULL DEFAULT '{}',                   -- and classes: queries on others need not look for them
+    inferences     bigint NOT NULL DEFAULT 0,                  -- how many there are,
+    contradictions bigint NOT NULL DEFAULT 0,                  -- and of these, how many contradictions
     changed    bigint NOT NULL DEFAULT 0                       -- how many times inferences changed
 );
 

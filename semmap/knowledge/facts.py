@@ -12,7 +12,7 @@ import rdflib
 
 from semmap.knowledge.constants import Constants, resolve, tag_and_text
 from semmap.knowledge.fields import is_of_fields
-from semmap.knowledge.mapping import is_mapped
+from semmap.knowledge.mapping import INFERRED_GRAPH, is_mapped
 from semmap.knowledge.vocabulary import (
     PROPERTY,
     RDF,
@@ -99,6 +99,9 @@ class FactWriter:
             The map does not allow one of them.
         """
         facts = self._resolved(facts)
+        for fact in facts:
+            if str(fact.graph) == INFERRED_GRAPH:
+                raise RefusedError("this graph has what follows from other facts only", fact)
         # Types first: they make the entities that other facts are about.
         facts.sort(key=lambda fact: str(fact.property) != f"{RDF}type")
         added = 0

@@ -15,7 +15,7 @@ from semmap.knowledge.constants import Constants, iris_in, resolve
 from semmap.knowledge.field_rows import FieldRows
 from semmap.knowledge.fields import Fields
 from semmap.knowledge.translator import Statement, translate
-from semmap.knowledge.triples import Chosen
+from semmap.knowledge.triples import Chosen, Inferred
 from semmap.knowledge.vocabulary import XSD, map_namespace
 from semmap.query.entity_query import pick_map
 
@@ -28,7 +28,14 @@ Row = tuple[Term | None, ...]
 
 _KEPT = 16
 """How many translations of one text are kept."""
-_CHOSEN = "SELECT name, id FROM map WHERE name = current_setting('semmap.map', true)"
+_MAP = (
+    "SELECT m.name, m.id, r.properties, r.classes, CASE WHEN r.classes <> '{}' THEN ARRAY("
+    "SELECT t.name FROM semantic_type t WHERE coalesce(t.iri, 'urn:semmap:type#' || "
+    "iri_encode(t.name)) = ANY (r.classes)) END "
+    "FROM map m LEFT JOIN reasoning r ON r.map_id = m.id WHERE m.name = "
+)
+_CHOSEN = f"{_MAP}current_setting('semmap.map', true)"
+_NAMED = f"{_MAP}%s"
 
 
 @dataclass
@@ -39,6 +46,7 @@ class MapView:
     ----------
     session : psycopg's connection
     name, number : of the map
+    inferred : what queries see of its inferences
     deadline : when queries are stopped, of `time.monotonic`
     chosen : the graphs that a text chooses to read
     statements : what was asked, of SQL and of fields
@@ -48,6 +56,7 @@ class MapView:
     session: Session
     name: str
     number: int
+    inferred: Inferred = Inferred()
     deadline: float = float("inf")
     statements: list[str] = field(default_factory=list)
     chosen: Chosen | None = None
@@ -65,9 +74,12 @@ class MapView:
         row = session.execute(_CHOSEN).fetchone()
         if row is None:  # none is chosen: the only one, or an error that lists them
             name = pick_map(session)
-            row = session.execute("SELECT name, id FROM map WHERE name = %s", (name,)).fetchone()
+            row = session.execute(_NAMED, (name,)).fetchone()
         assert row is not None
-        return cls(session, str(row[0]), int(row[1]))
+        inferred = Inferred()
+        if row[2] is not None:
+            inferred = Inferred(*(frozenset(each or ()) for each in row[2:]))
+        return cls(session, str(row[0]), int(row[1]), inferred)
 
     @property
     def namespace(self) -> str:
@@ -98,7 +110,7 @@ class MapView:
             kept["iris"] = frozenset(iris_in(algebra))
         constants = resolve(self.session, kept["iris"], self.namespace)
         columns = tuple(names)
-        key = (columns, limit, self.number, self.name, self.chosen, constants.key)
+        key = (columns, limit, self.number, self.name, self.chosen, self.inferred, constants.key)
         if key not in kept:
             if len(kept) > _KEPT:
                 kept.clear()
@@ -112,6 +124,7 @@ class MapView:
                 limit=limit,
                 chosen=self.chosen,
                 fields=self._fields(),
+                inferred=self.inferred,
             )
             if read < len(self.statements) + len(self.notes):
                 return made  # it has rows of fields, which change

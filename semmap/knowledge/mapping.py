@@ -35,6 +35,8 @@ from semmap.knowledge.vocabulary import (
 __all__ = [
     "COMPUTED",
     "DATATYPES",
+    "INFERENCES",
+    "INFERRED_GRAPH",
     "NODES",
     "TRIPLES",
     "Column",
@@ -176,6 +178,28 @@ def _statements() -> Iterator[TripleMap]:
 
 STATEMENTS: tuple[TripleMap, ...] = tuple(_statements())
 """The table `statement`, by the forms of subject and object."""
+
+INFERRED_GRAPH = "urn:semmap:inferred"
+"""The named graph of what rules infer; it cannot be written."""
+
+
+def _inferences() -> Iterator[TripleMap]:
+    """Yield what follows from other facts; a part of the default graph, too."""
+    table = (("a", "inference"),)
+    for of, subject in (
+        ("{a}.subject_id IS NOT NULL", Column("entity", "{a}.subject_id")),
+        ("{a}.subject IS NOT NULL", Column("iri", "{a}.subject")),
+    ):
+        for to, object_ in (
+            ("{a}.object_id IS NOT NULL", Column("entity", "{a}.object_id")),
+            ("{a}.object IS NOT NULL", Column("term", "{a}.object", "{a}.tag")),
+        ):
+            source = Source(table, (of, to, "NOT {a}.told"), "{a}.map_id")
+            yield TripleMap("", source, subject, object_, name="{a}.predicate")
+
+
+INFERENCES: tuple[TripleMap, ...] = tuple(_inferences())
+"""The inferences of the table `inference`, by the forms of subject and object."""
 
 TRIPLES: tuple[TripleMap, ...] = (
     # Entities: types with all that subsume them (section 3.5 of Deeken et al.), names, properties

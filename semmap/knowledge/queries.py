@@ -18,7 +18,7 @@ from semmap.knowledge.expressions import UntranslatedError
 from semmap.knowledge.fields import FieldError
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
-from semmap.knowledge.triples import Chosen
+from semmap.knowledge.triples import Chosen, Inferred
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql
@@ -67,6 +67,7 @@ def query(
     *,
     seconds: float | None = None,
     rows: int | None = None,
+    inferred: bool = True,
 ) -> Answer:
     """Answer a query on the map that a session sees.
 
@@ -76,6 +77,7 @@ def query(
     text : SPARQL 1.1 or the notation of reMap; `semmap.knowledge.vocabulary.PREFIXES` need not be
         declared, and the empty prefix is that of the map's entities
     seconds, rows : limits; by default those of `semmap.limits`
+    inferred : see what was inferred (`semmap.knowledge.reasoning`), too
 
     Raises
     ------
@@ -96,6 +98,8 @@ def query(
     with limited(session, seconds) as deadline:
         view = MapView.of(session)
         view.deadline = deadline
+        if not inferred:
+            view.inferred = Inferred()
         parsed = parse_sparql(text, "query", tuple(prefixes(view.name).items()))
         view.chosen = Chosen.by(parsed.dataset)
         most = int(QUERY_ROWS.value if rows is None else rows)

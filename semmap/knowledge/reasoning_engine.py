@@ -61,7 +61,7 @@ Bindings = dict[str, Node]
 class Facts:
     """Triples with an index for each bound side; told or inferred.
 
-    A subclass may read them when they are needed (`need_subject`, `need_object`).
+    A subclass may read them when they are needed: `need_subject`, `need_object`, `need_verb`.
     """
 
     def __init__(self) -> None:
@@ -80,6 +80,9 @@ class Facts:
 
     def need_object(self, verb: Node | None, node: Node) -> None:
         """Read the facts with an object, of a property or of all."""
+
+    def need_verb(self, verb: Node | None) -> None:
+        """Read the facts of a property, or all."""
 
     def is_told(self, fact: Triple) -> bool:
         """Return whether a fact is stated, whatever it follows from."""
@@ -123,6 +126,7 @@ class Facts:
             verbs = list(self._verbs_of.get(subject, ()))
             return [f for each in verbs for f in self.match(subject, each, node)]
         if node is None:
+            self.need_verb(verb)
             every = (f for f in self.all() if verb is None or f[1] == verb)
             return list(every)
         self.need_object(verb, node)

@@ -123,11 +123,13 @@ class Compiled:
     ----------
     rules : those without a body state what follows from axioms alone
     classes : of which rules are, beside those that only inferences meet
+    heads : classes that rules infer
     properties : that rules are about; None: all, because terms may be the same resource
     """
 
     rules: RuleSet
     classes: frozenset[Node]
+    heads: frozenset[Node]
     properties: frozenset[Node] | None
 
     def stated(self) -> list[Triple]:
@@ -177,6 +179,7 @@ def compile_rules(
         for atom in rule.body
         if atom[1] == TYPE_OF and not isinstance(atom[2], Var)
     )
+    heads = frozenset(r.head[2] for r in rules if r.head[1] == TYPE_OF)
     everything = any(isinstance(atom[1], Var) for atom in heads_and_bodies)
     properties = frozenset(atom[1] for atom in heads_and_bodies) - {CONTRADICTION}
     rules += (
@@ -184,7 +187,7 @@ def compile_rules(
         for f in facts.all()
         if f not in given and f[0] != f[2] and (f[0], f[2]) not in built_in
     )
-    return Compiled(RuleSet(rules), classes, None if everything else properties)
+    return Compiled(RuleSet(rules), classes, heads, None if everything else properties)
 
 
 def _lists(facts: Facts, name: str) -> Iterator[tuple[Node, list[Node]]]:

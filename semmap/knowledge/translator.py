@@ -19,7 +19,7 @@ from semmap.knowledge.fields import comparisons, count_variables
 from semmap.knowledge.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.relation import UNBOUND, Rows, in_form, union, union_form
 from semmap.knowledge.triple_map import Form
-from semmap.knowledge.triples import Chosen, Scope, TriplePatterns
+from semmap.knowledge.triples import Chosen, Inferred, Scope, TriplePatterns
 from semmap.knowledge.values import (
     NUMERIC,
     Value,
@@ -63,6 +63,7 @@ def translate(
     limit: int | None = None,
     chosen: Chosen | None = None,
     fields: FieldRows | None = None,
+    inferred: Inferred = Inferred(),
 ) -> Statement:
     """Translate a pattern with its solution modifiers.
 
@@ -75,6 +76,7 @@ def translate(
     limit : the most rows to read
     chosen : the graphs to read; None for the map and all graphs
     fields : answers what fields state
+    inferred : what the map has of inferences
 
     Raises
     ------
@@ -82,7 +84,7 @@ def translate(
         A part has no translation to SQL.
     """
     uses = count_variables(algebra) + Counter(names)
-    translator = _Translator(constants, namespace, map_id, chosen, fields, uses)
+    translator = _Translator(constants, namespace, map_id, chosen, fields, uses, inferred)
     sql = translator.result(algebra, names)
     if limit is not None:
         sql = f"SELECT * FROM ({sql}) result LIMIT {translator.parameters.bind(limit, 'bigint')}"
@@ -142,8 +144,9 @@ class _Translator(TriplePatterns):
         chosen: Chosen | None,
         fields: FieldRows | None,
         uses: Counter[str],
+        inferred: Inferred,
     ) -> None:
-        super().__init__(constants, namespace, map_id, chosen, fields, uses)
+        super().__init__(constants, namespace, map_id, chosen, fields, uses, inferred)
         self._scope = Scope()
         self.expressions = Expressions(
             self.parameters.bind, self.namespace, self.constant, self._exists

@@ -17,6 +17,8 @@ from semmap.knowledge.fields import field_property, is_of_fields
 from semmap.knowledge.mapping import (
     COMPUTED,
     DATATYPES,
+    INFERENCES,
+    INFERRED_GRAPH,
     NODES,
     REWRITTEN,
     STATEMENTS,
@@ -31,7 +33,7 @@ from semmap.knowledge.relation import UNBOUND, Rows, can_join, in_form, union, u
 from semmap.knowledge.values import Parameters, Value, as_term, is_literal, key_of, same, text_of
 from semmap.knowledge.vocabulary import RDF, decode
 
-__all__ = ["Chosen", "Scope", "TriplePatterns"]
+__all__ = ["Chosen", "Inferred", "Scope", "TriplePatterns"]
 
 _RDF_TYPE = f"{RDF}type"
 _COMPUTED = {each.property: each for each in COMPUTED}
@@ -75,6 +77,21 @@ class Chosen:
             tuple(str(each.default) for each in clauses if each.default is not None),
             tuple(str(each.named) for each in clauses if each.named is not None),
         )
+
+
+@dataclass(frozen=True)
+class Inferred:
+    """What inferences a map has, so that patterns look for no others.
+
+    Attributes
+    ----------
+    properties : of inferences
+    classes, types : that are inferred, as IRIs, and as names of semantic types
+    """
+
+    properties: frozenset[str] = frozenset()
+    classes: frozenset[str] = frozenset()
+    types: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -128,6 +145,7 @@ class TriplePatterns:
     chosen : the graphs to read; None for the map and all graphs
     fields : answers what fields state
     uses : how often each variable occurs in the whole query
+    inferred : the inferences that patterns match, too
     """
 
     def __init__(
@@ -138,7 +156,9 @@ class TriplePatterns:
         chosen: Chosen | None = None,
         fields: FieldRows | None = None,
         uses: Mapping[str, int] | None = None,
+        inferred: Inferred = Inferred(),
     ) -> None:
+        self._inferred = inferred
         self.fields = fields
         self.uses = uses or {}
         self.parameters = Parameters()
@@ -343,8 +363,12 @@ class TriplePatterns:
     def _maps(self, verb: Part, scope: Scope) -> Iterable[TripleMap]:
         """Yield the triple maps of a property; all facts for a variable."""
         if not self._is_map(scope):
-            yield from STATEMENTS
+            if not _is_inferred_graph(scope.graph):
+                yield from STATEMENTS
+            if self._reads_inferences(scope):
+                yield from self._inferences(verb)
             return
+        yield from self._inferences(verb)
         if isinstance(verb, str):
             yield from TRIPLES
             yield from STATEMENTS
@@ -356,6 +380,19 @@ class TriplePatterns:
         if not is_mapped(iri):
             yield from STATEMENTS
 
+    def _reads_inferences(self, scope: Scope) -> bool:
+        """Return whether graphs that a pattern reads have the inferences among them."""
+        if self._chosen is None:
+            return isinstance(scope.graph, str) or _is_inferred_graph(scope.graph)
+        chosen = self._chosen.default if scope.graph is None else self._chosen.named
+        named = isinstance(scope.graph, Value) and not _is_inferred_graph(scope.graph)
+        return INFERRED_GRAPH in chosen and not named
+
+    def _inferences(self, verb: Part) -> Iterable[TripleMap]:
+        known = self._inferred.properties
+        if known and (isinstance(verb, str) or (verb.constant or ("",))[0] in known):
+            yield from INFERENCES
+
     def _fits(
         self, subject: Part, verb: Part, object_: Part, triple: TripleMap, scope: Scope
     ) -> bool:
@@ -366,6 +403,11 @@ class TriplePatterns:
         typed = isinstance(verb, Value) and verb.constant == (_RDF_TYPE, "I")
         # Entities have the types of the T-Box; only statements of named graphs have these, too.
         own = typed and isinstance(object_, Value) and object_.form == "type"
+        if typed and triple in INFERENCES and isinstance(object_, Value):
+            if object_.form == "type":
+                name = self.constants.node((object_.constant or ("",))[0], as_type=True)[1]
+                return name in self._inferred.types
+            return (object_.constant or ("",))[0] in self._inferred.classes
         own = own and self._is_map(scope)
         return not (own and triple in STATEMENTS)
 
@@ -514,6 +556,9 @@ class TriplePatterns:
             self._use_index_of_properties(rows, pattern, letters)
         if triple in STATEMENTS:
             self._match_graph(rows, letters["a"], self._graph)
+        elif triple in INFERENCES and isinstance(self._graph, str):
+            graph = Value("iri", f"'{INFERRED_GRAPH}'::text")
+            rows.bind(self._graph, graph, self.namespace)
         rows.where = list(dict.fromkeys(rows.where))
         return rows
 
@@ -816,6 +861,10 @@ def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:
         node = NODES.get(form)
         if value.form == "iri" and node is not None and node.prefix and not node.of_map:
             part.variables[name] = key_of(value, form)
+
+
+def _is_inferred_graph(graph: Part | None) -> bool:
+    return isinstance(graph, Value) and graph.constant == (INFERRED_GRAPH, "I")
 
 
 def _placed(column: Column, letters: Mapping[str, str]) -> Value:

@@ -13,6 +13,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView, Session
 from semmap.knowledge.queries import errors_of, filled, limited, plain
+from semmap.knowledge.reasoning import refresh
 from semmap.knowledge.triples import Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.language.error import QueryError
@@ -67,6 +68,7 @@ def update(session: Session, text: str, *, seconds: float | None = None) -> Chan
             with errors_of(parsed), _refusals(parsed, request):
                 more, less = _carried_out(view, request)
             added, removed = added + more, removed + less
+        refresh(view)
     return Changes(added, removed)
 
 
