@@ -15,6 +15,7 @@ import psycopg
 import rdflib
 from sqlalchemy import Engine
 
+from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import Pattern, name_of, parse_pattern, query_text, variables
@@ -103,7 +104,7 @@ class KnowledgeClient:
             _refuse_variables(patterns)
         with self.view() as view:
             _remove_ended(view)
-            with _refusals():
+            with _refusals(), with_consequences(view):
                 if method == "retract":
                     gone = [fact for p in patterns for fact in _matching(view, p, graph)]
                     return Changes(0, FactWriter(view).delete(gone))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,10 +17,15 @@ from semmap import cli
 if TYPE_CHECKING:
     from semmap.knowledge.map_view import Session
     from semmap.knowledge.queries import Answer
+    from semmap.knowledge.reasoning import Reasoned
 
-__all__ = ["rdf", "sparql_command"]
+__all__ = ["knowledge", "rdf", "sparql_command"]
 
 rdf = typer.Typer(no_args_is_help=True, help="Write the map as RDF, and read facts from RDF.")
+
+knowledge = typer.Typer(
+    no_args_is_help=True, help="Infer facts, explain contradictions, and validate against shapes."
+)
 
 FORMATS = {".ttl": "turtle", ".jsonld": "json-ld", ".trig": "trig", ".nt": "nt", ".nq": "nquads"}
 """Endings of files, with rdflib's names of their formats."""
@@ -43,6 +49,9 @@ def sparql_command(
         typer.Option(min=0.001, help="Stop after this time; by default 60, --watch never."),
     ] = None,
     rows: Annotated[int | None, typer.Option(min=1, help="The most rows of an answer.")] = None,
+    told: Annotated[
+        bool, typer.Option("--told", help="Leave out what semmap knowledge reason inferred.")
+    ] = False,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
@@ -56,8 +65,10 @@ def sparql_command(
 
     text = _text(text)
     if watch:
-        if update or explain or rows is not None:
-            raise typer.BadParameter("--watch does not go with --update, --explain or --rows")
+        if update or explain or rows is not None or told:
+            raise typer.BadParameter(
+                "--watch does not go with --update, --explain, --rows or --told"
+            )
         _watch(text, map_name, seconds, json_)
         return
     with _session(map_name, write=update) as session:
@@ -68,7 +79,7 @@ def sparql_command(
             else:
                 print(f"{changes.added} added, {changes.removed} removed")
             return
-        answer = query(session, text, seconds=seconds, rows=rows)
+        answer = query(session, text, seconds=seconds, rows=rows, inferred=not told)
         known = _prefixes(session)
     for note in answer.notes:
         print(note, file=sys.stderr)
@@ -273,6 +284,179 @@ def serve(
     )
     print(f"map {name}: http://{host}:{port}/sparql", flush=True)
     uvicorn.run(endpoint.app, host=host, port=port, log_level="warning")
+
+
+@knowledge.command("reason")
+def reason_(
+    complete: Annotated[
+        bool, typer.Option("--complete", help="Read all facts again, whatever changed.")
+    ] = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Follow the map, and infer after each change of it.")
+    ] = False,
+    off: Annotated[bool, typer.Option("--off", help="Remove all inferences.")] = False,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.001, help="Stop after this time; --watch never stops.")
+    ] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Infer what follows by RDFS and OWL 2 RL; from then on, each update of facts does so, too.
+
+    The exit code is 1 if facts contradict each other.
+    """
+    from semmap.knowledge.reasoning import forget, reason
+
+    if off and (complete or watch):
+        raise typer.BadParameter("--off does not go with --complete or --watch")
+    if watch:
+        _keep_reasoning(map_name, seconds, json_)
+        return
+    with _session(map_name, write=True) as session:
+        if off:
+            forget(session)
+            print("no inferences are kept")
+            return
+        done = reason(session, complete=complete, seconds=seconds)
+    _show_run(done, json_)
+    if done.contradictions:
+        raise typer.Exit(1)
+
+
+def _show_run(done: Reasoned, json_: bool) -> None:
+    if json_:
+        cli.print_json(asdict(done))
+        return
+    what = "all facts read" if done.complete else "changes only"
+    print(
+        f"{done.inferences:,} inferences, {done.added:,} new, {done.removed:,} removed "
+        f"({what}, {done.seconds:.2f} s)"
+    )
+    if done.contradictions:
+        print(f"{done.contradictions:,} contradictions: semmap knowledge contradictions")
+
+
+def _keep_reasoning(map_name: str | None, seconds: float | None, json_: bool) -> None:
+    """Infer after each change, until the time is over, or Ctrl-C."""
+    import threading
+    from contextlib import suppress
+
+    from semmap.knowledge.reasoning import reason
+    from semmap.query.change_feed import ChangeFeed
+
+    engine = cli.engine()
+    with engine.connect() as connection:
+        name = cli.choose_map(connection, map_name)
+    feed, stop = ChangeFeed(engine, name), threading.Event()
+
+    def infer(payloads: tuple[str, ...] | None) -> None:
+        if payloads == ():
+            return
+        with _session(name, write=True) as session:
+            done = reason(session)
+        if done.complete or done.added or done.removed:
+            _show_run(done, json_)
+
+    timer = threading.Timer(seconds or 0, stop.set)
+    timer.daemon = True
+    if seconds is not None:
+        timer.start()
+    with suppress(KeyboardInterrupt):
+        feed.follow(stop, infer)
+    timer.cancel()
+
+
+@knowledge.command()
+def contradictions(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List which facts contradict which axiom; exit code 1 if any do."""
+    from semmap.knowledge.reasoning import contradictions
+
+    with _session(map_name) as session:
+        found = contradictions(session)
+    if json_:
+        keys = ("name", "axiom", "because")
+        cli.print_json([dict(zip(keys, each.as_json().values(), strict=True)) for each in found])
+    for each in () if json_ else found:
+        print(f"{each.fact}: {each.axiom}, but:")
+        for because in each.because:
+            print("\n".join(because.lines("  ")))
+    if found:
+        raise typer.Exit(1)
+
+
+@knowledge.command("why")
+def why_(
+    fact: Annotated[str, typer.Argument(help="A triple, such as ':cup1 a semmap:Drinkware'.")],
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Explain why a fact is one: the axioms, down to facts that were told."""
+    from semmap.knowledge.reasoning import why
+
+    with _session(map_name) as session:
+        proof = why(session, fact)
+    if json_:
+        cli.print_json(proof.as_json())
+    elif not proof.axiom:
+        print(f"{proof.fact}: told")
+    else:
+        print("\n".join(proof.lines()))
+
+
+@knowledge.command("validate")
+def validate_(
+    shapes: Annotated[
+        list[Path] | None,
+        typer.Option(help="SHACL in Turtle; by default what a robot's map must have."),
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.001, help="Stop after this time.")] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Validate the map against SHACL shapes; exit code 1 if there are violations."""
+    from semmap.knowledge.shapes import domain_shapes, read_shapes, validate
+
+    chosen = [read_shapes(path) for path in shapes or ()] or [domain_shapes()]
+    with _session(map_name) as session:
+        found = validate(session, chosen, seconds=seconds)
+    if json_:
+        cli.print_json([asdict(each) for each in found])
+    else:
+        columns = ["severity", "name", "message", "path", "value"]
+        rows = [(f.severity, f.name, f.message, f.path, f.value) for f in found]
+        cli.show_rows(columns, rows, False)
+    if any(each.severity == "violation" for each in found):
+        raise typer.Exit(1)
+
+
+@knowledge.command()
+def bind(
+    shapes: Annotated[
+        Path | None, typer.Argument(help="SHACL in Turtle; without a file, list what binds.")
+    ] = None,
+    remove: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Let these shapes bind no more.")
+    ] = None,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Let shapes bind the map: from then on, an update that breaks them is refused as a whole."""
+    from semmap.knowledge.map_view import MapView
+    from semmap.knowledge.shapes import bind_shapes, binding_shapes, read_shapes, unbind_shapes
+
+    if shapes is not None and remove is not None:
+        raise typer.BadParameter("--remove does not go with a file")
+    read = None if shapes is None else read_shapes(shapes)
+    with _session(map_name, write=True) as session:
+        if read is not None:
+            bind_shapes(session, read)
+        if remove is not None:
+            unbind_shapes(session, remove)
+        names = [each.name for each in binding_shapes(MapView.of(session))]
+    if json_:
+        cli.print_json(names)
+    else:
+        print(f"binding shapes: {', '.join(names) or 'none'}")
 
 
 def _format(path: Path) -> str:

@@ -128,7 +128,10 @@ class FactWriter:
         if isinstance(fact.subject, rdflib.Literal) or not isinstance(fact.property, rdflib.URIRef):
             raise RefusedError("the subject is a literal, or the property is not an IRI", fact)
         iri = self._constants.property(str(fact.property))
-        return change(fact, iri)
+        changed = change(fact, iri)
+        if changed:
+            self._view.touched |= {fact.subject, fact.object}
+        return changed
 
     def _insert_fact(self, fact: Fact, iri: str) -> int:
         if fact.graph is None:

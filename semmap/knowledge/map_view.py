@@ -51,6 +51,7 @@ class MapView:
     chosen : the graphs that a text chooses to read
     statements : what was asked, of SQL and of fields
     notes : what the answers say nothing of
+    touched : subjects and objects of facts that were changed
     """
 
     session: Session
@@ -61,6 +62,7 @@ class MapView:
     statements: list[str] = field(default_factory=list)
     chosen: Chosen | None = None
     notes: list[str] = field(default_factory=list)
+    touched: set[Any] = field(default_factory=set)
 
     @classmethod
     def of(cls, session: Session) -> MapView:

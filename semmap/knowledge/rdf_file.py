@@ -10,9 +10,11 @@ from typing import Any
 import rdflib
 
 from semmap.ingest.world import WorldError
+from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView, Session
 from semmap.knowledge.queries import limited
+from semmap.knowledge.shapes import BrokenShapeError
 from semmap.knowledge.whole_graph import facts as stored_facts
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.limits import TEXT_BYTES
@@ -104,6 +106,10 @@ def store_facts(session: Session, facts: list[Fact], source: Path) -> int:
             # What the map has already may follow from other data, which is not stated.
             known = {Fact(s, p, _read(o), g) for s, p, o, g in stored_facts(session)}
             new = [fact for fact in facts if fact not in known]
-            return FactWriter(MapView.of(session)).insert(new)
+            view = MapView.of(session)
+            with with_consequences(view):
+                return FactWriter(view).insert(new)
         except RefusedError as error:
             raise WorldError(source, error.fact.shown(), error.reason, "Remove it.") from error
+        except BrokenShapeError as error:
+            raise WorldError(source, "file", str(error), "Correct these facts.") from error

@@ -155,8 +155,11 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     changed = None
     if axioms == ontology.digest and not complete:
         changed = _Changed.since(view, cursor, at)
-    news = view.session.execute("SELECT change_cursor(), statement_timestamp()").fetchone()
-    assert news is not None
+    row = view.session.execute(
+        "SELECT change_cursor(), pg_current_xact_id()::text::bigint, statement_timestamp()"
+    ).fetchone()
+    assert row is not None
+    news = _before_own(row[0], row[1]), row[2]
     if changed is None:
         facts = _from_scratch(view, ontology)
     else:
@@ -172,6 +175,21 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     )
 
 
+def _before_own(cursor: str, own: int) -> str:
+    """Return a cursor before all changes of the current transaction: more of them may follow.
+
+    Examples
+    --------
+    >>> _before_own("7:9:8", 7), _before_own("9:9:", 9)
+    ('7:9:7,8', '9:9:')
+    """
+    lowest, end, running = cursor.split(":")
+    if own >= int(end):
+        return cursor
+    open_ = sorted({own, *(int(each) for each in running.split(",") if each)})
+    return f"{min(int(lowest), own)}:{end}:{','.join(map(str, open_))}"
+
+
 def contradictions(session: Session) -> list[Why]:
     """Return what is inconsistent: which axiom, and which facts contradict it.
 
@@ -185,13 +203,13 @@ def contradictions(session: Session) -> list[Why]:
         facts, ontology = _reader(view)
         words = _Words(view)
         found = []
-        for fact in sorted(facts.match(None, CONTRADICTION, None), key=str):
+        for fact in facts.match(None, CONTRADICTION, None):
             bodies = {frozenset(body): body for _, body in ontology.rules.reasons(facts, fact)}
             for body in bodies.values():
                 proofs = [Proof.of(facts, ontology.rules, each) for each in dict.fromkeys(body)]
                 because = tuple(words.why(each) for each in proofs if each is not None)
                 found.append(Why(words.node(fact[0]), words.node(fact[2]), because))
-        return found
+        return sorted(found, key=lambda each: (each.fact, each.axiom))
 
 
 def why(session: Session, text: str) -> Why:
@@ -211,7 +229,9 @@ def why(session: Session, text: str) -> Why:
     with limited(session, None):
         view = _reasoned_view(session)
         parsed = parse_sparql(f"ASK {{ {text} }}", "query", tuple(prefixes(view.name).items()))
-        tree = parsed.algebra.p
+        tree = parsed.algebra
+        while tree.name in ("AskQuery", "Project"):
+            tree = tree.p
         if getattr(tree, "name", "") != "BGP" or len(tree.triples) != 1:
             raise parsed.error("this is not one triple: give subject, property and object", 0)
         terms = tree.triples[0]

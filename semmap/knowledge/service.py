@@ -27,12 +27,14 @@ from starlette.routing import Route
 
 from semmap.database.parameters import SETTINGS
 from semmap.ingest.world import WorldError
+from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import Answer, KnowledgeError, limited, query
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.results import RESULT_FORMATS
 from semmap.knowledge.updates import update
+from semmap.knowledge.shapes import BrokenShapeError
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import facts, serialized
 from semmap.language.error import QueryError
@@ -189,12 +191,13 @@ class Endpoint:
         with self._limited(role, write=True) as session:
             view = MapView.of(session)
             gone = 0
-            if method in ("PUT", "DELETE"):
-                gone = session.execute(
-                    "DELETE FROM statement WHERE map_id = %s AND graph = %s",
-                    (view.number, named),
-                ).rowcount
-            FactWriter(view).insert(new)
+            with with_consequences(view):
+                if method in ("PUT", "DELETE"):
+                    gone = session.execute(
+                        "DELETE FROM statement WHERE map_id = %s AND graph = %s",
+                        (view.number, named),
+                    ).rowcount
+                FactWriter(view).insert(new)
         if method == "DELETE" and not gone:
             return _failure(404, f"there is no graph <{named}>")
         return Response(status_code=204 if method == "DELETE" or gone else 201)
@@ -364,6 +367,8 @@ def _reported() -> Iterator[None]:
         raise _ProtocolError(400, str(error)) from error
     except KnowledgeError as error:
         raise _ProtocolError(503, str(error)) from error
+    except BrokenShapeError as error:
+        raise _ProtocolError(400, str(error)) from error
     except RefusedError as error:
         raise _ProtocolError(400, f"{error.fact.shown()}: {error.reason}") from error
     except (psycopg.errors.InsufficientPrivilege, psycopg.errors.ReadOnlySqlTransaction) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +11,11 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView, Session
 from semmap.knowledge.queries import errors_of, filled, limited, plain
-from semmap.knowledge.reasoning import refresh
+from semmap.knowledge.shapes import BrokenShapeError
 from semmap.knowledge.triples import Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.language.error import QueryError
@@ -50,7 +52,8 @@ def update(session: Session, text: str, *, seconds: float | None = None) -> Chan
     Raises
     ------
     QueryError
-        The text is wrong, or the map does not allow a fact; nothing was changed.
+        The text is wrong, the map does not allow a fact, or shapes that bind the map forbid what
+        follows; nothing was changed.
     KnowledgeError
         It took too long; nothing was changed.
 
@@ -64,11 +67,11 @@ def update(session: Session, text: str, *, seconds: float | None = None) -> Chan
         view.deadline = deadline
         parsed = parse_sparql(text, "update", tuple(prefixes(view.name).items()))
         added = removed = 0
-        for request in parsed.requests:
-            with errors_of(parsed), _refusals(parsed, request):
-                more, less = _carried_out(view, request)
-            added, removed = added + more, removed + less
-        refresh(view)
+        with _shapes_of(parsed), with_consequences(view):
+            for request in parsed.requests:
+                with errors_of(parsed), _refusals(parsed, request):
+                    more, less = _carried_out(view, request)
+                added, removed = added + more, removed + less
     return Changes(added, removed)
 
 
@@ -217,6 +220,15 @@ def _copy(
         gone = CompValue("Clear", graphiri="DEFAULT" if source is None else source)
         removed += _clear(view, gone)
     return added, removed
+
+
+@contextmanager
+def _shapes_of(parsed: ParsedText) -> Iterator[None]:
+    """Report what shapes forbid as an error of a text."""
+    try:
+        yield
+    except BrokenShapeError as error:
+        raise parsed.error(str(error), 0) from error
 
 
 class _refusals:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import psycopg
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
 
 from semmap.knowledge import query, update
-from semmap.knowledge.reasoning import contradictions, reason, why
+from semmap.knowledge.reasoning import contradictions, forget, reason, why
+from semmap.language.error import QueryError
 
 EX = "PREFIX ex: <http://example.org/> "
 AXIOMS = """INSERT DATA {
@@ -33,3 +39,157 @@ def test_inferences_follow_updates(changing: psycopg.Connection) -> None:
     assert truth(changing, ":ann ex:owns :table")
     update(changing, EX + "DELETE DATA { :table ex:owner :ann }")
     assert not truth(changing, ":ann ex:owns :table")
+
+
+def test_retraction_removes_what_lost_its_last_reason(changing: psycopg.Connection) -> None:
+    update(changing, EX + AXIOMS)
+    reason(changing)
+    update(changing, EX + "INSERT DATA { :a ex:partOf :b . :b ex:partOf :c . :a ex:partOf :d . :d ex:partOf :c }")
+    assert truth(changing, ":a ex:partOf :c")
+    update(changing, EX + "DELETE DATA { :a ex:partOf :b }")
+    assert truth(changing, ":a ex:partOf :c")
+    update(changing, EX + "DELETE DATA { :d ex:partOf :c }")
+    assert not truth(changing, ":a ex:partOf :c")
+    # A statement that follows from others stays when it is no longer stated.
+    update(changing, EX + "INSERT DATA { :a ex:partOf :c . :d ex:partOf :c }")
+    assert truth(changing, ":a ex:partOf :c", inferred=False)
+    update(changing, EX + "DELETE DATA { :a ex:partOf :c }")
+    assert not truth(changing, ":a ex:partOf :c", inferred=False)
+    assert truth(changing, ":a ex:partOf :c")
+
+
+def test_a_type_that_is_told_is_not_inferred(changing: psycopg.Connection) -> None:
+    update(changing, EX + "INSERT DATA { ex:vessel rdfs:domain semmap:Mug . :lost ex:vessel 1 }")
+    reason(changing)
+    rows = "SELECT ?c { :lost a ?c FILTER(?c IN (semmap:Mug, semmap:Drinkware, semmap:Object)) }"
+    assert len(query(changing, rows).rows) == 3
+    changing.execute("UPDATE entity SET type = 'mug' WHERE name = 'lost' AND map_id = current_map()")
+    assert reason(changing).removed
+    assert len(query(changing, rows).rows) == 3
+    assert truth(changing, ":lost a semmap:Mug", inferred=False)
+    changing.execute("UPDATE entity SET type = 'umbrella' WHERE name = 'lost' AND map_id = current_map()")
+    reason(changing)
+    assert len(query(changing, rows).rows) == 3
+    assert not truth(changing, ":lost a semmap:Mug", inferred=False)
+
+
+def test_contradictions_name_facts_and_axioms(changing: psycopg.Connection) -> None:
+    update(changing, EX + AXIOMS)
+    assert reason(changing).contradictions == 0
+    update(
+        changing,
+        EX + "INSERT DATA { :cup%201 a ex:Unbreakable . :sofa ex:owner :ann, :bob . "
+        "ex:livesIn rdfs:range semmap:Room . :bob ex:livesIn :sofa }",
+    )
+    found = {each.fact + ": " + each.axiom: each for each in contradictions(changing)}
+    assert list(found) == [
+        ":cup%201: <http://example.org/Breakable> and <http://example.org/Unbreakable> are disjoint",
+        ":sofa: <http://example.org/owner> has at most one value",
+        ":sofa: semmap:Room and semmap:Object are disjoint",
+    ]
+    text = "\n".join(next(iter(found.values())).lines())
+    assert ":cup%201 a semmap:Drinkware" in text
+    assert truth(changing, ":sofa semmap:contradiction ?why")
+    update(changing, EX + "DELETE DATA { :sofa ex:owner :bob } ; DELETE DATA { :bob ex:livesIn :sofa }")
+    assert [each.fact for each in contradictions(changing)] == [":cup%201"]
+
+
+def test_why_leads_to_told_facts(changing: psycopg.Connection) -> None:
+    update(changing, EX + AXIOMS)
+    reason(changing)
+    proof = why(changing, ":cup%201 a <http://example.org/Delicate>")
+    assert proof.because[0].because[0].fact == ":cup%201 a semmap:Drinkware"
+    assert proof.because[0].because[0].because == ()
+    assert why(changing, ":cup%201 semmap:heldBy :table").axiom == ""
+    with pytest.raises(LookupError, match="not a fact"):
+        why(changing, ":cup%201 a semmap:Room")
+    with pytest.raises(QueryError, match="variables"):
+        why(changing, "?x a semmap:Room")
+
+
+def test_the_graph_of_inferences_is_read_only(changing: psycopg.Connection) -> None:
+    update(changing, EX + AXIOMS)
+    reason(changing)
+    rows = query(changing, "SELECT ?x { GRAPH <urn:semmap:inferred> { ?x a ?c } }").rows
+    assert rows
+    names = query(changing, "SELECT DISTINCT ?g { GRAPH ?g { ?x ?p ?o } }").rows
+    assert len(names) == 3
+    with pytest.raises(QueryError, match="follows from other facts"):
+        update(changing, "INSERT DATA { GRAPH <urn:semmap:inferred> { :ann rel:beside :bob } }")
+    forget(changing)
+    assert not query(changing, "SELECT ?x { GRAPH <urn:semmap:inferred> { ?x a ?c } }").rows
+
+
+THINGS = (":table", ":sofa", ":cup%201", ":ann", "ex:coffee", "ex:tea")
+CHANGES = (
+    "{} {{ {a} rel:beside {b} }}",
+    "{} {{ {a} ex:partOf {b} }}",
+    "{} {{ {a} ex:partOf {b} }}",
+    "{} {{ {a} ex:owner {b} }}",
+    "{} {{ {a} ex:knows {b} }}",
+    "{} {{ {a} a {c} }}",
+    "{} {{ {a} a {c} }}",
+    "{} {{ {a} prop:colour 'red' }}",
+    "{} {{ {a} semmap:heldBy {b} }}",
+)
+MORE_AXIOMS = """INSERT DATA {
+    ex:heavy owl:onProperty ex:partOf ; owl:someValuesFrom ex:Delicate . ex:heavy rdfs:subClassOf semmap:Furniture .
+    ex:red owl:onProperty prop:colour ; owl:hasValue "red" . ex:red rdfs:subClassOf ex:Unbreakable .
+    ex:knows a owl:FunctionalProperty ; rdfs:range semmap:Person .
+    ex:at owl:propertyChainAxiom ( semmap:heldBy ex:partOf ) .
+    semmap:Sofa owl:equivalentClass ex:Couch .
+}"""
+SQL = (
+    "UPDATE entity SET type = 'mug' WHERE name = 'lost' AND map_id = current_map()",
+    "UPDATE entity SET type = 'sofa' WHERE name = 'lost' AND map_id = current_map()",
+    "UPDATE entity SET type = NULL WHERE name = 'lost' AND map_id = current_map()",
+    "SELECT put(entity_id('cup 1'), entity_id('sofa'))",
+    "SELECT put(entity_id('cup 1'), NULL)",
+    "DELETE FROM entity WHERE name = 'sofa' AND map_id = current_map()",
+    "UPDATE statement SET until = clock_timestamp() - interval '1 s' WHERE predicate LIKE '%partOf'",
+)
+
+
+def inferences(session: psycopg.Connection) -> set[tuple[object, ...]]:
+    rows = session.execute(
+        "SELECT subject_id, subject, predicate, object_id, object, tag FROM inference "
+        "WHERE NOT told AND map_id = (SELECT current_map())"
+    ).fetchall()
+    assert len(rows) == len(set(rows))
+    return set(rows)
+
+
+change = st.builds(
+    lambda template, verb, a, b, c: template.format(verb, a=a, b=b, c=c),
+    st.sampled_from(CHANGES),
+    st.sampled_from(("INSERT DATA", "INSERT DATA", "DELETE DATA")),
+    st.sampled_from(THINGS),
+    st.sampled_from(THINGS),
+    st.sampled_from(("ex:Delicate", "ex:Unbreakable", "ex:Couch", "semmap:Mug", "ex:heavy")),
+)
+
+
+@settings(
+    max_examples=15,
+    deadline=None,
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),  # shrinking takes minutes
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(changes=st.lists(st.one_of(change, change, st.sampled_from(SQL)), min_size=1, max_size=8))
+def test_each_change_leads_to_what_all_facts_lead_to(
+    changing: psycopg.Connection, changes: list[str]
+) -> None:
+    with changing.transaction(force_rollback=True):
+        update(changing, EX + AXIOMS + ";" + MORE_AXIOMS)
+        reason(changing)
+        for text in changes:
+            if text in SQL:
+                with suppress(psycopg.Error), changing.transaction():
+                    changing.execute(text)
+                assert not reason(changing).complete
+            else:
+                with suppress(QueryError):
+                    update(changing, EX + text)
+            found = inferences(changing)
+            assert reason(changing, complete=True).complete
+            assert found == inferences(changing), text

@@ -1,0 +1,28 @@
+"""What each change of facts has to lead to: inferences that are up to date, and shapes that hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.reasoning import refresh
+from semmap.knowledge.shapes import check_binding
+
+__all__ = ["with_consequences"]
+
+
+@contextmanager
+def with_consequences(view: MapView) -> Iterator[None]:
+    """Run a change of facts; at its end, infer what follows, and refuse what shapes forbid.
+
+    Raises
+    ------
+    BrokenShapeError
+        The caller's transaction is to be undone.
+    """
+    row = view.session.execute("SELECT coalesce(max(id), 0) FROM change").fetchone()
+    assert row is not None
+    yield
+    refresh(view)
+    check_binding(view, row[0])

@@ -1,0 +1,446 @@
+"""SHACL: what the facts of a map must conform to, on request and at each update.
+
+Shapes that bind a map are checked after an update where the update may have changed their outcome:
+at what it changed, and at what leads there by the paths of the shapes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import rdflib
+from rdflib import OWL, RDF, RDFS, SH
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.database.files import schema_folder
+from semmap.ingest.world import WorldError
+from semmap.knowledge.map_view import MapView, Session
+from semmap.knowledge.queries import limited
+from semmap.knowledge.vocabulary import prefixes, short
+from semmap.knowledge.whole_graph import without_warnings
+from semmap.limits import TEXT_BYTES
+
+__all__ = [
+    "BrokenShapeError",
+    "Shapes",
+    "Violation",
+    "bind_shapes",
+    "binding_shapes",
+    "check_binding",
+    "domain_shapes",
+    "read_shapes",
+    "unbind_shapes",
+    "validate",
+]
+
+MANY = 2_000
+"""From so many nodes on, the whole map is validated."""
+_ENDS = (SH.targetSubjectsOf, SH.targetObjectsOf, SH.equals, SH.disjoint, SH.lessThan)
+_REPEATED = (SH.zeroOrMorePath, SH.oneOrMorePath)
+
+
+@dataclass(frozen=True)
+class Violation:
+    """What does not conform to a shape.
+
+    Attributes
+    ----------
+    name : the node, with a prefix
+    message : what is wrong
+    path : the property; "" where the node itself is wrong
+    value : the value that is wrong, "" where one is missing
+    severity : "violation", "warning" or "info"
+    """
+
+    name: str
+    message: str
+    path: str
+    value: str
+    severity: str
+
+    def shown(self) -> str:
+        """Return it as a line."""
+        where = f" ({self.path}{f' {self.value}' if self.value else ''})" if self.path else ""
+        return f"{self.name}: {self.message}{where}"
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """A graph of shapes.
+
+    Attributes
+    ----------
+    name : of the file
+    turtle : its text
+    graph : the shapes
+    """
+
+    name: str
+    turtle: str
+    graph: rdflib.Graph
+
+    @property
+    def inverse(self) -> frozenset[rdflib.URIRef]:
+        """The properties that paths follow against their direction."""
+        return frozenset(
+            o for o in self.graph.objects(None, SH.inversePath) if isinstance(o, rdflib.URIRef)
+        )
+
+    @property
+    def properties(self) -> frozenset[rdflib.URIRef] | None:
+        """The properties that the shapes are about; None for all."""
+        if self.needs_everything:
+            return None
+        found = {RDF.type, RDFS.subClassOf, *self.inverse}
+        for end in (SH.path, SH.alternativePath, SH.zeroOrOnePath, *_REPEATED, *_ENDS):
+            for node in self.graph.objects(None, end):
+                found |= {p for p in self._members(node) if isinstance(p, rdflib.URIRef)}
+        return frozenset(found)
+
+    def _members(self, node: Any) -> list[Any]:
+        is_list = (node, RDF.first, None) in self.graph
+        if not is_list:
+            return [node]
+        items = rdflib.collection.Collection(self.graph, node)
+        return [each for item in items for each in self._members(item)]
+
+    @property
+    def needs_everything(self) -> bool:
+        """Whether the shapes may look at all facts: by SPARQL, or because they are closed."""
+        return any((None, p, None) in self.graph for p in (SH.sparql, SH.select, SH.closed, SH.js))
+
+    @property
+    def reach(self) -> int | None:
+        """How many facts away from its node a shape looks at most; None without a limit."""
+        if self.needs_everything or any((None, p, None) in self.graph for p in _REPEATED):
+            return None
+        steps = [1]
+        for path in self.graph.objects(None, SH.path):
+            steps.append(len(self._members(path)))
+        nested = len(set(self.graph.objects(None, SH.node)))
+        nested += len(set(self.graph.objects(None, SH.qualifiedValueShape)))
+        return max(steps) * (1 + nested) + 1
+
+
+def domain_shapes() -> Shapes:
+    """Return the shapes of `schema/shapes/domain.ttl`: what a robot's map must have."""
+    return read_shapes(schema_folder() / "shapes" / "domain.ttl")
+
+
+def read_shapes(path: Path) -> Shapes:
+    """Return the shapes of a Turtle file.
+
+    Raises
+    ------
+    WorldError
+        It cannot be read, is not Turtle, has no shape or a malformed one, or imports another file.
+    """
+    try:
+        TEXT_BYTES.check(
+            path.stat().st_size, partial(WorldError, path, "file"), "Split it into several files."
+        )
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise WorldError(path, "file", f"cannot be read ({error})", "Check the path.") from error
+    return _parsed(path.stem, text, path)
+
+
+def _parsed(name: str, text: str, path: Path) -> Shapes:
+    try:
+        graph = rdflib.Graph().parse(data=text, format="turtle")
+    except Exception as error:  # rdflib's parsers raise anything on broken text
+        raise WorldError(
+            path, "file", f"is not Turtle: {str(error)[:300]}", "Fix its syntax."
+        ) from error
+    if (None, OWL.imports, None) in graph:
+        raise WorldError(
+            path, "owl:imports", "names another file", "Write all shapes into one file."
+        )
+    if (None, SH.js, None) in graph or (None, SH.jsLibrary, None) in graph:
+        raise WorldError(path, "sh:js", "is code, which is not run", "State it as a shape.")
+    has_shapes = any(
+        (None, RDF.type, kind) in graph for kind in (SH.NodeShape, SH.PropertyShape)
+    ) or any((None, p, None) in graph for p in (SH.targetClass, SH.targetNode, *_ENDS[:2]))
+    if not has_shapes:
+        raise WorldError(
+            path, "file", "has no SHACL shape", "State one: :S a sh:NodeShape ; sh:targetClass ..."
+        )
+    shapes = Shapes(name, text, graph)
+    _conforms(shapes, rdflib.Graph(), path)  # malformed shapes are found now
+    return shapes
+
+
+def validate(
+    session: Session, shapes: Iterable[Shapes], *, seconds: float | None = None
+) -> list[Violation]:
+    """Return what of the map that a session sees does not conform to shapes.
+
+    Inferences are facts, and relations that are computed, such as semmap:on, are queried.
+
+    Examples
+    --------
+    >>> validate(session, [domain_shapes()])  # doctest: +SKIP
+    """
+    with limited(session, seconds) as deadline:
+        view = MapView.of(session)
+        view.deadline = deadline
+        return [found for each in shapes for found in _violations(view, each)]
+
+
+def bind_shapes(session: Session, shapes: Shapes) -> None:
+    """Let shapes bind the map that a session sees: an update that breaks them is refused.
+
+    Raises
+    ------
+    ValueError
+        The map does not conform to them now.
+    """
+    with limited(session, None) as deadline:
+        view = MapView.of(session)
+        view.deadline = deadline
+        _refuse(view, _violations(view, shapes), "the map does not conform to the shapes", "")
+        session.execute(
+            "INSERT INTO binding_shapes (map_id, name, turtle) VALUES (%s, %s, %s) "
+            "ON CONFLICT (map_id, name) DO UPDATE SET turtle = excluded.turtle, "
+            "at = clock_timestamp()",
+            (view.number, shapes.name, shapes.turtle),
+        )
+
+
+def unbind_shapes(session: Session, name: str) -> None:
+    """Let shapes bind the map no more.
+
+    Raises
+    ------
+    LookupError
+        None of that name do.
+    """
+    with session.transaction():
+        view = MapView.of(session)
+        gone = session.execute(
+            "DELETE FROM binding_shapes WHERE map_id = %s AND name = %s", (view.number, name)
+        )
+        if not gone.rowcount:
+            known = ", ".join(each.name for each in binding_shapes(view)) or "none"
+            raise LookupError(f"no shapes {name} bind the map {view.name}; those that do: {known}")
+
+
+def binding_shapes(view: MapView) -> list[Shapes]:
+    """Return the shapes that bind a map."""
+    rows = view.session.execute(
+        "SELECT name, turtle FROM binding_shapes WHERE map_id = %s ORDER BY name", (view.number,)
+    )
+    return [_kept(name, turtle) for name, turtle in rows.fetchall()]
+
+
+_KEPT: dict[str, Shapes] = {}
+
+
+def _kept(name: str, turtle: str) -> Shapes:
+    key = name + hashlib.sha256(turtle.encode()).hexdigest()
+    if key not in _KEPT:
+        if len(_KEPT) > 7:
+            _KEPT.clear()
+        _KEPT[key] = _parsed(name, turtle, Path(name))
+    return _KEPT[key]
+
+
+class BrokenShapeError(ValueError):
+    """A change after which the map does not conform to the shapes that bind it."""
+
+
+def check_binding(view: MapView, since: int) -> None:
+    """Refuse a change after which what it changed does not conform to the binding shapes.
+
+    Parameters
+    ----------
+    view : has the subjects and objects of the facts that changed (`MapView.touched`)
+    since : the last row of `change` before
+
+    Raises
+    ------
+    BrokenShapeError
+        The caller undoes the change.
+    """
+    shapes = binding_shapes(view)
+    if not shapes:
+        return
+    rows = view.session.execute(
+        "SELECT DISTINCT entity_iri(u) FROM change c, unnest(c.entities) u WHERE c.id > %s "
+        "AND c.xid = pg_current_xact_id()::text::bigint AND c.map_id = %s",
+        (since, view.number),
+    ).fetchall()
+    nodes = {rdflib.URIRef(iri) for (iri,) in rows if iri is not None}
+    nodes |= {node for node in view.touched if isinstance(node, rdflib.URIRef)}
+    for each in shapes:
+        found = _violations(view, each, nodes)
+        _refuse(view, found, "it breaks the shapes", f" {each.name}, which bind the map {view.name}")
+
+
+def _refuse(view: MapView, found: list[Violation], what: str, which: str) -> None:
+    wrong = [each.shown() for each in found if each.severity == "violation"]
+    if wrong:
+        more = f"; and {len(wrong) - 5} more" if len(wrong) > 5 else ""
+        raise BrokenShapeError(f"{what}{which}: {'; '.join(wrong[:5])}{more}")
+
+
+def _violations(
+    view: MapView, shapes: Shapes, nodes: set[rdflib.URIRef] | None = None
+) -> list[Violation]:
+    """Return what does not conform; of some nodes and what leads to them, or of all."""
+    focus: set[rdflib.URIRef] | None = None
+    reach, properties = shapes.reach, shapes.properties
+    if nodes is not None and reach is not None and properties is not None:
+        focus = _leading_to(view, nodes, properties, shapes.inverse, reach)
+    if focus is None or reach is None or properties is None:
+        data = _whole(view, properties)
+    elif not focus:
+        return []
+    else:
+        data = _around(view, focus, properties, shapes.inverse, reach)
+    return sorted(
+        _report(view, _conforms(shapes, data, Path(shapes.name), focus)),
+        key=lambda v: (v.severity, v.name, v.message),
+    )
+
+
+def _conforms(
+    shapes: Shapes, data: rdflib.Graph, path: Path, focus: Iterable[Any] | None = None
+) -> rdflib.Graph:
+    """Return the report of SHACL."""
+    try:
+        import pyshacl
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"{error.name} is not installed: pip install 'semmap[knowledge]'"
+        ) from None
+    try:
+        with without_warnings():
+            _, report, text = pyshacl.validate(
+                data,
+                shacl_graph=shapes.graph,
+                inplace=True,
+                advanced=False,
+                do_owl_imports=False,
+                focus_nodes=None if focus is None else list(focus),
+            )
+    except Exception as error:  # pyshacl raises anything on malformed shapes
+        raise WorldError(
+            path, "shape", f"is malformed: {str(error).strip()[:300]}", "See the SHACL standard."
+        ) from error
+    if not isinstance(report, rdflib.Graph):
+        raise WorldError(path, "shape", f"cannot be checked: {str(text)[:300]}", "Simplify it.")
+    return report
+
+
+def _report(view: MapView, report: rdflib.Graph) -> Iterable[Violation]:
+    known = prefixes(view.name)
+
+    def shown(term: Any) -> str:
+        if term is None:
+            return ""
+        return short(str(term), known) if isinstance(term, rdflib.URIRef) else str(term)
+
+    for result in report.subjects(RDF.type, SH.ValidationResult):
+        path = report.value(result, SH.resultPath)
+        if isinstance(path, rdflib.BNode):
+            inverse = report.value(path, SH.inversePath)
+            path = None if inverse is None else inverse
+        severity = str(report.value(result, SH.resultSeverity)).rsplit("#", 1)[-1].lower()
+        messages = sorted(map(str, report.objects(result, SH.resultMessage)))
+        value = report.value(result, SH.value)
+        node = report.value(result, SH.focusNode)
+        yield Violation(
+            shown(node),
+            messages[0] if messages else "does not conform",
+            shown(path),
+            "" if value == node else shown(value),
+            severity,
+        )
+
+
+# The facts that shapes look at
+
+
+def _whole(view: MapView, properties: frozenset[rdflib.URIRef] | None) -> rdflib.Graph:
+    graph = rdflib.Graph()
+    for verb in properties or [None]:
+        for triple in view.triples((None, verb, None)):
+            graph.add(triple)
+    return graph
+
+
+def _around(
+    view: MapView,
+    nodes: set[rdflib.URIRef],
+    properties: frozenset[rdflib.URIRef],
+    inverse: frozenset[rdflib.URIRef],
+    reach: int,
+) -> rdflib.Graph:
+    """Return the facts that shapes of some nodes look at."""
+    graph = rdflib.Graph()
+    done: set[Any] = set()
+    new: set[Any] = set(nodes)
+    for _ in range(reach):
+        done |= new
+        found = [
+            *_facts(view, new, properties, "s"),
+            *_facts(view, {n for n in new if inverse}, inverse, "o"),
+        ]
+        for triple in found:
+            graph.add(triple)
+        new = {
+            t for s, p, o in found if p not in (RDF.type, RDFS.subClassOf) for t in (s, o)
+        }
+        new = {t for t in new - done if isinstance(t, rdflib.URIRef)}
+        if not new:
+            break
+    # The classes of the nodes, for targets.
+    for triple in view.triples((None, RDFS.subClassOf, None)):
+        graph.add(triple)
+    return graph
+
+
+def _leading_to(
+    view: MapView,
+    nodes: set[rdflib.URIRef],
+    properties: frozenset[rdflib.URIRef],
+    inverse: frozenset[rdflib.URIRef],
+    reach: int,
+) -> set[rdflib.URIRef] | None:
+    """Return some nodes, and those whose shapes look at them; None where there are too many."""
+    followed = properties - {RDF.type, RDFS.subClassOf}
+    found, new = set(nodes), set(nodes)
+    for _ in range(reach - 1):
+        there = {s for s, _, _ in _facts(view, new, followed, "o")}
+        there |= {o for _, _, o in _facts(view, new, inverse, "s")}
+        new = {t for t in there - found if isinstance(t, rdflib.URIRef)}
+        found |= new
+        if len(found) > MANY:
+            return None
+        if not new:
+            break
+    return found
+
+
+def _facts(
+    view: MapView, nodes: Iterable[Any], properties: Iterable[rdflib.URIRef], known: str
+) -> list[tuple[Any, Any, Any]]:
+    """Return the facts with some nodes as subject (s) or object (o)."""
+    side = rdflib.Variable(known)
+    rows = [{side: node} for node in nodes]
+    found: list[tuple[Any, Any, Any]] = []
+    if not rows:
+        return found
+    for verb in properties:
+        pattern = CompValue("BGP", triples=[(rdflib.Variable("s"), verb, rdflib.Variable("o"))])
+        values = CompValue("ToMultiSet", p=CompValue("values", res=rows))
+        tree = CompValue("Join", p1=values, p2=pattern)
+        for s, o in view.run(view.statement(tree, ("s", "o"))):
+            found.append((s, verb, o))
+    return found
