@@ -24,5 +24,6 @@ def with_consequences(view: MapView) -> Iterator[None]:
     row = view.session.execute("SELECT coalesce(max(id), 0) FROM change").fetchone()
     assert row is not None
     yield
-    refresh(view)
+    if refresh(view) is not None:
+        view.inferred = MapView.of(view.session).inferred
     check_binding(view, row[0])

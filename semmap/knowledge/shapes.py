@@ -7,6 +7,7 @@ at what it changed, and at what leads there by the paths of the shapes.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
@@ -147,7 +148,9 @@ def read_shapes(path: Path) -> Shapes:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise WorldError(path, "file", f"cannot be read ({error})", "Check the path.") from error
-    return _parsed(path.stem, text, path)
+    shapes = _parsed(path.stem, text, path)
+    _conforms(shapes, rdflib.Graph(), path, check=True)
+    return shapes
 
 
 def _parsed(name: str, text: str, path: Path) -> Shapes:
@@ -170,9 +173,14 @@ def _parsed(name: str, text: str, path: Path) -> Shapes:
         raise WorldError(
             path, "file", "has no SHACL shape", "State one: :S a sh:NodeShape ; sh:targetClass ..."
         )
-    shapes = Shapes(name, text, graph)
-    _conforms(shapes, rdflib.Graph(), path)  # malformed shapes are found now
-    return shapes
+    for pattern in graph.objects(None, SH.pattern):
+        try:
+            re.compile(str(pattern))
+        except re.error as error:
+            raise WorldError(
+                path, f"sh:pattern {str(pattern)!r}", f"is malformed: {error}", "Correct it."
+            ) from error
+    return Shapes(name, text, graph)
 
 
 def validate(
@@ -310,9 +318,14 @@ def _violations(
 
 
 def _conforms(
-    shapes: Shapes, data: rdflib.Graph, path: Path, focus: Iterable[Any] | None = None
+    shapes: Shapes,
+    data: rdflib.Graph,
+    path: Path,
+    focus: Iterable[Any] | None = None,
+    *,
+    check: bool = False,
 ) -> rdflib.Graph:
-    """Return the report of SHACL."""
+    """Return the report of SHACL; check the shapes by those of SHACL itself."""
     try:
         import pyshacl
     except ModuleNotFoundError as error:
@@ -327,6 +340,7 @@ def _conforms(
                 inplace=True,
                 advanced=False,
                 do_owl_imports=False,
+                meta_shacl=check,
                 focus_nodes=None if focus is None else list(focus),
             )
     except Exception as error:  # pyshacl raises anything on malformed shapes
