@@ -25,6 +25,7 @@ TABLES = (
     "perception",
     "knowledge",
     "subscriptions",
+    "reasoning",
     "interlinking",
     "manipulation_actions",
 )
