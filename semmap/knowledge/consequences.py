@@ -24,6 +24,7 @@ def with_consequences(view: MapView) -> Iterator[None]:
     row = view.session.execute("SELECT coalesce(max(id), 0) FROM change").fetchone()
     assert row is not None
     yield
+    view.chosen = None
     if refresh(view) is not None:
         view.inferred = MapView.of(view.session).inferred
     check_binding(view, row[0])
