@@ -1,4 +1,4 @@
-"""What each change of facts has to lead to: inferences that are up to date, and shapes that hold."""
+"""What each change of facts leads to: inferences, and a check of the shapes that bind the map."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from semmap.knowledge.constants import Constants, iris_in, resolve
 from semmap.knowledge.field_rows import FieldRows
 from semmap.knowledge.fields import Fields
 from semmap.knowledge.translator import Statement, translate
-from semmap.knowledge.triples import Chosen, Inferred
+from semmap.knowledge.triples import NOTHING_INFERRED, Chosen, Inferred
 from semmap.knowledge.vocabulary import XSD, map_namespace
 from semmap.query.entity_query import pick_map
 
@@ -57,7 +57,7 @@ class MapView:
     session: Session
     name: str
     number: int
-    inferred: Inferred = Inferred()
+    inferred: Inferred = NOTHING_INFERRED
     deadline: float = float("inf")
     statements: list[str] = field(default_factory=list)
     chosen: Chosen | None = None

@@ -18,7 +18,7 @@ from semmap.knowledge.expressions import UntranslatedError
 from semmap.knowledge.fields import FieldError
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
-from semmap.knowledge.triples import Chosen, Inferred
+from semmap.knowledge.triples import NOTHING_INFERRED, Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql
@@ -99,7 +99,7 @@ def query(
         view = MapView.of(session)
         view.deadline = deadline
         if not inferred:
-            view.inferred = Inferred()
+            view.inferred = NOTHING_INFERRED
         parsed = parse_sparql(text, "query", tuple(prefixes(view.name).items()))
         view.chosen = Chosen.by(parsed.dataset)
         most = int(QUERY_ROWS.value if rows is None else rows)

@@ -199,7 +199,9 @@ def close(facts: Facts, rules: RuleSet, new: Iterable[Triple]) -> list[Triple]:
     return added
 
 
-def retract(facts: Facts, rules: RuleSet, gone: Collection[Triple]) -> tuple[set[Triple], set[Triple]]:
+def retract(
+    facts: Facts, rules: RuleSet, gone: Collection[Triple]
+) -> tuple[set[Triple], set[Triple]]:
     """Remove what follows only from facts that are no longer told.
 
     Parameters
@@ -310,9 +312,7 @@ def _joined(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> Iter
         yield bindings
         return
     first, *rest = atoms
-    subject, verb, node = (
-        bindings.get(part) if isinstance(part, Var) else part for part in first
-    )
+    subject, verb, node = (bindings.get(part) if isinstance(part, Var) else part for part in first)
     for fact in facts.match(subject, verb, node):
         found = _unified(first, fact, bindings)
         if found is not None:

@@ -32,28 +32,25 @@ STRING = "http://www.w3.org/2001/XMLSchema#string"
 SUB, SUB_PROPERTY = f"{RDFS}subClassOf", f"{RDFS}subPropertyOf"
 DOMAIN, RANGE = f"{RDFS}domain", f"{RDFS}range"
 
+_AXIOMS = (
+    ("equivalentClass", "disjointWith", "complementOf", "intersectionOf", "unionOf", "oneOf"),
+    ("onProperty", "someValuesFrom", "allValuesFrom", "hasValue", "onClass", "hasKey"),
+    ("maxCardinality", "maxQualifiedCardinality", "equivalentProperty", "inverseOf"),
+    ("propertyDisjointWith", "propertyChainAxiom", "members", "distinctMembers"),
+    ("sourceIndividual", "assertionProperty", "targetIndividual", "targetValue"),
+)
 AXIOM_PROPERTIES = frozenset(
     {SUB, SUB_PROPERTY, DOMAIN, RANGE, f"{RDF}first", f"{RDF}rest"}
-    | {
-        f"{OWL}{name}"
-        for name in (
-            "equivalentClass disjointWith complementOf intersectionOf unionOf oneOf onProperty "
-            "someValuesFrom allValuesFrom hasValue maxCardinality maxQualifiedCardinality onClass "
-            "equivalentProperty inverseOf propertyDisjointWith propertyChainAxiom hasKey members "
-            "distinctMembers sourceIndividual assertionProperty targetIndividual targetValue"
-        ).split()
-    }
+    | {f"{OWL}{name}" for names in _AXIOMS for name in names}
 )
 """Facts with these properties are axioms."""
 
-AXIOM_CLASSES = frozenset(
-    f"{OWL}{name}"
-    for name in (
-        "FunctionalProperty InverseFunctionalProperty IrreflexiveProperty SymmetricProperty "
-        "AsymmetricProperty TransitiveProperty AllDisjointClasses AllDisjointProperties "
-        "AllDifferent NegativePropertyAssertion"
-    ).split()
+_KINDS = (
+    ("FunctionalProperty", "InverseFunctionalProperty", "IrreflexiveProperty"),
+    ("SymmetricProperty", "AsymmetricProperty", "TransitiveProperty", "AllDisjointClasses"),
+    ("AllDisjointProperties", "AllDifferent", "NegativePropertyAssertion"),
 )
+AXIOM_CLASSES = frozenset(f"{OWL}{name}" for names in _KINDS for name in names)
 """To be of these classes is an axiom."""
 
 X, Y, Z, A, B, C, P, V, W = map(Var, "xyzabcpvw")
@@ -202,7 +199,7 @@ def _lists(facts: Facts, name: str) -> Iterator[tuple[Node, list[Node]]]:
         yield subject, items
 
 
-def _steps(facts: Facts, given: set[Triple], parts: list[Triple]) -> set[Triple]:
+def _steps(facts: Facts, given: set[Triple], parts: Iterable[Triple]) -> set[Triple]:
     """Close axioms under table 9; return the subsumptions that are not mere chains of others."""
     close(facts, RuleSet(SCHEMA_RULES), [*given, *parts])
     others = RuleSet(r for r in SCHEMA_RULES if r.name not in _CHAINS)
@@ -402,11 +399,12 @@ class _Compiler:
                 text = self._words("{} is what has the {} {}", c, p, value)
                 yield Rule("cls-hv1", ((X, TYPE_OF, c),), (X, p, value), text)
                 yield Rule("cls-hv2", ((X, p, value),), (X, TYPE_OF, c), text)
-        for name in ("maxCardinality", "maxQualifiedCardinality"):
-            for c, number in self._pairs[_owl(name)]:
-                for p in on[c]:
-                    d = of_class.get(c) if name != "maxCardinality" else None
-                    yield from self._at_most(c, number, p, d)
+        for c, number in self._pairs[_owl("maxCardinality")]:
+            for p in on[c]:
+                yield from self._at_most(c, number, p, None)
+        for c, number in self._pairs[_owl("maxQualifiedCardinality")]:
+            for p in on[c]:
+                yield from self._at_most(c, number, p, of_class.get(c))
 
     def _at_most(self, c: Node, number: Node, p: Node, d: Node | None) -> Iterator[Rule]:
         """Yield the rules of classes with at most 0 or 1 values (cls-maxc, cls-maxqc)."""
@@ -441,9 +439,7 @@ class _Compiler:
                 if axiom in sources and axiom in verbs:
                     fact = (sources[axiom], verbs[axiom], target)
                     words = self._words("it is not so that {} {} {}", *fact)
-                    yield Rule(
-                        "prp-npa", (fact,), (fact[0], CONTRADICTION, (words, STRING)), words
-                    )
+                    yield Rule("prp-npa", (fact,), (fact[0], CONTRADICTION, (words, STRING)), words)
 
 
 def _is_thing(c: Node) -> bool:

@@ -33,8 +33,8 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.queries import Answer, KnowledgeError, limited, query
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.results import RESULT_FORMATS
-from semmap.knowledge.updates import update
 from semmap.knowledge.shapes import BrokenShapeError
+from semmap.knowledge.updates import update
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import facts, serialized
 from semmap.language.error import QueryError

@@ -287,7 +287,9 @@ def check_binding(view: MapView, since: int) -> None:
     nodes |= {node for node in view.touched if isinstance(node, rdflib.URIRef)}
     for each in shapes:
         found = _violations(view, each, nodes)
-        _refuse(view, found, "it breaks the shapes", f" {each.name}, which bind the map {view.name}")
+        _refuse(
+            view, found, "it breaks the shapes", f" {each.name}, which bind the map {view.name}"
+        )
 
 
 def _refuse(view: MapView, found: list[Violation], what: str, which: str) -> None:
@@ -408,9 +410,7 @@ def _around(
         ]
         for triple in found:
             graph.add(triple)
-        new = {
-            t for s, p, o in found if p not in (RDF.type, RDFS.subClassOf) for t in (s, o)
-        }
+        new = {t for s, p, o in found if p not in (RDF.type, RDFS.subClassOf) for t in (s, o)}
         new = {t for t in new - done if isinstance(t, rdflib.URIRef)}
         if not new:
             break

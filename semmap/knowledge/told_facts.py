@@ -110,17 +110,23 @@ def told_facts(
     others : facts whose subject is not an entity, too
     """
     yield from _types(view, hierarchy, ids)
+    parts: list[str] = []
+    values: dict[str, Any] = {"map": view.number, "ids": None if ids is None else list(ids)}
     for triple in (*TOLD, *STATEMENTS):
-        if triple.subject.form != "entity" and not others:
+        about = triple.subject.form == "entity"
+        if not about and not others:
             continue
         if triple.property == TYPE_OF and triple.object.sql[1:].split("'")[0] not in classes:
             continue
-        text, values = _select(triple, properties, ids if triple.subject.form == "entity" else None)
+        name = f"names{len(parts)}"
+        text, names = _select(triple, properties, ids if about else None, name)
         if text:
-            values |= {"map": view.number, "ids": None if ids is None else list(ids)}
-            with view.session.cursor() as cursor:
-                for row in cursor.execute(text.encode(), values, prepare=False):
-                    yield fact_of(row)
+            parts.append(text)
+            values[name] = names
+    if parts:
+        with view.session.cursor() as cursor:
+            for row in cursor.execute(" UNION ALL ".join(parts).encode(), values):
+                yield fact_of(row)
 
 
 def fact_of(row: tuple[Any, ...]) -> Triple:
@@ -156,12 +162,18 @@ def _types(view: MapView, hierarchy: Hierarchy, ids: Collection[int] | None) -> 
 
 
 def _select(
-    triple: TripleMap, properties: frozenset[Node] | None, ids: Collection[int] | None
-) -> tuple[str, dict[str, Any]]:
-    """Return the SELECT of a triple map and its parameters; "" where no property is wanted."""
+    triple: TripleMap,
+    properties: frozenset[Node] | None,
+    ids: Collection[int] | None,
+    parameter: str,
+) -> tuple[str, list[str]]:
+    """Return the SELECT of a triple map, and the value of its parameter for names of properties.
+
+    "" where no property is wanted.
+    """
     letters = {letter: letter for letter, _ in triple.source.tables}
     where = [condition.format(**letters) for condition in triple.source.where]
-    values: dict[str, Any] = {}
+    values: list[str] = []
     verb = f"'{triple.property}'"
     if triple.name is not None:
         local = triple.name.format(**letters)
@@ -169,15 +181,15 @@ def _select(
         if properties is not None:
             space = triple.property
             names = [str(p)[len(space) :] for p in properties if str(p).startswith(space)]
-            values["names"] = [decode(n) for n in names] if space else names
-            where.append(f"{local} = ANY (%(names)s)")
+            values = sorted(str(decode(n)) for n in names) if space else sorted(names)
+            where.append(f"{local} = ANY (%({parameter})s)")
             if not names:
-                return "", {}
+                return "", []
         elif not triple.property:
-            values["names"] = sorted(AXIOM_PROPERTIES)
-            where.append(f"{local} <> ALL (%(names)s)")
+            values = sorted(AXIOM_PROPERTIES)
+            where.append(f"{local} <> ALL (%({parameter})s)")
     elif properties is not None and triple.property not in properties:
-        return "", {}
+        return "", []
     if triple in STATEMENTS:
         where.append("a.graph = ''")
     subject, object_ = (c.sql.format(**letters) for c in (triple.subject, triple.object))

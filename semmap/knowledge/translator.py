@@ -19,7 +19,7 @@ from semmap.knowledge.fields import comparisons, count_variables
 from semmap.knowledge.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.relation import UNBOUND, Rows, in_form, union, union_form
 from semmap.knowledge.triple_map import Form
-from semmap.knowledge.triples import Chosen, Inferred, Scope, TriplePatterns
+from semmap.knowledge.triples import NOTHING_INFERRED, Chosen, Inferred, Scope, TriplePatterns
 from semmap.knowledge.values import (
     NUMERIC,
     Value,
@@ -63,7 +63,7 @@ def translate(
     limit: int | None = None,
     chosen: Chosen | None = None,
     fields: FieldRows | None = None,
-    inferred: Inferred = Inferred(),
+    inferred: Inferred = NOTHING_INFERRED,
 ) -> Statement:
     """Translate a pattern with its solution modifiers.
 

@@ -33,7 +33,7 @@ from semmap.knowledge.relation import UNBOUND, Rows, can_join, in_form, union, u
 from semmap.knowledge.values import Parameters, Value, as_term, is_literal, key_of, same, text_of
 from semmap.knowledge.vocabulary import RDF, decode
 
-__all__ = ["Chosen", "Inferred", "Scope", "TriplePatterns"]
+__all__ = ["NOTHING_INFERRED", "Chosen", "Inferred", "Scope", "TriplePatterns"]
 
 _RDF_TYPE = f"{RDF}type"
 _COMPUTED = {each.property: each for each in COMPUTED}
@@ -92,6 +92,9 @@ class Inferred:
     properties: frozenset[str] = frozenset()
     classes: frozenset[str] = frozenset()
     types: frozenset[str] = frozenset()
+
+
+NOTHING_INFERRED = Inferred()
 
 
 @dataclass(frozen=True)
@@ -156,7 +159,7 @@ class TriplePatterns:
         chosen: Chosen | None = None,
         fields: FieldRows | None = None,
         uses: Mapping[str, int] | None = None,
-        inferred: Inferred = Inferred(),
+        inferred: Inferred = NOTHING_INFERRED,
     ) -> None:
         self._inferred = inferred
         self.fields = fields

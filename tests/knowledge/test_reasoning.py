@@ -13,7 +13,8 @@ from semmap.knowledge import query, update
 from semmap.knowledge.reasoning import contradictions, forget, reason, why
 from semmap.language.error import QueryError
 
-EX = "PREFIX ex: <http://example.org/> "
+NS = "http://example.org/"
+EX = f"PREFIX ex: <{NS}> "
 AXIOMS = """INSERT DATA {
     semmap:Drinkware rdfs:subClassOf ex:Breakable . ex:Breakable rdfs:subClassOf ex:Delicate .
     ex:Breakable owl:disjointWith ex:Unbreakable .
@@ -44,7 +45,11 @@ def test_inferences_follow_updates(changing: psycopg.Connection) -> None:
 def test_retraction_removes_what_lost_its_last_reason(changing: psycopg.Connection) -> None:
     update(changing, EX + AXIOMS)
     reason(changing)
-    update(changing, EX + "INSERT DATA { :a ex:partOf :b . :b ex:partOf :c . :a ex:partOf :d . :d ex:partOf :c }")
+    update(
+        changing,
+        EX
+        + "INSERT DATA { :a ex:partOf :b . :b ex:partOf :c . :a ex:partOf :d . :d ex:partOf :c }",
+    )
     assert truth(changing, ":a ex:partOf :c")
     update(changing, EX + "DELETE DATA { :a ex:partOf :b }")
     assert truth(changing, ":a ex:partOf :c")
@@ -63,11 +68,15 @@ def test_a_type_that_is_told_is_not_inferred(changing: psycopg.Connection) -> No
     reason(changing)
     rows = "SELECT ?c { :lost a ?c FILTER(?c IN (semmap:Mug, semmap:Drinkware, semmap:Object)) }"
     assert len(query(changing, rows).rows) == 3
-    changing.execute("UPDATE entity SET type = 'mug' WHERE name = 'lost' AND map_id = current_map()")
+    changing.execute(
+        "UPDATE entity SET type = 'mug' WHERE name = 'lost' AND map_id = current_map()"
+    )
     assert reason(changing).removed
     assert len(query(changing, rows).rows) == 3
     assert truth(changing, ":lost a semmap:Mug", inferred=False)
-    changing.execute("UPDATE entity SET type = 'umbrella' WHERE name = 'lost' AND map_id = current_map()")
+    changing.execute(
+        "UPDATE entity SET type = 'umbrella' WHERE name = 'lost' AND map_id = current_map()"
+    )
     reason(changing)
     assert len(query(changing, rows).rows) == 3
     assert not truth(changing, ":lost a semmap:Mug", inferred=False)
@@ -83,14 +92,16 @@ def test_contradictions_name_facts_and_axioms(changing: psycopg.Connection) -> N
     )
     found = {each.fact + ": " + each.axiom: each for each in contradictions(changing)}
     assert list(found) == [
-        ":cup%201: <http://example.org/Breakable> and <http://example.org/Unbreakable> are disjoint",
-        ":sofa: <http://example.org/owner> has at most one value",
+        f":cup%201: <{NS}Breakable> and <{NS}Unbreakable> are disjoint",
+        f":sofa: <{NS}owner> has at most one value",
         ":sofa: semmap:Room and semmap:Object are disjoint",
     ]
     text = "\n".join(next(iter(found.values())).lines())
     assert ":cup%201 a semmap:Drinkware" in text
     assert truth(changing, ":sofa semmap:contradiction ?why")
-    update(changing, EX + "DELETE DATA { :sofa ex:owner :bob } ; DELETE DATA { :bob ex:livesIn :sofa }")
+    update(
+        changing, EX + "DELETE DATA { :sofa ex:owner :bob } ; DELETE DATA { :bob ex:livesIn :sofa }"
+    )
     assert [each.fact for each in contradictions(changing)] == [":cup%201"]
 
 
@@ -133,7 +144,8 @@ CHANGES = (
     "{} {{ {a} semmap:heldBy {b} }}",
 )
 MORE_AXIOMS = """INSERT DATA {
-    ex:heavy owl:onProperty ex:partOf ; owl:someValuesFrom ex:Delicate . ex:heavy rdfs:subClassOf semmap:Furniture .
+    ex:heavy owl:onProperty ex:partOf ; owl:someValuesFrom ex:Delicate .
+    ex:heavy rdfs:subClassOf semmap:Furniture .
     ex:red owl:onProperty prop:colour ; owl:hasValue "red" . ex:red rdfs:subClassOf ex:Unbreakable .
     ex:knows a owl:FunctionalProperty ; rdfs:range semmap:Person .
     ex:at owl:propertyChainAxiom ( semmap:heldBy ex:partOf ) .
@@ -146,7 +158,8 @@ SQL = (
     "SELECT put(entity_id('cup 1'), entity_id('sofa'))",
     "SELECT put(entity_id('cup 1'), NULL)",
     "DELETE FROM entity WHERE name = 'sofa' AND map_id = current_map()",
-    "UPDATE statement SET until = clock_timestamp() - interval '1 s' WHERE predicate LIKE '%partOf'",
+    "UPDATE statement SET until = clock_timestamp() - interval '1 s' "
+    "WHERE predicate LIKE '%partOf'",
 )
 
 

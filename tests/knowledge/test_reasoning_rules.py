@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import random
 import warnings
 
 import owlrl
-import pytest
 import rdflib
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rdflib import OWL, RDF, RDFS
+from rdflib import OWL, RDFS
 
 from semmap.knowledge.constants import tag_and_text
 from semmap.knowledge.reasoning_engine import (
     TYPE_OF,
     Facts,
-    Proof,
-    RuleSet,
     Triple,
     close,
-    retract,
 )
 from semmap.knowledge.reasoning_rules import (
     AXIOM_CLASSES,
@@ -132,7 +127,7 @@ def plain(facts: set[Triple]) -> set[Triple]:
         (s, p, o)
         for s, p, o in facts
         if s != o or (p in NAMED)
-        if {s, o} <= NAMED and (p in NAMED or p in SCHEMA or p == TYPE_OF or p == SAME)
+        if {s, o} <= NAMED and (p in NAMED or p in SCHEMA or p in (TYPE_OF, SAME))
     }
 
 
@@ -142,7 +137,7 @@ def by_owlrl(text: str) -> tuple[set[Triple], bool]:
         warnings.simplefilter("ignore")
         closure = owlrl.OWLRL_Semantics(graph, False, False, False)
         closure.closure()
-    triples = {(str(s), str(p), str(o)) for s, p, o in graph}
+    triples: set[Triple] = {(str(s), str(p), str(o)) for s, p, o in graph}
     return triples, bool(closure.error_messages)
 
 
