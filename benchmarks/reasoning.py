@@ -44,7 +44,8 @@ INSERT INTO entity (map_id, kind, name, type)
 ANALYZE entity, object_type;
 INSERT INTO link (from_id, relation, to_id)
     SELECT r.id, 'stores', e.id FROM entity e JOIN entity r ON r.map_id = e.map_id
-    AND r.name = 'room' || 1 + e.id %% %(rooms)s WHERE e.map_id = current_map() AND e.kind = 'object';
+    AND r.name = 'room' || 1 + e.id %% %(rooms)s
+    WHERE e.map_id = current_map() AND e.kind = 'object';
 INSERT INTO link (from_id, relation, to_id)
     SELECT a.id, 'beside', b.id FROM entity a JOIN entity b ON b.id = a.id + 1
     AND b.map_id = a.map_id WHERE a.map_id = current_map() AND a.kind = 'object' AND a.id %% 10 = 0
