@@ -550,6 +550,8 @@ class _MapFacts(Facts):
             with cursor.copy(copy.encode()) as lines:
                 for row in come:
                     lines.write_row(row)
+        if self._scratch and len(come) > 1_000:
+            session.execute("ANALYZE inference")  # skipped where another role owns the table
         return done
 
 

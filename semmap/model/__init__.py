@@ -47,6 +47,7 @@ from semmap.model.manipulation import (
 )
 from semmap.model.mission import Mission, MissionStep, Reservation
 from semmap.model.placement import Placement, WorldPlacement
+from semmap.model.reasoning import BindingShapes, Reasoning, inference
 from semmap.model.semantics import Ontology, SemanticType, TypeClosure, TypeParent
 from semmap.model.statement import Statement
 from semmap.model.topology import (
@@ -65,6 +66,7 @@ __all__ = [
     "Base",
     "Belief",
     "BeliefModel",
+    "BindingShapes",
     "Change",
     "Chunk",
     "Connector",
@@ -101,6 +103,7 @@ __all__ = [
     "Placement",
     "PlacementHistory",
     "PoseColumn",
+    "Reasoning",
     "RecordLink",
     "Region",
     "Reservation",
@@ -120,4 +123,5 @@ __all__ = [
     "TypeClosure",
     "TypeParent",
     "WorldPlacement",
+    "inference",
 ]
