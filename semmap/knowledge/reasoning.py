@@ -407,6 +407,8 @@ class _MapFacts(Facts):
 
     def need_subjects(self, subjects: Iterable[Node]) -> None:
         """Read the facts of several subjects at once."""
+        if self._scratch:
+            return
         new = {s for s in subjects if s not in self._seen}
         self._seen |= new
         ids = [s for s in new if isinstance(s, int)]
@@ -669,7 +671,11 @@ class _Words:
     def fact(self, fact: Triple) -> str:
         """Return a triple as Turtle."""
         subject, verb, node = fact
-        end = term_of(*node).n3() if isinstance(node, tuple) else self.node(node)
+        end = self.node(node)
+        if isinstance(node, tuple):
+            literal = term_of(*node)
+            assert literal is not None
+            end = literal.n3()
         return f"{self.node(subject)} {'a' if verb == TYPE_OF else self.node(verb)} {end}"
 
     def why(self, proof: Proof) -> Why:

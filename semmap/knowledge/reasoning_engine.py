@@ -26,6 +26,10 @@ SAME_AS = f"{OWL}sameAs"
 _NUMBERS = frozenset(f"{XSD}{name}" for name in ("integer", "decimal", "double", "float"))
 
 
+AT_ONCE = 64
+"""Of so many objects, facts are read in one go: the next triple of a rule is about them."""
+
+
 class Var(str):
     """A variable of a rule."""
 
@@ -77,6 +81,9 @@ class Facts:
 
     def need_subject(self, subject: Node) -> None:
         """Read the facts of a subject."""
+
+    def need_subjects(self, subjects: Iterable[Node]) -> None:
+        """Read the facts of several subjects at once."""
 
     def need_object(self, verb: Node | None, node: Node) -> None:
         """Read the facts with an object, of a property or of all."""
@@ -167,7 +174,7 @@ class RuleSet:
                 start = _unified(atom, fact, {})
                 if start is None:
                     continue
-                for bindings in _joined(facts, rest, start):
+                for bindings in _joined(facts, rest, start) if rest else (start,):
                     if _allowed(rule, bindings):
                         head = _filled(rule.head, bindings)
                         if not isinstance(head[0], tuple) and not _is_trivial(head):
@@ -313,7 +320,10 @@ def _joined(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> Iter
         return
     first, *rest = atoms
     subject, verb, node = (bindings.get(part) if isinstance(part, Var) else part for part in first)
-    for fact in facts.match(subject, verb, node):
+    matches = list(facts.match(subject, verb, node))
+    for i, fact in enumerate(matches):
+        if rest and i % AT_ONCE == 0 and len(matches) > 1:
+            facts.need_subjects(f[2] for f in matches[i : i + AT_ONCE])
         found = _unified(first, fact, bindings)
         if found is not None:
             yield from _joined(facts, tuple(rest), found)
