@@ -296,20 +296,3 @@ CREATE TRIGGER statement_edited AFTER UPDATE ON statement REFERENCING OLD TABLE 
     FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
 CREATE TRIGGER statement_removed AFTER DELETE ON statement REFERENCING OLD TABLE AS touched
     FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
-
-CREATE FUNCTION link_changed()
-RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- A link is a fact about both entities that it joins.
-BEGIN
-    IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
-        PERFORM record_change('statement', ARRAY(SELECT from_id FROM touched UNION SELECT to_id FROM touched));
-    END IF;
-    RETURN NULL;
-END $$;
-
-CREATE TRIGGER link_added AFTER INSERT ON link REFERENCING NEW TABLE AS touched
-    FOR EACH STATEMENT EXECUTE FUNCTION link_changed();
-CREATE TRIGGER link_edited AFTER UPDATE ON link REFERENCING NEW TABLE AS touched
-    FOR EACH STATEMENT EXECUTE FUNCTION link_changed();
-CREATE TRIGGER link_removed AFTER DELETE ON link REFERENCING OLD TABLE AS touched
-    FOR EACH STATEMENT EXECUTE FUNCTION link_changed();

@@ -9,8 +9,7 @@ CREATE TABLE reasoning (
     properties text[] NOT NULL DEFAULT '{}',                   -- properties with inferences,
     classes    text[] NOT NULL DEFAULT '{}',                   -- and classes: queries on others need not look for them
     inferences     bigint NOT NULL DEFAULT 0,                  -- how many there are,
-    contradictions bigint NOT NULL DEFAULT 0,                  -- and of these, how many contradictions
-    changed    bigint NOT NULL DEFAULT 0                       -- how many times inferences changed
+    contradictions bigint NOT NULL DEFAULT 0                   -- and of these, how many contradictions
 );
 
 -- The facts that rules are about: copies of those that are told, by which a change is found, and inferences.

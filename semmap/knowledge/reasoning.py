@@ -630,8 +630,8 @@ def _note(
         f"UPDATE reasoning SET axioms = %(axioms)s, cursor = %(cursor)s, at = %(at)s, "
         f"properties = {kept.format('properties')}, classes = {kept.format('classes')}, "
         f"inferences = {start.format('inferences')} + %(more)s, "
-        f"contradictions = {start.format('contradictions')} + %(clashes)s, "
-        "changed = changed + %(changed)s WHERE map_id = %(map)s "
+        f"contradictions = {start.format('contradictions')} + %(clashes)s "
+        "WHERE map_id = %(map)s "
         "RETURNING inferences, contradictions".encode(),
         {
             "axioms": ontology.digest,
@@ -641,7 +641,6 @@ def _note(
             "classes": classes,
             "more": sum(done.added.values()) - done.removed,
             "clashes": done.clashes,
-            "changed": int(bool(done.added or done.removed or done.scratch)),
             "map": view.number,
         },
     ).fetchone()

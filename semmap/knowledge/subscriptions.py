@@ -26,6 +26,7 @@ from semmap.knowledge.standing_queries import (
     StandingQueries,
     StandingQuery,
 )
+from semmap.knowledge.triples import NOTHING_INFERRED
 from semmap.query.change_feed import ChangeFeed, Look
 
 __all__ = ["Event", "Subscriptions"]
@@ -230,6 +231,7 @@ class Subscriptions:
         number, reaches, changed, ended, left = row
         assert self._feed.map_name is not None
         view = MapView(session, self._feed.map_name, number) if number else MapView.of(session)
+        view.inferred = NOTHING_INFERRED
         due = math.inf if left is None else time.monotonic() + left
         changed = changed or []
         if not reaches or any(what == "statement" and not facts for what, _, facts in changed):

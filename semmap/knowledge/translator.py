@@ -144,7 +144,7 @@ class _Translator(TriplePatterns):
         chosen: Chosen | None,
         fields: FieldRows | None,
         uses: Counter[str],
-        inferred: Inferred,
+        inferred: Inferred = NOTHING_INFERRED,
     ) -> None:
         super().__init__(constants, namespace, map_id, chosen, fields, uses, inferred)
         self._scope = Scope()

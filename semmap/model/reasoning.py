@@ -38,7 +38,6 @@ class Reasoning(Base):
     classes: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default="{}")
     inferences: Mapped[int] = mapped_column(BigInteger, server_default="0")
     contradictions: Mapped[int] = mapped_column(BigInteger, server_default="0")
-    changed: Mapped[int] = mapped_column(BigInteger, server_default="0")
 
 
 inference = Table(

@@ -9,8 +9,8 @@ from alembic import op
 
 from semmap.database.migrate import make_tables
 
-revision = "0026"
-down_revision = "0025"
+revision = "0027"
+down_revision = "0026"
 branch_labels = None
 depends_on = None
 
