@@ -6,6 +6,7 @@ is derived, what lost its last reason is removed, and other facts are read where
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import time
 from collections import Counter
@@ -398,6 +399,7 @@ class _MapFacts(Facts):
         self._before: dict[Triple, bool] = {}
         self._touched: dict[Triple, None] = {}
         self._seen: set[object] = set()
+        self._classes_of: dict[frozenset[Node], frozenset[Node]] = {}
 
     # Reading
 
@@ -477,7 +479,10 @@ class _MapFacts(Facts):
         """Return the classes that an entity is told to be of."""
         self.need_subject(entity)
         direct = self._objects.get((entity, DIRECT_TYPE), set())
-        return self._ontology.hierarchy.of(direct | self._objects.get((entity, KIND), set()))
+        direct_types = frozenset(direct | self._objects.get((entity, KIND), set()))
+        if direct_types not in self._classes_of:
+            self._classes_of[direct_types] = self._ontology.hierarchy.of(direct_types)
+        return self._classes_of[direct_types]
 
     def is_told(self, fact: Triple) -> bool:
         if fact in self._told:
@@ -576,7 +581,11 @@ def _from_scratch(view: MapView, ontology: _Ontology) -> _MapFacts:
     for fact in compiled.stated():
         facts.add(fact)
         start.append(fact)
-    close(facts, compiled.rules, start)
+    gc.disable()  # facts have no cycles, and looking for some takes long
+    try:
+        close(facts, compiled.rules, start)
+    finally:
+        gc.enable()
     return facts
 
 

@@ -320,6 +320,10 @@ def _joined(facts: Facts, atoms: tuple[Triple, ...], bindings: Bindings) -> Iter
         return
     first, *rest = atoms
     subject, verb, node = (bindings.get(part) if isinstance(part, Var) else part for part in first)
+    if subject is not None and verb is not None and node is not None:
+        if (subject, verb, node) in facts:
+            yield from _joined(facts, tuple(rest), bindings)
+        return
     matches = list(facts.match(subject, verb, node))
     for i, fact in enumerate(matches):
         if rest and i % AT_ONCE == 0 and len(matches) > 1:
