@@ -44,6 +44,10 @@ MIX = (
 COUNT = "SELECT (COUNT(?x) AS ?n) {{ ?x semmap:heldBy :table{t} }}"
 
 
+MOVES = itertools.count(1)
+"""Of all sets: no can is moved to the table on which it is."""
+
+
 def looks(text: str) -> Iterator[str]:
     """Updates that let people look at other cans."""
     for i in itertools.count():
@@ -53,7 +57,7 @@ def looks(text: str) -> Iterator[str]:
 
 def moves(text: str) -> Iterator[str]:
     """Statements that move a can to other tables."""
-    for i in itertools.count(1):
+    for i in MOVES:
         yield (
             f"UPDATE placement SET holder_id = entity_id('table{11 * i % TABLES}') "
             f"WHERE entity_id = entity_id('can{i % 40}')"
