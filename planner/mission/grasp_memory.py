@@ -53,8 +53,9 @@ class GraspMemory:
             There is no such gripper.
         """
         from semmap.belief.store import driver
+        from semmap.manipulation.device_store import gripper_id
         from semmap.manipulation.retrieval import find_grasps
-        from semmap.manipulation.store import add_task, gripper_id
+        from semmap.manipulation.task_store import add_task
 
         session = driver(connection)
         gripper_id(session, self.gripper)

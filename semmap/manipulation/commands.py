@@ -225,7 +225,7 @@ def record(
     map_name: cli.MapName = None,
 ) -> None:
     """Store how an attempt ended; later queries propose what succeeds most."""
-    from semmap.manipulation.store import record_task
+    from semmap.manipulation.task_store import record_task
 
     with cli.open_database() as db:
         task = record_task(

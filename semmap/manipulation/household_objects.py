@@ -22,8 +22,10 @@ from semmap.geometry.pose import Pose
 from semmap.ingest.naming import guess_type
 from semmap.limits import TEXT_BYTES
 from semmap.manipulation.action_record import ActionRecord, pose_of
+from semmap.manipulation.action_store import add_actions
+from semmap.manipulation.device_store import gripper_id
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.store import add_actions, add_object, gripper_id
+from semmap.manipulation.model_store import add_object
 
 __all__ = ["import_household_grasps", "read_rows"]
 

@@ -9,12 +9,14 @@ import numpy as np
 from semmap.belief.store import MapConnection, driver
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
+from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.candidates import Grasp
+from semmap.manipulation.device_store import gripper_id
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.evaluation import Lesson, learn_grasp
 from semmap.manipulation.retrieval import find_grasps, stored_gripper
 from semmap.manipulation.shape_store import model_mesh
-from semmap.manipulation.store import add_actions, gripper_id, record_task
+from semmap.manipulation.task_store import record_task
 from semmap.manipulation.trial import Trial, body_of
 
 __all__ = ["practise"]

@@ -18,8 +18,9 @@ from psycopg.rows import dict_row
 from semmap.belief.store import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import KINDS, pose_of
+from semmap.manipulation.device_store import gripper_id
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.store import gripper_id, refusals
+from semmap.manipulation.statements import refusals
 from semmap.suggestions import suggestion
 
 __all__ = [

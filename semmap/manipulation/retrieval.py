@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from semmap.belief.store import MapConnection, driver
+from semmap.manipulation.action_store import add_actions
+from semmap.manipulation.device_store import add_gripper, gripper_id
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.reader import actions_on, entities_meant
 from semmap.manipulation.shape_store import StoredShape, shape_of
-from semmap.manipulation.store import add_actions, add_gripper, gripper_id
 from semmap.manipulation.surroundings import free_rows
 
 if TYPE_CHECKING:

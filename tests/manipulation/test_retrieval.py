@@ -17,6 +17,7 @@ from semmap import SemanticMap
 from semmap.geometry.pose import Pose
 from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.model_store import object_model_id
 from semmap.manipulation.reader import list_grippers, read_shape
 from semmap.manipulation.retrieval import (
     DEFAULT_GRIPPER,
@@ -26,7 +27,7 @@ from semmap.manipulation.retrieval import (
     stored_gripper,
 )
 from semmap.manipulation.shape_store import model_mesh, shape_of, store_shapes
-from semmap.manipulation.store import object_model_id, record_task
+from semmap.manipulation.task_store import record_task
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.manipulation.grippers import BY_HAND

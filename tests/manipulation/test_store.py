@@ -17,7 +17,11 @@ from semmap.database.files import schema_folder
 from semmap.geometry.pose import Pose
 from semmap.ingest.ontology.tbox import snake_case
 from semmap.manipulation.action_record import ActionRecord, action_key
+from semmap.manipulation.action_store import add_actions, add_put
+from semmap.manipulation.device_store import add_automaton, add_device
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.model_store import add_object, object_model_id, set_shape
+from semmap.manipulation.path_store import add_path
 from semmap.manipulation.reader import (
     actions_by_shape,
     actions_on,
@@ -27,19 +31,7 @@ from semmap.manipulation.reader import (
     known_actions,
     path_between,
 )
-from semmap.manipulation.store import (
-    add_actions,
-    add_automaton,
-    add_device,
-    add_object,
-    add_path,
-    add_put,
-    add_task,
-    end_task,
-    object_model_id,
-    record_task,
-    set_shape,
-)
+from semmap.manipulation.task_store import add_task, end_task, record_task
 from semmap.model import Action, ObjectModel
 from tests.manipulation.cup_map import candidate, primitive
 

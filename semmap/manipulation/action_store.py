@@ -1,0 +1,195 @@
+"""Actions of grippers on object models into the database, and actions composed of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import psycopg
+from psycopg.types.json import Jsonb
+
+from semmap.belief.store import MapConnection, driver
+from semmap.geometry.pose import Pose
+from semmap.manipulation.action_record import ActionRecord, action_key
+from semmap.manipulation.device_store import gripper_id
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.model_store import object_model_id
+from semmap.manipulation.statements import OWN, column, contributor_id, number, refusals
+from semmap.suggestions import suggestion
+
+__all__ = ["add_actions", "add_put", "insert_actions"]
+
+
+def add_actions(
+    connection: MapConnection,
+    model: str | int,
+    gripper: str | None,
+    actions: Iterable[Any],
+    *,
+    kind: str = "grasp",
+    frame: str = "model",
+    contributor: str = OWN,
+) -> list[int]:
+    """Store actions on an object model, all or none; return their ids.
+
+    An action that is stored already keeps its id and its outcomes.
+
+    Parameters
+    ----------
+    model : name of an entity, whose mesh is meant, or id of an object model
+    gripper : name; the preferred one where None
+    actions : records, or candidates with `pose` (4, 4), `pre_grasp`, `width`, `approach`,
+        `quality`, `posture` and `pre_posture`
+    kind : of candidates that do not say
+    frame : of the poses: ``model``, ``map``, or the name of an entity. The last two need the name
+        of an entity as `model`: its pose now.
+
+    Raises
+    ------
+    LookupError
+        There is no such entity, gripper, contributor or frame.
+    ManipulationError
+        An action cannot be used: the text has its number, and what is wrong. None is stored.
+    """
+    session = driver(connection)
+    records = [
+        ActionRecord.of(action, kind, f"{kind} {number}")
+        for number, action in enumerate(actions, 1)
+    ]
+    outer = _frame(session, model, frame)
+    if outer is not None:
+        records = [record.moved(outer) for record in records]
+    with refusals(), session.transaction():
+        of_gripper = gripper_id(session, gripper)
+        object_ = object_model_id(session, model)
+        row = session.execute(
+            "SELECT o.key, d.name, g.opening FROM object_model o, device d "
+            "JOIN gripper g ON g.device_id = d.id WHERE o.id = %s AND d.id = %s",
+            (object_, of_gripper),
+        ).fetchone()
+        assert row is not None
+        for number, record in enumerate(records, 1):
+            if record.width is not None and record.width > row[2] + 1e-6:
+                raise ManipulationError(
+                    f"{kind} {number}: width is {record.width:g} m, but gripper {row[1]} opens "
+                    f"{row[2]:g} m: correct the width, or name another gripper"
+                )
+        keys = [action_key(record, row[0], row[1]) for record in records]
+        insert_actions(session, records, keys, object_, of_gripper, contributor)
+        found = dict(
+            session.execute("SELECT key, id FROM action WHERE key = ANY (%s)", (keys,)).fetchall()
+        )
+    return [int(found[key]) for key in keys]
+
+
+INSERT = """
+INSERT INTO action (key, kind, object_id, gripper_id, pose, pre_pose, post_pose, motion, approach,
+                    family, width, posture, pre_posture, quality{column})
+VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s{value}) ON CONFLICT (key) DO NOTHING
+"""
+
+
+def insert_actions(
+    session: psycopg.Connection[Any],
+    records: Sequence[ActionRecord],
+    keys: Sequence[Any],
+    object_: int,
+    gripper: int,
+    contributor: str = OWN,
+) -> None:
+    """Insert the rows of checked actions; those that are there stay as they are."""
+    source = None if contributor == OWN else contributor_id(session, contributor)
+    statement = INSERT.format(
+        column="" if source is None else ", contributor_id", value="" if source is None else ", %s"
+    )
+    rows = [
+        (
+            key,
+            record.kind,
+            object_,
+            gripper,
+            record.pose.row,
+            record.pre_pose and record.pre_pose.row,
+            record.post_pose and record.post_pose.row,
+            None if record.motion is None else [float(v) for v in record.motion],
+            record.approach,
+            record.family,
+            record.width,
+            Jsonb(dict(record.posture)),
+            Jsonb(dict(record.pre_posture)),
+            record.quality,
+            *(() if source is None else (source,)),
+        )
+        for key, record in zip(keys, records, strict=True)
+    ]
+    with session.cursor() as cursor:
+        cursor.executemany(statement, rows)
+
+
+def add_put(connection: MapConnection, grasp: int, place: int) -> int:
+    """Store the composed action put (a grasp, then a place); return its id.
+
+    Raises
+    ------
+    ManipulationError
+        They are not a grasp and a place of one gripper on one object model.
+    """
+    session = driver(connection)
+    rows = {
+        row[0]: row
+        for row in session.execute(
+            "SELECT id, kind, object_id, gripper_id, key, quality FROM action WHERE id = ANY (%s)",
+            ([grasp, place],),
+        ).fetchall()
+    }
+    for id_, kind in ((grasp, "grasp"), (place, "place")):
+        if id_ not in rows or rows[id_][1] != kind:
+            was = f"a {rows[id_][1]}" if id_ in rows else "not stored"
+            raise ManipulationError(f"action {id_} is {was}: a put is a grasp, then a place")
+    if rows[grasp][2:4] != rows[place][2:4]:
+        raise ManipulationError(
+            f"actions {grasp} and {place} are of different objects or grippers: give those of one"
+        )
+    with refusals(), session.transaction():
+        whole = number(
+            session.execute(
+                "INSERT INTO action (kind, object_id, gripper_id, quality) "
+                "VALUES ('put', %s, %s, %s) RETURNING id",
+                (*rows[grasp][2:4], rows[grasp][5] * rows[place][5]),
+            )
+        )
+        session.execute(
+            "INSERT INTO action_step (whole_id, number, step_id) VALUES (%s, 1, %s), (%s, 2, %s)",
+            (whole, grasp, whole, place),
+        )
+    return whole
+
+
+def _frame(session: psycopg.Connection[Any], model: str | int, frame: str) -> Pose | None:
+    """The pose of a frame in the frame of a model; None where they are the same."""
+    if frame == "model":
+        return None
+    names = column(
+        session,
+        "SELECT e.name FROM entity e JOIN world w ON w.entity_id = e.id "
+        "WHERE e.map_id = current_map()",
+    )
+    if frame != "map" and frame not in names:
+        raise LookupError(
+            f"there is no frame {frame}{suggestion(frame, names)}: give model, map, or an entity "
+            "with a pose"
+        )
+    if isinstance(model, int) or model not in names:
+        raise ManipulationError(
+            f"poses in the frame {frame} need an entity that has a pose, not {model}: "
+            "name the entity that the poses are for"
+        )
+    poses = dict(
+        session.execute(
+            "SELECT e.name, w.pose FROM entity e JOIN world w ON w.entity_id = e.id "
+            "WHERE e.map_id = current_map() AND e.name = ANY (%s)",
+            ([model, frame],),
+        ).fetchall()
+    )
+    outer = Pose() if frame == "map" else Pose(*poses[frame])
+    return Pose(*poses[model]).inverse() @ outer

@@ -1,0 +1,177 @@
+"""Robots, grippers, sensors, and what is mounted on what, into the database."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from psycopg.types.json import Jsonb
+
+from semmap.belief.store import MapConnection, driver
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.statements import column, number, refusals
+from semmap.suggestions import suggestion
+
+__all__ = ["add_automaton", "add_device", "add_gripper", "gripper_id"]
+
+CAPABILITIES = {
+    "gripper": ("gripping", "pushing"),
+    "robot": ("reaching",),
+    "sensor": ("sensing",),
+}
+"""What components are able to do, where nothing else is stated."""
+
+
+def add_device(
+    connection: MapConnection,
+    name: str,
+    kind: str,
+    *,
+    urdf: str | None = None,
+    source: Path | str | None = None,
+    joints: Mapping[str, tuple[float, float]] | None = None,
+    capabilities: Sequence[str] | None = None,
+) -> int:
+    """Store a robot, gripper or sensor, or update the one of this name; return its id.
+
+    Parameters
+    ----------
+    kind : robot, gripper or sensor; a gripper also needs `add_gripper`
+    urdf : text of its URDF
+    source : the file of the URDF, with its meshes
+    joints : limits by name, radians or metres
+    capabilities : by default those of its kind (`CAPABILITIES`)
+
+    Raises
+    ------
+    ManipulationError
+        `kind` is not known, or a device of this name is of another kind.
+    """
+    if kind not in CAPABILITIES:
+        raise ManipulationError(f"{name}: {kind} is not one of {', '.join(CAPABILITIES)}")
+    session = driver(connection)
+    limits = {joint: list(pair) for joint, pair in (joints or {}).items()}
+    with refusals(), session.transaction():
+        row = session.execute("SELECT id, kind FROM device WHERE name = %s", (name,)).fetchone()
+        if row is not None and row[1] != kind:
+            raise ManipulationError(f"{name}: there is a {row[1]} of this name: choose another one")
+        values = (
+            kind,
+            urdf,
+            None if source is None else str(source),
+            Jsonb(limits),
+            list(CAPABILITIES[kind] if capabilities is None else capabilities),
+            name,
+        )
+        statement = (
+            "INSERT INTO device (kind, urdf, source, joints, capabilities, name) "
+            "VALUES (%s, %s, %s, %s, %s, %s) RETURNING id"
+            if row is None
+            else "UPDATE device SET kind = %s, urdf = %s, source = %s, joints = %s, "
+            "capabilities = %s WHERE name = %s RETURNING id"
+        )
+        return number(session.execute(statement, values))
+
+
+def add_gripper(
+    connection: MapConnection,
+    name: str,
+    *,
+    form: str,
+    opening: float,
+    depth: float,
+    urdf: str | None = None,
+    source: Path | str | None = None,
+    joints: Mapping[str, tuple[float, float]] | None = None,
+    preferred: bool | None = None,
+) -> int:
+    """Store a gripper, or update the one of this name; return its id.
+
+    Parameters
+    ----------
+    form : parallel or multi-finger
+    opening, depth : the widest object that it closes on, and how deep its fingers are, metres
+    preferred : meant where a query names no gripper; by default, the first one is
+
+    Raises
+    ------
+    ManipulationError
+        A size is not positive, or a device of this name is not a gripper.
+    """
+    session = driver(connection)
+    if not (math.isfinite(opening) and opening > 0):
+        raise ManipulationError(f"gripper {name}: its opening is {opening}: give metres above 0")
+    if not (math.isfinite(depth) and depth >= 0):
+        raise ManipulationError(f"gripper {name}: its depth is {depth}: give metres, at least 0")
+    with refusals(), session.transaction():
+        id_ = add_device(session, name, "gripper", urdf=urdf, source=source, joints=joints)
+        first = session.execute("SELECT NOT EXISTS (SELECT FROM gripper)").fetchone()
+        if preferred is None:
+            preferred = bool(first and first[0])
+        if preferred:
+            session.execute("UPDATE gripper SET preferred = false WHERE preferred")
+        session.execute(
+            "INSERT INTO gripper (device_id, form, opening, depth, preferred) "
+            "VALUES (%s, %s, %s, %s, %s) ON CONFLICT (device_id) DO UPDATE SET "
+            "form = excluded.form, opening = excluded.opening, depth = excluded.depth, "
+            "preferred = excluded.preferred OR gripper.preferred",
+            (id_, form, opening, depth, preferred),
+        )
+    return id_
+
+
+def add_automaton(
+    connection: MapConnection,
+    name: str,
+    robot: str,
+    gripper: str | None = None,
+    sensor: str | None = None,
+) -> int:
+    """Store a robot with a gripper and a sensor, all by their names; return its id.
+
+    Raises
+    ------
+    LookupError
+        There is no device of a name.
+    """
+    session = driver(connection)
+    ids: list[int | None] = []
+    for kind, device in (("robot", robot), ("gripper", gripper), ("sensor", sensor)):
+        row = session.execute(
+            "SELECT id FROM device WHERE kind = %s AND name = %s", (kind, device)
+        ).fetchone()
+        if device is not None and row is None:
+            known = column(session, "SELECT name FROM device WHERE kind = %s", (kind,))
+            raise LookupError(f"there is no {kind} {device}{suggestion(device, known)}")
+        ids.append(None if row is None else row[0])
+    with refusals():
+        return number(
+            session.execute(
+                "INSERT INTO automaton (name, robot_id, gripper_id, sensor_id) "
+                "VALUES (%s, %s, %s, %s) ON CONFLICT (name) DO UPDATE SET "
+                "robot_id = excluded.robot_id, gripper_id = excluded.gripper_id, "
+                "sensor_id = excluded.sensor_id RETURNING id",
+                (name, *ids),
+            )
+        )
+
+
+def gripper_id(connection: MapConnection, name: str | None = None) -> int:
+    """Return the id of a gripper; without a name, of the preferred one, else of the only one.
+
+    Raises
+    ------
+    LookupError
+        There is none of this name, none at all, or several and none is preferred.
+    """
+    session = driver(connection)
+    if name is not None:
+        known = column(
+            session, "SELECT d.name FROM device d JOIN gripper g ON g.device_id = d.id ORDER BY 1"
+        )
+        if name not in known:
+            hint = suggestion(name, known, "semmap manipulation add-gripper URDF adds one")
+            raise LookupError(f"there is no gripper {name}{hint}")
+    with refusals():
+        return number(session.execute("SELECT gripper_named(%s)", (name,)))

@@ -1,0 +1,144 @@
+"""Object models into the database: what all instances of a mesh share, with their primitive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from semmap.belief.store import MapConnection, driver
+from semmap.manipulation.action_record import pose_of
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.statements import column, number, refusals
+from semmap.query.entity_query import entity_id
+from semmap.suggestions import suggestion
+
+__all__ = ["add_object", "object_model_id", "set_shape"]
+
+
+def object_model_id(connection: MapConnection, model: str | int) -> int:
+    """Return the id of an object model: of an entity's mesh, which is made if nothing is known yet.
+
+    Parameters
+    ----------
+    model : name of an entity, or id of an object model
+
+    Raises
+    ------
+    LookupError
+        The map has no entity of this name, or there is no object model of this id.
+    ManipulationError
+        The entity has no mesh, so that nothing could be shared with others of its model.
+    """
+    session = driver(connection)
+    if isinstance(model, int):
+        if session.execute("SELECT 1 FROM object_model WHERE id = %s", (model,)).fetchone():
+            return model
+        raise LookupError(f"there is no object model {model}")
+    entity = entity_id(session, model)
+    row = session.execute(
+        "SELECT object_of(e.id), e.type, "
+        "(SELECT m.digest FROM entity_model em JOIN model m ON m.id = em.model_id "
+        "WHERE em.entity_id = e.id AND m.triangles > 0 ORDER BY em.role DESC, m.id LIMIT 1), "
+        "(SELECT m.uri FROM entity_model em JOIN model m ON m.id = em.model_id "
+        "WHERE em.entity_id = e.id AND m.triangles > 0 ORDER BY em.role DESC, m.id LIMIT 1) "
+        "FROM entity e WHERE e.id = %s",
+        (entity,),
+    ).fetchone()
+    assert row is not None
+    known, type_, digest, uri = row
+    if known is not None:
+        return int(known)
+    if digest is None:
+        raise ManipulationError(
+            f"{model}: has no mesh, so it has no model: import its mesh, or give its size"
+        )
+    name = Path(str(uri)).stem if uri else model
+    return add_object(session, f"mesh:{digest}", name=name, type=type_, digests=[digest])
+
+
+def add_object(
+    connection: MapConnection,
+    key: str,
+    *,
+    name: str | None = None,
+    type: str | None = None,
+    functions: Sequence[str] = (),
+    primitive: Any = None,
+    digests: Sequence[str] = (),
+) -> int:
+    """Store an object model that no map needs to have, such as a shape alone; return its id.
+
+    Parameters
+    ----------
+    key : the same in all databases
+    functions : what it is used for, beside the functions of its type
+    primitive : as `set_shape` takes it
+    digests : of its meshes
+
+    Raises
+    ------
+    ManipulationError
+        The type is not known, or the primitive is not one.
+    """
+    session = driver(connection)
+    if (
+        type is not None
+        and not session.execute("SELECT 1 FROM semantic_type WHERE name = %s", (type,)).fetchone()
+    ):
+        known = column(session, "SELECT name FROM semantic_type")
+        raise ManipulationError(f"{key}: there is no type {type}{suggestion(type, known)}")
+    with refusals(), session.transaction():
+        session.execute(
+            "INSERT INTO object_model (key, name, type, functions) VALUES (%s, %s, %s, %s) "
+            "ON CONFLICT (key) DO NOTHING",
+            (key, name, type, list(functions)),
+        )
+        id_ = number(session.execute("SELECT id FROM object_model WHERE key = %s", (key,)))
+        for digest in digests:
+            session.execute(
+                "INSERT INTO object_mesh (digest, object_id) VALUES (%s, %s) "
+                "ON CONFLICT DO NOTHING",
+                (digest, id_),
+            )
+        if primitive is not None:
+            set_shape(session, id_, primitive)
+    return id_
+
+
+def set_shape(connection: MapConnection, model: str | int, primitive: Any) -> int:
+    """Store the primitive of an object model; return the model's id.
+
+    Parameters
+    ----------
+    model : name of an entity, or id of an object model
+    primitive : with `kind` (sphere, cylinder, cone, cuboid), `size` (metres), `pose` (4, 4) in the
+        model's frame, `inliers` and `deviation`
+
+    Raises
+    ------
+    ManipulationError
+        It is not a primitive.
+    """
+    session = driver(connection)
+    size = [float(v) for v in primitive.size]
+    where = f"the shape of {model}"
+    if not all(math.isfinite(v) and v > 0 for v in size):
+        raise ManipulationError(f"{where}: its size is {size}: give metres above 0")
+    pose = pose_of(primitive.pose, where)
+    with refusals(), session.transaction():
+        id_ = object_model_id(session, model)
+        session.execute(
+            "UPDATE object_model SET shape = %s, size = %s, shape_pose = %s, inliers = %s, "
+            "deviation = %s WHERE id = %s",
+            (
+                primitive.kind,
+                size,
+                pose.row,
+                float(primitive.inliers),
+                [float(v) for v in primitive.deviation],
+                id_,
+            ),
+        )
+    return id_

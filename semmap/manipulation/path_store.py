@@ -1,0 +1,55 @@
+"""Paths of robots and of their links into the database."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from semmap.belief.store import MapConnection, driver
+from semmap.manipulation.action_record import pose_of
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.statements import column, number, refusals
+from semmap.suggestions import suggestion
+
+__all__ = ["add_path"]
+
+
+def add_path(
+    connection: MapConnection,
+    automaton: str,
+    poses: Sequence[Any],
+    *,
+    link: str = "",
+    clearance: float = 0.1,
+) -> int:
+    """Store the poses that led a robot, or a link of it, through the map; return the path's id.
+
+    Parameters
+    ----------
+    poses : at least two, (4, 4) or seven numbers, in the map's frame
+    link : whose poses they are; empty for the base
+    clearance : metres beside the path in which nothing may have moved when it is reused
+
+    Raises
+    ------
+    LookupError
+        There is no such automaton.
+    ManipulationError
+        Fewer than two poses, or one that is not a pose.
+    """
+    session = driver(connection)
+    rows = [pose_of(pose, f"pose {n} of the path").row for n, pose in enumerate(poses, 1)]
+    if len(rows) < 2:
+        raise ManipulationError(f"a path has at least two poses, not {len(rows)}")
+    row = session.execute("SELECT id FROM automaton WHERE name = %s", (automaton,)).fetchone()
+    if row is None:
+        known = column(session, "SELECT name FROM automaton")
+        raise LookupError(f"there is no automaton {automaton}{suggestion(automaton, known)}")
+    with refusals():
+        return number(
+            session.execute(
+                "INSERT INTO path (map_id, automaton_id, link, poses, clearance) "
+                "VALUES (current_map(), %s, %s, %s, %s) RETURNING id",
+                (row[0], link, rows, clearance),
+            )
+        )

@@ -1,0 +1,68 @@
+"""What the stores of manipulation knowledge share: refusals of the database, and small reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import psycopg
+from psycopg import errors
+
+from semmap.manipulation.error import ManipulationError
+from semmap.suggestions import suggestion
+
+__all__ = ["OWN", "SIMULATION", "column", "contributor_id", "number", "refusals"]
+
+OWN, SIMULATION = "own", "simulation"
+"""Contributors that each database has: its own robots, and simulated ones."""
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Raise refusals of the database as errors of this package, or LookupError for a name."""
+    try:
+        yield
+    except errors.CheckViolation as error:
+        name = error.diag.constraint_name
+        parts = (error.diag.message_primary, error.diag.message_hint)
+        raise ManipulationError(
+            f"refused: {name.replace('_', ' ')}" if name else ". ".join(filter(None, parts))
+        ) from error
+    except errors.NoDataFound as error:
+        parts = (error.diag.message_primary, error.diag.message_hint)
+        raise LookupError(". ".join(filter(None, parts))) from error
+    except errors.InsufficientPrivilege as error:
+        raise ManipulationError(
+            f"this login may not do that ({error.diag.message_primary}): ask an admin"
+        ) from error
+
+
+def contributor_id(session: psycopg.Connection[Any], name: str) -> int:
+    """Return the id of a contributor.
+
+    Raises
+    ------
+    LookupError
+        There is none of this name.
+    """
+    row = session.execute("SELECT id FROM contributor WHERE name = %s", (name,)).fetchone()
+    if row is None:
+        known = column(session, "SELECT name FROM contributor")
+        raise LookupError(
+            f"there is no contributor {name}"
+            f"{suggestion(name, known, 'semmap manipulation trust NAME KEY adds one')}"
+        )
+    return int(row[0])
+
+
+def column(session: psycopg.Connection[Any], query: str, values: Sequence[Any] = ()) -> list[str]:
+    """Return the first column of a query."""
+    return [row[0] for row in session.execute(query.encode(), values).fetchall()]
+
+
+def number(cursor: psycopg.Cursor[Any]) -> int:
+    """Return the only number of a result."""
+    row = cursor.fetchone()
+    assert row is not None
+    return int(row[0])

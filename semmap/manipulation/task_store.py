@@ -1,0 +1,144 @@
+"""Tasks into the database: attempts of actions, with their outcomes."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from semmap.belief.store import MapConnection, driver
+from semmap.manipulation.action_record import pose_of
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.statements import SIMULATION, contributor_id, number, refusals
+from semmap.query.entity_query import entity_id
+
+__all__ = ["add_task", "end_task", "record_task"]
+
+
+def add_task(
+    connection: MapConnection,
+    entity: str,
+    kind: str = "grasp",
+    *,
+    action: int | None = None,
+    robot: str | None = None,
+    start: Any = None,
+    goal: Any = None,
+    deadline: datetime | None = None,
+    outcome: str = "to run",
+    message: str | None = None,
+    simulated: bool = False,
+) -> int:
+    """Store a task, or an attempt that has ended; return its id.
+
+    Parameters
+    ----------
+    entity, robot : names in the map
+    action : id of the stored action that is used
+    start, goal : of the object, in the map's frame; by default its pose now, and none
+    deadline : with a time zone
+    outcome : to run, running, completed or error; the last two count for the action
+    simulated : the outcome counts for the contributor ``simulation``, which is trusted less
+
+    Raises
+    ------
+    LookupError
+        The map has no such entity.
+    ManipulationError
+        A value is not one of those allowed.
+    """
+    session = driver(connection)
+    if deadline is not None and deadline.tzinfo is None:
+        raise ManipulationError(f"the deadline {deadline.isoformat()} has no time zone: add one")
+    of_entity = entity_id(session, entity)
+    begins = None if start is None else pose_of(start, "start").row
+    ends = None if goal is None else pose_of(goal, "goal").row
+    source = contributor_id(session, SIMULATION) if simulated else None
+    with refusals():
+        return number(
+            session.execute(
+                "INSERT INTO task (map_id, robot_id, kind, entity_id, action_id, start, goal, "
+                f"deadline, outcome, message{', contributor_id' if source else ''}) "
+                "VALUES (current_map(), %s, %s, %s, %s, coalesce(%s::float8[], "
+                "(SELECT pose FROM world WHERE entity_id = %s)), %s, %s, %s, %s"
+                f"{', %s' if source else ''}) RETURNING id",
+                (
+                    None if robot is None else entity_id(session, robot),
+                    kind,
+                    of_entity,
+                    action,
+                    begins,
+                    of_entity,
+                    ends,
+                    deadline,
+                    outcome,
+                    message,
+                    *((source,) if source else ()),
+                ),
+            )
+        )
+
+
+def end_task(
+    connection: MapConnection, task: int, outcome: str, message: str | None = None
+) -> None:
+    """State how a task ended (``completed`` or ``error``), or that it is ``running``.
+
+    Raises
+    ------
+    LookupError
+        There is no such task.
+    ManipulationError
+        It has ended before.
+    """
+    session = driver(connection)
+    with refusals():
+        found = session.execute(
+            "UPDATE task SET outcome = %s, message = %s WHERE id = %s RETURNING id",
+            (outcome, message, task),
+        ).fetchone()
+    if found is None:
+        raise LookupError(f"there is no task {task} of this robot")
+
+
+def record_task(
+    connection: MapConnection,
+    entity: str,
+    kind: str = "grasp",
+    *,
+    action: int | None,
+    outcome: str,
+    instead_of: int | None = None,
+    **values: Any,
+) -> int:
+    """Store an attempt with its outcome (the paper's Effect Evaluator, section IV); return its id.
+
+    Parameters
+    ----------
+    action : id of the action that was tried
+    outcome : completed or error
+    instead_of : id of the action that failed before. If the attempt was completed, `action`
+        replaces it: it is not proposed any more, and its outcomes stay known.
+    values : as for `add_task`
+
+    Raises
+    ------
+    LookupError, ManipulationError
+        As `add_task`; the two actions are not of the same kind, object and gripper.
+    """
+    session = driver(connection)
+    with refusals(), session.transaction():
+        task = add_task(session, entity, kind, action=action, outcome=outcome, **values)
+        if instead_of is not None and outcome == "completed":
+            session.execute("UPDATE action SET replaced_by = NULL WHERE id = %s", (action,))
+            found = session.execute(
+                "UPDATE action old SET replaced_by = new.id FROM action new "
+                "WHERE old.id = %s AND new.id = %s AND (old.kind, old.object_id, old.gripper_id) = "
+                "(new.kind, new.object_id, new.gripper_id) RETURNING old.id",
+                (instead_of, action),
+            ).fetchone()
+            if found is None:
+                raise ManipulationError(
+                    f"action {action} cannot replace {instead_of}: they are not of the same kind, "
+                    "object model and gripper"
+                )
+    return task
