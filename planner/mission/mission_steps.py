@@ -17,6 +17,7 @@ __all__ = [
     "forget_planned",
     "read_failures",
     "read_steps",
+    "read_target",
     "read_unfinished_steps",
     "replace_planned",
     "start_step",
@@ -41,6 +42,12 @@ def read_failures(connection: Connection, mission: int) -> list[Failure]:
 def read_unfinished_steps(connection: Connection, mission: int) -> Sequence[Any]:
     """Number, state and command, as JSON, of each started or planned step, in order."""
     return connection.execute(text(_UNFINISHED), {"mission": mission}).all()
+
+
+def read_target(connection: Connection, mission: int, item: str) -> str | None:
+    """What an object is put on by the first planned step that puts it down; None without one."""
+    found = connection.execute(text(_TARGET), {"mission": mission, "item": item}).scalar()
+    return None if found is None else str(found)
 
 
 def forget_planned(connection: Connection, mission: int) -> None:
@@ -126,4 +133,10 @@ _END = """
 UPDATE mission_step
 SET state = :state, ended_at = clock_timestamp(), cause = :cause, message = :message
 WHERE mission_id = :mission AND number = :number AND state = 'started'
+"""
+
+_TARGET = """
+SELECT arguments[2] FROM mission_step
+WHERE mission_id = :mission AND state = 'planned' AND action = 'place' AND arguments[1] = :item
+ORDER BY number LIMIT 1
 """

@@ -15,12 +15,13 @@ from sqlalchemy import Connection, Engine, text
 
 from planner.mission.behaviours import Observation, Outcome
 from planner.mission.command import Command
-from planner.mission.grasp_memory import GraspMemory
+from planner.mission.grasp_memory import KINDS, GraspMemory
 from planner.mission.map_connection import MissionError
 from planner.mission.mission_list import MissionList, read_mission
 from planner.mission.mission_steps import (
     end_step,
     forget_planned,
+    read_target,
     read_unfinished_steps,
     replace_planned,
     start_step,
@@ -201,8 +202,9 @@ class MissionStore(MissionList):
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)
             start_step(connection, mission, number, command)
-            if self.grasps is not None and command.behaviour == "pickup":
-                self.grasps.begin(connection, robot, command)
+            if self.grasps is not None and command.behaviour in KINDS:
+                target = read_target(connection, mission, command.arguments[0])
+                self.grasps.begin(connection, robot, command, target)
 
     def end(
         self,
@@ -234,7 +236,7 @@ class MissionStore(MissionList):
             if outcome.cause == "locked" and command.step is not None and command.step.connector:
                 write_door(connection, command.step.connector.name, "locked")
             write_execution(connection, robot, command, outcome)
-            if self.grasps is not None and command.behaviour == "pickup":
+            if self.grasps is not None and command.behaviour in KINDS:
                 self.grasps.end(connection, robot, command, outcome)
             release_claims(connection, robot, release)
             return [] if outcome.succeeded else replace_planned(connection, mission, then)
@@ -268,9 +270,22 @@ class MissionStore(MissionList):
 
     # -- the map --------------------------------------------------------------------------------
 
-    def spot(self, item: str, target: str, towards: Pose) -> Pose | None:
-        """The free pose on a target that is nearest to another pose; None if there is none."""
+    def spot(
+        self, item: str, target: str, towards: Pose, mission: int | None = None
+    ) -> Pose | None:
+        """The free pose on a target that is nearest to another pose; None if there is none.
+
+        Parameters
+        ----------
+        mission
+            Its robot holds the object: where the store chooses grasps, its gripper is free, too.
+        """
         with self._begin() as connection:
+            if self.grasps is not None and mission is not None:
+                robot = self._own(connection, mission)
+                spots = self.grasps.spots(connection, robot, item, target, towards)
+                if spots is not None:
+                    return spots[0] if spots else None
             return find_placement(connection, item, target, towards)
 
     def objects(self) -> list[ObjectRow]:

@@ -298,9 +298,8 @@ class _Attempt:
         number, command = self._numbers[index], self._commands[index]
         behaviours = self._runner._behaviours
         if command.behaviour == "place" and len(command.arguments) > 1:
-            spot = self._store.spot(
-                command.arguments[0], command.arguments[1], command.at or behaviours.observe().pose
-            )
+            towards = command.at or behaviours.observe().pose
+            spot = self._store.spot(*command.arguments[:2], towards, self._mission)
             if spot is not None:
                 command = self._commands[index] = with_spot(command, spot)
         self._runner._on_event(MissionEvent("starts", number, command))

@@ -271,14 +271,15 @@ SELECT a.approach, sum(a.attempts), sum(a.successes) FROM semmap.action a
 WHERE a.object_id = object AND a.kind = of_kind AND a.attempts > 0 AND a.approach IS NOT NULL GROUP BY 1
 $$;
 
-CREATE FUNCTION family_outcomes(of_shape text, of_size double precision[], tolerance double precision, gripper text)
+CREATE FUNCTION family_outcomes(of_shape text, of_size double precision[], tolerance double precision, gripper text,
+                                of_kind text DEFAULT 'grasp')
 RETURNS TABLE (family text, attempts double precision, successes double precision) LANGUAGE sql STABLE ROWS 10 AS $$
--- How often each family of grasps succeeded on shapes that differ by at most the tolerance, metres: what was learned
+-- How often each family of actions succeeded on shapes that differ by at most the tolerance, metres: what was learned
 -- from one cylinder is a prior for the next. Outcomes of other grippers count half.
 SELECT a.family, sum(w.weight * a.attempts), sum(w.weight * a.successes)
 FROM semmap.objects_like(of_shape, of_size, tolerance) o JOIN semmap.action a ON a.object_id = o.object_id AND a.attempts > 0,
      LATERAL (SELECT CASE WHEN a.gripper_id = semmap.gripper_named(gripper) THEN 1 ELSE 0.5 END AS weight) w
-WHERE a.kind = 'grasp' AND a.family IS NOT NULL GROUP BY 1
+WHERE a.kind = of_kind AND a.family IS NOT NULL GROUP BY 1
 $$;
 
 -- Capabilities ------------------------------------------------------------------------------------
@@ -408,11 +409,16 @@ CREATE TRIGGER task_stamp BEFORE INSERT OR UPDATE ON task FOR EACH ROW EXECUTE F
 
 CREATE FUNCTION task_ended()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Counts an attempt of the task's action; a composed action that succeeded counts for its steps, too.
+-- Counts an attempt of the task's action; a composed action that succeeded counts for its steps, too, unless these were
+-- tasks of their own since it began.
 BEGIN
     INSERT INTO experience (action_id, contributor_id, attempts, successes)
     SELECT i.id, NEW.contributor_id, 1, (NEW.outcome = 'completed')::integer
-    FROM (SELECT NEW.action_id UNION SELECT s.step_id FROM action_step s WHERE s.whole_id = NEW.action_id AND NEW.outcome = 'completed') i (id)
+    FROM (SELECT NEW.action_id UNION
+          SELECT s.step_id FROM action_step s WHERE s.whole_id = NEW.action_id AND NEW.outcome = 'completed'
+            AND NOT EXISTS (SELECT FROM task t WHERE t.action_id = s.step_id AND t.created_at >= NEW.created_at
+                            AND t.entity_id IS NOT DISTINCT FROM NEW.entity_id AND t.robot_id IS NOT DISTINCT FROM NEW.robot_id
+                            AND t.ended_at IS NOT NULL)) i (id)
     ON CONFLICT (action_id, contributor_id) DO UPDATE
         SET attempts = experience.attempts + 1, successes = experience.successes + excluded.successes;
     RETURN NULL;

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 from uuid import UUID
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["KINDS", "MOTIONS", "ActionRecord", "action_key", "pose_of"]
+__all__ = ["KINDS", "MOTIONS", "ActionRecord", "action_key", "composed_key", "pose_of"]
 
 KINDS = ("grasp", "place", "push", "turn", "open", "put")
 """Of actions; `turn` is a rotational push, `open` opens doors and drawers, `put` is composed."""
@@ -41,7 +41,8 @@ class ActionRecord:
         of a turn or an opening; in the model's frame
     approach, family : names of the way to the object, and of what equal shapes share
     width : metres between the fingers at contact
-    posture, pre_posture : positions of joints, radians or metres, at contact and before
+    posture, pre_posture : positions of joints, radians or metres, at contact and before; of a
+        place, at contact and after
     quality : predicted share of successes
     """
 
@@ -164,6 +165,15 @@ def action_key(record: ActionRecord, object_key: str, gripper: str) -> UUID:
         sorted((name, *(rounded([at]) or ())) for name, at in record.posture.items()),
         sorted((name, *(rounded([at]) or ())) for name, at in record.pre_posture.items()),
     ]
+    return _hash(content)
+
+
+def composed_key(kind: str, steps: Sequence[UUID]) -> UUID:
+    """Return the key of an action that is composed of others: equal for equal steps."""
+    return _hash([kind, *map(str, steps)])
+
+
+def _hash(content: list[Any]) -> UUID:
     return UUID(bytes=hashlib.sha256(json.dumps(content).encode()).digest()[:16], version=4)
 
 

@@ -10,7 +10,7 @@ from psycopg.types.json import Jsonb
 
 from semmap.belief.store import MapConnection, driver
 from semmap.geometry.pose import Pose
-from semmap.manipulation.action_record import ActionRecord, action_key
+from semmap.manipulation.action_record import ActionRecord, action_key, composed_key
 from semmap.manipulation.device_store import gripper_id
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.model_store import object_model_id
@@ -127,7 +127,7 @@ def insert_actions(
 
 
 def add_put(connection: MapConnection, grasp: int, place: int) -> int:
-    """Store the composed action put (a grasp, then a place); return its id.
+    """Store the composed action put (a grasp, then a place), if it is not there; return its id.
 
     Raises
     ------
@@ -150,16 +150,17 @@ def add_put(connection: MapConnection, grasp: int, place: int) -> int:
         raise ManipulationError(
             f"actions {grasp} and {place} are of different objects or grippers: give those of one"
         )
+    key = composed_key("put", [rows[grasp][4], rows[place][4]])
     with refusals(), session.transaction():
-        whole = number(
-            session.execute(
-                "INSERT INTO action (kind, object_id, gripper_id, quality) "
-                "VALUES ('put', %s, %s, %s) RETURNING id",
-                (*rows[grasp][2:4], rows[grasp][5] * rows[place][5]),
-            )
-        )
         session.execute(
-            "INSERT INTO action_step (whole_id, number, step_id) VALUES (%s, 1, %s), (%s, 2, %s)",
+            "INSERT INTO action (key, kind, object_id, gripper_id, quality) "
+            "VALUES (%s, 'put', %s, %s, %s) ON CONFLICT (key) DO NOTHING",
+            (key, *rows[grasp][2:4], rows[grasp][5] * rows[place][5]),
+        )
+        whole = number(session.execute("SELECT id FROM action WHERE key = %s", (key,)))
+        session.execute(
+            "INSERT INTO action_step (whole_id, number, step_id) VALUES (%s, 1, %s), (%s, 2, %s) "
+            "ON CONFLICT DO NOTHING",
             (whole, grasp, whole, place),
         )
     return whole

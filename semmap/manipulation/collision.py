@@ -18,9 +18,12 @@ from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.extra import library
 from semmap.manipulation.gripper import Gripper
 
-__all__ = ["Obstacles", "convex_body", "free_grasps"]
+__all__ = ["GAP", "Obstacles", "convex_body", "free_grasps", "free_places", "swept_link"]
 
 Floats = NDArray[np.float64]
+
+GAP = 0.003
+"""Metres by which surfaces of meshes may be uneven."""
 
 _BODIES: WeakKeyDictionary[Gripper, dict[tuple[float, ...], Any]] = WeakKeyDictionary()
 """Swept links: the passes of all shapes approach along few directions in the grasp frame."""
@@ -128,12 +131,50 @@ def free_grasps(
     moved = [k for k in chosen if any(gripper.links[k] in f for f in gripper.fingers)]
     free = np.ones(len(grasps), bool)
     for i, pose in enumerate(poses):
-        way = [_swept(gripper, 0, link, back[i]) for link in chosen]
+        way = [swept_link(gripper, 0, link, back[i]) for link in chosen]
         free[i] = not there.touched_by(way, [pose] * len(way))
         if free[i]:
             posture = gripper.index(float(grasps.widths[i]))
-            closed = [_swept(gripper, posture, link, np.zeros(3)) for link in moved]
+            closed = [swept_link(gripper, posture, link, np.zeros(3)) for link in moved]
             free[i] = not near.touched_by(closed, [pose] * len(closed))
+    return free
+
+
+def free_places(
+    places: Grasps, before: Floats, model: Floats, obstacles: Obstacles, item: Floats
+) -> NDArray[np.bool_]:
+    """Return (N,) whether the gripper puts an object down without touching an obstacle.
+
+    The closed gripper and the object move straight to the pose; the open gripper moves straight
+    away from it, which is the way of a grasp reversed.
+
+    Parameters
+    ----------
+    places : Grasps
+        Their pre-grasps are the ends of the retreats.
+    before : (N, 4, 4) where the gripper begins to move down, in the frame of the model
+    model : (4, 4)
+        The pose at which the object is put, in the frame of the obstacles.
+    obstacles : without the object, with what it is put on
+    item : (V, 3) vertices of the object, in its model's frame
+    """
+    gripper = places.gripper
+    free = free_grasps(places, model, obstacles)
+    standing = item @ model[:3, :3].T + model[:3, 3]
+    down = (np.linalg.inv(places.poses) @ before)[:, :3, 3]
+    ways = (model[:3, :3] @ (before - places.poses)[:, :3, 3].T).T
+    carried: dict[tuple[float, ...], bool] = {}
+    for i in np.flatnonzero(free):
+        way = tuple(ways[i].round(6).tolist())
+        if way not in carried:
+            lifted = standing + np.array((0, 0, GAP))  # free of what it is put on
+            body = convex_body(np.concatenate([lifted, lifted + way]))
+            carried[way] = not obstacles.touched_by([body], [np.eye(4)])
+        posture = gripper.index(float(places.widths[i]))
+        links = range(len(gripper.links))
+        moving = [swept_link(gripper, posture, link, down[i]) for link in links]
+        pose = model @ places.poses[i]
+        free[i] = carried[way] and not obstacles.touched_by(moving, [pose] * len(moving))
     return free
 
 
@@ -144,8 +185,14 @@ def _hull_points(gripper: Gripper, posture: int, link: int) -> Floats:
     return points
 
 
-def _swept(gripper: Gripper, posture: int, link: int, back: Floats) -> Any:
-    """The convex hull of a link at the grasp and moved by `back`, in the grasp frame."""
+def swept_link(gripper: Gripper, posture: int, link: int, back: Floats) -> Any:
+    """Return the convex hull of a link at the grasp and moved by `back`, in the grasp frame.
+
+    Parameters
+    ----------
+    posture, link : numbers in the gripper's `poses`
+    back : (3,) metres
+    """
     bodies = _BODIES.setdefault(gripper, {})
     key = (posture, link, *(back.round(6) + 0.0).tolist())
     if key not in bodies:

@@ -1,9 +1,10 @@
-"""The commands `semmap grasp` and `semmap manipulation`."""
+"""The commands `semmap grasp`, `place`, `push` and `manipulation`."""
 
 from __future__ import annotations
 
 import socket
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ import typer
 
 from semmap import cli
 
-__all__ = ["grasp_command", "manipulation"]
+__all__ = ["grasp_command", "manipulation", "place_command", "push_command"]
 
 # NumPy and the libraries of the extra are slow to import: the functions below import what they use.
 
@@ -21,6 +22,8 @@ Gripper = Annotated[
 ]
 Limit = Annotated[int, typer.Option(min=1, help="The most rows.")]
 COLUMNS = ("entity", "approach", "expected", "attempts", "width", "x", "y", "z", "contributor")
+PLACE_COLUMNS = ("entity", "on", "approach", "expected", "attempts", "clearance", "x", "y", "z")
+PUSH_COLUMNS = ("entity", "direction", "expected", "attempts", "x", "y", "z", "contributor")
 
 
 def grasp_command(
@@ -98,31 +101,97 @@ def grasp_command(
                     rows, problems = found.rows, found.problems
                     for entity in found.generated:
                         print(f"{entity}: grasps generated and stored", file=sys.stderr)
+    if not rows and not problems:
+        problems = [f"the map has no {name or f'object for {for_}'}"]
+    _show(rows, problems, json_, COLUMNS[shape is not None :])
+
+
+def place_command(
+    name: Annotated[str, typer.Argument(help="The object.")],
+    on: Annotated[str, typer.Option("--on", help="What it is put on, such as a table.")],
+    gripper: Gripper = None,
+    towards: Annotated[
+        str | None, typer.Option(metavar="X,Y", help="Spots near this point first; metres.")
+    ] = None,
+    limit: Limit = 10,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Show where and how to put an object down: stored places, the best first, else generated.
+
+    semmap place cup1 --on table; semmap place cup1 --on table --gripper pr2 --towards 1.2,0.5
+    """
+    from semmap.manipulation.places import find_places
+
+    point = None if towards is None else _numbers(towards, "--towards")
+    if point is not None and len(point) != 2:
+        raise typer.BadParameter(f"--towards takes X,Y, not {towards}")
+    with cli.open_database() as db:
+        session = db.map(map_name).session_of_map()
+        with session.transaction():
+            chosen = _gripper(session, gripper)
+            found = find_places(session, name, on, gripper=chosen, towards=point, limit=limit)
+    if found.generated:
+        print(f"{name}: places generated and stored", file=sys.stderr)
+    _show(found.rows, found.problems, json_, PLACE_COLUMNS, "spot")
+
+
+def push_command(
+    name: Annotated[str, typer.Argument(help="The object.")],
+    gripper: Gripper = None,
+    distance: Annotated[float, typer.Option(help="How far it is pushed; metres.")] = 0.1,
+    limit: Limit = 10,
+    map_name: cli.MapName = None,
+    json_: cli.Json = False,
+) -> None:
+    """Show how to push an object along what it stands on: stored pushes, else generated ones.
+
+    semmap push book --distance 0.2
+    """
+    from semmap.manipulation.pushes import find_pushes
+
+    with cli.open_database() as db:
+        session = db.map(map_name).session_of_map()
+        with session.transaction():
+            chosen = _gripper(session, gripper)
+            found = find_pushes(session, name, gripper=chosen, distance=distance, limit=limit)
+    if found.generated:
+        print(f"{name}: pushes generated and stored", file=sys.stderr)
+    _show(found.rows, found.problems, json_, PUSH_COLUMNS)
+
+
+def _show(
+    rows: list[dict[str, Any]],
+    problems: Sequence[str],
+    json_: bool,
+    columns: Sequence[str],
+    where: str = "pose",
+) -> None:
+    """Print actions, with the position of one of their poses; exit with 1 where there is none."""
     for problem in problems:
         print(problem, file=sys.stderr)
     if json_:
         cli.print_json([_plain(row) for row in rows])
     elif rows:
-        cli.show_table([_short(row) for row in rows], False, COLUMNS[shape is not None :])
+        cli.show_table([_short(row, where) for row in rows], False, columns)
     if not rows:
-        if not problems:
-            print(f"the map has no {name or f'object for {for_}'}", file=sys.stderr)
         raise typer.Exit(1)
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:
     """A row for JSON: poses as seven numbers (x, y, z, qx, qy, qz, qw)."""
-    poses = ("pose", "pre_pose", "post_pose", "model_pose")
+    poses = ("pose", "pre_pose", "post_pose", "model_pose", "spot", "end")
     return {
         key: list(value) if key in poses and value is not None else value
         for key, value in row.items()
     }
 
 
-def _short(row: dict[str, Any]) -> dict[str, Any]:
-    pose = row["pose"] or (None, None, None)
+def _short(row: dict[str, Any], where: str) -> dict[str, Any]:
+    pose = row[where] or (None, None, None)
     places = {axis: v if v is None else round(v, 3) for axis, v in zip("xyz", pose, strict=False)}
-    rounded = {key: row[key] and round(row[key], 3) for key in ("expected", "width")}
+    numbers = ("expected", "width", "clearance")
+    rounded = {key: row[key] and round(row[key], 3) for key in numbers if key in row}
     return {"attempts": 0, "contributor": None} | row | places | rounded
 
 

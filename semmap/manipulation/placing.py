@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
-from shapely.affinity import rotate, translate
+from scipy.spatial import ConvexHull
+from shapely import Geometry, Polygon
 
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["Place", "place_candidates"]
+__all__ = ["Place", "place_candidates", "stability"]
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +25,16 @@ ABOVE = 0.003
 """Metres by which an object is released above the surface."""
 
 
+FIRM = np.radians(20)
+"""An object that falls over at this tilt stands firmly."""
+
+LEAST = 0.05
+"""The least stability."""
+
+BASE = 0.003
+"""Height of the part of an object that touches the surface, metres."""
+
+
 @dataclass(frozen=True, eq=False)
 class Place:
     """A pose of an object on a surface.
@@ -32,12 +42,14 @@ class Place:
     Attributes
     ----------
     pose : (4, 4) of the model in the frame of the surfaces
+    spot : (x, y) of the middle of its outline, seen from above
     surface : number of the surface
     clearance : metres to the nearest edge or obstacle
     quality : 0 to 1; the clearance, at most one radius of the object, by that radius
     """
 
     pose: Floats
+    spot: tuple[float, float]
     surface: int
     clearance: float
     quality: float
@@ -51,6 +63,7 @@ def place_candidates(
     *,
     margin: float = 0.01,
     spacing: float = 0.04,
+    all_headings: bool = False,
 ) -> list[Place]:
     """Return poses at which an object stands free on a surface, the ones with most room first.
 
@@ -63,6 +76,7 @@ def place_candidates(
     obstacles : (F, 3, 3) triangles of all else, metres
     margin : least distance to edges and obstacles, metres
     spacing : metres between spots that are tried
+    all_headings : return all headings of a spot, also where the object is free in any of them
 
     Raises
     ------
@@ -79,12 +93,15 @@ def place_candidates(
     if not isinstance(hull, Polygon) or hull.area == 0:
         raise ManipulationError("object: seen from above it has no area; give the mesh of a solid")
     middle = np.array(hull.centroid.coords[0])
-    base = translate(hull, *-middle)
-    radius = float(np.linalg.norm(shapely.get_coordinates(base), axis=1).max())
+    corners = shapely.get_coordinates(hull.exterior) - middle
+    radius = float(np.linalg.norm(corners, axis=1).max())
+    angles = 2 * np.pi / TURNS * np.arange(TURNS)
+    turns = np.array([[[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]] for a in angles])
+    turned = corners @ turns  # (TURNS, K, 2)
     lowest, highest = obstacles[..., 2].min(axis=1), obstacles[..., 2].max(axis=1)
     found = []
     for number, surface in enumerate(surfaces):
-        if surface.area < base.area:
+        if surface.area < hull.area:
             continue
         bottom, top = surface.height + ABOVE, surface.height + ABOVE + high[2] - low[2] + margin
         x0, y0, x1, y1 = surface.outline.bounds
@@ -92,27 +109,70 @@ def place_candidates(
         near = (highest > bottom) & (lowest < top)
         near &= np.all(flat.max(axis=1) > (x0, y0), axis=1)
         near &= np.all(flat.min(axis=1) < (x1, y1), axis=1)
-        # Seen from above a wall is a line, which has a distance, too.
-        blocked = shapely.union_all(
-            [shapely.convex_hull(shapely.multipoints(corners)) for corners in flat[near]]
-        )
-        free = surface.outline.difference(blocked.buffer(margin)) if near.any() else surface.outline
+        edge, blocked = surface.outline, shapely.union_all(_outlines(flat[near]))
         x, y = np.meshgrid(
             np.arange(x0 + spacing / 2, x1, spacing), np.arange(y0 + spacing / 2, y1, spacing)
         )
         spots = np.column_stack([x.ravel(), y.ravel()])
-        room = shapely.distance(shapely.points(spots), free.boundary)
-        inside = shapely.contains_xy(free, spots)
-        for spot, clear in zip(spots[inside], room[inside], strict=True):
-            turns = range(1 if clear >= radius + margin else TURNS)
-            for turn in turns:
-                angle = 2 * np.pi * turn / TURNS
-                area = translate(rotate(base, angle, origin=(0, 0), use_radians=True), *spot)
-                gap = float(shapely.distance(area, free.boundary)) if free.contains(area) else -1.0
-                if gap >= margin:
-                    pose = _turned(upright, angle, middle, spot, bottom - low[2])
-                    found.append(Place(pose, number, gap, min(1.0, gap / radius)))
+        shapely.prepare([edge, blocked])
+        spots = spots[shapely.contains_xy(edge, spots)]
+        tried = np.ones((len(spots), TURNS), bool)
+        if not all_headings:
+            tried[_room(shapely.points(spots), edge, blocked) >= radius + margin, 1:] = False
+        which, turn = np.nonzero(tried)
+        areas = shapely.polygons(turned[turn] + spots[which, None])
+        inside = np.flatnonzero(shapely.contains(edge, areas))
+        gaps = _room(areas[inside], edge, blocked)
+        for i, gap in zip(inside[gaps >= margin], gaps[gaps >= margin], strict=True):
+            at, angle = spots[which[i]], float(angles[turn[i]])
+            pose = _turned(upright, angle, middle, at, bottom - low[2])
+            share = min(1.0, float(gap) / radius)
+            found.append(Place(pose, (float(at[0]), float(at[1])), number, float(gap), share))
     return sorted(found, key=lambda place: -place.clearance)
+
+
+def _outlines(triangles: Floats) -> NDArray[np.object_]:
+    """(F,) outlines of (F, 3, 2) triangles; seen from above, a wall is a line."""
+    owner = np.repeat(np.arange(len(triangles)), 3)
+    points = shapely.points(triangles.reshape(-1, 2))
+    return np.asarray(shapely.convex_hull(shapely.multipoints(points, indices=owner)))
+
+
+def _room(areas: NDArray[np.object_], edge: Polygon, blocked: Geometry) -> Floats:
+    """(N,) metres from each area to the edge of a surface or to the nearest obstacle."""
+    room: Floats = shapely.distance(areas, edge.boundary)
+    if not blocked.is_empty:
+        hit = shapely.intersects(blocked, areas)
+        room[hit] = 0
+        room[~hit] = np.minimum(room[~hit], shapely.distance(areas[~hit], blocked))
+    return room
+
+
+def stability(vertices: Floats, upright: Floats) -> float:
+    """Return how firmly an object stands, 0 to 1: by the tilt at which it falls over.
+
+    Parameters
+    ----------
+    vertices : (N, 3) of the object, in the frame of its model; its density is even
+    upright : (4, 4) the pose in which it stands
+
+    Returns
+    -------
+    float
+        1 from `FIRM` on; at least `LEAST`, as meshes of round bottoms stand, too.
+    """
+    standing = vertices @ upright[:3, :3].T
+    solid = ConvexHull(standing)
+    middle = standing[solid.vertices].mean(axis=0)
+    corners = standing[solid.simplices] - middle
+    volumes = np.abs(np.linalg.det(corners))
+    centre = middle + (corners.sum(axis=1) / 4 * volumes[:, None]).sum(axis=0) / volumes.sum()
+    lowest = standing[:, 2].min()
+    base = shapely.convex_hull(shapely.multipoints(standing[standing[:, 2] < lowest + BASE, :2]))
+    point = shapely.Point(centre[:2])
+    beside = shapely.distance(base.boundary, point) if base.contains(point) else 0.0
+    tilt = np.arctan2(beside, centre[2] - lowest)
+    return float(np.clip(tilt / FIRM, LEAST, 1.0))
 
 
 def _turned(upright: Floats, angle: float, middle: Floats, spot: Floats, height: float) -> Floats:

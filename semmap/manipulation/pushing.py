@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import MultiPolygon, Polygon
 from shapely.ops import nearest_points
 
-from semmap.manipulation.collision import Obstacles, convex_body
+from semmap.manipulation.collision import GAP, Obstacles, convex_body, swept_link
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import Gripper
 
-__all__ = ["Push", "push_candidates"]
+__all__ = ["Push", "free_pushes", "push_candidates"]
 
 Floats = NDArray[np.float64]
 
@@ -52,21 +53,17 @@ def push_candidates(
     vertices: Floats,
     model: Floats,
     gripper: Gripper,
-    surface: Polygon,
-    obstacles: Obstacles,
     *,
     distance: float = 0.1,
     height: float = 0.5,
     safety: float = 0.05,
 ) -> list[Push]:
-    """Return pushes along which an object meets nothing and stays on its surface, best first.
+    """Return pushes of an object in all directions of the plane that it stands on, best first.
 
     Parameters
     ----------
     vertices : (N, 3) of the object, in the frame of its model
-    model : (4, 4) its pose in the frame of surface and obstacles
-    surface : the outline of what it stands on
-    obstacles : without the object, with the surface that it stands on
+    model : (4, 4) its pose; z is up
     distance : metres that the object is pushed
     height : of the contact, a share of the object's height
     safety : metres between pre-push and push
@@ -83,23 +80,14 @@ def push_candidates(
         )
     placed = vertices @ model[:3, :3].T + model[:3, 3]
     hull = shapely.convex_hull(shapely.multipoints(placed[:, :2]))
+    if not isinstance(hull, Polygon) or hull.area == 0:
+        raise ManipulationError("object: seen from above it has no area; give the mesh of a solid")
     middle = np.array(hull.centroid.coords[0])
     level = placed[:, 2].min() + height * np.ptp(placed[:, 2])
-    lifted = placed + np.array((0, 0, 1e-3))  # free of what it stands on
-    posture = gripper.postures[-1]
-    fingers = [
-        convex_body(gripper.robot.hull(link) @ pose[:3, :3].T + pose[:3, 3])
-        for link, pose in zip(gripper.links, gripper.poses[-1], strict=True)
-    ]
     tip = float(gripper.reaches[-1]) + 0.01  # pads end this far in front of their middle
     found = []
     for angle in 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
         along = np.array([np.cos(angle), np.sin(angle)])
-        moved = lifted + np.append(distance * along, 0)
-        if not surface.contains(shapely.convex_hull(shapely.multipoints(moved[:, :2]))):
-            continue
-        if obstacles.touched_by([convex_body(np.concatenate([lifted, moved]))], [np.eye(4)]):
-            continue
         contact, squarely = _contact(hull, middle, along)
         pose = np.eye(4)
         pose[:3, 2] = [*along, 0]
@@ -109,11 +97,43 @@ def push_candidates(
         end, before = pose.copy(), pose.copy()
         end[:2, 3] += distance * along
         before[:2, 3] -= safety * along
-        ways = (before, pose, end)
-        if any(obstacles.touched_by(fingers, [way] * len(fingers)) for way in ways):
-            continue
-        found.append(Push(pose, end, before, along, distance, dict(posture), squarely))
+        posture = dict(gripper.postures[-1])
+        found.append(Push(pose, end, before, along, distance, posture, squarely))
     return sorted(found, key=lambda push: -push.quality)
+
+
+def free_pushes(
+    pushes: Sequence[Push],
+    vertices: Floats,
+    model: Floats,
+    gripper: Gripper,
+    surface: Polygon | MultiPolygon,
+    obstacles: Obstacles,
+) -> NDArray[np.bool_]:
+    """Return (N,) whether an object stays on its surface, and nothing else is touched.
+
+    Parameters
+    ----------
+    pushes : in the frame of surface and obstacles
+    vertices, model : as `push_candidates`
+    surface : the outline of what the object stands on
+    obstacles : without the object, with the surface that it stands on
+    """
+    placed = vertices @ model[:3, :3].T + model[:3, 3]
+    lifted = placed + np.array((0, 0, GAP))  # free of what it stands on
+    free = np.zeros(len(pushes), bool)
+    for i, push in enumerate(pushes):
+        way = np.append(push.distance * push.direction, 0)
+        moved = lifted + way
+        if not surface.contains(shapely.convex_hull(shapely.multipoints(moved[:, :2]))):
+            continue
+        if obstacles.touched_by([convex_body(np.concatenate([lifted, moved]))], [np.eye(4)]):
+            continue
+        back = (np.linalg.inv(push.end) @ push.pre_push)[:3, 3]
+        closed = len(gripper.postures) - 1
+        hand = [swept_link(gripper, closed, k, back) for k in range(len(gripper.links))]
+        free[i] = not obstacles.touched_by(hand, [push.end] * len(hand))
+    return free
 
 
 def _contact(hull: Polygon, middle: Floats, along: Floats) -> tuple[Floats, float]:

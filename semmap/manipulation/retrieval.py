@@ -26,8 +26,11 @@ if TYPE_CHECKING:
 __all__ = [
     "DEFAULT_GRIPPER",
     "Found",
+    "expected",
+    "family_outcomes",
     "find_grasps",
     "generate",
+    "gripper_name",
     "register_gripper",
     "stored_gripper",
 ]
@@ -89,7 +92,7 @@ def find_grasps(
     session = driver(connection)
     asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
     entities = entities_meant(session, **asked)  # type: ignore[arg-type]
-    chosen = _gripper_name(session, gripper)
+    chosen = gripper_name(session, gripper)
     missing = session.execute(MISSING, (entities, chosen)).fetchall()
     generated, problems = [], []
     for (entity,) in sorted(missing)[:MODELS]:
@@ -159,30 +162,38 @@ def generate(connection: MapConnection, entity: str, gripper: str | None = None)
     from semmap.manipulation.candidates import grasp_candidates
 
     session = driver(connection)
-    chosen = _gripper_name(session, gripper)
+    chosen = gripper_name(session, gripper)
     with session.transaction():
         shape = shape_of(session, entity)
         grasps = list(grasp_candidates(shape, stored_gripper(session, chosen)))
         if not grasps:
             return []
-        learned = _outcomes(session, shape, chosen)
+        learned = family_outcomes(session, shape, chosen)
         weighed = [
-            replace(grasp, quality=_expected(grasp.quality, *learned.get(grasp.family, (0.0, 0.0))))
+            replace(grasp, quality=expected(grasp.quality, learned.get(grasp.family)))
             for grasp in grasps
         ]
         return add_actions(session, entity, chosen, weighed)
 
 
-def _expected(quality: float, attempts: float, successes: float) -> float:
-    """The expected share of successes; the predicted quality counts as two attempts."""
+def expected(quality: float, outcomes: tuple[float, float] | None) -> float:
+    """Return the expected share of successes; the predicted quality counts as two attempts.
+
+    Parameters
+    ----------
+    outcomes : attempts and successes
+    """
+    attempts, successes = outcomes or (0.0, 0.0)
     return (successes + 2 * quality) / (attempts + 2)
 
 
-def _outcomes(session: Any, shape: StoredShape, gripper: str) -> dict[str, tuple[float, float]]:
-    """Attempts and successes by family on similar shapes; those of other grippers count half."""
+def family_outcomes(
+    session: Any, shape: StoredShape, gripper: str, kind: str = "grasp"
+) -> dict[str, tuple[float, float]]:
+    """Return attempts and successes by family on similar shapes; other grippers count half."""
     rows = session.execute(
-        "SELECT family, attempts, successes FROM family_outcomes(%s, %s::float8[], %s, %s)",
-        (shape.kind, list(shape.size), SIMILAR, gripper),
+        "SELECT family, attempts, successes FROM family_outcomes(%s, %s::float8[], %s, %s, %s)",
+        (shape.kind, list(shape.size), SIMILAR, gripper, kind),
     ).fetchall()
     return {family: (attempts, successes) for family, attempts, successes in rows}
 
@@ -260,8 +271,8 @@ def _read(path: str, palm: str) -> Gripper:
     return read_gripper(path, palm)
 
 
-def _gripper_name(session: Any, name: str | None) -> str:
-    """The name of the gripper meant; the default one is stored where there is none at all."""
+def gripper_name(session: Any, name: str | None) -> str:
+    """Return the name of the gripper meant; where there is none at all, the default is stored."""
     if name is None and not session.execute("SELECT 1 FROM gripper LIMIT 1").fetchone():
         return register_gripper(session, DEFAULT_GRIPPER)
     row = session.execute(

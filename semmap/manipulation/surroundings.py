@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semmap.belief.store import MapConnection, driver
 from semmap.geometry.pose import Pose
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from semmap.manipulation.collision import Obstacles
     from semmap.manipulation.gripper import Gripper
 
-__all__ = ["free_rows", "obstacles_around"]
+__all__ = ["entity_triangles", "free_rows", "obstacles_around"]
 
 REACH = 0.6
 """How far from an object its surroundings are obstacles, metres: a gripper and its approach."""
@@ -24,27 +25,55 @@ AT_ONCE = 32
 """Grasps that are checked at a time, until enough of them are free."""
 
 
-def obstacles_around(connection: MapConnection, entity: str, reach: float = REACH) -> Obstacles:
-    """Return the triangles of all other entities within reach of an entity, in the map's frame."""
+def obstacles_around(
+    connection: MapConnection, entity: str, reach: float = REACH, *, without: str | None = None
+) -> Obstacles:
+    """Return the triangles of all entities within reach of an entity, in the map's frame.
+
+    Parameters
+    ----------
+    without : the entity that is left out; by default `entity` itself
+    """
     from semmap.manipulation.collision import Obstacles
 
     session = driver(connection)
     rows = session.execute(
         "SELECT DISTINCT o.entity_id, c.model_id, o.pose FROM entity e "
         "JOIN world w ON w.entity_id = e.id "
-        "JOIN world o ON o.map_id = w.map_id AND o.entity_id <> w.entity_id "
+        "JOIN world o ON o.map_id = w.map_id AND o.entity_id <> entity_id(%s) "
         "AND o.box && grown(w.box, %s) AND o.box &&& grown(w.box, %s) "
         "JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' "
         "JOIN entity_chunk ec ON ec.entity_id = o.entity_id JOIN chunk c ON c.id = ec.chunk_id "
         "JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
         "WHERE e.map_id = (SELECT current_map()) AND e.name = %s ORDER BY 1, 2",
-        (reach, reach, entity),
+        (without or entity, reach, reach, entity),
     ).fetchall()
+    return Obstacles(_placed(session, rows))
+
+
+def entity_triangles(connection: MapConnection, entity: str) -> NDArray[np.float64]:
+    """Return the triangles (F, 3, 3) of an entity in the map's frame, metres; none if it has none.
+
+    Visual and collision meshes are both part of it.
+    """
+    session = driver(connection)
+    rows = session.execute(
+        "SELECT DISTINCT w.entity_id, c.model_id, w.pose FROM world w "
+        "JOIN entity_chunk ec ON ec.entity_id = w.entity_id JOIN chunk c ON c.id = ec.chunk_id "
+        "JOIN model m ON m.id = c.model_id AND m.triangles > 0 "
+        "WHERE w.entity_id = entity_id(%s) ORDER BY 1, 2",
+        (entity,),
+    ).fetchall()
+    return _placed(session, rows)
+
+
+def _placed(session: Any, rows: Sequence[Any]) -> NDArray[np.float64]:
+    """The triangles of models at their poses; rows of entity, model and pose."""
     models = models_triangles(session, {model for _, model, _ in rows})
     parts = [
         Pose(*pose).apply(models[model].reshape(-1, 3)).reshape(-1, 3, 3) for _, model, pose in rows
     ]
-    return Obstacles(np.concatenate([np.empty((0, 3, 3)), *parts]))
+    return np.concatenate([np.empty((0, 3, 3)), *parts])
 
 
 def free_rows(

@@ -13,7 +13,7 @@ from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.placing import place_candidates
-from semmap.manipulation.pushing import push_candidates
+from semmap.manipulation.pushing import free_pushes, push_candidates
 from semmap.manipulation.solids import solid_of
 from tests.manipulation.grippers import gripper_by_hand
 
@@ -83,8 +83,14 @@ def test_pushes_stay_on_the_table_and_meet_nothing(tmp_path):
     item = solid_of("cuboid", (0.06, 0.06, 0.2)).mesh().vertices
     model = np.eye(4)
     model[2, 3] = 0.1
-    alone = push_candidates(item, model, gripper, table, Obstacles(wood))
-    beside = push_candidates(item, model, gripper, table, Obstacles(np.concatenate([wood, cup])))
+    pushes = push_candidates(item, model, gripper)
+
+    def free(surface, triangles):
+        there = (item, model, gripper, surface, Obstacles(triangles))
+        return [pushes[i] for i in np.flatnonzero(free_pushes(pushes, *there))]
+
+    alone = free(table, wood)
+    beside = free(table, np.concatenate([wood, cup]))
     assert len(alone) == 16
     met = {round(float(np.degrees(np.arctan2(*p.direction[::-1])))) % 360 for p in beside}
     assert 0 not in met
@@ -98,7 +104,5 @@ def test_pushes_stay_on_the_table_and_meet_nothing(tmp_path):
         assert reached.boundary.distance(shapely.Point(tip[:2])) < 1e-9
         np.testing.assert_allclose(push.end[:2, 3] - push.pose[:2, 3], 0.1 * push.direction)
     assert alone[0].quality == pytest.approx(1)
-    near_edge = push_candidates(
-        item, model, gripper, shapely.box(-0.5, -0.5, 0.5, 0.12), Obstacles(wood)
-    )
+    near_edge = free(shapely.box(-0.5, -0.5, 0.5, 0.12), wood)
     assert all(push.direction[1] < 0.9 for push in near_edge)

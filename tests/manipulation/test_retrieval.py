@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ import trimesh
 import semmap as package
 from semmap import SemanticMap
 from semmap.geometry.pose import Pose
-from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.model_store import object_model_id
 from semmap.manipulation.reader import list_grippers, read_shape
@@ -31,35 +29,6 @@ from semmap.manipulation.task_store import record_task
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.manipulation.grippers import BY_HAND
-
-HOUSE = {"Vase_01": (1.0, 1.0, 0.75), "SeasoningBox_01": (1.4, 1.0, 0.75), "Ball_01": (3.0, 2.0, 0)}
-"""Meshes of small_house and where the test puts them, metres."""
-
-
-@pytest.fixture(scope="module")
-def house_map(make_database: MakeDatabase, worlds: Path) -> Iterator[SemanticMap]:
-    """A table with things of small_house, in a database that has no gripper."""
-    url = make_database().render_as_string(hide_password=False)
-    with package.connect(url) as db:
-        house = db.create_map("house")
-        house.add_room("room", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.7)
-        house.add_object("table", type="table", size=(1.6, 0.8, 0.75), pose=(1.2, 1.0, 0))
-        for name, place in HOUSE.items():
-            folder = worlds / "small_house" / "models" / f"aws_robomaker_residential_{name}"
-            mesh = read_mesh(next(folder.glob("meshes/*visual.DAE")), dae_up_axis=False)
-            type_ = {"Vase_01": "vase", "Ball_01": "ball"}.get(name, "seasoning_box")
-            house.add_object(name, type=type_, mesh=mesh, pose=place)
-        yield house
-
-
-@pytest.fixture
-def house(house_map: SemanticMap) -> Iterator[SemanticMap]:
-    """The house, for one test: what the test changes is undone."""
-    import psycopg
-
-    with house_map.transaction() as transaction:
-        yield house_map
-        raise psycopg.Rollback(transaction)
 
 
 def test_the_shapes_of_all_meshes_are_found_once(house: SemanticMap) -> None:
@@ -225,6 +194,13 @@ def test_the_commands_from_a_query_to_a_shared_outcome(url: str, tmp_path: Path)
     assert "cuboid" in semmap(url, "manipulation", "shapes").stdout
     at = semmap(url, "grasp", "--at", "1.5,1.5,0.8", "--stored", "--limit", "1")
     assert "mug" in at.stdout
+    places = json.loads(semmap(url, "place", "mug", "--on", "table", "--json").stdout)
+    assert {(row["entity"], row["on"]) for row in places} == {("mug", "table")}
+    assert all(0.75 < row["spot"][2] < 0.76 for row in places)
+    assert "mug" in semmap(url, "grasp", "mug", "--kind", "place").stdout
+    pushes = json.loads(semmap(url, "push", "mug", "--limit", 16, "--json").stdout)
+    assert len(pushes) == 16
+    assert "180" in semmap(url, "push", "mug", "--distance", 0.2, "--limit", 16).stdout
     shape = semmap(url, "grasp", "--shape", "cuboid=0.07,0.07,0.1", "--json")
     assert len(json.loads(shape.stdout)) == 10
 
@@ -250,6 +226,9 @@ def test_no_answer_is_an_exit_status(url: str) -> None:
     assert semmap(url, "grasp", "table").exit_code == 1
     assert semmap(url, "grasp", "mug", "--kind", "push").exit_code == 1
     assert semmap(url, "grasp").exit_code == 2
+    with pytest.raises(ManipulationError, match="mug: has no level surface"):
+        semmap(url, "place", "table", "--on", "mug")
+    assert semmap(url, "place", "mug", "--on", "table", "--towards", "1").exit_code == 2
 
 
 CHANGES_OF_MESHES = (

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from sqlalchemy import Connection, text
@@ -11,11 +13,13 @@ import semmap
 from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
 from planner.mission.grasp_memory import GraspMemory, has_gripper
+from semmap.geometry.pose import Pose
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper
 from semmap.query.maps import see_map
 from tests.conftest import MakeDatabase
 
 MUG = Command("pickup", ("mug", "table"))
+PUT = Command("place", ("mug", "table"))
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +29,7 @@ def flat(make_database: MakeDatabase) -> Iterator[semmap.SemanticMap]:
         made.add_room("room", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.7)
         made.add_object("table", type="table", size=(1.6, 0.8, 0.75), pose=(1.5, 1.5, 0))
         made.add_object("mug", type="mug", size=(0.07, 0.07, 0.1), pose=(1.5, 1.5, 0.75))
+        made.add_object("board", type="shelf", size=(2, 1, 0.02), pose=(1.5, 1.5, 1.5))
         made.add_agent("tiago", type="robot", size=(0.5, 0.5, 1.2), pose=(3, 1, 0))
         assert not has_gripper(db.engine)
         register_gripper(db.session, DEFAULT_GRIPPER)
@@ -49,6 +54,18 @@ def robot(connection: Connection) -> int:
 def tasks(connection: Connection) -> list[tuple[object, ...]]:
     statement = "SELECT outcome, message, action_id FROM task ORDER BY id"
     return [tuple(row) for row in connection.execute(text(statement))]
+
+
+def take(connection: Connection, robot: int) -> None:
+    """The robot holds the mug, turned."""
+    grip = [0.3, 0.0, 0.8, 0.0, 0.0, 1.0, 0.0]
+    connection.execute(text(HOLD), {"robot": robot, "grip": grip})
+
+
+HOLD = """
+UPDATE placement SET holder_id = :robot, relation = 'in', pose = :grip
+WHERE entity_id = entity_id('mug')
+"""
 
 
 def tried(connection: Connection) -> dict[int, tuple[float, float]]:
@@ -93,3 +110,69 @@ def test_what_does_not_fit_is_picked_without_a_grasp(connection: Connection, rob
 def test_an_unknown_gripper_is_an_error(connection: Connection, robot: int) -> None:
     with pytest.raises(LookupError, match="no gripper claw"):
         GraspMemory("claw").begin(connection, robot, MUG)
+
+
+def test_what_was_taken_is_put_down_and_both_are_a_put(connection: Connection, robot: int) -> None:
+    memory = GraspMemory()
+    grasp = memory.begin(connection, robot, MUG, "table")
+    memory.end(connection, robot, MUG, Outcome())
+    take(connection, robot)
+    (spot,) = memory.spots(connection, robot, "mug", "table", Pose(2.2, 1.5)) or ()
+    assert math.dist(spot[:2], (2.2, 1.5)) < 0.2
+    assert 0.75 < spot.z < 0.76
+    put = replace(PUT, spot=spot)
+    place = memory.begin(connection, robot, put)
+    memory.end(connection, robot, put, Outcome())
+    statement = "SELECT kind, outcome, action_id, goal FROM task ORDER BY id"
+    rows = [tuple(row) for row in connection.execute(text(statement))]
+    whole = rows[2][2]
+    assert rows == [
+        ("grasp", "completed", grasp, None),
+        ("place", "completed", place, pytest.approx(list(spot))),
+        ("put", "completed", whole, pytest.approx(list(spot))),
+    ]
+    assert tried(connection) == {grasp: (1, 1), place: (1, 1), whole: (1, 1)}  # each once
+
+
+def test_a_dropped_object_counts_against_the_place(connection: Connection, robot: int) -> None:
+    memory = GraspMemory()
+    grasp = memory.begin(connection, robot, MUG)
+    memory.end(connection, robot, MUG, Outcome())
+    take(connection, robot)
+    (spot,) = memory.spots(connection, robot, "mug", "table", Pose(2.2, 1.5)) or ()
+    put = replace(PUT, spot=spot)
+    place = memory.begin(connection, robot, put)
+    memory.end(connection, robot, put, Outcome("dropped", "it fell"))
+    counts = tried(connection)
+    assert counts[grasp] == (1, 1)
+    assert counts[place] == (1, 0)
+    assert len(counts) == 3  # and the put
+    assert set(counts.values()) == {(1, 1), (1, 0)}
+
+
+def test_spots_are_not_known_for_floors_and_for_what_was_taken_without_a_grasp(
+    connection: Connection, robot: int
+) -> None:
+    memory = GraspMemory()
+    assert memory.spots(connection, robot, "mug", "table", Pose()) is None
+    memory.begin(connection, robot, MUG, "room")
+    memory.end(connection, robot, MUG, Outcome())
+    assert memory.spots(connection, robot, "mug", "room", Pose()) is None
+    assert memory.begin(connection, robot, PUT) is None
+
+
+def test_where_the_gripper_fits_nowhere_there_are_no_spots(
+    flat: semmap.SemanticMap, connection: Connection, robot: int
+) -> None:
+    memory = GraspMemory()
+    memory.begin(connection, robot, MUG)
+    memory.end(connection, robot, MUG, Outcome())
+    connection.execute(text(BOARD))
+    assert memory.spots(connection, robot, "mug", "table", Pose()) == []
+
+
+BOARD = """
+UPDATE placement SET pose = pose_compose(pose, '{0,0,-0.63,0,0,0,1}')
+WHERE entity_id = entity_id('board')
+"""
+"""A board 12 cm above the table: room for the mug, and none for the gripper."""

@@ -1,0 +1,321 @@
+"""How and where an object of the map is put down: stored places before generated ones.
+
+A place belongs to a model and a gripper, as the grasp that it ends: the gripper and its joints are
+those of the grasp, and its way back is that of the grasp reversed (Tosello et al., section III-A).
+The spot on the support is found each time, since it depends on what stands there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.belief.store import MapConnection, driver
+from semmap.geometry.mesh import Mesh
+from semmap.geometry.pose import Pose
+from semmap.geometry.surfaces import support_surfaces
+from semmap.manipulation.action_record import ActionRecord
+from semmap.manipulation.action_store import add_actions
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.placing import Place, place_candidates, stability
+from semmap.manipulation.reader import actions_on
+from semmap.manipulation.retrieval import (
+    Found,
+    expected,
+    family_outcomes,
+    find_grasps,
+    gripper_name,
+    stored_gripper,
+)
+from semmap.manipulation.shape_store import model_mesh, shape_of
+from semmap.manipulation.surroundings import entity_triangles, obstacles_around
+from semmap.query.entity_query import entity_id
+
+__all__ = ["find_places", "place_of"]
+
+Floats = NDArray[np.float64]
+
+LIFT = 0.1
+"""Metres from which an object is moved straight down."""
+
+GRASPS = 24
+"""Grasps of an object for which places are generated at once."""
+
+SPOTS = 400
+"""Poses on the support at which the gripper is checked."""
+
+STORED = 1000
+"""The most stored places of a model that are considered."""
+
+UPRIGHT = np.cos(np.radians(5))
+"""Of a stored place whose way down differs by less from the vertical."""
+
+
+def find_places(
+    connection: MapConnection,
+    entity: str,
+    on: str,
+    *,
+    gripper: str | None = None,
+    grasp: int | None = None,
+    towards: Sequence[float] | None = None,
+    limit: int = 10,
+) -> Found:
+    """Return the best places of an object on another one; they are generated where none is stored.
+
+    The object stands as it does now, or as it did before a robot took it, turned about the
+    vertical. Gripper and object touch nothing on the way down, the open gripper nothing on its way
+    back.
+
+    Parameters
+    ----------
+    entity, on : names in the map: the object, and what it is put on
+    gripper : name; the preferred one where None
+    grasp : id of the grasp that holds it; by default, the best ones are considered
+    towards : (x, y); spots near it come first, else those with most room
+    limit : the most rows, each at another pose
+
+    Returns
+    -------
+    Found
+        Rows as of `semmap.manipulation.reader.actions_on`, the poses of the gripper for the object
+        at its spot; also `on`, `spot` (the pose of the object, map's frame), `clearance` (metres)
+        and `grasp_id` and `grasp_expected` of the grasp that it ends.
+
+    Raises
+    ------
+    LookupError
+        There is no such entity, gripper or grasp.
+    ManipulationError
+        The object or its support has no mesh, or nothing can stand on the support.
+    """
+    session = driver(connection)
+    item = entity_id(session, entity)
+    if item == entity_id(session, on):
+        raise ManipulationError(f"{entity}: cannot be put on itself: name another object")
+    chosen = gripper_name(session, gripper)
+    vertices = np.asarray(model_mesh(session, entity).vertices)
+    upright = _upright(session, item)
+    triangles = entity_triangles(session, on)
+    faces = np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3)
+    surfaces = support_surfaces(Mesh(triangles.reshape(-1, 3), faces))
+    if not surfaces:
+        raise ManipulationError(
+            f"{on}: has no level surface on which an object can stand: name another object"
+        )
+    grasps, problems = _grasps(session, entity, chosen, grasp)
+    places, generated = _places(session, entity, chosen, grasps, vertices, upright)
+    if not places:
+        return Found([], [], problems or [f"{entity}: gripper {chosen} has no grasp of it"])
+    obstacles = obstacles_around(session, on, without=entity)
+    spots = place_candidates(vertices, upright, surfaces, obstacles.triangles, all_headings=True)
+    if not spots:
+        return Found([], generated, [f"{on}: none of its surfaces has room for {entity}"])
+    rows = _free_rows(
+        places, spots, stored_gripper(session, chosen), obstacles, vertices, towards, limit
+    )
+    if not rows:
+        problems.append(
+            f"{on}: has room for {entity}, but the gripper touches what is around at all "
+            f"{len(places)} places"
+        )
+    return Found([row | {"on": on} for row in rows], generated, problems)
+
+
+def place_of(
+    connection: MapConnection, entity: str, grasp: int, gripper: str | None = None
+) -> int | None:
+    """Return the id of the best stored place of an object that a grasp holds; None without one.
+
+    Raises
+    ------
+    LookupError
+        There is no such entity, gripper or grasp.
+    """
+    session = driver(connection)
+    chosen = gripper_name(session, gripper)
+    grasps, _ = _grasps(session, entity, chosen, grasp)
+    up = _upright(session, entity_id(session, entity))[2, :3]
+    rows = _stored(session, entity, chosen, grasps, up)
+    return int(rows[0]["action_id"]) if rows else None
+
+
+def _upright(session: Any, item: int) -> Floats:
+    """The pose (4, 4) in which an object stands, or stood before a robot took it."""
+    row = session.execute(STANDS, {"item": item}).fetchone()
+    if row is None or row[0] is None:
+        raise ManipulationError("the object has no pose in the map: semmap put gives it one")
+    return Pose(*row[0]).matrix
+
+
+STANDS = """
+SELECT coalesce((SELECT t.start FROM placement p JOIN entity h ON h.id = p.holder_id
+                 JOIN task t ON t.entity_id = p.entity_id AND t.robot_id = h.id
+                            AND t.kind = 'grasp' AND t.outcome = 'completed'
+                 WHERE p.entity_id = %(item)s AND h.kind = 'agent' ORDER BY t.id DESC LIMIT 1),
+                (SELECT w.pose FROM world w WHERE w.entity_id = %(item)s))
+"""
+
+
+def _grasps(
+    session: Any, entity: str, gripper: str, grasp: int | None
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """The grasps, as rows, that a place can end; and why there is none."""
+    if grasp is None:
+        found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
+        return found.rows, found.problems
+    rows = actions_on(session, name=entity, gripper=gripper, limit=STORED)
+    held = [row for row in rows if row["action_id"] == grasp]
+    if not held:
+        raise LookupError(f"{entity}: there is no grasp {grasp} of it by gripper {gripper}")
+    return held, []
+
+
+def _places(
+    session: Any,
+    entity: str,
+    gripper: str,
+    grasps: Sequence[dict[str, Any]],
+    vertices: Floats,
+    upright: Floats,
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """The stored places that end some grasps, the best first, and for which some were generated."""
+    up = upright[2, :3]
+    stored = _stored(session, entity, gripper, grasps, up)
+    ended = np.array([row["model_pose"].matrix for row in stored]).reshape(-1, 4, 4)
+    missing = [row for row in grasps if not _alike(ended, row["model_pose"].matrix).any()]
+    if not missing:
+        return stored, []
+    shape = shape_of(session, entity)
+    side = _side(shape.kind, shape.pose[:3, :3].T @ up)
+    firm = stability(vertices, upright)
+    learned = family_outcomes(session, shape, gripper, "place")
+    records = []
+    for row in missing:
+        pose = row["model_pose"].matrix
+        before, after = pose.copy(), pose @ np.linalg.inv(row["pose"].matrix)
+        before[:3, 3] += LIFT * up
+        family = f"{row['family'] or row['approach'] or 'grasp'}, {side}"
+        records.append(
+            ActionRecord(
+                "place",
+                row["model_pose"],
+                pre_pose=Pose.from_matrix(before),
+                post_pose=Pose.from_matrix(after @ (row["pre_pose"] or row["pose"]).matrix),
+                approach=row["approach"],
+                family=family,
+                width=row["width"],
+                posture=row["posture"],
+                pre_posture=row["pre_posture"],
+                quality=expected(firm, learned.get(family)),
+            )
+        )
+    add_actions(session, entity, gripper, records)
+    return _stored(session, entity, gripper, grasps, up), [entity]
+
+
+def _stored(
+    session: Any, entity: str, gripper: str, grasps: Sequence[dict[str, Any]], up: Floats
+) -> list[dict[str, Any]]:
+    """The stored places of an object that stands on this side and is held by one of the grasps."""
+    rows = actions_on(session, name=entity, gripper=gripper, kind="place", limit=STORED)
+    held = np.array([row["model_pose"].matrix for row in grasps]).reshape(-1, 4, 4)
+    found = []
+    for row in rows:
+        pose = row["model_pose"].matrix
+        way = (_in_model(row, "pre_pose") - pose)[:3, 3]
+        if way @ up < UPRIGHT * max(float(np.linalg.norm(way)), 1e-9):
+            continue
+        same = np.flatnonzero(_alike(held, pose))
+        if len(same):
+            grasp = grasps[same[0]]
+            ids = {"grasp_id": grasp["action_id"], "grasp_expected": grasp["expected"]}
+            found.append(row | ids)
+    return sorted(found, key=_doubt)
+
+
+def _alike(poses: Floats, pose: Floats) -> NDArray[np.bool_]:
+    """(N,) whether poses (N, 4, 4) equal another one."""
+    same: NDArray[np.bool_] = np.abs(poses - pose).max(axis=(1, 2)) < 1e-4
+    return same
+
+
+def _in_model(row: dict[str, Any], key: str) -> Floats:
+    """A pose of a row in the frame of the model."""
+    there: Pose = row[key] or row["pose"]
+    pose: Floats = row["model_pose"].matrix @ np.linalg.inv(row["pose"].matrix) @ there.matrix
+    return pose
+
+
+def _side(kind: str, up: Floats) -> str:
+    """Which side of a shape is up, such as ``+z up``; a direction across a round one is r."""
+    axis = int(np.argmax(np.abs(up).round(6)))
+    if kind == "sphere":
+        return "any up"
+    if kind in ("cylinder", "cone") and axis < 2:
+        return "r up"
+    return f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]} up"
+
+
+def _free_rows(
+    places: Sequence[dict[str, Any]],
+    spots: Sequence[Place],
+    gripper: Any,
+    obstacles: Any,
+    vertices: Floats,
+    towards: Sequence[float] | None,
+    limit: int,
+) -> list[dict[str, Any]]:
+    """For each spot, the first place at which the gripper touches nothing."""
+    from semmap.manipulation.candidates import Grasps
+    from semmap.manipulation.collision import free_places
+
+    some = Grasps(
+        gripper,
+        np.array([row["model_pose"].matrix for row in places]),
+        np.array([_in_model(row, "post_pose") for row in places]),
+        np.array([gripper.opening if row["width"] is None else row["width"] for row in places]),
+        np.array([row["expected"] for row in places]),
+        np.array([row["approach"] or "" for row in places]),
+        np.array([row["family"] or "" for row in places]),
+    )
+    before = np.array([_in_model(row, "pre_pose") for row in places])
+    found: list[dict[str, Any]] = []
+    taken: set[tuple[float, ...]] = set()
+    for spot in _in_order(spots, towards)[:SPOTS]:
+        if spot.spot in taken:
+            continue
+        free = np.flatnonzero(free_places(some, before, spot.pose, obstacles, vertices))
+        if not len(free):
+            continue
+        taken.add(spot.spot)
+        found.append(_row(places[free[0]], spot))
+        if len(found) == limit:
+            break
+    return found if towards is not None else sorted(found, key=_doubt)
+
+
+def _doubt(row: dict[str, Any]) -> float:
+    """Orders places by the expected share of successes of the grasp and the place."""
+    return -float(row["expected"] * row["grasp_expected"])
+
+
+def _in_order(spots: Sequence[Place], towards: Sequence[float] | None) -> list[Place]:
+    """The spots with most room first; else, of those with room, the nearest first."""
+    if towards is None:
+        return list(spots)
+    point = np.asarray(towards, dtype=float)[:2]
+    return sorted(
+        spots, key=lambda s: (s.quality < 0.5, float(np.linalg.norm(s.pose[:2, 3] - point)))
+    )
+
+
+def _row(place: dict[str, Any], spot: Place) -> dict[str, Any]:
+    """A place at a spot: its poses in the map's frame."""
+    row = place | {"spot": Pose.from_matrix(spot.pose), "clearance": spot.clearance}
+    for key in ("pose", "pre_pose", "post_pose"):
+        row[key] = Pose.from_matrix(spot.pose @ _in_model(place, key))
+    return row

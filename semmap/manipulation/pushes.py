@@ -1,0 +1,189 @@
+"""How an object of the map is pushed: stored pushes before generated ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from semmap.belief.store import MapConnection, driver
+from semmap.geometry.mesh import Mesh
+from semmap.geometry.pose import Pose
+from semmap.geometry.surfaces import support_surfaces
+from semmap.manipulation.action_record import ActionRecord
+from semmap.manipulation.action_store import add_actions
+from semmap.manipulation.collision import Obstacles
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.pushing import Push, free_pushes, push_candidates
+from semmap.manipulation.reader import actions_on
+from semmap.manipulation.retrieval import (
+    Found,
+    expected,
+    family_outcomes,
+    gripper_name,
+    stored_gripper,
+)
+from semmap.manipulation.shape_store import model_mesh, shape_of
+from semmap.manipulation.surroundings import obstacles_around
+from semmap.query.entity_query import entity_id
+
+__all__ = ["find_pushes"]
+
+Floats = NDArray[np.float64]
+
+STORED = 1000
+"""The most stored pushes of a model that are considered."""
+
+LEVEL = 0.02
+"""The largest rise of a push that counts as level, a share of its length."""
+
+TOUCH = 0.02
+"""Metres between the lowest point of an object and the surface that it stands on."""
+
+STEP = 22.5
+"""Degrees by which families of pushes differ."""
+
+
+def find_pushes(
+    connection: MapConnection,
+    entity: str,
+    *,
+    gripper: str | None = None,
+    distance: float = 0.1,
+    limit: int = 10,
+) -> Found:
+    """Return the best level pushes of an object; they are generated where none is stored.
+
+    The object stays on what it stands on, and neither it nor the closed gripper meets anything.
+
+    Parameters
+    ----------
+    entity : name in the map
+    gripper : name; the preferred one where None
+    distance : metres that the object is pushed
+    limit : the most rows
+
+    Returns
+    -------
+    Found
+        Rows as of `semmap.manipulation.reader.actions_on`; also `end` (the pose of the gripper
+        where the push ends), and `direction`, degrees in the map's frame.
+
+    Raises
+    ------
+    LookupError
+        There is no such entity or gripper.
+    ManipulationError
+        The object has no mesh, or stands on nothing level.
+    """
+    session = driver(connection)
+    entity_id(session, entity)
+    chosen = gripper_name(session, gripper)
+    hand = stored_gripper(session, chosen)
+    vertices = np.asarray(model_mesh(session, entity).vertices)
+    row = session.execute("SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,))
+    ((pose,),) = row.fetchall() or ((None,),)
+    if pose is None:
+        raise ManipulationError(f"{entity}: has no pose in the map: semmap put gives it one")
+    model = Pose(*pose).matrix
+    obstacles = obstacles_around(session, entity)
+    surface = _surface(entity, vertices, model, obstacles)
+    rows, generated = _stored(session, entity, chosen, distance), []
+    if not rows:
+        _generate(
+            session, entity, chosen, push_candidates(vertices, model, hand, distance=distance)
+        )
+        rows, generated = _stored(session, entity, chosen, distance), [entity]
+    free = free_pushes([r["push"] for r in rows], vertices, model, hand, surface, obstacles)
+    found = [_told(rows[i]) for i in np.flatnonzero(free)[:limit]]
+    if found:
+        return Found(found, generated, [])
+    problem = f"{entity}: at all {len(rows)} pushes, it or the gripper meets what is around"
+    return Found([], generated, [problem])
+
+
+def _surface(entity: str, vertices: Floats, model: Floats, obstacles: Obstacles) -> Polygon:
+    """The outline of what an object stands on."""
+    placed = vertices @ model[:3, :3].T + model[:3, 3]
+    lowest = placed[:, 2].min()
+    near = obstacles.within(
+        np.array([-np.inf, -np.inf, lowest - 0.1]), np.array([np.inf, np.inf, lowest + 0.1])
+    ).triangles
+    faces = np.arange(3 * len(near), dtype=np.int32).reshape(-1, 3)
+    hull = shapely.convex_hull(shapely.multipoints(placed[:, :2]))
+    for patch in support_surfaces(Mesh(near.reshape(-1, 3), faces)):
+        if abs(patch.height - lowest) < TOUCH and patch.outline.intersects(hull.centroid):
+            return patch.outline
+    raise ManipulationError(f"{entity}: stands on nothing level, so it cannot be pushed along it")
+
+
+def _stored(session: Any, entity: str, gripper: str, distance: float) -> list[dict[str, Any]]:
+    """The stored pushes that are level for the object as it stands, with their `push`."""
+    rows = actions_on(session, name=entity, gripper=gripper, kind="push", limit=STORED)
+    found = []
+    for row in rows:
+        turn = row["pose"].rotation @ row["model_pose"].rotation.T
+        way = turn @ np.array(row["motion"])
+        length = float(np.linalg.norm(way))
+        if abs(length - distance) > 1e-3 or abs(way[2]) > LEVEL * length:
+            continue
+        pose = row["pose"].matrix
+        end = pose.copy()
+        end[:3, 3] += way
+        before = (row["pre_pose"] or row["pose"]).matrix
+        push = Push(pose, end, before, way[:2] / length, length, row["posture"], row["expected"])
+        found.append(row | {"push": push})
+    return found
+
+
+def _generate(session: Any, entity: str, gripper: str, pushes: Sequence[Push]) -> None:
+    """Store pushes, weighed with outcomes of their family on similar shapes."""
+    shape = shape_of(session, entity)
+    ((pose,),) = session.execute(
+        "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,)
+    ).fetchall()
+    turned = (Pose(*pose).rotation @ shape.pose[:3, :3]).T
+    learned = family_outcomes(session, shape, gripper, "push")
+    records = []
+    for push in pushes:
+        along = np.append(push.direction, 0)
+        family = _family(shape.kind, turned @ along, turned[:, 2])
+        records.append(
+            ActionRecord(
+                "push",
+                Pose.from_matrix(push.pose),
+                pre_pose=Pose.from_matrix(push.pre_push),
+                motion=tuple((push.distance * along).tolist()),
+                approach="level",
+                family=family,
+                posture=push.posture,
+                pre_posture=push.posture,
+                quality=expected(push.quality, learned.get(family)),
+            )
+        )
+    add_actions(session, entity, gripper, records, frame="map")
+
+
+def _family(kind: str, along: Floats, up: Floats) -> str:
+    """The direction of a push in the frame of its shape, such as ``x 45, z up``."""
+    if kind == "sphere":
+        return "any"
+    axis = int(np.argmax(np.abs(up).round(6)))
+    side = "r" if kind != "cuboid" and axis < 2 else "xyz"[axis]
+    if side == "z" and kind != "cuboid":
+        return "r, z up"
+    first, second = ((1, 2), (2, 0), (0, 1))[axis]
+    angle = np.degrees(np.arctan2(abs(along[second]), abs(along[first])))
+    return f"{'xyz'[first]} {STEP * round(angle / STEP):g}, {side} up"
+
+
+def _told(row: dict[str, Any]) -> dict[str, Any]:
+    """A push as a row of the answer."""
+    push: Push = row.pop("push")
+    x, y = push.direction
+    degrees = round(float(np.degrees(np.arctan2(y, x))) % 360, 1) % 360
+    return row | {"end": Pose.from_matrix(push.end), "direction": degrees}

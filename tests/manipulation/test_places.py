@@ -1,0 +1,205 @@
+"""Where objects of the small house are put and pushed: what is free, stored and learned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from scipy.spatial import ConvexHull
+
+from semmap import SemanticMap
+from semmap.geometry.pose import Pose
+from semmap.manipulation.action_store import add_put
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.places import find_places, place_of
+from semmap.manipulation.pushes import find_pushes
+from semmap.manipulation.reader import actions_on
+from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper, stored_gripper
+from semmap.manipulation.shape_store import model_mesh
+from semmap.manipulation.task_store import record_task
+from tests.manipulation.grippers import BY_HAND
+
+VASE, BOX = "Vase_01", "SeasoningBox_01"
+TOP = shapely.box(0.4, 0.6, 2.0, 1.4)
+"""The top of the table, at 0.75 m."""
+
+HOLD = f"""
+UPDATE semmap.placement SET holder_id = semmap.entity_id('robot'), relation = 'in', pose = %s
+WHERE entity_id = semmap.entity_id('{BOX}')
+"""
+
+
+def area(points: Any) -> Any:
+    return shapely.convex_hull(shapely.multipoints(points[:, :2]))
+
+
+def placed(house: SemanticMap, name: str, pose: Pose | None = None) -> Any:
+    """The vertices of an object in the map."""
+    there = pose or Pose(*house[name].describe()["pose"])
+    return there.apply(np.asarray(model_mesh(house.session_of_map(), name).vertices))
+
+
+def hand_at(gripper: Any, posture: int, pose: Any) -> Any:
+    """All corners of the gripper at a pose of its grasp frame."""
+    there = pose @ gripper.poses[posture]
+    parts = [
+        gripper.robot.hull(link) @ at[:3, :3].T + at[:3, 3]
+        for link, at in zip(gripper.links, there, strict=True)
+    ]
+    return np.concatenate(parts)
+
+
+def test_places_are_on_the_table_and_free_of_what_stands_there(house: SemanticMap) -> None:
+    here = house.session_of_map()
+    found = find_places(here, VASE, "table", limit=6)
+    assert found.generated == [VASE]
+    assert len(found.rows) == 6
+    again = find_places(here, VASE, "table", limit=6)
+    assert again.generated == []
+    assert [r["action_id"] for r in again.rows] == [r["action_id"] for r in found.rows]
+    gripper = stored_gripper(here, "parallel_gripper")
+    other = area(placed(house, BOX))
+    for row in found.rows:
+        standing = placed(house, VASE, row["spot"])
+        outline = area(standing)
+        assert TOP.contains(outline)
+        assert outline.distance(other) >= 0.01 - 1e-6
+        gap = min(outline.distance(other), outline.distance(TOP.exterior))
+        assert row["clearance"] == pytest.approx(gap, abs=2e-3)
+        assert 0.75 < standing[:, 2].min() < 0.757
+        # The gripper, open at both ends of its way back, is above the table and beside the box.
+        for pose in (row["pose"], row["post_pose"]):
+            corners = hand_at(gripper, 0, pose.matrix)
+            assert corners[:, 2].min() > 0.75
+        down = np.array(row["pre_pose"][:3]) - np.array(row["pose"][:3])
+        np.testing.assert_allclose(down, (0, 0, 0.1), atol=1e-6)
+        assert row["pose"].rotation == pytest.approx(row["pre_pose"].rotation, abs=1e-6)
+
+
+def test_a_held_object_stands_as_it_stood_before(house: SemanticMap) -> None:
+    """In the hand it is upside down; it is put as the robot found it, near the robot."""
+    here = house.session_of_map()
+    house.add_agent("robot", type="robot", size=(0.5, 0.5, 1.2), pose=(3.4, 2, 0))
+    best = find_places(here, BOX, "table", limit=1).rows[0]
+    grasp = best["grasp_id"]
+    record_task(here, BOX, action=grasp, outcome="completed", robot="robot")
+    with house.transaction():
+        house.execute(HOLD, [0.3, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    found = find_places(here, BOX, "table", grasp=grasp, limit=1)
+    assert found.generated == []
+    up = found.rows[0]["spot"].rotation[2]
+    np.testing.assert_allclose(up, (0, 0, 1), atol=1e-6)
+    near = find_places(here, BOX, "table", towards=(2.0, 1.4), limit=3).rows
+    assert max(np.hypot(row["spot"].x - 2.0, row["spot"].y - 1.4) for row in near) < 0.35
+    assert place_of(here, BOX, grasp) == found.rows[0]["action_id"]
+
+
+def test_a_full_surface_and_one_that_is_none(house: SemanticMap) -> None:
+    here = house.session_of_map()
+    with pytest.raises(ManipulationError, match="Ball_01: has no level surface"):
+        find_places(here, VASE, "Ball_01")
+    with pytest.raises(ManipulationError, match="cannot be put on itself"):
+        find_places(here, VASE, VASE)
+    with pytest.raises(LookupError, match="no grasp 77"):
+        find_places(here, VASE, "table", grasp=77)
+    house.add_object("board", type="shelf", size=(1.6, 0.8, 0.02), pose=(1.2, 1.0, 1.15))
+    found = find_places(here, VASE, "table", limit=1)  # 40 cm below the board
+    assert found.rows == []
+    assert "table" in found.problems[0] or VASE in found.problems[0]
+
+
+def test_outcomes_of_places_rank_them_and_teach_a_second_gripper(
+    house: SemanticMap, tmp_path: Path
+) -> None:
+    here = house.session_of_map()
+    register_gripper(here, DEFAULT_GRIPPER)
+    (tmp_path / "plates.urdf").write_text(BY_HAND)
+    register_gripper(here, tmp_path / "plates.urdf", "plates")
+    first = find_places(here, BOX, "table", gripper="parallel_gripper", limit=1).rows[0]
+    for _ in range(6):
+        record_task(here, BOX, "place", action=first["action_id"], outcome="error")
+    second = find_places(here, BOX, "table", gripper="parallel_gripper", limit=1).rows[0]
+    assert second["action_id"] != first["action_id"]
+    find_places(here, BOX, "table", gripper="plates", limit=1)
+    rows = actions_on(here, name=BOX, kind="place", gripper="plates", limit=500)
+    taught = [r["expected"] for r in rows if r["family"] == first["family"]]
+    others = [r["expected"] for r in rows if r["family"] != first["family"]]
+    assert taught
+    assert max(taught) < min(others)
+
+
+def test_a_put_of_one_grasp_and_place_is_stored_once(house: SemanticMap) -> None:
+    here = house.session_of_map()
+    row = find_places(here, BOX, "table", limit=1).rows[0]
+    whole = add_put(here, row["grasp_id"], row["action_id"])
+    assert add_put(here, row["grasp_id"], row["action_id"]) == whole
+    (put,) = actions_on(here, name=BOX, kind="put")
+    assert put["action_id"] == whole
+
+
+# -- pushes ---------------------------------------------------------------------------------------
+
+
+def test_pushes_stay_on_the_table_and_meet_nothing(house: SemanticMap) -> None:
+    """The box is pushed beside a wall of it: all that moves is free of it, by trimesh."""
+    here = house.session_of_map()
+    low, high = placed(house, BOX).min(axis=0), placed(house, BOX).max(axis=0)
+    middle = (low + high) / 2
+    wall = trimesh.creation.box((0.02, 0.5, 0.3))
+    wall.apply_translation((high[0] + 0.05, middle[1], 0.9))
+    house.add_object("wall", type="box", mesh=wall, pose=(0, 0, 0))
+    found = find_pushes(here, BOX, limit=16)
+    assert found.generated == [BOX]
+    assert find_pushes(here, BOX, limit=16).generated == []
+    directions = {row["direction"] for row in found.rows}
+    assert 0 not in directions
+    assert 180 not in directions  # the hand would stand in the wall
+    assert directions
+    gripper = stored_gripper(here, "parallel_gripper")
+    solid = trimesh.collision.CollisionManager()
+    solid.add_object("wall", wall)
+    for row in found.rows:
+        way = np.array(row["end"][:3]) - np.array(row["pose"][:3])
+        assert np.hypot(*way[:2]) == pytest.approx(0.1)
+        assert np.degrees(np.arctan2(way[1], way[0])) % 360 == pytest.approx(row["direction"])
+        assert TOP.contains(area(placed(house, BOX) + way))
+        for share in (0, 0.5, 1):
+            moved = ConvexHull(placed(house, BOX) + share * way)
+            corners = trimesh.Trimesh(moved.points, moved.simplices)
+            assert not solid.in_collision_single(corners)
+            pose = row["pose"].matrix.copy()
+            pose[:3, 3] += share * way
+            points = hand_at(gripper, len(gripper.postures) - 1, pose)
+            assert not wall.contains(points).any()
+            assert points[:, 2].min() > 0.75
+
+
+def test_near_the_edge_pushes_lead_away_from_it(house: SemanticMap) -> None:
+    here = house.session_of_map()
+    size = np.ptp(placed(house, BOX), axis=0)
+    with house.transaction():
+        house[BOX].move_to(2.0 - size[0] / 2 - 0.03, 1.0, 0.75)
+    rows = find_pushes(here, BOX, limit=16).rows
+    ways = [np.array(row["end"][:3]) - np.array(row["pose"][:3]) for row in rows]
+    reach = placed(house, BOX)[:, 0].max()
+    assert rows
+    assert all(reach + way[0] < 2.0 for way in ways)
+
+
+def test_outcomes_of_pushes_rank_them(house: SemanticMap) -> None:
+    here = house.session_of_map()
+    first = find_pushes(here, BOX, limit=1).rows[0]
+    for _ in range(4):
+        record_task(here, BOX, "push", action=first["action_id"], outcome="error")
+    assert find_pushes(here, BOX, limit=1).rows[0]["action_id"] != first["action_id"]
+
+
+def test_what_hangs_in_the_air_is_not_pushed(house: SemanticMap) -> None:
+    with house.transaction():
+        house[BOX].move_to(1.4, 1.0, 1.2)
+    with pytest.raises(ManipulationError, match="stands on nothing level"):
+        find_pushes(house.session_of_map(), BOX)
