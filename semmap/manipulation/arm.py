@@ -151,6 +151,15 @@ class Arm:
             ]
         )
 
+    def is_far(self, pose: Floats) -> bool:
+        """Return whether a pose (4, 4) in the robot's frame is beyond the stretched arm."""
+        length = float(np.linalg.norm(self._tool[:3, 3]))
+        length += sum(float(np.linalg.norm(before[:3, 3])) for before in self._before[1:])
+        slides = np.array([joint.type == "prismatic" for joint in self.joints])
+        length += float(np.maximum(np.abs(self.low), np.abs(self.high))[slides].sum())
+        shoulder = (self._root @ self._before[0])[:3, 3]
+        return float(np.linalg.norm(pose[:3, 3] - shoulder)) > length
+
     def reach(
         self, pose: Floats, near: Floats | None = None, *, starts: int = STARTS, seed: int = 0
     ) -> Floats | None:
