@@ -16,6 +16,7 @@ import typer
 from semmap import cli
 
 if TYPE_CHECKING:
+    from planner.mission.grasp_memory import GraspMemory
     from planner.mission.mission_list import MissionList
     from planner.mission.runner import MissionEvent, MissionResult
     from planner.search.problem_builder import Detector
@@ -92,7 +93,8 @@ class SimulatedRun:
             if not (self.apply or resume):
                 happens_in = opened_here.enter_context(simulation_map(engine, original, self.world))
             grasps = None
-            if not self.try_grasps and (self.gripper is not None or has_gripper(engine)):
+            named = (robot, self.robot_class)
+            if not self.try_grasps and (self.gripper is not None or has_gripper(engine, *named)):
                 grasps = GraspMemory(self.gripper, simulated=True)
             store = opened_here.enter_context(MissionStore(engine, happens_in, process, grasps))
             live = LiveTopology(engine, happens_in, self.robot_class)
@@ -132,7 +134,11 @@ class SimulatedRun:
                     )
                     self.answers = search.answers
                 else:
-                    grasp = self._grasp(engine, original) if self.try_grasps else lambda item: None
+                    grasp = (
+                        self._grasp(engine, original)
+                        if self.try_grasps
+                        else _reach(engine, happens_in, grasps, robot)
+                    )
                     body = simulated_robot(
                         live, sim_world, robot, speed=self.speed, seed=self.seed, grasp=grasp
                     )
@@ -213,6 +219,21 @@ class SimulatedRun:
             cli.out.print(
                 f"in {happens_in}; {original} is unchanged (--apply changes it)", style="dim"
             )
+
+
+def _reach(
+    engine: Any, map_name: str, grasps: GraspMemory | None, robot: str
+) -> Callable[[str], str | None]:
+    """Return a function that says why the robot's arm cannot grasp an object, if it cannot."""
+
+    def grasp(item: str) -> str | None:
+        if grasps is None:
+            return None
+        with engine.connect() as connection:
+            cli.choose_map(connection, map_name)
+            return grasps.refusal(connection, robot, item)
+
+    return grasp
 
 
 def _show_event(event: MissionEvent) -> None:

@@ -23,15 +23,27 @@ __all__ = ["KINDS", "GraspMemory", "has_gripper"]
 KINDS = {"pickup": "grasp", "place": "place"}
 """Behaviours, and the kinds of their actions."""
 
+GRASPS, REACHED = 400, 24
+"""Free grasps of which an arm must reach one, and the most that it reaches that are considered."""
+
 TRIED = ("missed", "dropped")
 """Causes of failures that say something of the action; the object was not reached in others."""
 
 
-def has_gripper(engine: Engine) -> bool:
-    """Whether a gripper is stored that is meant where none is named."""
+def has_gripper(engine: Engine, *names: str | None) -> bool:
+    """Whether a gripper is stored that is meant where none is named.
+
+    Parameters
+    ----------
+    names : of a robot and of its class, which may be stored with a gripper
+    """
     with engine.connect() as connection:
         rows = connection.execute(text("SELECT preferred FROM gripper")).scalars().all()
-    return len(rows) == 1 or any(rows)
+        mounted = connection.execute(
+            text("SELECT 1 FROM automaton WHERE name = ANY (:names) AND gripper_id IS NOT NULL"),
+            {"names": [name for name in names if name is not None]},
+        ).scalar()
+    return len(rows) == 1 or any(rows) or mounted is not None
 
 
 @dataclass(frozen=True)
@@ -40,7 +52,8 @@ class GraspMemory:
 
     Attributes
     ----------
-    gripper : name of a stored gripper; the preferred one where None
+    gripper : name of a stored gripper. By default that of the automaton with the name of the robot
+        or of its class, whose arm must then reach the grasps; else the preferred gripper.
     simulated : outcomes count for the contributor ``simulation``
     """
 
@@ -69,13 +82,20 @@ class GraspMemory:
         from semmap.manipulation.task_store import add_task
 
         session = driver(connection)
-        gripper_id(session, self.gripper)
+        gripper, automaton = self._hand(connection, robot)
+        gripper_id(session, gripper)
         item, kind = command.arguments[0], KINDS[command.behaviour]
         with session.transaction():
             action = (
-                self._grasp(session, item, target if _is_object(connection, target) else None)
+                _grasp(
+                    session,
+                    item,
+                    target if _is_object(connection, target) else None,
+                    gripper,
+                    automaton and (automaton, _base(connection, robot)),
+                )
                 if kind == "grasp"
-                else self._place(connection, session, robot, item)
+                else _place(connection, session, robot, item, gripper)
             )
             if action is not None:
                 add_task(
@@ -114,8 +134,8 @@ class GraspMemory:
                     session,
                     item,
                     target,
-                    gripper=self.gripper,
-                    grasp=grasp,
+                    gripper=self._hand(connection, robot)[0],
+                    grasps=[grasp],
                     towards=near,
                     limit=1,
                 )
@@ -139,29 +159,33 @@ class GraspMemory:
         if kind == "place" and counts and ended is not None and ended.action_id is not None:
             self._end_put(connection, ended.id)
 
-    def _grasp(self, session: Any, item: str, target: str | None) -> int | None:
-        """The grasp of a pickup: one that a free place on the target ends, else the best one."""
-        from semmap.manipulation.error import ManipulationError
-        from semmap.manipulation.places import find_places
-        from semmap.manipulation.retrieval import find_grasps
+    def refusal(self, connection: Connection, robot: str, item: str) -> str | None:
+        """Return why an arm cannot take an object: all known grasps are out of its reach; or None.
 
-        if target is not None:
-            try:
-                with session.transaction():
-                    found = find_places(session, item, target, gripper=self.gripper, limit=1)
-                if found.rows:
-                    return int(found.rows[0]["grasp_id"])
-            except (LookupError, ManipulationError):
-                pass  # something without a mesh, or without a level surface
-        rows = find_grasps(session, name=item, gripper=self.gripper, limit=1).rows
-        return int(rows[0]["action_id"]) if rows else None
+        To be called when its pickup has begun.
+        """
+        from semmap.belief.store import driver
+        from semmap.manipulation.reader import actions_on
 
-    def _place(self, connection: Connection, session: Any, robot: int, item: str) -> int | None:
-        """The place that ends the grasp with which a robot holds an object."""
-        from semmap.manipulation.places import place_of
+        values = {"robot": robot, "item": item}
+        row = connection.execute(text(_RUNNING), values).one()
+        gripper, automaton = self._hand(connection, row.robot)
+        if automaton is None or row.running:
+            return None
+        if not actions_on(driver(connection), name=item, gripper=gripper, limit=1):
+            return None  # nothing is known of it
+        return f"no free grasp of it is within reach of {automaton} here"
 
-        grasp = _held_by(connection, robot, item)
-        return None if grasp is None else place_of(session, item, grasp, self.gripper)
+    def _hand(self, connection: Connection, robot: int) -> tuple[str | None, str | None]:
+        """The gripper that is used, and the automaton whose arm moves it."""
+        from semmap.belief.store import driver
+        from semmap.manipulation.automata import automaton_of
+
+        if self.gripper is not None:
+            return self.gripper, None
+        names = connection.execute(text(_NAMES), {"id": robot}).one()
+        found = automaton_of(driver(connection), *names)
+        return (None, None) if found is None else (found[1], found[0])
 
     def _end_put(self, connection: Connection, place: int) -> None:
         """Store the put that a place has ended, from the begin of its grasp."""
@@ -172,6 +196,58 @@ class GraspMemory:
         if steps is not None:
             action = add_put(driver(connection), steps.grasp_action, steps.place_action)
             connection.execute(text(_PUT), {"grasp": steps.grasp, "place": place, "action": action})
+
+
+def _grasp(
+    session: Any,
+    item: str,
+    target: str | None,
+    gripper: str | None,
+    arm: tuple[str, Pose] | None,
+) -> int | None:
+    """The grasp of a pickup: one that a free place on the target ends, else the best one.
+
+    `arm` is an automaton and where it stands: only grasps that it reaches are taken.
+    """
+    from semmap.manipulation.automata import reachable_rows, stored_arm
+    from semmap.manipulation.error import ManipulationError
+    from semmap.manipulation.places import find_places
+    from semmap.manipulation.retrieval import find_grasps
+
+    found = find_grasps(session, name=item, gripper=gripper, limit=1 if arm is None else GRASPS)
+    rows = found.rows
+    if arm is not None:
+        rows = reachable_rows(rows, stored_arm(session, arm[0])[1], arm[1], REACHED)
+    if not rows:
+        return None
+    if target is not None:
+        reached = None if arm is None else [int(row["action_id"]) for row in rows]
+        try:
+            with session.transaction():
+                places = find_places(
+                    session, item, target, gripper=gripper, grasps=reached, limit=1
+                )
+            if places.rows:
+                return int(places.rows[0]["grasp_id"])
+        except (LookupError, ManipulationError):
+            pass  # something without a mesh, or without a level surface
+    return int(rows[0]["action_id"])
+
+
+def _place(
+    connection: Connection, session: Any, robot: int, item: str, gripper: str | None
+) -> int | None:
+    """The place that ends the grasp with which a robot holds an object."""
+    from semmap.manipulation.places import place_of
+
+    grasp = _held_by(connection, robot, item)
+    return None if grasp is None else place_of(session, item, grasp, gripper)
+
+
+def _base(connection: Connection, robot: int) -> Pose:
+    """Where a robot stands, in the map's frame."""
+    values = {"id": robot}
+    return Pose(*connection.execute(text(_BASE), values).scalar_one())
 
 
 def _held_by(connection: Connection, robot: int, item: str) -> int | None:
@@ -193,6 +269,10 @@ def _name(connection: Connection, robot: int) -> Any:
     ).scalar()
 
 
+_NAMES = "SELECT name, properties->>'robot_class' FROM entity WHERE id = :id"
+
+_BASE = "SELECT pose FROM world WHERE entity_id = :id"
+
 _KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
 
 _END = """
@@ -201,6 +281,13 @@ UPDATE task SET outcome = :outcome, message = :message,
 WHERE robot_id = :robot AND kind = :kind AND outcome = 'running'
   AND entity_id = (SELECT id FROM entity WHERE map_id = current_map() AND name = :item)
 RETURNING id, action_id
+"""
+
+_RUNNING = """
+SELECT r.id AS robot,
+       EXISTS (SELECT FROM task t WHERE t.robot_id = r.id AND t.entity_id = entity_id(:item)
+               AND t.kind = 'grasp' AND t.outcome = 'running') AS running
+FROM (SELECT entity_id(:robot) AS id) r
 """
 
 _HELD = """

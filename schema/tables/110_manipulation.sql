@@ -153,9 +153,14 @@ CREATE TABLE path (
                  CONSTRAINT path_has_at_least_two_poses CHECK (
                      array_ndims(poses) = 2 AND array_length(poses, 1) >= 2 AND array_length(poses, 2) = 7
                      AND 'NaN' <> ALL (poses) AND 'Infinity' > ALL (poses) AND '-Infinity' < ALL (poses)),
+    joints       text[],                                       -- of an arm that led its link so
+    positions    double precision[],                           -- (n, joints): theirs at each pose, radians or metres
     clearance    double precision NOT NULL DEFAULT 0.1 CHECK (clearance >= 0 AND clearance < 'Infinity'),
     line         geometry(LineStringZ, 0) NOT NULL,            -- through its positions
-    at           timestamptz NOT NULL DEFAULT clock_timestamp()  -- the state of the map for which it was planned
+    at           timestamptz NOT NULL DEFAULT clock_timestamp(),  -- the state of the map for which it was planned
+    CONSTRAINT path_positions_are_those_of_its_joints CHECK (
+        num_nulls(joints, positions) = 2
+        OR array_length(positions, 1) = array_length(poses, 1) AND array_length(positions, 2) = cardinality(joints))
 );
 CREATE INDEX path_line ON path USING gist (line gist_geometry_ops_nd);
 CREATE INDEX path_map ON path (map_id, automaton_id);

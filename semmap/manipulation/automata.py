@@ -15,18 +15,25 @@ from numpy.typing import NDArray
 from semmap.belief.store import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.manipulation.device_store import add_automaton, add_device
+from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.path_store import add_path
-from semmap.manipulation.reader import path_between
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
     from semmap.manipulation.arm import Arm
-    from semmap.manipulation.candidates import Grasps
     from semmap.manipulation.gripper import Gripper
 
-__all__ = ["Motion", "automaton_of", "plan_grasp", "reachable_rows", "register_robot", "stored_arm"]
+__all__ = [
+    "Motion",
+    "automaton_of",
+    "base_pose",
+    "plan_grasp",
+    "reachable_rows",
+    "register_robot",
+    "stored_arm",
+]
 
 Floats = NDArray[np.float64]
 
@@ -39,9 +46,6 @@ STARTS = 4
 AROUND = 1.5
 """Metres around an object whose contents are obstacles for an arm."""
 
-JUMP = 0.5
-"""The largest change of a joint between poses of a stored path, radians or metres."""
-
 
 @dataclass(frozen=True)
 class Motion:
@@ -52,7 +56,7 @@ class Motion:
     row : the grasp, as `semmap.manipulation.reader.actions_on` returns it
     joints : names of the joints
     to_pre_grasp, approach : (N, D) positions, radians or metres
-    path : id of the stored path to the pre-grasp
+    path : id of the stored path to the pre-grasp, with the positions of the joints
     reused : it was stored before
     seconds : that were spent
     """
@@ -61,7 +65,7 @@ class Motion:
     joints: tuple[str, ...]
     to_pre_grasp: Floats
     approach: Floats
-    path: int | None
+    path: int
     reused: bool
     seconds: float
 
@@ -153,6 +157,44 @@ def _arm(gripper: Gripper) -> Arm:
     return Arm(gripper)
 
 
+def base_pose(connection: MapConnection, name: str, given: Sequence[float] | None = None) -> Pose:
+    """Return where a robot stands: as given, else as the agent of its name does in the map.
+
+    Parameters
+    ----------
+    given : x, y (metres, map's frame), yaw (radians), and z of the floor, by default that of the
+        room around the point, the lowest one, else 0
+
+    Raises
+    ------
+    LookupError
+        No pose is given, and the map has no agent of this name with one.
+    ManipulationError
+        Not three or four finite numbers.
+    """
+    session = driver(connection)
+    if given is None:
+        row = session.execute(
+            "SELECT w.pose FROM entity e JOIN world w ON w.entity_id = e.id "
+            "WHERE e.map_id = current_map() AND e.kind = 'agent' AND e.name = %s",
+            (name,),
+        ).fetchone()
+        if row is None:
+            raise LookupError(f"the map has no agent {name} with a pose: give its base")
+        return Pose(*row[0])
+    if len(given) not in (3, 4) or not np.isfinite(given).all():
+        raise ManipulationError(f"a base is x, y, yaw and, if known, z, not {list(given)}")
+    x, y, yaw = given[:3]
+    if len(given) == 4:
+        return Pose.planar(x, y, yaw, given[3])
+    row = session.execute(
+        "SELECT min(w.pose[3] + r.floor) FROM room r JOIN world w ON w.entity_id = r.entity_id "
+        "WHERE w.map_id = current_map() AND ST_Covers(w.footprint, ST_MakePoint(%s, %s))",
+        (x, y),
+    ).fetchone()
+    return Pose.planar(x, y, yaw, (row and row[0]) or 0.0)
+
+
 def reachable_rows(
     rows: Sequence[dict[str, Any]], arm: Arm, base: Pose, limit: int
 ) -> list[dict[str, Any]]:
@@ -215,7 +257,7 @@ def plan_grasp(
     """
     from semmap.manipulation.candidates import Grasps
     from semmap.manipulation.collision import Obstacles
-    from semmap.manipulation.motion import plan_pick
+    from semmap.manipulation.motion import plan_pick, straight_motion
 
     if not rows:
         return None
@@ -233,6 +275,7 @@ def plan_grasp(
     some = [row for row in rows if row["entity"] == entity]
     around = Obstacles(local(obstacles_around(session, entity, AROUND).triangles))
     item = local(entity_triangles(session, entity))
+    room = around.joined(item)
     grasps = Grasps(
         arm.gripper,
         np.array([inverse @ row["pose"].matrix for row in some]),
@@ -244,19 +287,23 @@ def plan_grasp(
     )
     joints = tuple(joint.name for joint in arm.joints)
     for i, row in enumerate(some):
-        way = _stored_way(session, automaton, base, arm, start, grasps.pre_grasps[i])
-        if way is not None:
-            rest = _follow(arm, way, start, grasps, i, around, item)
-            if rest is not None:
-                spent = time.perf_counter() - begun
-                return Motion(row, joints, *rest, None, True, spent)
+        goal = base.matrix @ grasps.pre_grasps[i] @ np.linalg.inv(arm.gripper.frame)
+        path = _stored_path(session, automaton, base.matrix @ _palm(arm, start), goal, arm)
+        if path is None:
+            continue
+        number, way = path
+        approach = straight_motion(arm, way[-1], grasps.poses[i])
+        free = all(arm.is_free(q, room) for q in way)
+        if approach is not None and free and all(arm.is_free(q, around) for q in approach):
+            return Motion(row, joints, way, approach, number, True, time.perf_counter() - begun)
     picked = plan_pick(
         arm, start, grasps, np.eye(4), around, object_triangles=item, seconds=seconds
     )
     if picked is None:
         return None
     poses = [base.matrix @ _palm(arm, q) for q in picked.to_pre_grasp]
-    path = add_path(session, automaton, poses, link=arm.gripper.palm)
+    positions = dict(zip(joints, picked.to_pre_grasp.T.tolist(), strict=True))
+    path = add_path(session, automaton, poses, link=arm.gripper.palm, positions=positions)
     spent = time.perf_counter() - begun
     row = some[picked.grasp]
     return Motion(row, joints, picked.to_pre_grasp, picked.approach, path, False, spent)
@@ -267,41 +314,15 @@ def _palm(arm: Arm, position: Floats) -> Floats:
     return pose
 
 
-def _stored_way(
-    session: Any, automaton: str, base: Pose, arm: Arm, start: Floats, before: Floats
-) -> list[Floats] | None:
-    """The poses of the grasp frame on a stored path to a pre-grasp, in the robot's frame."""
-    inverse = np.linalg.inv(base.matrix)
-    begin = base.matrix @ _palm(arm, start)
-    goal = base.matrix @ before @ np.linalg.inv(arm.gripper.frame)
-    poses = path_between(session, automaton, begin, goal, link=arm.gripper.palm)
-    if poses is None:
+def _stored_path(
+    session: Any, automaton: str, start: Floats, goal: Floats, arm: Arm
+) -> tuple[int, Floats] | None:
+    """A valid path between two poses of the palm, its number and the positions along it."""
+    row = session.execute(
+        "SELECT id, joints, positions FROM path "
+        "WHERE id = path_between(%s, %s::float8[], %s::float8[], %s)",
+        (automaton, Pose.from_matrix(start).row, Pose.from_matrix(goal).row, arm.gripper.palm),
+    ).fetchone()
+    if row is None or row[1] != [joint.name for joint in arm.joints]:
         return None
-    return [inverse @ pose.matrix @ arm.gripper.frame for pose in poses]
-
-
-def _follow(
-    arm: Arm,
-    way: Sequence[Floats],
-    start: Floats,
-    grasps: Grasps,
-    number: int,
-    around: Any,
-    item: Floats,
-) -> tuple[Floats, Floats] | None:
-    """Positions along poses, and of the approach after them; None where the arm is not free."""
-    from semmap.manipulation.motion import straight_motion
-
-    room = around.joined(item)
-    positions = [start]
-    for pose in way[1:]:
-        position = arm.reach(pose, positions[-1], starts=1)
-        if position is None or np.abs(position - positions[-1]).max() > JUMP:
-            return None
-        if not arm.is_free(position, room):
-            return None
-        positions.append(position)
-    approach = straight_motion(arm, positions[-1], grasps.poses[number])
-    if approach is None or not all(arm.is_free(q, around) for q in approach):
-        return None
-    return np.array(positions), approach
+    return int(row[0]), np.array(row[2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import sys
 from collections.abc import Sequence
@@ -54,6 +55,22 @@ def grasp_command(
     unchecked: Annotated[
         bool, typer.Option("--unchecked", help="Also grasps that touch what is around.")
     ] = False,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Only what its arm reaches: a stored robot, or the URDF of one."),
+    ] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,YAW[,Z]", help="Where the robot stands; by default its pose in the map."
+        ),
+    ] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Plan the arm's motion to the first grasp.")
+    ] = False,
+    state: Annotated[
+        str | None, typer.Option(help="Its joints before the motion, as JSON; by default at rest.")
+    ] = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -61,12 +78,17 @@ def grasp_command(
     """Show how to grasp an object: stored grasps, the best first, else generated ones.
 
     semmap grasp cup --gripper pr2; semmap grasp --for drinking; semmap grasp --at 1.2,0.5,0.8
+    semmap grasp cup1 --robot tiago --base 1.2,0.4,1.57 --plan
     """
     from semmap.manipulation.reader import actions_by_shape, actions_on
     from semmap.manipulation.retrieval import find_grasps
 
     if sum(given is not None for given in (name, for_, at, shape)) != 1:
         raise typer.BadParameter("give NAME, or one of --for, --at and --shape")
+    if robot is None and (plan or base or state):
+        raise typer.BadParameter("--base, --plan and --state are for a --robot")
+    if robot is not None and (shape or gripper or stored or unchecked or kind != "grasp"):
+        raise typer.BadParameter("--robot is for grasps with its own gripper, of objects")
     with cli.open_database() as db:
         session = db.session if shape else db.map(map_name).session_of_map()
         with session.transaction():
@@ -92,7 +114,9 @@ def grasp_command(
                     "gripper": chosen,
                     "limit": limit,
                 }
-                if stored or kind != "grasp":
+                if robot is not None:
+                    rows, problems = _reached(session, asked, robot, base, state, plan=plan)
+                elif stored or kind != "grasp":
                     rows, problems = actions_on(session, kind=kind, **asked), []
                     if not rows:
                         problems = [f"no {kind} is stored for such an object"]
@@ -104,6 +128,63 @@ def grasp_command(
     if not rows and not problems:
         problems = [f"the map has no {name or f'object for {for_}'}"]
     _show(rows, problems, json_, COLUMNS[shape is not None :])
+
+
+def _reached(
+    session: Any,
+    asked: dict[str, Any],
+    robot: str,
+    base: str | None,
+    state: str | None,
+    *,
+    plan: bool,
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """Grasps that a robot reaches, the one of the motion first; and why there is none."""
+    from semmap.manipulation.automata import (
+        base_pose,
+        plan_grasp,
+        reachable_rows,
+        register_robot,
+        stored_arm,
+    )
+    from semmap.manipulation.retrieval import find_grasps
+
+    if robot.endswith((".urdf", ".xml")):
+        robot = register_robot(session, Path(robot))
+    gripper, arm = stored_arm(session, robot)
+    at = base_pose(session, robot, None if base is None else _numbers(base, "--base"))
+    limit = asked["limit"]
+    found = find_grasps(session, **asked | {"gripper": gripper, "limit": 1000})
+    rows = reachable_rows(found.rows, arm, at, limit)
+    if found.rows and not rows:
+        where = f"{at.x:g}, {at.y:g}"
+        problem = f"{robot} reaches none of {len(found.rows)} free grasps from ({where})"
+        return [], [*found.problems, problem]
+    if not plan or not rows:
+        return rows, found.problems
+    motion = plan_grasp(session, robot, at, rows, state=_state(state))
+    if motion is None:
+        return [], [f"{robot}: no motion to one of {len(rows)} grasps within reach was found"]
+    told = {
+        "joints": list(motion.joints),
+        "to_pre_grasp": motion.to_pre_grasp.tolist(),
+        "approach_positions": motion.approach.tolist(),
+        "path": motion.path,
+    }
+    how = "stored before" if motion.reused else f"planned in {motion.seconds:.1f} s"
+    count = len(motion.to_pre_grasp)
+    print(f"path {motion.path}: {count} positions, {how}; then straight on", file=sys.stderr)
+    return [motion.row | told], found.problems
+
+
+def _state(given: str | None) -> dict[str, float]:
+    try:
+        state = {} if given is None else {k: float(v) for k, v in json.loads(given).items()}
+    except (ValueError, AttributeError, TypeError):
+        raise typer.BadParameter(
+            f'--state takes JSON, {{"joint": 0.5}}, with a number for each joint, not {given}'
+        ) from None
+    return state
 
 
 def place_command(
@@ -242,6 +323,21 @@ def add_gripper(
 
     with cli.open_database() as db:
         print(register_gripper(db.session, urdf, name, palm=palm, preferred=prefer))
+
+
+@manipulation.command("add-robot")
+def add_robot(
+    urdf: Annotated[Path, typer.Argument(help="URDF of a robot with an arm and a gripper.")],
+    name: Annotated[str | None, typer.Option(help="By default that in the URDF.")] = None,
+    palm: Annotated[
+        str | None, typer.Option(help="The link that holds the fingers; by default the first.")
+    ] = None,
+) -> None:
+    """Store a robot with its arm and gripper, for --robot and for missions of its class."""
+    from semmap.manipulation.automata import register_robot
+
+    with cli.open_database() as db:
+        print(register_robot(db.session, urdf, name, palm=palm))
 
 
 @manipulation.command()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from semmap.belief.store import MapConnection, driver
@@ -21,6 +21,7 @@ def add_path(
     *,
     link: str = "",
     clearance: float = 0.1,
+    positions: Mapping[str, Sequence[float]] | None = None,
 ) -> int:
     """Store the poses that led a robot, or a link of it, through the map; return the path's id.
 
@@ -29,18 +30,23 @@ def add_path(
     poses : at least two, (4, 4) or seven numbers, in the map's frame
     link : whose poses they are; empty for the base
     clearance : metres beside the path in which nothing may have moved when it is reused
+    positions : of an arm's joints by name, at each pose, radians or metres
 
     Raises
     ------
     LookupError
         There is no such automaton.
     ManipulationError
-        Fewer than two poses, or one that is not a pose.
+        Fewer than two poses, one that is not a pose, or another number of positions.
     """
     session = driver(connection)
     rows = [pose_of(pose, f"pose {n} of the path").row for n, pose in enumerate(poses, 1)]
     if len(rows) < 2:
         raise ManipulationError(f"a path has at least two poses, not {len(rows)}")
+    joints = at_poses = None
+    if positions is not None:
+        joints = list(positions)
+        at_poses = [[float(v) for v in at] for at in zip(*positions.values(), strict=True)]
     row = session.execute("SELECT id FROM automaton WHERE name = %s", (automaton,)).fetchone()
     if row is None:
         known = column(session, "SELECT name FROM automaton")
@@ -48,8 +54,8 @@ def add_path(
     with refusals():
         return number(
             session.execute(
-                "INSERT INTO path (map_id, automaton_id, link, poses, clearance) "
-                "VALUES (current_map(), %s, %s, %s, %s) RETURNING id",
-                (row[0], link, rows, clearance),
+                "INSERT INTO path (map_id, automaton_id, link, poses, clearance, joints, "
+                "positions) VALUES (current_map(), %s, %s, %s, %s, %s, %s) RETURNING id",
+                (row[0], link, rows, clearance, joints, at_poses),
             )
         )

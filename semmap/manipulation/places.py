@@ -60,7 +60,7 @@ def find_places(
     on: str,
     *,
     gripper: str | None = None,
-    grasp: int | None = None,
+    grasps: Sequence[int] | None = None,
     towards: Sequence[float] | None = None,
     limit: int = 10,
 ) -> Found:
@@ -74,7 +74,7 @@ def find_places(
     ----------
     entity, on : names in the map: the object, and what it is put on
     gripper : name; the preferred one where None
-    grasp : id of the grasp that holds it; by default, the best ones are considered
+    grasps : ids of the grasp that holds it, or of those that may; by default, the best ones
     towards : (x, y); spots near it come first, else those with most room
     limit : the most rows, each at another pose
 
@@ -106,8 +106,8 @@ def find_places(
         raise ManipulationError(
             f"{on}: has no level surface on which an object can stand: name another object"
         )
-    grasps, problems = _grasps(session, entity, chosen, grasp)
-    places, generated = _places(session, entity, chosen, grasps, vertices, upright)
+    held, problems = _grasps(session, entity, chosen, grasps)
+    places, generated = _places(session, entity, chosen, held, vertices, upright)
     if not places:
         return Found([], [], problems or [f"{entity}: gripper {chosen} has no grasp of it"])
     obstacles = obstacles_around(session, on, without=entity)
@@ -137,7 +137,7 @@ def place_of(
     """
     session = driver(connection)
     chosen = gripper_name(session, gripper)
-    grasps, _ = _grasps(session, entity, chosen, grasp)
+    grasps, _ = _grasps(session, entity, chosen, [grasp])
     up = _upright(session, entity_id(session, entity))[2, :3]
     rows = _stored(session, entity, chosen, grasps, up)
     return int(rows[0]["action_id"]) if rows else None
@@ -161,16 +161,17 @@ SELECT coalesce((SELECT t.start FROM placement p JOIN entity h ON h.id = p.holde
 
 
 def _grasps(
-    session: Any, entity: str, gripper: str, grasp: int | None
+    session: Any, entity: str, gripper: str, chosen: Sequence[int] | None
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The grasps, as rows, that a place can end; and why there is none."""
-    if grasp is None:
+    if chosen is None:
         found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
         return found.rows, found.problems
     rows = actions_on(session, name=entity, gripper=gripper, limit=STORED)
-    held = [row for row in rows if row["action_id"] == grasp]
+    held = [row for row in rows if row["action_id"] in chosen]
     if not held:
-        raise LookupError(f"{entity}: there is no grasp {grasp} of it by gripper {gripper}")
+        ids = ", ".join(map(str, chosen))
+        raise LookupError(f"{entity}: there is no grasp {ids} of it by gripper {gripper}")
     return held, []
 
 

@@ -285,6 +285,10 @@ class StoredPath(Base):
     automaton_id: Mapped[int] = mapped_column(ForeignKey(Automaton.id, ondelete="CASCADE"))
     link: Mapped[str] = mapped_column(server_default=text("''"))
     poses: Mapped[list[list[float]]] = mapped_column(ARRAY(DOUBLE_PRECISION(), dimensions=2))
+    joints: Mapped[list[str] | None] = mapped_column(ARRAY(Text()))
+    positions: Mapped[list[list[float]] | None] = mapped_column(
+        ARRAY(DOUBLE_PRECISION(), dimensions=2)
+    )
     clearance: Mapped[float] = mapped_column(server_default=text("0.1"))
     line: Mapped[Any] = mapped_column(Geometry("LINESTRINGZ", dimension=3, spatial_index=False))
     at: Mapped[datetime] = mapped_column(server_default=NOW)

@@ -89,7 +89,7 @@ def test_a_held_object_stands_as_it_stood_before(house: SemanticMap) -> None:
     record_task(here, BOX, action=grasp, outcome="completed", robot="robot")
     with house.transaction():
         house.execute(HOLD, [0.3, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    found = find_places(here, BOX, "table", grasp=grasp, limit=1)
+    found = find_places(here, BOX, "table", grasps=[grasp], limit=1)
     assert found.generated == []
     up = found.rows[0]["spot"].rotation[2]
     np.testing.assert_allclose(up, (0, 0, 1), atol=1e-6)
@@ -105,7 +105,7 @@ def test_a_full_surface_and_one_that_is_none(house: SemanticMap) -> None:
     with pytest.raises(ManipulationError, match="cannot be put on itself"):
         find_places(here, VASE, VASE)
     with pytest.raises(LookupError, match="no grasp 77"):
-        find_places(here, VASE, "table", grasp=77)
+        find_places(here, VASE, "table", grasps=[77])
     house.add_object("board", type="shelf", size=(1.6, 0.8, 0.02), pose=(1.2, 1.0, 1.15))
     found = find_places(here, VASE, "table", limit=1)  # 40 cm below the board
     assert found.rows == []
