@@ -1,0 +1,149 @@
+"""Robots with arms: what a Panda beside the table reaches, and the motions that it keeps."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from sqlalchemy import text
+
+from planner.mission.command import Command
+from planner.mission.grasp_memory import GraspMemory
+from semmap.geometry.pose import Pose
+from semmap.manipulation.automata import (
+    automaton_of,
+    base_pose,
+    plan_grasp,
+    reachable_rows,
+    register_robot,
+    stored_arm,
+)
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.reader import path_between
+from semmap.manipulation.retrieval import find_grasps
+from tests.command_line import semmap
+from tests.manipulation.grippers import gripper_by_hand, urdf
+
+BASE = Pose.planar(0.85, 1.0, 0.6, 0.7)
+"""Beside the table, from which cup1 is 53 cm away."""
+
+READY = {
+    "panda_joint2": -0.8,
+    "panda_joint4": -2.2,
+    "panda_joint6": 1.6,
+    "panda_joint7": 0.8,
+}
+
+
+@pytest.fixture
+def panda(cups):
+    """The map's session, in which a Panda is stored."""
+    here = cups.session_of_map()
+    assert register_robot(here, urdf("panda"), "panda") == "panda"
+    return here
+
+
+def reached(here, base=BASE, limit=6):
+    rows = find_grasps(here, name="cup1", gripper="panda_gripper", limit=200).rows
+    return rows, reachable_rows(rows, stored_arm(here, "panda")[1], base, limit)
+
+
+def test_what_is_reached_is_where_forward_kinematics_lead(panda):
+    gripper, arm = stored_arm(panda, "panda")
+    assert gripper == "panda_gripper"
+    rows, near = reached(panda)
+    assert len(near) == 6
+    known = {row["action_id"] for row in rows}
+    for row in near:
+        assert row["action_id"] in known
+        position = np.array([row["position"][joint.name] for joint in arm.joints])
+        assert ((position >= arm.low) & (position <= arm.high)).all()
+        reach = BASE.matrix @ arm.grasp_pose(position)
+        np.testing.assert_allclose(reach, row["pre_pose"].matrix, atol=1e-2)
+    assert reached(panda, Pose.planar(3.5, 1.0, 0.0))[1] == []
+
+
+def test_a_path_is_followed_again_until_something_moves_into_its_way(cups, panda):
+    _, arm = stored_arm(panda, "panda")
+    _, rows = reached(panda)
+    first = plan_grasp(panda, "panda", BASE, rows, state=READY, seconds=20)
+    assert first is not None
+    assert not first.reused
+    again = plan_grasp(panda, "panda", BASE, rows, state=READY, seconds=20)
+    assert again is not None
+    assert again.reused
+    assert again.path == first.path
+    np.testing.assert_allclose(again.to_pre_grasp, first.to_pre_grasp)
+    start = np.array([READY.get(name, 0.0) for name in first.joints])
+    np.testing.assert_allclose(first.to_pre_grasp[0], start)
+    there = BASE.matrix @ arm.grasp_pose(first.approach[-1])
+    np.testing.assert_allclose(there, first.row["pose"].matrix, atol=1e-2)
+    inverse = np.linalg.inv(arm.gripper.frame)
+    ends = [BASE.matrix @ arm.grasp_pose(first.to_pre_grasp[i]) @ inverse for i in (0, -1)]
+    way = path_between(panda, "panda", *ends, link=arm.gripper.palm)
+    assert way is not None
+    assert len(way) == len(first.to_pre_grasp)
+    middle = way[len(way) // 2]
+    cups.add_object("parcel", type="box", size=(0.05, 0.05, 0.05), pose=middle[:3])
+    assert path_between(panda, "panda", *ends, link=arm.gripper.palm) is None
+
+
+def test_where_a_robot_stands(cups, panda):
+    assert base_pose(panda, "robot")[:3] == pytest.approx((3.4, 2, 0))
+    assert base_pose(panda, "panda", (1, 1, 0.5)) == pytest.approx(Pose.planar(1, 1, 0.5))
+    assert base_pose(panda, "panda", (1, 1, 0, 0.4)).z == 0.4
+    with pytest.raises(LookupError, match="no agent panda with a pose: give its base"):
+        base_pose(panda, "panda")
+    with pytest.raises(ManipulationError, match="a base is x, y, yaw"):
+        base_pose(panda, "panda", (1, float("nan"), 0))
+
+
+def test_unknown_robots_and_those_without_an_arm(panda, tmp_path):
+    with pytest.raises(LookupError, match="no robot pandu with a gripper; did you mean panda"):
+        stored_arm(panda, "pandu")
+    gripper_by_hand(tmp_path)
+    with pytest.raises(ManipulationError, match="no joint moves palm"):
+        register_robot(panda, tmp_path / "two_plates.urdf", "plates")
+    assert automaton_of(panda, "plates", None, "panda") == ("panda", "panda_gripper")
+
+
+def test_a_mission_takes_what_the_arm_of_its_robot_reaches(cup_map):
+    """The robot of the map is of the class panda; far from the table, no grasp is within reach."""
+    pickup = Command("pickup", ("cup1", "table"))
+    with cup_map.database.engine.connect() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', 'kitchen', true)"))
+        session = connection.connection.driver_connection
+        register_robot(session, urdf("panda"), "panda")
+        connection.execute(
+            text("UPDATE entity SET properties = :p WHERE id = entity_id('robot')"),
+            {"p": json.dumps({"robot_class": "panda"})},
+        )
+        robot = connection.execute(text("SELECT entity_id('robot')")).scalar_one()
+        memory = GraspMemory()
+        assert memory.begin(connection, robot, pickup) is None
+        assert "within reach of panda" in memory.refusal(connection, "robot", "cup1")
+        connection.execute(
+            text("UPDATE placement SET holder_id = NULL, pose = :pose WHERE entity_id = :id"),
+            {"pose": BASE.row, "id": robot},
+        )
+        action = memory.begin(connection, robot, pickup)
+        assert memory.refusal(connection, "robot", "cup1") is None
+        _, near = reached(session, limit=24)
+        assert action in {row["action_id"] for row in near}
+        connection.rollback()
+
+
+def test_the_commands_of_a_robot(cup_map):
+    url = cup_map.database.engine.url.render_as_string(hide_password=False)
+    assert semmap(url, "manipulation", "add-robot", urdf("panda")).stdout.strip() == "panda"
+    words = ("grasp", "cup1", "--map", "kitchen", "--robot", "panda")
+    told = semmap(url, *words, "--base", "0.85,1.0,0.6,0.7", "--json", "--limit", 2)
+    assert {row["entity"] for row in json.loads(told.stdout)} == {"cup1"}
+    motion = ("--plan", "--state", json.dumps(READY), "--json")
+    (row,) = json.loads(semmap(url, *words, "--base", "0.85,1.0,0.6,0.7", *motion).stdout)
+    assert np.shape(row["to_pre_grasp"])[1] == len(row["joints"]) == 7
+    far = semmap(url, *words, "--base", "3.5,1,0")
+    assert (far.exit_code, far.stdout) == (1, "")
+    assert semmap(url, "grasp", "cup1", "--plan").exit_code == 2
+    assert semmap(url, *words, "--base", "0.85,1.0,0.6", "--state", "[1]", "--plan").exit_code == 2
