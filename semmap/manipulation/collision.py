@@ -7,7 +7,7 @@ the hull of both ends is all that a convex link passes, so it is checked exactly
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -18,7 +18,15 @@ from semmap.manipulation.candidates import Grasps
 from semmap.manipulation.extra import library
 from semmap.manipulation.gripper import Gripper
 
-__all__ = ["GAP", "Obstacles", "convex_body", "free_grasps", "free_places", "swept_link"]
+__all__ = [
+    "GAP",
+    "Obstacles",
+    "convex_body",
+    "free_grasps",
+    "free_places",
+    "swept_hull",
+    "swept_link",
+]
 
 Floats = NDArray[np.float64]
 
@@ -29,9 +37,39 @@ _BODIES: WeakKeyDictionary[Gripper, dict[tuple[float, ...], Any]] = WeakKeyDicti
 """Swept links: the passes of all shapes approach along few directions in the grasp frame."""
 
 
+_HULLS: WeakKeyDictionary[Gripper, dict[int, _Hull]] = WeakKeyDictionary()
+"""Links by number, each in its own frame."""
+
+
+class _Hull(NamedTuple):
+    """A convex hull that can be swept."""
+
+    corners: Floats
+    """(C, 3)"""
+
+    triangles: NDArray[np.intp]
+    """(F, 3), seen from outside counterclockwise."""
+
+    edges: NDArray[np.intp]
+    """(E, 2) corners, in the order of the first of their two triangles."""
+
+    sides: NDArray[np.intp]
+    """(E, 2) the triangles of each edge."""
+
+
 def convex_body(points: Floats) -> Any:
     """Return the convex hull of (N, 3) points as a shape of FCL."""
-    fcl = library("fcl")
+    corners, triangles = _hull_of(points)
+    return _body(corners, triangles)
+
+
+def _body(corners: Floats, triangles: NDArray[np.intp]) -> Any:
+    faces = np.column_stack([np.full(len(triangles), 3), triangles]).astype(np.int32).ravel()
+    return library("fcl").Convex(corners, len(triangles), faces)
+
+
+def _hull_of(points: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    """The corners and the outward triangles of a convex hull."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # flat
@@ -39,9 +77,41 @@ def convex_body(points: Floats) -> Any:
     corners = points[hull.vertices]
     number = np.empty(len(points), np.intp)
     number[hull.vertices] = np.arange(len(corners))
-    triangles = _outward(corners, number[hull.simplices])
-    faces = np.column_stack([np.full(len(triangles), 3), triangles]).astype(np.int32).ravel()
-    return fcl.Convex(corners, len(triangles), faces)
+    return corners, _outward(corners, number[hull.simplices])
+
+
+def hull_with_edges(points: Floats) -> _Hull:
+    """Return the convex hull of (N, 3) points with its edges, for `swept_hull`."""
+    corners, triangles = _hull_of(points)
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    order = np.lexsort(np.sort(edges, axis=1).T)
+    first, second = order[::2], order[1::2]  # each edge has two triangles
+    return _Hull(corners, triangles, edges[first], np.stack([first, second], axis=1) // 3)
+
+
+def swept_hull(hull: _Hull, way: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    """Return the corners and triangles of a hull united with all it passes on a straight way.
+
+    Triangles that face the way move with it, the others stay, and each edge between the two kinds
+    leaves a parallelogram: the hull of both ends, without computing one.
+    """
+    a, b, c = np.moveaxis(hull.corners[hull.triangles], 1, 0)
+    ahead = np.cross(b - a, c - a) @ way > 0
+    count = len(hull.corners)
+    kept = hull.triangles + count * ahead[:, None]
+    front = ahead[hull.sides]
+    rim = front[:, 0] != front[:, 1]
+    # In the order of the triangle ahead, which is the other one where the first stays.
+    edges = np.where(front[rim, :1], hull.edges[rim], hull.edges[rim, ::-1])
+    here, there = edges, edges + count
+    quads = [
+        np.column_stack([here, there[:, 1]]),
+        np.column_stack([here[:, 0], there[:, 1], there[:, 0]]),
+    ]
+    triangles = np.concatenate([kept, *quads])
+    used, index = np.unique(triangles, return_inverse=True)
+    corners = np.concatenate([hull.corners, hull.corners + way])[used]
+    return corners, index.reshape(-1, 3)
 
 
 def _outward(corners: Floats, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -196,8 +266,13 @@ def swept_link(gripper: Gripper, posture: int, link: int, back: Floats) -> Any:
     bodies = _BODIES.setdefault(gripper, {})
     key = (posture, link, *(back.round(6) + 0.0).tolist())
     if key not in bodies:
-        points = _hull_points(gripper, posture, link)
-        bodies[key] = convex_body(np.concatenate([points, points + back]) if back.any() else points)
+        hulls = _HULLS.setdefault(gripper, {})
+        if link not in hulls:
+            hulls[link] = hull_with_edges(gripper.robot.hull(gripper.links[link]))
+        pose = gripper.poses[posture, link]
+        placed = hulls[link].corners @ pose[:3, :3].T + pose[:3, 3]
+        hull = hulls[link]._replace(corners=placed)
+        bodies[key] = _body(*(swept_hull(hull, back) if back.any() else hull[:2]))
     return bodies[key]
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
 
 from semmap.manipulation.candidates import grasp_candidates
-from semmap.manipulation.collision import Obstacles, free_grasps
+from semmap.manipulation.collision import Obstacles, free_grasps, hull_with_edges, swept_hull
 from semmap.manipulation.solids import solid_of
 from tests.manipulation.grippers import Shape, gripper_by_hand, real_gripper
 from tests.manipulation.rooms import standing
@@ -74,3 +77,20 @@ def test_fingers_do_not_close_into_a_neighbour(tmp_path):
     neighbour = solid_of("cuboid", (0.004, 0.03, 0.03)).mesh().triangles + np.array((0.016, 0, 0))
     assert not free_grasps(across, np.eye(4), Obstacles(neighbour)).any()
     assert free_grasps(across, np.eye(4), Obstacles(neighbour + np.array((0, 0.06, 0)))).all()
+
+
+@given(st.integers(0, 10**6), st.sampled_from([(1, 0, 0), (0, 0, -0.1), (0.3, -0.2, 0.05)]))
+def test_a_swept_hull_is_the_hull_of_both_ends(seed, way):
+    random = np.random.default_rng(seed)
+    points = random.uniform(-1, 1, (random.integers(4, 40), 3))
+    if seed % 3 == 0:  # faces along the way
+        points = np.round(points)
+        points = np.concatenate([points, [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]])
+    corners, triangles = swept_hull(hull_with_edges(points), np.array(way))
+    whole = ConvexHull(np.concatenate([points, points + way]))
+    a, b, c = np.moveaxis(corners[triangles], 1, 0)
+    volume = np.einsum("ni,ni->n", np.cross(a, b), c).sum() / 6  # signed: all triangles outward
+    assert volume == pytest.approx(whole.volume)
+    heights = corners @ whole.equations[:, :3].T + whole.equations[:, 3]
+    assert heights.max() < 1e-9
+    assert np.allclose(heights.max(axis=0), 0, atol=1e-9)  # each face of the hull is touched
