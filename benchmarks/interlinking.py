@@ -7,15 +7,18 @@ each in a folder of that name; without it, data sets of the same structure are m
 from __future__ import annotations
 
 import os
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import semmap
 from benchmarks.timing import Row, print_rows
 from semmap.interlinking.alignment_file import read_folder
 from semmap.interlinking.interlink import Quality, Workbench
 from semmap.interlinking.records import Records
+from semmap.interlinking.store import merged_records
 from tests.interlinking.data_sets import person1, person2, restaurants
 
 __all__ = ["main"]
@@ -156,9 +159,59 @@ def large(count: int = 100_000) -> Row:
     )
 
 
+FILL = (
+    "INSERT INTO semmap.data_set (name, digest) VALUES ('left', %(left)s), ('right', %(right)s) "
+    "RETURNING id",
+    "INSERT INTO semmap.data_record (data_set_id, key, properties) SELECT s.id, s.name || i, "
+    "jsonb_build_object('name', jsonb_build_array('name' || i %% 5000), 'street', "
+    "jsonb_build_array('street' || i %% 700), 'phone', jsonb_build_array(i, i + 1)) "
+    "FROM semmap.data_set s, generate_series(1, %(count)s) i "
+    "WHERE s.digest IN (%(left)s, %(right)s)",
+    "INSERT INTO semmap.link_set (left_id, right_id, pattern, correspondences, labels) "
+    "SELECT a.id, b.id, 'made', '[]', 0 FROM semmap.data_set a, semmap.data_set b "
+    "WHERE a.digest = %(left)s AND b.digest = %(right)s",
+    "INSERT INTO semmap.record_link SELECT l.id, 'left' || i, 'right' || i, 0.9, i "
+    "FROM semmap.link_set l, generate_series(1, %(count)s) i WHERE l.pattern = 'made'",
+)
+"""Two data sets and their links, one for each record."""
+
+
+def merged(count: int = 100_000) -> Row:
+    """Time of the merged view of two stored sets, beside reading their records as they are."""
+    values = {"count": count, "left": "bench left", "right": "bench right"}
+    os.environ["SEMMAP_DATA"] = str(Path(tempfile.gettempdir()) / "semmap-bench" / "interlinking")
+    with semmap.connect(migrate=True) as db:
+        session = db.session
+        with session.transaction():
+            for statement in FILL:
+                session.execute(statement.encode(), values)
+            session.execute("ANALYZE semmap.data_record")
+            session.execute("ANALYZE semmap.record_link")
+            ((links,),) = session.execute(
+                "SELECT id FROM semmap.link_set WHERE pattern = 'made'"
+            ).fetchall()
+            start = time.perf_counter()
+            plain = session.execute("SELECT * FROM semmap.data_record").fetchall()
+            reading = time.perf_counter() - start
+            start = time.perf_counter()
+            found = merged_records(session, links)
+            seconds = time.perf_counter() - start
+            whole = len(found) == count and len(plain) == 2 * count
+            session.execute("DELETE FROM semmap.link_set WHERE pattern = 'made'")
+            session.execute("DELETE FROM semmap.data_set WHERE digest LIKE 'bench %'")
+    return Row(
+        f"merged view of {count:,} links",
+        f"{seconds:.1f} s",
+        f"both sets as they are: {reading:.1f} s",
+        "at most 10 times as long",
+        whole and seconds < 10 * reading,
+    )
+
+
 def main() -> None:
     """Print the table."""
-    print_rows("Interlinking", [*map(few_labels, MADE), beside_splink(), large()])
+    rows = [*map(few_labels, MADE), beside_splink(), large(), merged()]
+    print_rows("Interlinking", rows)
 
 
 if __name__ == "__main__":

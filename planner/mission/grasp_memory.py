@@ -92,7 +92,7 @@ class GraspMemory:
                     item,
                     target if _is_object(connection, target) else None,
                     gripper,
-                    automaton and (automaton, _base(connection, robot)),
+                    None if automaton is None else (automaton, _base(connection, robot)),
                 )
                 if kind == "grasp"
                 else _place(connection, session, robot, item, gripper)

@@ -299,7 +299,8 @@ class _Attempt:
         behaviours = self._runner._behaviours
         if command.behaviour == "place" and len(command.arguments) > 1:
             towards = command.at or behaviours.observe().pose
-            spot = self._store.spot(*command.arguments[:2], towards, self._mission)
+            item, target = command.arguments[:2]
+            spot = self._store.spot(item, target, towards, self._mission)
             if spot is not None:
                 command = self._commands[index] = with_spot(command, spot)
         self._runner._on_event(MissionEvent("starts", number, command))

@@ -2,9 +2,10 @@
 
 CREATE FUNCTION merged_records(of_links bigint)
 RETURNS TABLE (resource integer, left_keys text[], right_keys text[], confidence double precision, properties jsonb)
-LANGUAGE sql STABLE ROWS 1000 SET search_path = semmap, public, pg_temp AS $$
+LANGUAGE sql STABLE ROWS 1000 SET search_path = semmap, public, pg_temp SET enable_nestloop = off SET work_mem = '64MB' AS $$
 -- The resources of both data sets of a link set: linked records are one row, with all different values of a property.
 -- Properties of the right data set have the names of those to which they correspond. Without links, resource is null.
+-- Sizes of the steps cannot be estimated: nested loops over them would take time by the square of the links.
 WITH linked AS MATERIALIZED (
     SELECT l.left_key, l.right_key, l.resource, l.confidence FROM record_link l WHERE l.link_set_id = of_links
 ), renamed AS MATERIALIZED (

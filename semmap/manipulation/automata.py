@@ -269,7 +269,8 @@ def plan_grasp(
     inverse = np.linalg.inv(base.matrix)
 
     def local(triangles: Floats) -> Floats:
-        return triangles @ inverse[:3, :3].T + inverse[:3, 3]
+        moved: Floats = triangles @ inverse[:3, :3].T + inverse[:3, 3]
+        return moved
 
     entity = rows[0]["entity"]
     some = [row for row in rows if row["entity"] == entity]
@@ -288,10 +289,10 @@ def plan_grasp(
     joints = tuple(joint.name for joint in arm.joints)
     for i, row in enumerate(some):
         goal = base.matrix @ grasps.pre_grasps[i] @ np.linalg.inv(arm.gripper.frame)
-        path = _stored_path(session, automaton, base.matrix @ _palm(arm, start), goal, arm)
-        if path is None:
+        known = _stored_path(session, automaton, base.matrix @ _palm(arm, start), goal, arm)
+        if known is None:
             continue
-        number, way = path
+        number, way = known
         approach = straight_motion(arm, way[-1], grasps.poses[i])
         free = all(arm.is_free(q, room) for q in way)
         if approach is not None and free and all(arm.is_free(q, around) for q in approach):
