@@ -104,7 +104,8 @@ def test_a_wall_is_not_a_table():
         (np.zeros((500, 3)), {"up": (0, 0, 0)}, "up is"),
         (np.zeros((500, 3)), {"voxel": 0.0}, "0 < voxel < gap"),
         (np.zeros((500, 3)), {"clearance": 0.6}, "clearance < height"),
-        (np.array([[1e30, 0, 0]] * 200 + [[0, 0, 0]] * 200), {}, "too wide"),
+        (np.array([[9e5, 9e5, 9e5]] * 200 + [[0, 0, 0]] * 200), {}, "too wide"),
+        (np.array([[1e30, 0, 0]] * 200 + [[0, 0, 0]] * 200), {}, "a coordinate of 1e\\+30 m"),
     ],
 )
 def test_clouds_without_a_table_are_refused(points, options, message):
