@@ -204,12 +204,10 @@ BEGIN
         RAISE EXCEPTION 'no type and no object model has the function %', use
             USING ERRCODE = 'no_data_found', HINT = 'SELECT DISTINCT unnest(functions) FROM semmap.semantic_type lists those of types.';
     END IF;
-    RETURN ARRAY(
-        SELECT e.id FROM semmap.entity e WHERE e.map_id = map AND e.kind = 'object' AND e.type = ANY (types)
-      UNION
-        SELECT e.id FROM semmap.object_model o JOIN semmap.entity_object h ON h.object_id = o.id
-          JOIN semmap.entity e ON e.id = h.entity_id AND e.map_id = map AND e.kind = 'object'
-        WHERE o.functions @> ARRAY[use]);
+    RETURN ARRAY(SELECT e.id FROM semmap.entity e WHERE e.map_id = map AND e.kind = 'object' AND e.type = ANY (types))
+        || ARRAY(SELECT e.id FROM semmap.object_model o JOIN semmap.entity_object h ON h.object_id = o.id
+                   JOIN semmap.entity e ON e.id = h.entity_id AND e.map_id = map AND e.kind = 'object'
+                 WHERE o.functions @> ARRAY[use] AND (e.type = ANY (types)) IS NOT TRUE);
 END $$;
 
 CREATE FUNCTION entity_at(x double precision, y double precision, z double precision, tolerance double precision DEFAULT 0.05)

@@ -28,6 +28,9 @@ TABLE_DEVIATION = 1e-3
 WINDOW = 6
 """Widths over which the density beside an edge is counted: more for a steadier count."""
 
+ROUGH, FINE = (2, 0.3), (4, 0.02)
+"""The most steps of an iteration, and the part of the noise below which a step is the last."""
+
 ENDS: dict[str, tuple[tuple[int, int, int, int], ...]] = {
     "sphere": (),
     "cylinder": ((1, 1, 2, -1), (2, 2, 2, 1)),
@@ -95,24 +98,25 @@ def refined(
     table
         The plane that the object stands on, if known.
     turns
-        How often the faces that are seen are determined.
+        How often the faces that are seen are determined; with 1, the fit is a rough one.
     """
     kind, rotation, origin, bounds = shape
     scale = max(2 * noise, 0.02 * float(np.linalg.norm(np.ptp(cloud.points, axis=0))))
     if kind in ("cylinder", "cone"):
         bounds = _first_ends(shape, cloud, scale)
+    steps, end = ROUGH if turns == 1 else FINE
     for turn in range(turns):
         placed = Placed(kind, rotation, origin, bounds)
         seen = _seen_faces(placed, cloud, scale)
         if not seen.any():
             return None
-        for _ in range(4):
+        for _ in range(steps):
             rows, residual, weights = _equations(placed, cloud, seen, scale)
             normal = (rows * weights[:, None]).T @ rows
             normal[np.diag_indices_from(normal)] += 1e-7 * np.trace(normal) + 1e-12
             step = np.asarray(-np.linalg.solve(normal, rows.T @ (weights * residual)), float)
             placed = _moved(placed, step)
-            if np.abs(step).max() < 0.02 * noise:
+            if np.abs(step).max() < end * noise:
                 break
         scale = min(scale, max(noise, 1.48 * float(np.median(np.abs(residual)))))
         points = whole if turn == turns - 1 else cloud.points
