@@ -103,7 +103,7 @@ _latest: dict[bytes, LineOfSight] = {}
 def line_of_sight(triangles: Floats) -> LineOfSight:
     """The space that triangles (F, 3, 3) leave free.
 
-    The latest one is kept: a search that is built anew mostly meets the same obstacles.
+    The latest one is kept: the next search often has the same obstacles.
     """
     key = hashlib.blake2b(triangles.tobytes()).digest()
     if key not in _latest:

@@ -47,7 +47,7 @@ $$;
 
 CREATE FUNCTION find_objects(entities bigint[])
 RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
--- Determines the object models of entities anew.
+-- Determines the object models of entities again.
 DELETE FROM entity_object WHERE entity_id = ANY (entities);
 INSERT INTO entity_object (entity_id, object_id)
     SELECT DISTINCT ON (em.entity_id) em.entity_id, h.object_id

@@ -13,7 +13,7 @@ __all__ = ["Labels"]
 
 Offset = tuple[float, float]
 Box = tuple[float, float, float, float]
-"""x0, y0, x1, y1, pixels: a Bbox reckons its sides anew each time that it is asked."""
+"""x0, y0, x1, y1, pixels; a Bbox computes its sides each time it is asked for them."""
 
 AROUND: tuple[Offset, ...] = tuple(
     (float(r * np.cos(a)), float(r * np.sin(a)))

@@ -186,7 +186,7 @@ def _parsed(name: str, text: str, path: Path) -> Shapes:
 def validate(
     session: Session, shapes: Iterable[Shapes], *, seconds: float | None = None
 ) -> list[Violation]:
-    """Return what of the map that a session sees does not conform to shapes.
+    """Return what breaks shapes in the map that a session sees.
 
     Inferences are facts, and relations that are computed, such as semmap:on, are queried.
 
