@@ -160,9 +160,8 @@ def _geometries() -> Iterator[TripleMap]:
         yield TripleMap(f"{GEO}hasMetric{name}", SHAPED, _OF, size)
 
 
-def _statements() -> Iterator[TripleMap]:
-    """Yield the statements that no other table has a column for."""
-    table = (("a", "statement"),)
+def _facts_of(table: str, condition: str) -> Iterator[TripleMap]:
+    """Yield the facts of a table of triples, by the forms of subject and object."""
     for of, subject in (
         ("{a}.subject_id IS NOT NULL", Column("entity", "{a}.subject_id")),
         ("{a}.subject IS NOT NULL", Column("iri", "{a}.subject")),
@@ -171,34 +170,19 @@ def _statements() -> Iterator[TripleMap]:
             ("{a}.object_id IS NOT NULL", Column("entity", "{a}.object_id")),
             ("{a}.object IS NOT NULL", Column("term", "{a}.object", "{a}.tag")),
         ):
-            alive = "({a}.until IS NULL OR {a}.until > statement_timestamp())"
-            source = Source(table, (of, to, alive), "{a}.map_id")
+            source = Source((("a", table),), (of, to, condition), "{a}.map_id")
             yield TripleMap("", source, subject, object_, name="{a}.predicate")
 
 
-STATEMENTS: tuple[TripleMap, ...] = tuple(_statements())
+STATEMENTS: tuple[TripleMap, ...] = tuple(
+    _facts_of("statement", "({a}.until IS NULL OR {a}.until > statement_timestamp())")
+)
 """The table `statement`, by the forms of subject and object."""
 
 INFERRED_GRAPH = "urn:semmap:inferred"
 """The named graph of what rules infer; it cannot be written."""
 
-
-def _inferences() -> Iterator[TripleMap]:
-    """Yield what follows from other facts; a part of the default graph, too."""
-    table = (("a", "inference"),)
-    for of, subject in (
-        ("{a}.subject_id IS NOT NULL", Column("entity", "{a}.subject_id")),
-        ("{a}.subject IS NOT NULL", Column("iri", "{a}.subject")),
-    ):
-        for to, object_ in (
-            ("{a}.object_id IS NOT NULL", Column("entity", "{a}.object_id")),
-            ("{a}.object IS NOT NULL", Column("term", "{a}.object", "{a}.tag")),
-        ):
-            source = Source(table, (of, to, "NOT {a}.told"), "{a}.map_id")
-            yield TripleMap("", source, subject, object_, name="{a}.predicate")
-
-
-INFERENCES: tuple[TripleMap, ...] = tuple(_inferences())
+INFERENCES: tuple[TripleMap, ...] = tuple(_facts_of("inference", "NOT {a}.told"))
 """The inferences of the table `inference`, by the forms of subject and object."""
 
 TRIPLES: tuple[TripleMap, ...] = (
