@@ -17,6 +17,7 @@ from semmap.fields.regions.region_text import FORMS, read_region
 from tests.fields.queries.arrays import PREFIX, kitchen
 from tests.fields.queries.test_query import ANSWERS, STORES
 from tests.fuzz.files import network
+from tests.fuzz.grammar import Grammar
 from tests.fuzz.kind import Kind
 from tests.fuzz.mutate import NUMBERS, bytes_of, lines_of, words_of
 from tests.planner.tasks.test_domain_file import garden
@@ -74,12 +75,11 @@ FUNCTIONS = (
 OPERATORS = ("=", "!=", "<", ">", "<=", ">=", "+", "-", "*", "/", "&&", "||", "IN", "NOT IN")
 
 
-class Grammar:
-    """Sentences of the query language, right or nearly so."""
+class FieldsGrammar(Grammar):
+    """Sentences of the query language of fields."""
 
-    def __init__(self, random: Random) -> None:
-        self.random = random
-        self.left = random.choice((5, 20, 60, 200))
+    NOUNS = DATA = NOUNS
+    VERBS = VERBS
 
     def query(self) -> str:
         pick = self.random.choice
@@ -110,39 +110,6 @@ class Grammar:
             for _ in range(pick((0, 0, 1, 3)))
         )
         return f"{head} {pick(('', 'WHERE '))}{self.group()}{tail}"
-
-    def group(self) -> str:
-        parts = [self.part() for _ in range(self.random.choice((0, 1, 1, 2, 4)))]
-        return "{ " + " ".join(parts) + " }"
-
-    def part(self) -> str:
-        self.left -= 1
-        pick = self.random.choice
-        if self.left < 0:
-            return self.pattern()
-        match self.random.randrange(11):
-            case 0:
-                return f"OPTIONAL {self.group()}"
-            case 1:
-                return f"{self.group()} UNION {self.group()}"
-            case 2:
-                return f"MINUS {self.group()}"
-            case 3 | 4:
-                return f"FILTER({self.expression()})"
-            case 5:
-                return f"BIND({self.expression()} AS ?n{self.random.randrange(5)})"
-            case 6:
-                return f"VALUES ?a {{ {' '.join(pick((*NOUNS, 'UNDEF')) for _ in range(3))} }}"
-            case 7:
-                return f"FILTER {pick(('', 'NOT '))}EXISTS {self.group()}"
-            case 8:
-                return "{ " + self.query() + " }"
-            case _:
-                return self.pattern()
-
-    def pattern(self) -> str:
-        pick = self.random.choice
-        return f"{pick(NOUNS)} {pick(VERBS)} {pick(NOUNS)} ."
 
     def expression(self) -> str:
         self.left -= 1
@@ -216,18 +183,18 @@ class Grammar:
 
 def grammar_query(random: Random, _: bytes, __: Sequence[bytes]) -> bytes:
     """A new query."""
-    return (PREFIX + Grammar(random).query()).encode("utf-8", "replace")
+    return (PREFIX + FieldsGrammar(random).query()).encode("utf-8", "replace")
 
 
 def grammar_update(random: Random, _: bytes, __: Sequence[bytes]) -> bytes:
     """New requests."""
-    requests = (Grammar(random).request() for _ in range(random.choice((1, 1, 2, 5))))
+    requests = (FieldsGrammar(random).request() for _ in range(random.choice((1, 1, 2, 5))))
     return (PREFIX + " ; ".join(requests)).encode("utf-8", "replace")
 
 
 def grammar_region(random: Random, _: bytes, __: Sequence[bytes]) -> bytes:
     """A new region as text."""
-    return Grammar(random).region().encode()
+    return FieldsGrammar(random).region().encode()
 
 
 def queries() -> list[bytes]:

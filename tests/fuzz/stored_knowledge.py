@@ -31,6 +31,7 @@ from semmap.manipulation.household_objects import import_household_grasps
 from semmap.manipulation.model_store import set_shape
 from semmap.manipulation.signing import public_key, sign
 from semmap.manipulation.task_store import record_task
+from tests.fuzz.grammar import Grammar
 from tests.fuzz.kind import SERVER, Kind
 from tests.fuzz.mutate import NUMBERS, bytes_of, json_tree, lines_of, words_of
 from tests.knowledge.conftest import STATED
@@ -162,12 +163,10 @@ TWO = ("STRDT", "STRLANG", "CONTAINS", "STRBEFORE", "geof:distance", "geof:union
 SIGNS = ("=", "!=", "<", ">=", "+", "-", "*", "/", "&&", "||", "IN", "NOT IN")
 
 
-class Grammar:
-    """Sentences of SPARQL 1.1, right or nearly so."""
+class SparqlGrammar(Grammar):
+    """Sentences of SPARQL 1.1 with updates."""
 
-    def __init__(self, random: Random) -> None:
-        self.random = random
-        self.left = random.choice((5, 20, 60, 200))
+    NOUNS, DATA, VERBS = NOUNS, NOUNS[:7], VERBS
 
     def query(self) -> str:
         pick = self.random.choice
@@ -197,42 +196,11 @@ class Grammar:
         tail = "".join(pick(tails) for _ in range(pick((0, 0, 1, 3))))
         return f"{head} {pick(('', 'FROM ex:archive '))}WHERE {self.group()}{tail}"
 
-    def group(self) -> str:
-        parts = (self.part() for _ in range(self.random.choice((0, 1, 1, 2, 4))))
-        return "{ " + " ".join(parts) + " }"
-
-    def part(self) -> str:
-        self.left -= 1
+    def own_part(self) -> str:
         pick = self.random.choice
-        if self.left < 0:
-            return self.pattern()
-        match self.random.randrange(13):
-            case 0:
-                return f"OPTIONAL {self.group()}"
-            case 1:
-                return f"{self.group()} UNION {self.group()}"
-            case 2:
-                return f"MINUS {self.group()}"
-            case 3 | 4:
-                return f"FILTER({self.expression()})"
-            case 5:
-                return f"BIND({self.expression()} AS ?n{self.random.randrange(5)})"
-            case 6:
-                return f"VALUES ?a {{ {' '.join(pick((*NOUNS[:7], 'UNDEF')) for _ in range(3))} }}"
-            case 7:
-                return f"FILTER {pick(('', 'NOT '))}EXISTS {self.group()}"
-            case 8:
-                return "{ " + self.query() + " }"
-            case 9:
-                return f"GRAPH {pick(('?g', ':ann_believes', 'ex:archive'))} {self.group()}"
-            case 10:
-                return f"SERVICE {pick(('', 'SILENT '))}ex:elsewhere {self.group()}"
-            case _:
-                return self.pattern()
-
-    def pattern(self) -> str:
-        pick = self.random.choice
-        return f"{pick(NOUNS)} {pick(VERBS)} {pick(NOUNS)} ."
+        if self.random.random() < 0.5:
+            return f"GRAPH {pick(('?g', ':ann_believes', 'ex:archive'))} {self.group()}"
+        return f"SERVICE {pick(('', 'SILENT '))}ex:elsewhere {self.group()}"
 
     def expression(self) -> str:
         self.left -= 1
@@ -273,12 +241,12 @@ class Grammar:
 
 def new_query(random: Random, _: bytes, __: Sequence[bytes]) -> bytes:
     """A query of the grammar."""
-    return (EXTRA + Grammar(random).query()).encode("utf-8", "replace")
+    return (EXTRA + SparqlGrammar(random).query()).encode("utf-8", "replace")
 
 
 def new_update(random: Random, _: bytes, __: Sequence[bytes]) -> bytes:
     """Requests of the grammar."""
-    requests = (Grammar(random).request() for _ in range(random.choice((1, 1, 2, 5))))
+    requests = (SparqlGrammar(random).request() for _ in range(random.choice((1, 1, 2, 5))))
     return (EXTRA + " ; ".join(requests)).encode("utf-8", "replace")
 
 
