@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import select
-import tempfile
 import time
-from pathlib import Path
 
 import psycopg
 
 import semmap
+from benchmarks.bench_map import fresh_map
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.belief.store import add_observations, read_belief
 
@@ -95,14 +93,6 @@ def rows(made: semmap.SemanticMap, url: str) -> list[Row]:
 
 def main() -> None:
     """Print the table."""
-    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
-    os.environ["SEMMAP_DATA"] = str(folder)
-    with semmap.connect(migrate=True) as db:
-        if NAME in db.maps:
-            db.drop_map(NAME)
-        made = make_map(db)
-        try:
-            url = db.engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
-            print_rows("Beliefs in the database", rows(made, url))
-        finally:
-            db.drop_map(NAME)
+    with fresh_map(NAME, make_map) as (db, made):
+        url = db.engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+        print_rows("Beliefs in the database", rows(made, url))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
-import tempfile
 import time
 from functools import partial
 from pathlib import Path
@@ -16,6 +14,7 @@ from scipy.ndimage import binary_dilation
 from sqlalchemy import Connection, text
 
 from benchmarks import office
+from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, medians_in_turn, print_rows
 from navgrid.costmap import Costmap
 from navgrid.field_reader import read_mirror
@@ -79,8 +78,7 @@ def store_office(connection: psycopg.Connection[object], map_id: int) -> None:
 
 def main() -> None:
     """Print the table."""
-    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
-    os.environ["SEMMAP_DATA"] = str(folder)
+    use_bench_database()
     engine = connect()
     with engine.begin() as connection:
         load_tbox(connection)

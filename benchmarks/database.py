@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +12,7 @@ import psycopg
 from sqlalchemy import Engine, text
 from sqlalchemy.orm import Session
 
+from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap.database import connect
 from semmap.query.nearby import nearest_of_type, of_type_near
@@ -25,8 +24,7 @@ MILLION = (Path(__file__).parent / "million.sql").read_text()
 @contextmanager
 def map_of(objects: int) -> Iterator[Engine]:
     """A database of its own with a map of objects, kept for the next run; its name: `map_name`."""
-    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
-    os.environ["SEMMAP_DATA"] = str(folder)
+    use_bench_database()
     engine = connect()
     name = map_name(objects)
     with engine.begin() as connection:

@@ -7,13 +7,13 @@ each in a folder of that name; without it, data sets of the same structure are m
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import semmap
+from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, print_rows
 from semmap.interlinking.alignment_file import read_folder
 from semmap.interlinking.interlink import Quality, Workbench
@@ -179,7 +179,7 @@ FILL = (
 def merged(count: int = 100_000) -> Row:
     """Time of the merged view of two stored sets, beside reading their records as they are."""
     values = {"count": count, "left": "bench left", "right": "bench right"}
-    os.environ["SEMMAP_DATA"] = str(Path(tempfile.gettempdir()) / "semmap-bench" / "interlinking")
+    use_bench_database("interlinking")
     with semmap.connect(migrate=True) as db:
         session = db.session
         with session.transaction():

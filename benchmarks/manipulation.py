@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import random
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import semmap
+from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, medians_in_turn, print_rows
 from semmap.manipulation.device_store import add_gripper
 from semmap.manipulation.reader import actions_by_shape, actions_on, known_actions
@@ -127,8 +125,7 @@ def rows(made: semmap.SemanticMap) -> list[Row]:
 
 def main() -> None:
     """Print the table."""
-    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
-    os.environ["SEMMAP_DATA"] = str(folder / "manipulation")
+    use_bench_database("manipulation")
     with semmap.connect(migrate=True) as db:
         if NAME in db.maps:
             db.drop_map(NAME)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import time
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 import psycopg
 from sqlalchemy import text
 
+from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
 from semmap.database import connect
 from semmap.geometry.mesh import Mesh
@@ -34,8 +34,7 @@ def terrain(side: int) -> Mesh:
 
 def main() -> None:
     """Print the table."""
-    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
-    os.environ["SEMMAP_DATA"] = str(folder)
+    use_bench_database()
     engine = connect()
     mesh = terrain(708)
     triangles = len(mesh.faces)

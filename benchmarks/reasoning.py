@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import psycopg
 import rdflib
 
 import semmap
+from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
 from semmap import SemanticMap
 from semmap.knowledge import update
@@ -153,8 +152,7 @@ def rows(session: psycopg.Connection[Any]) -> list[Row]:
 
 def main() -> None:
     """Print the table."""
-    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
-    os.environ["SEMMAP_DATA"] = str(folder)
+    use_bench_database()
     found = []
     with semmap.connect(migrate=True) as db:
         for entities in (FEW, ENTITIES):

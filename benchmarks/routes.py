@@ -5,12 +5,9 @@ One thread. Answers are compared with scipy's before anything is timed.
 
 from __future__ import annotations
 
-import os
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 
 import networkx as nx
 import numpy as np
@@ -20,6 +17,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 from sqlalchemy import Connection, text
 
+from benchmarks.bench_map import use_bench_database
 from benchmarks.building import Building, building
 from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
 from navgrid.travel import travel
@@ -98,8 +96,7 @@ def by_networkx(there: Building) -> Cost:
 @contextmanager
 def with_pgrouting() -> Iterator[Connection | None]:
     """A transaction that is undone, in which pgRouting is there; None where the server has none."""
-    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
-    os.environ["SEMMAP_DATA"] = str(folder)
+    use_bench_database()
     engine = connect()
     with engine.connect() as connection:
         known = "SELECT 1 FROM pg_available_extensions WHERE name = 'pgrouting'"

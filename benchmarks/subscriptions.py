@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import os
 import statistics
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import semmap
+from benchmarks.bench_map import fresh_map
 from benchmarks.timing import Row, print_rows
 from semmap.knowledge import query
 from semmap.knowledge.subscriptions import Event, Subscriptions
@@ -201,16 +199,8 @@ def measured(made: semmap.SemanticMap, number: int, times: int = 60) -> Row:
 
 def main() -> None:
     """Print the table."""
-    folder = Path(os.environ.get("SEMMAP_BENCH", Path(tempfile.gettempdir()) / "semmap-bench"))
-    os.environ["SEMMAP_DATA"] = str(folder)
-    with semmap.connect(migrate=True) as db:
-        if NAME in db.maps:
-            db.drop_map(NAME)
-        made = make_map(db)
-        try:
-            rows = [measured(made, number) for number in range(len(SETS))]
-        finally:
-            db.drop_map(NAME)
+    with fresh_map(NAME, make_map) as (_, made):
+        rows = [measured(made, number) for number in range(len(SETS))]
     entities = CANS + TABLES + PEOPLE
     print_rows(f"{ALL:,} subscriptions on a map of {entities:,} entities", rows)
 
