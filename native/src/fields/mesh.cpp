@@ -190,10 +190,11 @@ void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces
         low_y = std::min(low_y, p[1]);
         high_y = std::max(high_y, p[1]);
     }
-    const std::int32_t first_y = checked_index(std::floor(low_y));
-    const auto rows = static_cast<std::uint64_t>(std::floor(high_y) - first_y) + 1;
+    // Columns of a tower of blocks follow each other: its blocks are looked up once.
+    const std::int32_t corner_x = block_floor(first_x);
+    const std::int32_t corner_y = block_floor(checked_index(std::floor(low_y)));
+    const auto towers = static_cast<std::uint64_t>((std::floor(high_y) - corner_y) / kBlock) + 1;
     std::vector<Hit> hits;
-    const double least = -static_cast<double>(1 << 30);
     for (const Triangle& face : faces) {
         const Vector& a = v[static_cast<std::size_t>(face[0])];
         const Vector& b = v[static_cast<std::size_t>(face[1])];
@@ -219,9 +220,10 @@ void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces
             const auto past = static_cast<std::int32_t>(std::ceil(high.y - 0.5));
             for (std::int32_t y = first; y < past; ++y) {
                 const double part = (y + 0.5 - low.y) / (high.y - low.y);
-                const auto column =
-                    static_cast<std::uint64_t>(x - static_cast<std::int64_t>(least)) * rows +
-                    static_cast<std::uint64_t>(y - first_y);
+                const auto i = static_cast<std::uint64_t>(x - corner_x);
+                const auto j = static_cast<std::uint64_t>(y - corner_y);
+                const std::uint64_t tower = i / kBlock * towers + j / kBlock;
+                const std::uint64_t column = 64 * tower + kBlock * (i % kBlock) + j % kBlock;
                 hits.push_back({column, low.z + part * (high.z - low.z), turns[swap ? 1 : 0]});
             }
         }
@@ -231,9 +233,11 @@ void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces
     });
     for (std::size_t i = 0; i < hits.size();) {
         const std::uint64_t column = hits[i].column;
-        const auto x = static_cast<std::int32_t>(static_cast<std::int64_t>(column / rows) +
-                                                 static_cast<std::int64_t>(least));
-        const auto y = static_cast<std::int32_t>(column % rows) + first_y;
+        const std::uint64_t tower = column / 64;
+        const auto i_x = kBlock * (tower / towers) + column % 64 / kBlock;
+        const auto i_y = kBlock * (tower % towers) + column % kBlock;
+        const std::int32_t x = corner_x + static_cast<std::int32_t>(i_x);
+        const std::int32_t y = corner_y + static_cast<std::int32_t>(i_y);
         int winding = 0;
         double start = 0;
         for (; i < hits.size() && hits[i].column == column; ++i) {
@@ -258,10 +262,11 @@ void add_inside(const std::vector<Vector>& v, const std::vector<Triangle>& faces
         high = std::max(high, p[0]);
     }
     if (!(low <= high)) return;
-    const auto first = static_cast<std::int32_t>(std::floor(low)) - 1;
+    const auto first = block_floor(static_cast<std::int32_t>(std::floor(low)) - 1);
     const auto last = static_cast<std::int32_t>(std::ceil(high)) + 1;
     const double strips = std::max(1.0, std::ceil(hits / kHitsAtOnce));
-    const auto width = std::max(1, static_cast<std::int32_t>((last - first + 1) / strips));
+    const auto width =
+        std::max(kBlock, block_floor(static_cast<std::int32_t>((last - first + 1) / strips)));
     for (std::int32_t x = first; x <= last; x += width) {
         add_inside(v, faces, x, std::min(x + width - 1, last), into);
     }
