@@ -148,16 +148,16 @@ class RuleSet:
 
     def __init__(self, rules: Iterable[Rule]) -> None:
         self.rules = tuple(dict.fromkeys(rules))
-        self._by_body: defaultdict[object, list[tuple[Rule, Triple, tuple[Triple, ...]]]]
-        self._by_body = defaultdict(list)
+        self.by_body: defaultdict[object, list[tuple[Rule, Triple, tuple[Triple, ...]]]]
+        self.by_body = defaultdict(list)
         self._by_head: defaultdict[object, list[tuple[Rule, tuple[Triple, ...]]]]
         self._by_head = defaultdict(list)
         for rule in self.rules:
-            backwards = _ordered(rule.body, _variables(rule.head))
-            self._by_head[_key(rule.head)].append((rule, backwards))
+            backwards = ordered(rule.body, variables(rule.head))
+            self._by_head[key_of(rule.head)].append((rule, backwards))
             for i, atom in enumerate(rule.body):
-                rest = _ordered(rule.body[:i] + rule.body[i + 1 :], _variables(atom))
-                self._by_body[_key(atom)].append((rule, atom, rest))
+                rest = ordered(rule.body[:i] + rule.body[i + 1 :], variables(atom))
+                self.by_body[key_of(atom)].append((rule, atom, rest))
 
     def __len__(self) -> int:
         return len(self.rules)
@@ -166,7 +166,7 @@ class RuleSet:
         """Yield what follows from a fact and others, with the rules."""
         told: bool | None = None
         for key in _keys(fact):
-            for rule, atom, rest in self._by_body.get(key, ()):
+            for rule, atom, rest in self.by_body.get(key, ()):
                 if rule.inferred_only:
                     told = facts.is_told(fact) if told is None else told
                     if told:
@@ -272,7 +272,7 @@ class Proof:
 # Triples with variables
 
 
-def _key(atom: Triple) -> object:
+def key_of(atom: Triple) -> object:
     """Return under which key the facts are that can match: the property, of types the class."""
     _, verb, node = atom
     if isinstance(verb, Var):
@@ -287,18 +287,18 @@ def _keys(fact: Triple) -> tuple[object, ...]:
     return ((verb, node), verb, None) if verb == TYPE_OF else (verb, None)
 
 
-def _variables(atom: Triple) -> frozenset[str]:
+def variables(atom: Triple) -> frozenset[str]:
     return frozenset(part for part in atom if isinstance(part, Var))
 
 
-def _ordered(atoms: Sequence[Triple], known: frozenset[str]) -> tuple[Triple, ...]:
+def ordered(atoms: Sequence[Triple], known: frozenset[str]) -> tuple[Triple, ...]:
     """Return triples so that each has as many known terms as possible."""
     left, found = list(atoms), []
     while left:
-        best = min(left, key=lambda atom: len(_variables(atom) - known))
+        best = min(left, key=lambda atom: len(variables(atom) - known))
         left.remove(best)
         found.append(best)
-        known |= _variables(best)
+        known |= variables(best)
     return tuple(found)
 
 

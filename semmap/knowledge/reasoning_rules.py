@@ -11,17 +11,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
-from semmap.knowledge.reasoning_engine import (
-    SAME_AS,
-    TYPE_OF,
-    Facts,
-    Node,
-    Rule,
-    RuleSet,
-    Triple,
-    Var,
-    close,
-)
+from semmap.knowledge.reasoning_closure import Relations, close_all, one_step
+from semmap.knowledge.reasoning_engine import SAME_AS, TYPE_OF, Node, Rule, RuleSet, Triple, Var
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
 __all__ = ["AXIOM_CLASSES", "AXIOM_PROPERTIES", "CONTRADICTION", "Compiled", "compile_rules"]
@@ -140,7 +131,7 @@ def compile_rules(
     *,
     built_in: frozenset[tuple[Node, Node]] = frozenset(),
     single: Callable[[str], bool] = lambda iri: False,
-    same: bool = False,
+    same: bool | None = None,
 ) -> Compiled:
     """Return the rules of axioms.
 
@@ -151,22 +142,22 @@ def compile_rules(
     built_in : pairs of a class and a class that subsumes it, with which types are told already
     single : whether all values of a property are entities or literals, so that two of them are
         never one resource
-    same : whether ``owl:sameAs`` is stated of something
+    same : whether the rules of equality are among them; None: where a rule infers ``owl:sameAs``
     """
-    facts = Facts()
+    facts = Relations()
     given = set(axioms)
     for fact in given:
-        facts.add(fact, told=True)
+        facts.add(fact)
     parts = [(c, SUB, part) for c, items in _lists(facts, "intersectionOf") for part in items]
     parts += [(part, SUB, c) for c, items in _lists(facts, "unionOf") for part in items]
     for fact in parts:
         facts.add(fact)
     # What the transitivity of subsumption adds is for queries: rules find it step by step.
     direct = {f for f in given if f[1] in (SUB, SUB_PROPERTY)}
-    direct |= _steps(facts, given, parts)
+    direct |= _steps(facts, given)
     made = _Compiler(facts, show, direct, built_in, single)
     rules = list(made.rules())
-    if same or any(rule.head[1] == SAME_AS for rule in rules):
+    if any(rule.head[1] == SAME_AS for rule in rules) if same is None else same:
         rules += _same_as()
     heads_and_bodies = [atom for rule in rules for atom in (*rule.body, rule.head)]
     classes = frozenset(
@@ -181,36 +172,37 @@ def compile_rules(
     properties = frozenset(atom[1] for atom in heads_and_bodies) - {CONTRADICTION}
     rules += (
         Rule("table 9", (), f, "axioms about classes and properties")
-        for f in facts.all()
+        for f in facts.triples()
         if f not in given and f[0] != f[2] and (f[0], f[2]) not in built_in
     )
     return Compiled(RuleSet(rules), classes, heads, None if everything else properties)
 
 
-def _lists(facts: Facts, name: str) -> Iterator[tuple[Node, list[Node]]]:
+def _lists(facts: Relations, name: str) -> Iterator[tuple[Node, list[Node]]]:
     """Yield the subjects of a property of lists, with the members."""
-    for subject, _, node in sorted(facts.match(None, _owl(name), None), key=str):
+    firsts, rests = (facts.by(f"{RDF}{part}", 0) for part in ("first", "rest"))
+    for subject, node in sorted(facts.rows.get(_owl(name), ()), key=str):
         items: list[Node] = []
         seen = set()
         while node != f"{RDF}nil" and node not in seen:
             seen.add(node)
-            items += (f[2] for f in facts.match(node, f"{RDF}first", None))
-            node = next((f[2] for f in facts.match(node, f"{RDF}rest", None)), f"{RDF}nil")
+            items += firsts.get(node, ())
+            node = next(iter(rests.get(node, ())), f"{RDF}nil")
         yield subject, items
 
 
-def _steps(facts: Facts, given: set[Triple], parts: Iterable[Triple]) -> set[Triple]:
+def _steps(facts: Relations, given: set[Triple]) -> set[Triple]:
     """Close axioms under table 9; return the subsumptions that are not mere chains of others."""
-    close(facts, RuleSet(SCHEMA_RULES), [*given, *parts])
+    close_all(facts, RuleSet(SCHEMA_RULES))
     others = RuleSet(r for r in SCHEMA_RULES if r.name not in _CHAINS)
-    return {
-        f
-        for f in facts.all()
-        if f[1] in (SUB, SUB_PROPERTY)
-        and f not in given
-        and f[0] != f[2]
-        and next(others.reasons(facts, f), None) is not None
+    steps: set[Triple] = {
+        (a, rule.head[1], b)
+        for rule, rows in one_step(facts, others)
+        if rule.head[1] in (SUB, SUB_PROPERTY)
+        for a, b in rows
+        if a != b
     }
+    return steps - given
 
 
 def _same_as() -> Iterator[Rule]:
@@ -227,7 +219,7 @@ class _Compiler:
 
     def __init__(
         self,
-        facts: Facts,
+        facts: Relations,
         show: Callable[[Node], str],
         direct: set[Triple],
         built_in: frozenset[tuple[Node, Node]],
@@ -236,7 +228,7 @@ class _Compiler:
         self._facts, self._show, self._direct = facts, show, direct
         self._built_in, self._single = built_in, single
         self._pairs: defaultdict[Node, list[tuple[Node, Node]]] = defaultdict(list)
-        for subject, verb, node in sorted(facts.all(), key=str):
+        for subject, verb, node in sorted(facts.triples(), key=str):
             self._pairs[verb].append((subject, node))
 
     def rules(self) -> Iterator[Rule]:

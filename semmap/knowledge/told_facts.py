@@ -12,8 +12,19 @@ from semmap.knowledge.reasoning_engine import TYPE_OF, Node, Triple
 from semmap.knowledge.reasoning_rules import AXIOM_PROPERTIES
 from semmap.knowledge.vocabulary import SEMMAP, XSD, decode
 
-__all__ = ["DIRECT_TYPE", "KIND", "TOLD", "Hierarchy", "columns_of", "fact_of", "told_facts"]
+__all__ = [
+    "COLUMNS",
+    "DIRECT_TYPE",
+    "KIND",
+    "TOLD",
+    "Hierarchy",
+    "columns_of",
+    "fact_of",
+    "told_facts",
+]
 
+COLUMNS = "subject_id, subject, predicate, object_id, object, tag"
+"""A triple in the tables `statement` and `inference`."""
 DIRECT_TYPE = f"{SEMMAP}directType"
 KIND = "urn:semmap:reasoning#kind"
 """Told of an entity whose type does not imply its kind."""

@@ -63,6 +63,27 @@ def test_retraction_removes_what_lost_its_last_reason(changing: psycopg.Connecti
     assert truth(changing, ":a ex:partOf :c")
 
 
+def test_what_is_the_same_has_the_same_facts(changing: psycopg.Connection) -> None:
+    update(changing, EX + AXIOMS)
+    reason(changing)
+    update(
+        changing,
+        EX + "INSERT DATA { ex:tea ex:partOf :table . :sofa ex:owner ex:tea . ex:tea ex:price 2 }",
+    )
+    # Two values of a functional property that may be one resource: rules of equality apply.
+    update(changing, EX + "INSERT DATA { :sofa ex:owner ex:drink }")
+    assert truth(changing, "ex:drink owl:sameAs ex:tea ; ex:partOf :table ; ex:price 2")
+    update(changing, EX + "INSERT DATA { ex:drink ex:colour 'red' }")
+    assert truth(changing, "ex:tea ex:colour 'red'")
+    assert not reason(changing).complete
+    update(changing, EX + "DELETE DATA { :sofa ex:owner ex:drink }")
+    assert not truth(changing, "ex:drink ex:partOf :table")
+    assert not truth(changing, "ex:tea ex:colour 'red'")
+    before = inferences(changing)
+    assert reason(changing, complete=True).complete
+    assert inferences(changing) == before
+
+
 def test_a_type_that_is_told_is_not_inferred(changing: psycopg.Connection) -> None:
     update(changing, EX + "INSERT DATA { ex:vessel rdfs:domain semmap:Mug . :lost ex:vessel 1 }")
     reason(changing)
