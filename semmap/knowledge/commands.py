@@ -164,17 +164,30 @@ def export(
     file: Annotated[
         Path | None, typer.Argument(help=f"Its ending is one of {', '.join(FORMATS)}.")
     ] = None,
+    inferences: Annotated[
+        bool,
+        typer.Option("--inferences", help="Write what semmap knowledge reason inferred, too."),
+    ] = False,
     map_name: cli.MapName = None,
 ) -> None:
     """Write all facts of the map to a file, or as Turtle to standard output.
 
-    Protégé opens the file. Named graphs are written to .trig and .nq.
+    Protégé opens the file. Named graphs are written to .trig, .nq and .jsonld: there, inferences
+    are in the graph urn:semmap:inferred, else among all facts.
     """
-    from semmap.knowledge.whole_graph import dump, serialized
+    from semmap.knowledge.map_view import MapView
+    from semmap.knowledge.mapping import INFERRED_GRAPH
+    from semmap.knowledge.reasoning import is_reasoned
+    from semmap.knowledge.whole_graph import dump, has_graphs, serialized
 
     format_ = "turtle" if file is None else _format(file)
     with _session(map_name) as session:
-        dataset = dump(session)
+        if inferences and not is_reasoned(MapView.of(session)):
+            raise ValueError("nothing is inferred from this map: run semmap knowledge reason")
+        dataset = dump(session, inferences=inferences)
+    if inferences and not has_graphs(format_):
+        for triple in dataset.graph(INFERRED_GRAPH):
+            dataset.default_graph.add(triple)
     written = serialized(dataset, format_)
     if file is None:
         print(written, end="")
@@ -356,6 +369,7 @@ def _keep_reasoning(map_name: str | None, seconds: float | None, json_: bool) ->
             done = reason(session)
         if done.complete or done.added or done.removed:
             _show_run(done, json_)
+            sys.stdout.flush()
 
     timer = threading.Timer(seconds or 0, stop.set)
     timer.daemon = True

@@ -13,6 +13,7 @@ from semmap.ingest.world import WorldError
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView, Session
+from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import limited
 from semmap.knowledge.shapes import BrokenShapeError
 from semmap.knowledge.whole_graph import facts as stored_facts
@@ -96,6 +97,8 @@ def _read(term: Any) -> Any:
 def store_facts(session: Session, facts: list[Fact], source: Path) -> int:
     """Add facts to the map that a session sees, all or none; return how many were new.
 
+    Inferences (in the graph ``urn:semmap:inferred``) are left out: the map infers its own.
+
     Raises
     ------
     WorldError
@@ -105,7 +108,8 @@ def store_facts(session: Session, facts: list[Fact], source: Path) -> int:
         try:
             # What the map has already may follow from other data, which is not stated.
             known = {Fact(s, p, _read(o), g) for s, p, o, g in stored_facts(session)}
-            new = [fact for fact in facts if fact not in known]
+            told = (fact for fact in facts if str(fact.graph) != INFERRED_GRAPH)
+            new = [fact for fact in told if fact not in known]
             view = MapView.of(session)
             with with_consequences(view):
                 return FactWriter(view).insert(new)

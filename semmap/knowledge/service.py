@@ -30,6 +30,7 @@ from semmap.ingest.world import WorldError
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import Answer, KnowledgeError, limited, query
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.results import RESULT_FORMATS
@@ -168,7 +169,8 @@ class Endpoint:
         with self._limited(role, write=False) as session:
             for prefix, space in prefixes(MapView.of(session).name).items():
                 dataset.bind(prefix, space, replace=True)
-            for s, p, o, graph in facts(session):
+            inferences = named == INFERRED_GRAPH
+            for s, p, o, graph in facts(session, inferences=inferences):
                 if (None if graph is None else str(graph)) == named:
                     dataset.default_graph.add((s, p, o))
         if named is not None and not len(dataset.default_graph):

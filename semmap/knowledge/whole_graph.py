@@ -13,18 +13,30 @@ from rdflib.plugins.serializers.trig import TrigSerializer
 from rdflib.plugins.serializers.turtle import TurtleSerializer
 
 from semmap.knowledge.map_view import MapView, Session, term_of
-from semmap.knowledge.mapping import STATEMENTS, TRIPLES, Column, TripleMap
+from semmap.knowledge.mapping import (
+    INFERENCES,
+    INFERRED_GRAPH,
+    STATEMENTS,
+    TRIPLES,
+    Column,
+    TripleMap,
+)
 from semmap.knowledge.values import Value, tag_of, text_of
 from semmap.knowledge.vocabulary import prefixes
 
-__all__ = ["dump", "facts", "serialized", "without_warnings"]
+__all__ = ["dump", "facts", "has_graphs", "serialized", "without_warnings"]
 
 
-def facts(session: Session) -> Iterator[tuple[Any, Any, Any, Any]]:
-    """Yield subject, property, object and graph (None for the default graph) of each fact."""
+def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:
+    """Yield subject, property, object and graph (None for the default graph) of each fact.
+
+    Parameters
+    ----------
+    inferences : what was inferred, too; its graph is `INFERRED_GRAPH`
+    """
     view = MapView.of(session)
     parameters = {"namespace": view.namespace, "map": view.number}
-    for triple in (*TRIPLES, *STATEMENTS):
+    for triple in (*TRIPLES, *STATEMENTS, *(INFERENCES if inferences else ())):
         sql = _select(triple)
         with session.cursor() as cursor:
             for row in cursor.execute(sql.encode(), parameters, prepare=False):
@@ -39,12 +51,17 @@ def facts(session: Session) -> Iterator[tuple[Any, Any, Any, Any]]:
                     )
 
 
-def dump(session: Session) -> rdflib.Dataset:
-    """Return the graph of the map that a session sees, with its named graphs."""
+def dump(session: Session, *, inferences: bool = False) -> rdflib.Dataset:
+    """Return the graph of the map that a session sees, with its named graphs.
+
+    Parameters
+    ----------
+    inferences : what was inferred, too; its graph is ``urn:semmap:inferred``
+    """
     dataset = rdflib.Dataset()
     for prefix, space in prefixes(MapView.of(session).name).items():
         dataset.bind(prefix, space, replace=True)
-    for subject, verb, object_, graph in facts(session):
+    for subject, verb, object_, graph in facts(session, inferences=inferences):
         target = dataset.default_graph if graph is None else dataset.graph(graph)
         target.add((subject, verb, object_))
     return dataset
@@ -58,6 +75,11 @@ def without_warnings() -> Iterator[None]:
         yield
 
 
+def has_graphs(format_: str) -> bool:
+    """Return whether files of a format have named graphs."""
+    return format_ in ("trig", "nquads", "json-ld")
+
+
 def serialized(graph: rdflib.Graph, format_: str) -> str:
     """Return a graph as text; of a dataset, Turtle and N-Triples have the default graph alone.
 
@@ -65,7 +87,7 @@ def serialized(graph: rdflib.Graph, format_: str) -> str:
     ----------
     format_ : rdflib's name of the format
     """
-    if isinstance(graph, rdflib.Dataset) and format_ not in ("trig", "nquads", "json-ld"):
+    if isinstance(graph, rdflib.Dataset) and not has_graphs(format_):
         graph = graph.default_graph
     with without_warnings():
         exact = _EXACT.get(format_)
@@ -107,7 +129,8 @@ def _select(triple: TripleMap) -> str:
     if triple.name is not None:
         local = triple.name.format(**letters)
         verb = f"{verb} || iri_encode({local})" if triple.property else local
-    graph = "a.graph" if triple in STATEMENTS else "''"
+    inferred = f"'{INFERRED_GRAPH}'" if triple in INFERENCES else "''"
+    graph = "a.graph" if triple in STATEMENTS else inferred
     columns = (
         text_of(subject, "%(namespace)s::text"),
         tag_of(subject),

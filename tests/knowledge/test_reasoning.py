@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import psycopg
 import pytest
+import rdflib
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+import semmap
+from semmap import SemanticMap
 from semmap.knowledge import query, update
+from semmap.knowledge.rdf_file import read_facts
 from semmap.knowledge.reasoning import contradictions, forget, reason, why
 from semmap.language.error import QueryError
+from tests import command_line
+from tests.conftest import MakeDatabase
 
 NS = "http://example.org/"
 EX = f"PREFIX ex: <{NS}> "
@@ -150,6 +163,85 @@ def test_the_graph_of_inferences_is_read_only(changing: psycopg.Connection) -> N
         update(changing, "INSERT DATA { GRAPH <urn:semmap:inferred> { :ann rel:beside :bob } }")
     forget(changing)
     assert not query(changing, "SELECT ?x { GRAPH <urn:semmap:inferred> { ?x a ?c } }").rows
+
+
+@pytest.fixture(scope="module")
+def flat(make_database: MakeDatabase) -> Iterator[tuple[str, SemanticMap]]:
+    """A map that a second program can follow, and the address of its database."""
+    url = make_database().render_as_string(hide_password=False)
+    with semmap.connect(url) as db:
+        made = db.create_map("home")
+        made.add_object("bowl", type="bowl", size=(0.2, 0.2, 0.1), pose=(1, 1, 0))
+        update(made.session_of_map(), EX + AXIOMS)
+        yield url, made
+
+
+@contextmanager
+def reasoning(url: str) -> Iterator[subprocess.Popen[str]]:
+    """A process that reasons about the map."""
+    words = ["knowledge", "reason", "--watch", "--json", "--map", "home"]
+    with subprocess.Popen(
+        [sys.executable, "-c", "from semmap.cli import main; main()", *words],
+        env={**os.environ, "SEMMAP_DB": url},
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def test_a_watch_infers_after_each_change(flat: tuple[str, SemanticMap]) -> None:
+    url, made = flat
+    delicate = EX + "SELECT ?x { ?x a ex:Delicate }"
+
+    def found() -> set[str]:
+        rows = query(made.session_of_map(), delicate).rows
+        return {str(x).split("#")[1] for (x,) in rows}
+
+    with reasoning(url) as watch:
+        assert watch.stdout is not None
+        assert json.loads(watch.stdout.readline())["complete"]
+        assert found() == set()
+        made.add_object("cup", type="cup", size=(0.1, 0.1, 0.1), pose=(2, 1, 0))
+        first = json.loads(watch.stdout.readline())
+        assert first["added"] == 2
+        assert not first["complete"]
+        assert found() == {"cup"}
+        made["cup"].delete()
+        assert json.loads(watch.stdout.readline())["removed"] == 2
+        assert found() == set()
+        watch.send_signal(signal.SIGINT)
+        assert watch.wait(timeout=20) == 0
+
+
+def test_exports_have_inferences_where_asked(flat: tuple[str, SemanticMap], tmp_path: Path) -> None:
+    url, made = flat
+    session = made.session_of_map()
+    update(session, "INSERT DATA { :glass a semmap:Cup }")
+    reason(session)
+    glass = rdflib.URIRef("urn:semmap:map:home#glass")
+    delicate = (glass, rdflib.RDF.type, rdflib.URIRef(f"{NS}Delicate"))
+
+    def graphs_with_it(name: str, *words: str) -> set[object]:
+        command_line.semmap(url, "rdf", "export", tmp_path / name, "--map", "home", *words)
+        format_ = {".ttl": "turtle", ".trig": "trig"}[Path(name).suffix]
+        facts = read_facts(tmp_path / name, format_)
+        assert len(facts) > 20
+        return {f.graph for f in facts if (f.subject, f.property, f.object) == delicate}
+
+    assert graphs_with_it("told.ttl") == set()
+    assert graphs_with_it("all.ttl", "--inferences") == {None}
+    assert graphs_with_it("all.trig", "--inferences") == {rdflib.URIRef("urn:semmap:inferred")}
+    # The graph of inferences is not read back: what it has would be stated.
+    command_line.semmap(url, "rdf", "import", tmp_path / "all.trig", "--map", "home")
+    update(session, "DELETE { :glass a ?c } WHERE { :glass semmap:directType ?c }")
+    assert not truth(session, ":glass a ex:Delicate")
+    forget(session)
+    with pytest.raises(ValueError, match="semmap knowledge reason"):
+        graphs_with_it("none.ttl", "--inferences")
 
 
 THINGS = (":table", ":sofa", ":cup%201", ":ann", "ex:coffee", "ex:tea")
