@@ -29,32 +29,28 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
 ), placed AS (
     SELECT DISTINCT ON (entity_id) entity_id, map_id, storey_id, pose
     FROM tree ORDER BY entity_id, depth DESC
-), shape AS (
-    -- The outline where the model has one and stands upright, else the convex hull on the ground.
-    SELECT t.entity_id, h.hull,
-           coalesce(CASE WHEN abs(t.pose[4]) < 1e-6 AND abs(t.pose[5]) < 1e-6
-                         THEN ST_Force2D(pose_apply(ST_Force3D(m.outline), t.pose)) END,
-                    ST_ConvexHull(ST_Force2D(h.hull))) AS flat
-    FROM placed t
-    JOIN entity_model em ON em.entity_id = t.entity_id
-    JOIN model m ON m.id = em.model_id
-    CROSS JOIN LATERAL (SELECT pose_apply(m.hull, t.pose) OFFSET 0) h (hull)
-), solid AS (
-    SELECT entity_id, hull,
-           CASE WHEN ST_Dimension(flat) = 2 THEN flat ELSE ST_Buffer(flat, 0.001, 1) END AS flat
-    FROM shape
-), extent AS (
-    SELECT entity_id,
-           CASE count(*) WHEN 1 THEN (array_agg(hull))[1] ELSE ST_Collect(hull) END AS hull,
-           ST_Multi(CASE count(*) WHEN 1 THEN (array_agg(flat))[1] ELSE ST_Union(flat) END) AS footprint
-    FROM solid GROUP BY entity_id
 ), kept AS (
+    -- The models of each entity are looked up one entity after the other: a join of all could be planned as a nested
+    -- loop, which is quadratic, because the plan is that of a move of one entity.
     INSERT INTO world AS w (entity_id, map_id, storey_id, pose, box, footprint)
     SELECT t.entity_id, t.map_id, t.storey_id, t.pose,
            coalesce(diagonal(x.hull), ST_MakeLine(here, here)), x.footprint
     FROM placed t
     CROSS JOIN LATERAL ST_MakePoint(t.pose[1], t.pose[2], t.pose[3]) AS here
-    LEFT JOIN extent x ON x.entity_id = t.entity_id
+    CROSS JOIN LATERAL (
+        SELECT CASE cardinality(g.hulls) WHEN 1 THEN g.hulls[1] ELSE ST_Collect(g.hulls) END,
+               ST_Multi(CASE cardinality(g.flats) WHEN 1 THEN g.flats[1] ELSE ST_Union(g.flats) END)
+        FROM (SELECT array_agg(h.hull) AS hulls,
+                     array_agg(CASE ST_Dimension(f.flat) WHEN 2 THEN f.flat ELSE ST_Buffer(f.flat, 0.001, 1) END) AS flats
+              FROM entity_model em
+              JOIN model m ON m.id = em.model_id
+              CROSS JOIN LATERAL (SELECT pose_apply(m.hull, t.pose) OFFSET 0) h (hull)
+              -- The outline where the model has one and stands upright, else the convex hull on the ground.
+              CROSS JOIN LATERAL (
+                  SELECT coalesce(CASE WHEN abs(t.pose[4]) < 1e-6 AND abs(t.pose[5]) < 1e-6
+                                       THEN ST_Force2D(pose_apply(ST_Force3D(m.outline), t.pose)) END,
+                                  ST_ConvexHull(ST_Force2D(h.hull))) OFFSET 0) f (flat)
+              WHERE em.entity_id = t.entity_id) g OFFSET 0) x (hull, footprint)
     ON CONFLICT (entity_id) DO UPDATE
     SET map_id = excluded.map_id, storey_id = excluded.storey_id, pose = excluded.pose,
         box = excluded.box, footprint = excluded.footprint
