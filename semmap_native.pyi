@@ -61,6 +61,47 @@ def travel(
 def way(
     costs: NDArray[np.uint8], resolution: float, ends: NDArray[np.int64], slow: float
 ) -> NDArray[np.int64]: ...
+def fit_shape(
+    kind: str,
+    rotation: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    whole: NDArray[np.float64],
+    spacing: float,
+    noise: float,
+    table: tuple[NDArray[np.float64], float] | None,
+    turns: int,
+) -> (
+    tuple[
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.bool_],
+        NDArray[np.float64],
+    ]
+    | None
+): ...
+def shape_distances(
+    kind: str,
+    rotation: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+    points: NDArray[np.float64],
+) -> NDArray[np.float64]: ...
+def shape_cost(
+    kind: str,
+    rotation: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tolerance: float,
+) -> float: ...
+def local_planes(
+    points: NDArray[np.float64], near: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
 _Ends = Sequence[tuple[int, float]]
 

@@ -18,6 +18,7 @@
 #include "semmap/inflation.hpp"
 #include "semmap/occupancy.hpp"
 #include "semmap/travel.hpp"
+#include "shapes_binding.hpp"
 
 namespace py = pybind11;
 
@@ -412,7 +413,8 @@ void define_for(py::module_& module) {
 }  // namespace
 
 PYBIND11_MODULE(semmap_native, module) {
-    module.doc() = "Meshes on grids, costs around what is occupied, ways over them, routes.";
+    module.doc() =
+        "Meshes on grids, costs around what is occupied, ways over them, routes; shapes of points.";
     define_for<std::int32_t>(module);
     define_for<std::int64_t>(module);
     module.def("inflate", &inflate, py::arg("occupied").noconvert(), py::arg("radius"),
@@ -424,4 +426,5 @@ PYBIND11_MODULE(semmap_native, module) {
                py::arg("threads"));
     module.def("way", &way, py::arg("costs").noconvert(), py::arg("resolution"),
                py::arg("ends").noconvert(), py::arg("slow"));
+    define_shapes(module);
 }

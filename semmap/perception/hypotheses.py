@@ -7,7 +7,7 @@ The signs of normals do not matter.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,9 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import cdist
 
 from semmap.perception.point_cloud import Floats, Surfels
+from semmap.perception.shapes import Placed
 
-__all__ = ["Placed", "frame_with_axis", "hypotheses", "smallest_rectangle"]
+__all__ = ["frame_with_axis", "hypotheses", "smallest_rectangle"]
 
 TRIES = 120
 """Hypotheses of each kind."""
@@ -26,15 +27,6 @@ SCORED = 200
 
 SLIMMEST, WIDEST = 0.09, 5.7
 """Slopes of cones: 5 and 80 degrees from the axis."""
-
-
-class Placed(NamedTuple):
-    """A shape in the frame of the points."""
-
-    kind: str
-    rotation: Floats
-    origin: Floats
-    bounds: Floats
 
 
 def hypotheses(
@@ -73,10 +65,11 @@ def hypotheses(
 
 def frame_with_axis(axis: Floats) -> Floats:
     """Return a rotation whose third column is a unit vector."""
-    side = np.eye(3)[np.abs(axis).argmin()]
-    x = np.cross(side, axis)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
+    a, b, c = axis.tolist()
+    least = min(abs(a), abs(b), abs(c))
+    x = (0, -c, b) if abs(a) == least else (c, 0, -a) if abs(b) == least else (-b, a, 0)
+    u, v, w = (number / math.hypot(*x) for number in x)
+    return np.array([[u, b * w - c * v, a], [v, c * u - a * w, b], [w, a * v - b * u, c]])
 
 
 def smallest_rectangle(flat: Floats) -> tuple[float, float]:

@@ -14,16 +14,11 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from semmap.perception.error import PerceptionError
-from semmap.perception.hypotheses import (
-    Placed,
-    frame_with_axis,
-    hypotheses,
-    smallest_rectangle,
-)
+from semmap.perception.hypotheses import frame_with_axis, hypotheses, smallest_rectangle
 from semmap.perception.point_cloud import Floats, Surfels, surfels
 from semmap.perception.primitives import Primitive, primitive_of
 from semmap.perception.refinement import Fit, refined
-from semmap.perception.shapes import face_distances, size_of, surface
+from semmap.perception.shapes import Placed, size_of
 
 if TYPE_CHECKING:
     import trimesh
@@ -89,8 +84,7 @@ def _likeness(fit: Fit, probes: Floats, share: float, volume: float) -> float:
     size = size_of(kind, bounds)
     if not (size > 0).all():
         return 0.0
-    inside = (face_distances(kind, fit.local(probes), bounds) <= 0).all(axis=0)
-    common = share * float(inside.sum())
+    common = share * float((fit.placed.distances(probes) <= 0).sum())
     return common / (VOLUMES[kind](*size) + volume - common)
 
 
@@ -118,7 +112,6 @@ def _bounding(hull: ConvexHull, normals: Floats) -> list[Placed]:
 
 def _unrefined(shape: Placed, points: Floats) -> Fit:
     """A shape that no face of the mesh defines: it deviates as its surface does."""
-    local = (points - shape.origin) @ shape.rotation
-    distance, _ = surface(shape.kind, local, shape.bounds)
+    distance = np.abs(shape.distances(points))
     size = size_of(shape.kind, shape.bounds)
     return Fit(shape, np.ones(6, bool), np.full(len(size), float(distance.mean())))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+import semmap_native
 from semmap.perception.error import PerceptionError
 
 __all__ = ["Floats", "Surfels", "checked_points", "surfels", "voxel_downsample"]
@@ -136,8 +137,7 @@ def surfels(points: Floats, neighbours: int = NEIGHBOURS, alone: float | None = 
         reach = distance[:, k // 2]
         kept = reach <= alone * np.median(reach)
         distance, near = distance[kept], near[kept]
-    offset = points[near] - points[near].mean(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(offset.transpose(0, 2, 1) @ offset / k)
-    noise = float(np.sqrt(max(np.median(values[:, 0]), 0.0) * k / max(k - 3, 1)))
+    normals, variances = semmap_native.local_planes(points, np.ascontiguousarray(near, np.int64))
+    noise = float(np.sqrt(max(np.median(variances), 0.0) * k / max(k - 3, 1)))
     spacing = float(np.median(distance[:, min(4, k - 1)])) / np.sqrt(4 / np.pi)
-    return Surfels(points[kept], vectors[:, :, 0], noise, spacing)
+    return Surfels(points[kept], normals, noise, spacing)

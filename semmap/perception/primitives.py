@@ -13,14 +13,14 @@ from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull, QhullError
 
+import semmap_native
 from semmap.perception.error import PerceptionError
-from semmap.perception.hypotheses import SLIMMEST, WIDEST, Placed, hypotheses
+from semmap.perception.hypotheses import SLIMMEST, WIDEST, hypotheses
 from semmap.perception.plane import Plane
 from semmap.perception.point_cloud import Floats, Surfels, checked_points, surfels
 from semmap.perception.refinement import Fit, refined
-from semmap.perception.shapes import SHAPES, size_of, surface
+from semmap.perception.shapes import SHAPES, Placed, size_of
 
 __all__ = ["SHAPES", "Primitive", "fit_primitive", "primitive_of"]
 
@@ -77,8 +77,9 @@ class Primitive:
 
     def distance(self, points: ArrayLike) -> Floats:
         """Return the distances of points (n, 3) to the surface, metres."""
-        local = (np.asarray(points, float) - self.pose[:3, 3]) @ self.pose[:3, :3]
-        return surface(self.kind, local, _bounds_of(self.kind, self.size))[0]
+        bounds = _bounds_of(self.kind, self.size)
+        placed = Placed(self.kind, self.pose[:3, :3], self.pose[:3, 3], bounds)
+        return np.abs(placed.distances(np.asarray(points, float)))
 
 
 def fit_primitive(
@@ -214,30 +215,8 @@ def _is_plausible(fit: Fit, cloud: Surfels, diameter: float) -> bool:
 
 def _cost(fit: Fit, cloud: Surfels, within: float) -> float:
     """How badly a shape explains the points: distances and normals; complex shapes pay a little."""
-    kind, bounds = fit.placed.kind, fit.placed.bounds
-    local = fit.local(cloud.points)
-    distance, normal = surface(kind, local, bounds)
-    across = np.abs(np.einsum("ni,ni->n", normal, cloud.normals @ fit.placed.rotation))
-    far = np.minimum((distance / within) ** 2, 1)
-    turned = np.minimum((1 - across) / 0.3, 1)
-    cost = float(np.maximum(far, 0.5 * turned).mean()) + PRICE * len(bounds)
-    if kind == "cuboid":
-        cost += max(
-            0.0, 0.9 - _filled(local[distance <= within], normal[distance <= within], bounds)
-        )
-    return cost
-
-
-def _filled(points: Floats, normals: Floats, bounds: Floats) -> float:
-    """The share of its most seen face that the points of a cuboid fill: of a disk, 0.79."""
-    axis = int(np.abs(normals).sum(axis=0).argmax())
-    flat = [i for i in range(3) if i != axis]
-    on = np.abs(normals[:, axis]) > 0.5
-    try:
-        hull = ConvexHull(points[on][:, flat])
-    except (QhullError, ValueError):
-        return 1.0
-    return float(hull.volume / np.prod(size_of("cuboid", bounds)[flat]))
+    cost = semmap_native.shape_cost(*fit.placed, cloud.points, cloud.normals, within)
+    return cost + PRICE * len(fit.placed.bounds)
 
 
 def primitive_of(fit: Fit, points: Floats, mean: Floats, within: float) -> Primitive:
@@ -252,7 +231,7 @@ def primitive_of(fit: Fit, points: Floats, mean: Floats, within: float) -> Primi
     """
     kind, rotation, origin, bounds = fit.placed
     size, deviation = size_of(kind, bounds), fit.deviation
-    distance, _ = surface(kind, fit.local(points), bounds)
+    distance = np.abs(fit.placed.distances(points))
     middle = np.zeros(3)
     if kind == "cuboid":
         middle = (bounds[:3] + bounds[3:]) / 2

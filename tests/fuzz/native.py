@@ -294,6 +294,61 @@ def way(random: Random) -> Arguments:
     }
 
 
+BOUNDS = {"sphere": 1, "cylinder": 3, "cone": 3, "cuboid": 6}
+ROTATIONS = (
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    [[0.0, -0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, 0.6]],
+)
+
+
+def placed_shape(random: Random) -> Arguments:
+    kind = random.choice(list(BOUNDS))
+    low = random.choice((-1, 0.1))
+    return {
+        "kind": kind,
+        "rotation": random.choice(ROTATIONS),
+        "origin": array(random, "f8", 3, low=-1),
+        "bounds": array(random, "f8", BOUNDS[kind], low=low, high=random.choice((low, 1, 100))),
+    }
+
+
+def distances(random: Random) -> Arguments:
+    return placed_shape(random) | {
+        "points": array(random, "f8", random.choice((0, 1, 90)), 3, low=-1)
+    }
+
+
+def surfels(random: Random) -> Arguments:
+    count, width = random.choice((1, 2, 90, 400)), random.choice((0.0, 1e-9, 1.0, 1e6))
+    return placed_shape(random) | {
+        "points": array(random, "f8", count, 3, low=-width, high=width),
+        "normals": array(random, "f8", count, 3, low=-1),
+    }
+
+
+def costs(random: Random) -> Arguments:
+    return surfels(random) | {"tolerance": random.choice((1e-30, 0.01, 1e30))}
+
+
+def fitting(random: Random) -> Arguments:
+    plane = {"tuple": [{"tuple": [0.0, 0.6, 0.8]}, random.uniform(-2, 2)]}
+    return surfels(random) | {
+        "whole": array(random, "f8", random.choice((1, 30, 900)), 3, low=-1),
+        "spacing": random.choice((0.0, 0.01, 1e6)),
+        "noise": random.choice((1e-30, 1e-3, 0.1, 1e30)),
+        "table": random.choice((None, plane)),
+        "turns": random.choice((1, 2, 16)),
+    }
+
+
+def neighbours(random: Random) -> Arguments:
+    count, width = random.choice((1, 20)), random.choice((0.0, 1e-200, 1.0, 1e6))
+    return {
+        "points": array(random, "f8", count, 3, low=-width, high=width),
+        "near": array(random, "i8", random.choice((0, 1, 9)), random.choice((1, 5)), high=count),
+    }
+
+
 FUNCTIONS: dict[str, tuple[Callable[..., Any], Good]] = {
     "closed_solids": (semmap_native.closed_solids, mesh),
     "occupancy": (semmap_native.occupancy, drawing),
@@ -301,6 +356,10 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], Good]] = {
     "inflate": (semmap_native.inflate, inflating),
     "travel": (semmap_native.travel, travelling),
     "way": (semmap_native.way, way),
+    "shape_distances": (semmap_native.shape_distances, distances),
+    "shape_cost": (semmap_native.shape_cost, costs),
+    "fit_shape": (semmap_native.fit_shape, fitting),
+    "local_planes": (semmap_native.local_planes, neighbours),
 }
 
 EDGES, NODES = 30, 12
