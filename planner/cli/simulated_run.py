@@ -75,6 +75,7 @@ class SimulatedRun:
         from planner.task_planner import TaskPlanner
         from planner.tasks.domain_file import read_domain
         from planner.tasks.goal import parse_goal
+        from semmap.manipulation.device_store import gripper_id
 
         rules = [FailureRule.parse(text) for text in self.fail]
         domain = None if self.domain_file is None else read_domain(self.domain_file)
@@ -84,6 +85,9 @@ class SimulatedRun:
         process = f"{socket.gethostname()} {os.getpid()}"
         robot = self.robot
         with cli.database() as engine, ExitStack() as opened_here:
+            if self.gripper is not None:
+                with engine.connect() as connection:
+                    gripper_id(connection, self.gripper)
             with MissionList(engine, self.map_name) as missions:
                 original = happens_in = missions.map_name
                 number = _resumed(missions, mission) if resume else None

@@ -171,7 +171,8 @@ def gripper_id(connection: MapConnection, name: str | None = None) -> int:
             session, "SELECT d.name FROM device d JOIN gripper g ON g.device_id = d.id ORDER BY 1"
         )
         if name not in known:
-            hint = suggestion(name, known, "semmap manipulation add-gripper URDF adds one")
+            stored = f"stored are {', '.join(known)}; " if known else ""
+            hint = suggestion(name, known, f"{stored}semmap manipulation add-gripper URDF adds one")
             raise LookupError(f"there is no gripper {name}{hint}")
     with refusals():
         return number(session.execute("SELECT gripper_named(%s)", (name,)))

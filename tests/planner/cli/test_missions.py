@@ -73,6 +73,19 @@ def test_a_gripper_that_is_too_small_is_the_reason(said: Commands, tmp_path: Pat
     assert "gripper small opens 0.04 m" in found.output
 
 
+@pytest.mark.parametrize("more", [(), ("--try-grasps",)])
+def test_an_unknown_gripper_is_refused_before_the_robot_moves(
+    said: Commands, world: World, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    hand = tmp_path / "hand.urdf"
+    hand.write_text(BY_HAND)
+    said.run("manipulation", "add-gripper", hand, "--name", "plates")
+    missions = world.ask("SELECT id FROM mission ORDER BY 1")
+    with pytest.raises(LookupError, match=r"no gripper claw; stored are .*plates.*add-gripper"):
+        said.simulate("on(muffin, desk1)", "--from", "lab1", "--gripper", "claw", *more)
+    assert world.ask("SELECT id FROM mission ORDER BY 1") == missions
+
+
 def test_a_reason_as_json(said: Commands, world: World) -> None:
     found = said.simulate("on(muffin, desk1)", "--from", "lab1", "--fail", "door5 locked", "--json")
     assert found.exit_code == 1
