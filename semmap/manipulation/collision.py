@@ -93,8 +93,8 @@ class Obstacles:
     def _object(self) -> Any:
         if self._body is None:
             fcl = library("fcl")
-            corners, index = np.unique(self.triangles.reshape(-1, 3), axis=0, return_inverse=True)
-            faces = index.reshape(-1, 3)
+            corners = self.triangles.reshape(-1, 3)
+            faces = np.arange(len(corners)).reshape(-1, 3)
             model = fcl.BVHModel()
             model.beginModel(len(corners), len(faces))
             model.addSubModel(corners, faces)

@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from semmap.geometry.mesh import Mesh, join
 from semmap.manipulation.error import ManipulationError
@@ -260,10 +260,11 @@ def _gripper(robot: Robot, tree: _Tree, palm: str) -> Gripper | None:
     frame[:3, 3] += frame[:3, :3] @ [opened_at.middle, middle_y, ends[0] - PAD / 2]
     inverse = np.linalg.inv(frame)
     rigid = tuple(link for link in tree.rigid(palm) if link in robot.meshes)
-    moved = tuple(link for f in fingers for link in f.links if link in robot.meshes)
-    links = rigid + moved
     at_rest = robot.link_poses({}, (palm, *rigid))
-    fixed = [inverse @ np.linalg.inv(at_rest[palm]) @ at_rest[link] for link in rigid]
+    placed_at = {k: inverse @ np.linalg.inv(at_rest[palm]) @ at_rest[k] for k in rigid}
+    rigid = tuple(k for k in rigid if not _is_margin(robot, k, placed_at[k]))
+    moved = tuple(link for f in fingers for link in f.links if link in robot.meshes)
+    links, fixed = rigid + moved, [placed_at[link] for link in rigid]
     poses_all = np.array(
         [
             [*fixed, *(inverse @ p for p in _link_poses(robot, palm, posture, moved).values())]
@@ -459,6 +460,15 @@ def _measure(
         across.append(float((pad[:, 1].min() + pad[:, 1].max()) / 2))
     left, right = min(inner[-1]), min(inner[1])
     return _Measures(left + right, (right - left) / 2, float(np.mean(ends)), across)
+
+
+def _is_margin(robot: Robot, link: str, pose: Floats) -> bool:
+    """Whether a link is a box around the whole hand: not seen, and between the pads as well."""
+    if robot.is_seen(link):
+        return False
+    planes = ConvexHull(robot.hull(link), qhull_options="QJ").equations
+    between = np.linalg.inv(pose)[:3, 3]  # the origin of the grasp frame
+    return bool((planes[:, :3] @ between + planes[:, 3] < 0).all())
 
 
 def _front(robot: Robot, rigid: Sequence[str], poses: Floats, opening: float) -> float:

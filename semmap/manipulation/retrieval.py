@@ -80,7 +80,8 @@ def find_grasps(
     Parameters
     ----------
     name, function, point, tolerance, gripper, limit : as `semmap.manipulation.reader.actions_on`
-    check : leave out grasps at which the gripper would touch other objects of the map
+    check : leave out grasps at which the gripper would touch other objects of the map, or the
+        object itself before it closes
 
     Raises
     ------
@@ -115,7 +116,8 @@ def find_grasps(
         if not rows:
             names = ", ".join(dict.fromkeys(row["entity"] for row in stored))
             problems.append(
-                f"{names}: at all {len(stored)} grasps, the gripper touches what is around"
+                f"{names}: at all {len(stored)} grasps, the gripper touches what is around, "
+                "or the object before it closes"
             )
     return Found(rows, generated, problems)
 

@@ -81,6 +81,9 @@ def free_rows(
 ) -> list[dict[str, Any]]:
     """Return the first rows of grasps that the gripper reaches without touching anything else.
 
+    The open gripper must not touch the object either on its way, except by grasps that have
+    succeeded: hulls of links are larger than the links.
+
     Parameters
     ----------
     rows : as `semmap.manipulation.reader.actions_on` returns them
@@ -94,13 +97,15 @@ def free_rows(
     from semmap.manipulation.candidates import Grasps
     from semmap.manipulation.collision import free_grasps
 
-    obstacles: dict[str, Obstacles] = {}
+    around: dict[str, tuple[Obstacles, NDArray[np.float64]]] = {}
     found: list[dict[str, Any]] = []
     for start in range(0, len(rows), AT_ONCE):
         for entity in dict.fromkeys(row["entity"] for row in rows[start : start + AT_ONCE]):
             some = [row for row in rows[start : start + AT_ONCE] if row["entity"] == entity]
-            if entity not in obstacles:
-                obstacles[entity] = obstacles_around(connection, entity)
+            if entity not in around:
+                item = entity_triangles(connection, entity)
+                around[entity] = obstacles_around(connection, entity), item
+            obstacles, item = around[entity]
             widths = [gripper.opening if row["width"] is None else row["width"] for row in some]
             grasps = Grasps(
                 gripper,
@@ -111,7 +116,10 @@ def free_rows(
                 np.array([row["approach"] or "" for row in some]),
                 np.array([row["family"] or "" for row in some]),
             )
-            free = free_grasps(grasps, np.eye(4), obstacles[entity])
+            free = np.zeros(len(some), bool)
+            proven = np.array([row["successes"] > 0 for row in some])
+            free[proven] = free_grasps(grasps[proven], np.eye(4), obstacles)
+            free[~proven] = free_grasps(grasps[~proven], np.eye(4), obstacles, item=item)
             found += [row for row, is_free in zip(some, free, strict=True) if is_free]
         if len(found) >= limit:
             break

@@ -133,6 +133,10 @@ class Robot:
         axis: NDArray[np.float64] = turned / np.linalg.norm(turned)
         return axis
 
+    def is_seen(self, link: str) -> bool:
+        """Return whether a link has visual geometry, not collision geometry alone."""
+        return bool(self._urdf.link_map[link].visuals)
+
     def hull(self, link: str) -> NDArray[np.float64]:
         """Return the corners (N, 3) of the hull of a link in its own frame."""
         return self._hulls[link]

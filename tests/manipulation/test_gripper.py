@@ -67,6 +67,23 @@ def test_a_plate_of_the_width_fits_between_the_fingers_and_a_thicker_one_does_no
         assert across == pytest.approx(gripper.widths[index], abs=0.006)
 
 
+def test_a_box_around_the_whole_hand_is_not_a_part_of_it(tmp_path):
+    """TIAGo's hand has a box for its safety, which is not seen and has the fingers inside."""
+    hand = real_gripper("tiago")
+    assert "hand_palm_link" in hand.links
+    assert "hand_safety_box" not in hand.links
+    assert 0.02 < hand.depth < 0.05
+    box = '<geometry><box size="0.3 0.3 0.3"/></geometry>'
+    around = f'<link name="around"><collision>{box}</collision></link>'
+    joint = '<joint name="j" type="fixed"><parent link="palm"/><child link="around"/></joint>'
+    closed = BY_HAND.replace("</robot>", f"{around}{joint}</robot>")
+    hand = read_gripper(gripper_file(tmp_path, closed))
+    assert "around" not in hand.links
+    assert hand.depth == pytest.approx(0.05, abs=1e-9)
+    seen = closed.replace(around, around.replace("</link>", f"<visual>{box}</visual></link>"))
+    assert "around" in read_gripper(gripper_file(tmp_path, seen)).links
+
+
 def test_both_grippers_of_a_robot_are_found_and_chosen_by_palm():
     names = [g.palm for g in find_grippers(real_gripper("pr2").robot)]
     assert names == ["r_gripper_palm_link", "l_gripper_palm_link"]

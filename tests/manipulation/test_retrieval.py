@@ -25,10 +25,12 @@ from semmap.manipulation.retrieval import (
     stored_gripper,
 )
 from semmap.manipulation.shape_store import model_mesh, shape_of, store_shapes
-from semmap.manipulation.task_store import record_task
+from semmap.manipulation.surroundings import entity_triangles
+from semmap.manipulation.task_store import add_task, record_task
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.manipulation.grippers import BY_HAND
+from tests.manipulation.test_collision import hulls_meet
 
 
 def test_the_shapes_of_all_meshes_are_found_once(house: SemanticMap) -> None:
@@ -72,6 +74,34 @@ def test_generated_grasps_are_stored_and_free_of_the_table(house: SemanticMap) -
     assert {row["approach"] for row in everywhere} - {row["approach"] for row in first.rows} >= {
         "below"  # through the table
     }
+
+
+def test_the_open_gripper_must_not_touch_the_object_unless_the_grasp_has_succeeded(
+    house: SemanticMap,
+) -> None:
+    """Beside linear programs over the links of the gripper and the faces of a box in the air."""
+    here = house.session_of_map()
+    house.add_object("bar", type="bar", size=(0.05, 0.05, 0.16), pose=(3.4, 0.5, 1.4))
+    free = {row["action_id"] for row in find_grasps(here, name="bar", limit=400).rows}
+    every = find_grasps(here, name="bar", limit=400, check=False).rows
+    touching = [row for row in every if row["action_id"] not in free]
+    assert len(free) > 50
+    assert len(touching) > 20
+    gripper = stored_gripper(here, "parallel_gripper")
+    faces = entity_triangles(here, "bar")
+    random = np.random.default_rng(0)
+    for row in random.choice(np.array(every), 12, replace=False):
+        ends = [row[name].matrix for name in ("pose", "pre_pose")]
+        touches = False
+        for number, link in enumerate(gripper.links):
+            corners = gripper.robot.hull(link)
+            moved = [end @ gripper.poses[0, number] for end in ends]
+            passed = np.concatenate([corners @ m[:3, :3].T + m[:3, 3] for m in moved])
+            touches |= any(hulls_meet(passed, face) for face in faces)
+        assert touches == (row["action_id"] not in free)
+    add_task(here, "bar", action=touching[0]["action_id"], outcome="completed")
+    again = {row["action_id"] for row in find_grasps(here, name="bar", limit=400).rows}
+    assert again == free | {touching[0]["action_id"]}
 
 
 def test_what_does_not_fit_is_said_with_its_size(house: SemanticMap) -> None:
