@@ -345,25 +345,37 @@ class Costmap:
         """
         if name in self.static or name in {layer.name for layer in self.policy.layers}:
             raise _name_is_taken("field", name)
-        touched = np.zeros(self.grid.shape, np.bool_)
-        for cells in (self._social.pop(name, None), self.occupied.pop(name, None)):
-            if cells is not None:
-                touched |= cells.any(axis=0)
+        before = self._field_cells(name)
+        self._social.pop(name, None)
+        self.occupied.pop(name, None)
         self.fields = {k: v for k, v in self.fields.items() if k != name}
         if field is not None:
             self.fields[name] = _as_voxels(name, field)
         self._sort_fields()
         if name in self._field_layers:
             self._render_field(self._field_layers[name])
-            cells = self._social[name] if name in self._social else self.occupied[name]
-            touched |= cells.any(axis=0)
+        wide = self._window_around(before | self._field_cells(name))
+        if wide is not None:
+            self._inflate(wide)
+        return wide
+
+    def field_window(self, name: str) -> Window | None:
+        """Return the rows and columns whose costs depend on a field; None if no cell does."""
+        return self._window_around(self._field_cells(name))
+
+    def _field_cells(self, name: str) -> NDArray[np.bool_]:
+        """(rows, columns) bool: where a field has an effect of its own, for any part."""
+        cells = self._social.get(name, self.occupied.get(name))
+        if cells is None or name not in self.fields:
+            return np.zeros(self.grid.shape, np.bool_)
+        return np.asarray(cells.any(axis=0))
+
+    def _window_around(self, touched: NDArray[np.bool_]) -> Window | None:
         if not touched.any():
             return None
         rows, columns = np.nonzero(touched.any(axis=1))[0], np.nonzero(touched.any(axis=0))[0]
         window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        wide = grown(window, self.reach, self.grid)
-        self._inflate(wide)
-        return wide
+        return grown(window, self.reach, self.grid)
 
     # -- explanation ----------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Reads voxels for grids and costmaps: those of the map's fields, and those of its objects.
+"""Reads voxels for grids and costmaps: those of the map's fields, and those of its mirror.
 
 Fields are stored by users, or live: the last ones of the sources of a running service, which it
 keeps in the database every second.
@@ -18,7 +18,14 @@ from semmap.language.terms import local_name
 from semmap.query.maps import current_name
 from semmap.suggestions import suggestion
 
-__all__ = ["LIVE", "read_ended_fields", "read_field_versions", "read_fields", "read_mirror"]
+__all__ = [
+    "LIVE",
+    "read_ended_fields",
+    "read_field_versions",
+    "read_fields",
+    "read_live_versions",
+    "read_mirror",
+]
 
 LIVE = 60.0
 """Seconds since its last update for which the field of a source is live."""
@@ -33,6 +40,7 @@ WHERE f.map_id = current_map() AND v.state IS NULL ORDER BY f.name
 
 _OF_SOURCES = """
 SELECT m.key AS name, m.value::text::integer AS version,
+       (SELECT o.property FROM field o WHERE o.map_id = f.map_id AND o.name = m.key) AS property,
        v.at >= now() - make_interval(secs => :live) AS live
 FROM field f JOIN field_version v ON v.field_id = f.id AND v.version = f.version
 CROSS JOIN LATERAL jsonb_each(v.state -> 'maps') m
@@ -44,6 +52,12 @@ WHERE f.map_id = current_map() AND f.property = 'urn:semmap:ontology#provides' O
 def read_field_versions(connection: Connection) -> dict[str, tuple[int, int]]:
     """Return the id and the newest version of each stored field of the current map, by name."""
     return {row.name: (row.id, row.version) for row in connection.execute(text(_VERSIONS))}
+
+
+def read_live_versions(connection: Connection) -> dict[str, tuple[str, int]]:
+    """Return the property and the newest version of each live field of a source, by name."""
+    rows = connection.execute(text(_OF_SOURCES), {"live": LIVE})
+    return {row.name: (local_name(row.property), row.version) for row in rows if row.live}
 
 
 def read_ended_fields(connection: Connection) -> list[str]:
@@ -98,7 +112,7 @@ def read_fields(
 
 
 def read_mirror(connection: Connection, voxel_size: float = 0.05) -> dict[int, Voxels]:
-    """Return the voxels of the current map's objects by id, from its mirror.
+    """Return the voxels of the current map's objects, walls and doors by id, from its mirror.
 
     The mirror continues from the state that it stored last; without one it reads all meshes.
 
@@ -112,19 +126,18 @@ def read_mirror(connection: Connection, voxel_size: float = 0.05) -> dict[int, V
     LookupError
         OpenVDB is not installed.
     ValueError
-        Objects have more voxels than limits allow.
+        Objects, walls or doors have more voxels than limits allow.
     """
-    with _openvdb("the mirror has the voxels of objects", "take their meshes (no --from-voxels)"):
+    with _openvdb("the mirror has the voxels of the map", "take their meshes (no --from-voxels)"):
         from semmap.fields.store.voxel_mirror import VoxelMirror
     mirror = VoxelMirror.resume(connection.engine, current_name(connection), voxel_size)
     mirror.catch_up()
     for name, reason in mirror.left_out.items():
         raise ValueError(f"{name} has no voxels: {reason}; take larger voxels, or the meshes")
-    return {
-        number: Voxels(voxel_size, mirror.regions.voxels(number).astype(np.int64))
-        for number in mirror.names
-        if mirror.roles[number] == "object"
-    }
+    objects = [n for n in mirror.names if mirror.roles[n] == "object"]
+    found = {n: mirror.regions.voxels(n) for n in objects}
+    found |= {n: mirror.walls.voxels(n) for n in mirror.walls.entities() if isinstance(n, int)}
+    return {n: Voxels(voxel_size, each.astype(np.int64)) for n, each in found.items()}
 
 
 @contextmanager

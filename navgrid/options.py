@@ -64,7 +64,7 @@ AssumeSizes = Annotated[
 ]
 FromVoxels = Annotated[
     bool,
-    typer.Option("--from-voxels", help="Take the voxels of objects from the mirror, not meshes."),
+    typer.Option("--from-voxels", help="Take voxels from the mirror, not meshes."),
 ]
 VoxelSize = Annotated[
     float, typer.Option(help="Edge of the mirror's voxels, metres, with --from-voxels.")
@@ -72,7 +72,7 @@ VoxelSize = Annotated[
 
 
 def voxels_of(connection: Any, from_voxels: bool, voxel_size: float) -> dict[int, Voxels] | None:
-    """Return the voxels of objects as options choose them; None for their meshes."""
+    """Return the voxels of the map as options choose them; None for its meshes."""
     from navgrid.field_reader import read_mirror
 
     return read_mirror(connection, voxel_size) if from_voxels else None

@@ -1,7 +1,8 @@
 """A routing graph that follows the map in the database.
 
 Travel times are stored in the database, so that loading is quick. What changed in the map is read
-through its change feed, and only the travel in affected places is measured again.
+through its change feed, and only the travel in affected places is measured again. Live fields, such
+as people whom a camera sees now, have an effect on travel times, but not on stored ones.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import gc
 import json
 import threading
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime
@@ -16,7 +18,8 @@ from typing import NamedTuple
 
 from sqlalchemy import Connection
 
-from navgrid.field_reader import read_field_versions, read_fields
+from navgrid.field_reader import read_field_versions, read_fields, read_live_versions
+from navgrid.policy import NONE, Policy
 from planner.duration import Durations
 from planner.readers.entity_lookup import MapLookup
 from planner.readers.map_source import MapSource, open_feed
@@ -32,6 +35,9 @@ from semmap.query.change_feed import ChangeFeed, Look
 from semmap.query.storey_scene import StoreyScene
 
 __all__ = ["LiveTopology", "TopologyChange"]
+
+POLL = 1.0
+"""Seconds between looks at live fields, which send no notifications."""
 
 Progress = Callable[[str, int, int], None]
 OnChange = Callable[["TopologyChange"], None]
@@ -103,6 +109,9 @@ class LiveTopology:
         self._agents: set[int] = set()
         self._validity: dict[int, list[datetime]] = {}  # when regions become valid or invalid
         self._field_versions: dict[str, tuple[int, int]] = {}
+        self._live_versions: dict[str, int] = {}
+        self._near_live: set[str] = set()  # places whose travel is not stored now
+        self._polled = 0.0
         self._looked: datetime | None = None
         self._warm = False
         self._lock = threading.RLock()
@@ -147,6 +156,7 @@ class LiveTopology:
                     change = self._apply(look, ids) if ids else TopologyChange()
                     if not change.reloaded:
                         change = self._apply_fields(look, change)
+                change = self._apply_live_fields(look.connection, change)
                 if change:
                     if on_change is not None:
                         on_change(change)
@@ -187,10 +197,23 @@ class LiveTopology:
             if payloads is None:
                 self.warm()
                 self.catch_up(on_change)
-            elif self._expired(datetime.now(UTC)) or not all(map(self._is_irrelevant, payloads)):
+            elif (
+                self._expired(datetime.now(UTC))
+                or not all(map(self._is_irrelevant, payloads))
+                or self._are_live_fields_new()
+            ):
                 self.catch_up(on_change)
 
         self._feed.follow(stop, wake, patience=patience)
+
+    def _are_live_fields_new(self) -> bool:
+        """Whether live fields changed, began or ended; looks at most once in `POLL` seconds."""
+        now = time.monotonic()
+        if self.costmaps is None or now < self._polled + POLL:
+            return False
+        self._polled = now
+        with self._feed.snapshot() as connection:
+            return _live_versions(connection) != self._live_versions
 
     def _is_irrelevant(self, payload: str) -> bool:
         """Whether a notification reports nothing but beliefs and agents that moved.
@@ -243,6 +266,7 @@ class LiveTopology:
         if store is not None:
             store.add(graph.measured)
         self.graph, self._store, self._validity = graph, store, validity
+        self._live_versions, self._near_live = {}, set()
         return TopologyChange(reloaded=True)
 
     @staticmethod
@@ -257,7 +281,7 @@ class LiveTopology:
         if self._store is None or self.costmaps is None:
             return
         if not change.reloaded or self._store.is_due:
-            self._store.store(look.connection, self.graph, look.cursor)
+            self._store.store(look.connection, self.graph, look.cursor, self._near_live)
 
     # -- changes --------------------------------------------------------------------------------
 
@@ -316,6 +340,23 @@ class LiveTopology:
         self._field_versions = now
         return change._replace(places=change.places | places)
 
+    def _apply_live_fields(self, connection: Connection, change: TopologyChange) -> TopologyChange:
+        """Measure travel again where live fields changed costs; it is stored when they end."""
+        costmaps = self.costmaps
+        if costmaps is None:
+            return change
+        before, now = self._live_versions, _live_versions(connection)
+        if now == before:
+            return change
+        fields = read_fields(connection, [n for n, v in now.items() if before.get(n) != v])
+        costmaps.make_costmaps_of(fields.values())
+        with self.graph.lock:
+            places = costmaps.set_fields({**dict.fromkeys(before.keys() - now.keys()), **fields})
+            for place in places:
+                self.graph.measure_again(place)
+        self._live_versions, self._near_live = now, costmaps.places_near(now)
+        return change._replace(places=change.places | places)
+
     def _building_ids(self) -> set[int | None]:
         """The ids of all places and connectors."""
         topology = self.topology
@@ -352,6 +393,13 @@ def _no_garbage_collection() -> Iterator[None]:
     finally:
         if enabled:
             gc.enable()
+
+
+def _live_versions(connection: Connection) -> dict[str, int]:
+    """The versions of the live fields that have an effect on costs, by name."""
+    rule = Policy.default().layer_of_field
+    live = read_live_versions(connection)
+    return {n: version for n, (what, version) in live.items() if rule(what) not in (None, NONE)}
 
 
 def _geometry(connector: PlaceConnector) -> tuple[object, ...]:

@@ -32,6 +32,9 @@ __all__ = ["RoomCostmap", "StoreyCostmaps"]
 SNAP = 0.5
 """Metres within which a pose that is too close to an obstacle counts as the nearest free cell."""
 
+BELOW, TOP = 0.5, 3.0
+"""Metres below and above a place's floor within which a field may be on its storey."""
+
 Window = tuple[slice, slice]
 
 
@@ -332,17 +335,45 @@ class StoreyCostmaps:
                 changed |= self._places_that_differ(storey, before)
         return changed
 
+    def make_costmaps_of(self, fields: Iterable[FieldVoxels]) -> None:
+        """Make the costmaps of the storeys that fields reach."""
+        for field in fields:
+            if (corners := field.voxels.corners) is None:
+                continue
+            low, high = corners[0][2], corners[1][2]
+            for name, place in self.topology.places.items():
+                if name != OUTSIDE and place.floor - BELOW <= high and low <= place.floor + TOP:
+                    self.costmap(self.storey_of(name))
+
+    def places_near(self, fields: Collection[str]) -> set[str]:
+        """The places whose costs may depend on some of the fields, in the costmaps made by now."""
+        found = set()
+        for storey, costmap in self._costmaps.items():
+            windows = [w for name in fields if (w := costmap.field_window(name)) is not None]
+            for place, room in self._rooms_of(storey) if windows else ():
+                if any(_overlap(room.window, window) for window in windows):
+                    found.add(place)
+        return found
+
     def _places_that_differ(self, storey: str, before: NDArray[np.uint8]) -> set[str]:
         """The places of a storey whose costs are not those of a former master costmap."""
         differs = before != self.costmap(storey).master
         if not differs.any():
             return set()
-        rooms = {p: self.room(p) for p in self.topology.places if self.storey_of(p) == storey}
         return {
             place
-            for place, room in rooms.items()
-            if room is not None and (differs[room.window] & room.cells).any()
+            for place, room in self._rooms_of(storey)
+            if (differs[room.window] & room.cells).any()
         }
+
+    def _rooms_of(self, storey: str) -> list[tuple[str, RoomCostmap]]:
+        """The places of a storey of which the map has an outline."""
+        places = [p for p in self.topology.places if self.storey_of(p) == storey]
+        return [(place, room) for place in places if (room := self.room(place)) is not None]
+
+
+def _overlap(a: Window, b: Window) -> bool:
+    return all(x.start < y.stop and y.start < x.stop for x, y in zip(a, b, strict=True))
 
 
 def _entities_at(costmap: Costmap, pose: Pose, cost: int) -> tuple[str, ...]:

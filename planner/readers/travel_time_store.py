@@ -83,8 +83,16 @@ class TravelTimeStore:
         """Whether there is something to store after loading."""
         return bool(self._unstored) or self._compared
 
-    def store(self, connection: Connection, graph: RoutingGraph, cursor: str) -> None:
+    def store(
+        self,
+        connection: Connection,
+        graph: RoutingGraph,
+        cursor: str,
+        but: Collection[str] = (),
+    ) -> None:
         """Store the travel in all places that were added, as measured up to a cursor.
+
+        Places of `but` wait: something that is not stored has an effect on their travel now.
 
         If another process stores travel times at the same time, or this login has no right to,
         nothing is stored: the next call tries again.
@@ -92,18 +100,20 @@ class TravelTimeStore:
         try:
             with connection.begin_nested():
                 if may_store_travel_times(connection, self._class.id, self._class.digest):
-                    self._write(connection, graph, cursor)
-                    self._unstored.clear()
+                    waiting = self._unstored & {*but}
+                    self._write(connection, graph, self._unstored - waiting)
+                    if not waiting:
+                        store_measured_until(connection, self._class.id, cursor)
+                    self._unstored = waiting
         except (OperationalError, IntegrityError):
             return  # another process has stored some since this transaction began
 
-    def _write(self, connection: Connection, graph: RoutingGraph, cursor: str) -> None:
-        numbers = [n for p in self._unstored if (n := graph.topology.places[p].id) is not None]
+    def _write(self, connection: Connection, graph: RoutingGraph, places: set[str]) -> None:
+        numbers = [n for p in places if (n := graph.topology.places[p].id) is not None]
         if numbers:
             digests = compute_place_digests(connection, _reach(graph.robot), numbers)
-            travel = travel_in_places(graph, self._unstored)
+            travel = travel_in_places(graph, places)
             store_travel_times(connection, self._class.id, travel, digests)
-        store_measured_until(connection, self._class.id, cursor)
 
 
 def _affects_travel(connection: Connection, ids: Collection[int]) -> bool:

@@ -42,7 +42,8 @@ END $$;
 CREATE FUNCTION copy_map(map_name text, copy_name text)
 RETURNS integer LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Copies a map without its history and missions, for a simulated run; returns the id of the copy. Of the fields, it
--- copies the newest versions of those that users stored. Copies share the meshes. They are deleted with their map.
+-- copies the newest versions of those that users stored, and of those that sources provided in the last minute: in
+-- the copy they stay. Copies share the meshes. They are deleted with their map.
 -- For admins (roles.sql).
 DECLARE
     original map := (SELECT m FROM map m WHERE name = map_name);
@@ -82,7 +83,10 @@ BEGIN
     INSERT INTO field (map_id, name, property, about, value_type, voxel_size, edge, version)
         SELECT copied, f.name, f.property, f.about, f.value_type, f.voxel_size, f.edge, 1
         FROM field f JOIN field_version v ON v.field_id = f.id AND v.version = f.version
-        WHERE f.map_id = original.id AND v.state IS NULL;
+        WHERE f.map_id = original.id AND (v.state IS NULL OR v.state ->> 'of' = 'source' AND EXISTS (
+            SELECT FROM field s JOIN field_version r ON r.field_id = s.id AND r.version = s.version
+            WHERE s.map_id = original.id AND s.property = 'urn:semmap:ontology#provides'
+              AND r.state -> 'maps' ? f.name AND r.at >= now() - interval '60 s'));
     INSERT INTO field_version (field_id, version, at, background, placement, legend)
         SELECT n.id, 1, v.at, v.background, v.placement, v.legend
         FROM field n JOIN field f ON f.map_id = original.id AND f.name = n.name

@@ -156,7 +156,7 @@ def read_scene(
     moment : datetime, optional
         Leave out regions that do not hold then.
     voxels : mapping of Voxels by id, optional
-        The geometry of objects, in place of their meshes.
+        The geometry of objects, walls of rooms and doors, in place of all meshes.
     assume_sizes : bool
         Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
 
@@ -204,7 +204,7 @@ def read_storeys(
     triangles : bool
         Read the meshes of rooms, objects and connectors.
     voxels : mapping of Voxels by id, optional
-        The geometry of objects, in place of their meshes.
+        The geometry of objects, walls of rooms and doors, in place of all meshes.
     assume_sizes : bool
         Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
 
@@ -456,7 +456,7 @@ class _Reading:
         self._moment = moment
         self._given = voxels or {}
         self._clouded = [*_MESHED] if triangles else []
-        self._meshed = [k for k in self._clouded if voxels is None or k not in OBJECTS]
+        self._meshed = self._clouded if voxels is None else []
         self._models: dict[int, NDArray[np.float64]] = {}
         self._clouds: dict[int, NDArray[np.float64]] = {}
 
@@ -540,7 +540,7 @@ class _Reading:
         if row.kind == "connector":
             sides = (pose @ Pose(*row.pose_a), pose @ Pose(*row.pose_b))
             door = replace(entity, form=row.form, width=row.width, sides=sides)
-            if parts or door.voxels is not None or not self._clouded:
+            if parts or door.voxels is not None or not self._meshed:
                 return door
             return replace(door, triangles=_leaf(pose, sides, row.width))
         size = next((self._sizes[t] for t in types if t in self._sizes), None)
@@ -550,8 +550,8 @@ class _Reading:
         return entity
 
     def _voxels(self, row: Any, pose: Pose) -> Voxels | None:
-        """The given voxels of an object, or those of the entity's point clouds."""
-        if row.kind in OBJECTS and row.id in self._given:
+        """The given voxels of an entity, or those of its point clouds."""
+        if row.id in self._given:
             return self._given[row.id]
         points = [pose.apply(self._clouds[m]) for m in row.clouds or () if m in self._clouds]
         return Voxels.of_points(np.concatenate(points), VOXEL_SIZE) if points else None

@@ -17,9 +17,8 @@ from navgrid.obstacle_layers import Interval, ObstacleLayers
 from navgrid.occupancy_grid import storey_grid
 from navgrid.policy import Policy
 from navgrid.terrain import DriveLimits
-from semmap.fields.regions.mesh_regions import mesh_parts
 from semmap.fields.regions.region_map import RegionMap
-from semmap.geometry.tin import to_mesh
+from semmap.fields.store.reader import Occupant
 from semmap.geometry.voxels import Voxels
 from semmap.query.storey_scene import NO_TRIANGLES, SceneEntity, StoreyScene
 from tests.navgrid.scenes import ARM, BASE, room, scene, sheet, solid
@@ -28,10 +27,11 @@ GRID = Grid((-0.5, -0.5), 0.05, (70, 90))
 
 
 def voxelised(storey: StoreyScene, size: float) -> StoreyScene:
-    """The scene with the voxels that a mirror has of its objects, in place of their meshes."""
+    """The scene with the voxels that a mirror has of it, in place of all meshes."""
     regions = RegionMap(size)
     for each in storey.entities:
-        for region in mesh_parts(to_mesh(each.triangles)).regions(size):
+        occupant = Occupant(each.id, each.name, each.triangles, encloses_air=each.kind == "room")
+        for region in occupant.regions(size):
             regions.insert(each.id, region)
     return replace(
         storey,
@@ -96,6 +96,30 @@ def test_voxels_and_slabs_agree_within_a_voxel(
 ) -> None:
     storey = scene(*things(seed))
     check_within_a_voxel(storey, voxelised(storey, size), (low, low + tall), size)
+
+
+@settings(max_examples=30)
+@given(
+    st.floats(-1, 1),
+    st.floats(0, 0.7),
+    st.sampled_from([0.05, 0.1]),
+    st.floats(0, 1),
+    st.floats(0.1, 1),
+    st.sampled_from(["closed", "open"]),
+)
+def test_walls_and_doors_of_voxels(
+    floor: float, yaw: float, size: float, low: float, tall: float, state: str
+) -> None:
+    """The shell of a room, whose floor is driven on, and a door that is an obstacle when shut."""
+    shell = solid(1, (0, 0, floor), (2, 1.5, floor + 2.2), kind="room", yaw=yaw)
+    door = solid(
+        2, (2.2, 0, floor), (2.25, 0.9, floor + 2), "door", kind="connector", state=state, yaw=yaw
+    )
+    storey = scene(shell, door, floors=(room("hall", 0, 0, 2, 1.5, floor),), elevation=floor)
+    check_within_a_voxel(storey, voxelised(storey, size), (low, low + tall), size)
+    found = occupied(voxelised(storey, size), (0.3, 1.0))
+    assert not found[GRID.cell(1.0, 0.75)], "a room encloses air"
+    assert found[GRID.cell(2.225, 0.45)] == (state == "closed")
 
 
 @settings(max_examples=20)

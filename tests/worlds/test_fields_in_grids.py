@@ -22,6 +22,7 @@ from sqlalchemy import Engine, text
 from navgrid.costmap import Costmap
 from navgrid.field_reader import read_fields, read_mirror
 from navgrid.map_file import read_map
+from navgrid.occupancy_grid import storey_grid
 from navgrid.reader import read_costmaps
 from planner.live_topology import LiveTopology, TopologyChange
 from planner.readers.robot_class import store_robot_class
@@ -36,8 +37,11 @@ from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.sources import Motion, People, PersonalSpaceSource
 from semmap.fields.store import field_store
 from semmap.fields.store.map_store import save_map
+from semmap.fields.store.voxel_mirror import VoxelMirror
+from semmap.geometry.voxels import Voxels
 from semmap.limits import REGION_VOXELS
 from semmap.query.maps import see_map
+from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
 from semmap_vdb import BoolGrid
 from tests.command_line import semmap
@@ -216,33 +220,60 @@ def test_entities_of_a_legend_are_named(
     assert made.explain(x + 0.3, y)[0].field == "seen"
 
 
-def test_fields_of_sources_count_while_they_are_live(
-    house: Engine, bare: Costmap, spot: tuple[float, float]
-) -> None:
-    """A service keeps the last maps of its sources, and names them in a record."""
-    x, y = spot
-    visitor = person(Box((x, y, bare.scene.elevation + 0.85), (0.4, 0.3, 1.7)))
-    url = house.url.render_as_string(hide_password=False)
-    name, source = "camera containsPerson human7", {"of": "source"}
-    save = field_store.save
-    with house.begin() as connection:
-        version = save(connection, name, visitor.grid, property=visitor.property.iri, state=source)
-        record = {"source": "camera", "provides": ["containsPerson"], "maps": {name: version}}
-        provides = "urn:semmap:ontology#provides"
+SEEN = "camera containsPerson human7"
+"""The field in which the service keeps what its source `camera` sees."""
+
+
+def see(engine: Engine, visitor: RepresentationMap) -> None:
+    """Keep what a camera sees as a service does: its last map, and a record that names it."""
+    provides, save = "urn:semmap:ontology#provides", field_store.save
+    with engine.begin() as connection:
+        version = save(
+            connection,
+            SEEN,
+            visitor.grid,
+            property=visitor.property.iri,
+            about="human7",
+            state={"of": "source"},
+        )
+        record = {"source": "camera", "provides": ["containsPerson"], "maps": {SEEN: version}}
         save(connection, "source camera", BoolGrid(1.0, False), property=provides, state=record)
-    try:
-        found = explain(url, spot)
-        assert {b["field"] for b in found["because"] if b["cost"] == 254} == {name}
-        with house.begin() as connection:
-            connection.execute(text("UPDATE field_version SET at = at - interval '1 hour'"))
-        assert explain(url, spot)["cost"] == 0
-        done = semmap(url, "costmap", "--robot", real_robot("tiago"), "--explain", f"{x},{y}")
-        assert f"for 60 s, not used: {name}" in " ".join(done.output.split())
-        assert explain(url, spot, "--field", name)["cost"] == 254
-    finally:
-        with house.begin() as connection:
-            for each in (name, "source camera"):
-                field_store.forget(connection, each)
+
+
+def end_of_sight(engine: Engine) -> None:
+    """Let an hour pass since the camera saw something."""
+    with engine.begin() as connection:
+        connection.execute(
+            text(
+                "UPDATE field_version v SET at = at - interval '1 hour' FROM field f "
+                "WHERE f.id = v.field_id AND f.name IN (:seen, 'source camera')"
+            ),
+            {"seen": SEEN},
+        )
+
+
+@pytest.fixture
+def camera(house: Engine) -> Iterator[Engine]:
+    """The house, whose kept sight is forgotten in the end."""
+    yield house
+    with house.begin() as connection:
+        for each in (SEEN, "source camera"):
+            field_store.forget(connection, each)
+
+
+def test_fields_of_sources_count_while_they_are_live(
+    camera: Engine, bare: Costmap, spot: tuple[float, float]
+) -> None:
+    x, y = spot
+    see(camera, person(Box((x, y, bare.scene.elevation + 0.85), (0.4, 0.3, 1.7))))
+    url = camera.url.render_as_string(hide_password=False)
+    found = explain(url, spot)
+    assert {b["field"] for b in found["because"] if b["cost"] == 254} == {SEEN}
+    end_of_sight(camera)
+    assert explain(url, spot)["cost"] == 0
+    done = semmap(url, "costmap", "--robot", real_robot("tiago"), "--explain", f"{x},{y}")
+    assert f"for 60 s, not used: {SEEN}" in " ".join(done.output.split())
+    assert explain(url, spot, "--field", SEEN)["cost"] == 254
 
 
 # -- from voxels alone -------------------------------------------------------------------------
@@ -253,12 +284,60 @@ def test_a_costmap_from_the_mirror_equals_that_from_meshes(house: Engine, bare: 
     with house.connect() as connection:
         (made,) = read_costmaps(connection, bare.parts, voxels=read_mirror(connection))
     assert made.grid == bare.grid
-    assert all(not len(e.triangles) for e in made.scene.entities if e.kind == "object")
+    assert all(not len(e.triangles) for e in made.scene.entities)
     for interval in [(0.02, 3.0), *bare.intervals]:
         check_within_a_voxel(bare.scene, made.scene, interval, 0.05, bare.grid)
     row, column = np.argwhere(made.master == 254)[1000]
     x, y = (o + (c + 0.5) * 0.05 for o, c in zip(made.grid.origin, (column, row), strict=True))
     assert made.explain(x, y)[0].entities, "voxels have the names of their entities"
+
+
+def test_a_grid_of_the_hotel_from_the_mirror_has_no_mesh(hotel: Engine) -> None:
+    """Walls and shut doors, too, are voxels alone; the cells are those of meshes within a voxel."""
+    with hotel.connect() as connection:
+        meshes = read_storeys(connection)
+        storeys = read_storeys(connection, voxels=read_mirror(connection))
+    for there, here in zip(meshes, storeys, strict=True):
+        shown = {e.id for e in there.entities if len(e.triangles)}
+        assert {e.kind for e in there.entities if e.id in shown} == {"object", "connector"}
+        assert {e.id for e in here.entities if e.voxels is not None} == shown
+        assert not any(len(e.triangles) for e in here.entities)
+        for interval in [(0.05, 1.8), (0.3, 0.6)]:
+            check_within_a_voxel(there, here, interval, 0.05, storey_grid(there).grid)
+
+
+def test_walls_of_rooms_follow_the_map(house: Engine, tmp_path: Path) -> None:
+    """A room with a mesh is its space in the mirror, and its walls beside it, through restarts."""
+    url = house.url.render_as_string(hide_password=False)
+    shed = trimesh.creation.box((2, 2, 2), trimesh.transformations.translation_matrix((30, 0, 1)))
+    shed.export(tmp_path / "shed.ply")
+    done = semmap(url, "import", tmp_path / "shed.ply", "--map", "house", "--as", "room")
+    assert done.exit_code == 0, done.output
+    try:
+        mirror = VoxelMirror(house, "house")
+        mirror.catch_up()
+        mirror.save()
+        number = next(n for n, name in mirror.names.items() if name == "shed")
+        assert len(mirror.regions.voxels(number)) == 40**3
+        for each in (mirror, VoxelMirror.resume(house, "house")):
+            assert each.catch_up() == set()
+            walls = Voxels(0.05, each.walls.voxels(number).astype(np.int64))
+            assert walls.corners is not None
+            np.testing.assert_allclose(walls.corners, [(29, -1, 0), (31, 1, 2)], atol=0.051)
+            assert not (np.abs(walls.centres - (30, 0, 1)) < 0.94).all(axis=1).any()
+        with house.begin() as connection:
+            connection.execute(
+                text("UPDATE placement SET pose[1] = pose[1] + 5 WHERE entity_id = :id"),
+                {"id": number},
+            )
+        mirror = VoxelMirror.resume(house, "house")
+        assert number in mirror.catch_up()
+        assert mirror.walls.voxels(number)[:, 0].min() >= 33 / 0.05
+    finally:
+        with house.begin() as connection:
+            connection.execute(text("DELETE FROM entity WHERE name = 'shed'"))
+    mirror.catch_up()
+    assert number not in mirror.walls
 
 
 def test_a_point_cloud_is_an_obstacle(
@@ -399,3 +478,99 @@ def test_a_stored_field_wakes_followers(house: Engine, robot: str) -> None:
         with house.begin() as connection:
             field_store.forget(connection, "crowd")
     assert "kitchen" in seen[0].places
+
+
+# -- live fields in travel times ----------------------------------------------------------
+
+
+def test_travel_times_follow_what_a_camera_sees(camera: Engine, robot: str) -> None:
+    """People count while they are seen; stored travel times are those without them."""
+    live = LiveTopology(camera, "house", robot)
+    free = travel(live)
+    stored = read_stored(camera)
+    see(camera, crowd(live.topology))
+    assert {"kitchen", "living-room"} <= live.catch_up().places
+    jammed = travel(live)
+    assert sum(map(np.isinf, jammed.values())) > sum(map(np.isinf, free.values()))
+    assert travel(LiveTopology(camera, "house", robot)) == jammed
+    assert not live.catch_up()
+    assert read_stored(camera) == stored
+    end_of_sight(camera)
+    assert {"kitchen", "living-room"} <= live.catch_up().places
+    for each in (live, LiveTopology(camera, "house", robot)):
+        assert travel(each) == pytest.approx(free)
+
+
+def test_what_moves_while_people_are_seen_is_stored_later(camera: Engine, robot: str) -> None:
+    """A bin in the kitchen's door: travel times are not stored with the people in them."""
+    live = LiveTopology(camera, "house", robot)
+    free = travel(live)
+    see(camera, crowd(live.topology))
+    live.warm()
+    poses = live.topology.connectors["kitchen-door"].poses
+    x, y = np.mean([(p.x, p.y) for p in poses], axis=0)
+    with camera.begin() as connection:
+        see_map(connection, "house")
+        before = connection.execute(
+            text(
+                "SELECT entity_id, pose FROM placement WHERE entity_id = entity_id('Trash_01_001')"
+            )
+        ).one()
+        connection.execute(
+            text("SELECT move_to(:id, :x, :y, 0)"), {"id": before.entity_id, "x": x, "y": y}
+        )
+    try:
+        live.catch_up()
+        end_of_sight(camera)
+        live.catch_up()
+        bare = RobotClass("cart", (part("cart", 0.0, 0.6, square(0.15)),), speed=0.5)
+        measured = travel(LiveTopology(camera, "house", bare))
+        assert travel(live) != pytest.approx(free)
+        for each in (live, LiveTopology(camera, "house", robot)):
+            assert travel(each) == pytest.approx(measured)
+    finally:
+        with camera.begin() as connection:
+            connection.execute(
+                text("UPDATE placement SET pose = :pose WHERE entity_id = :id"),
+                {"id": before.entity_id, "pose": before.pose},
+            )
+
+
+def test_a_followed_map_has_what_a_camera_sees(camera: Engine, robot: str) -> None:
+    """No notification announces it: followers look each second."""
+    live = LiveTopology(camera, "house", robot)
+    stop, seen = threading.Event(), threading.Event()
+    thread = threading.Thread(target=live.follow, args=(stop, lambda _: seen.set()))
+    thread.start()
+    try:
+        see(camera, crowd(live.topology))
+        assert seen.wait(20)
+        seen.clear()
+        end_of_sight(camera)
+        assert seen.wait(20)
+    finally:
+        stop.set()
+        thread.join()
+
+
+def test_people_whom_a_camera_sees_close_a_route_also_in_a_simulated_run(
+    camera: Engine, robot: str
+) -> None:
+    planner = RoutePlanner.of_map(camera, "house", robot)
+    assert planner.route("bedroom", "kitchen").seconds > 0
+    see(camera, crowd(planner.graph.topology))
+    with camera.begin() as connection:
+        connection.execute(text("SELECT copy_map('house', 'run')"))
+    try:
+        for name in ("house", "run"):
+            with pytest.raises(NoRouteError):
+                RoutePlanner.of_map(camera, name, robot).route("bedroom", "kitchen")
+    finally:
+        with camera.begin() as connection:
+            connection.execute(text("SELECT drop_map('run')"))
+
+
+def read_stored(engine: Engine) -> list[tuple[object, ...]]:
+    with engine.connect() as connection:
+        rows = connection.execute(text("SELECT * FROM travel_time ORDER BY 1, 2, 3, 4"))
+        return [tuple(row) for row in rows]

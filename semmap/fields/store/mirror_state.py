@@ -12,9 +12,17 @@ from semmap.fields.store import field_store
 from semmap.fields.store.statements import Connection, run
 from semmap_vdb import Int32Grid
 
-__all__ = ["MirrorState", "field_name", "is_current", "load_state", "origin"]
+__all__ = [
+    "MirrorState",
+    "field_name",
+    "is_current",
+    "load_state",
+    "load_walls",
+    "origin",
+    "walls_name",
+]
 
-FORMAT = "3"
+FORMAT = "4"
 """Of the state in the database."""
 
 
@@ -54,6 +62,34 @@ class MirrorState:
 def field_name(voxel_size: float) -> str:
     """Return the name of the field that keeps the state for a size of voxels."""
     return f"occupied {voxel_size} m"
+
+
+def walls_name(voxel_size: float) -> str:
+    """Return the name of the field that keeps the walls for a size of voxels."""
+    return f"walls {voxel_size} m"
+
+
+def load_walls(
+    connection: Connection, voxel_size: float, cursor: str | None
+) -> tuple[RegionMap, dict[int, tuple[str, str]]] | None:
+    """Return the walls that were saved with a state, and name and reason of those without voxels.
+
+    Parameters
+    ----------
+    connection : sees the map
+    voxel_size : metres
+    cursor : of the state; None is returned if the walls were saved with another one
+    """
+    try:
+        stored = field_store.load(connection, walls_name(voxel_size))
+        kept = stored.state or {}
+        if kept.get("cursor") != cursor:
+            return None
+        assert isinstance(stored.grid, Int32Grid)
+        walls = RegionMap.from_state(stored.grid, stored.legend or {})
+    except (LookupError, ValueError):
+        return None
+    return walls, {int(n): (name, reason) for n, (name, reason) in kept["left_out"].items()}
 
 
 def load_state(connection: Connection, voxel_size: float) -> MirrorState | None:

@@ -1,4 +1,4 @@
-"""Reads what fields are made of from the database: meshes, rooms and regions."""
+"""Reads what fields are made of from the database: meshes, walls, rooms and regions."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
 from semmap.fields.regions.mesh_regions import mesh_parts
-from semmap.fields.regions.shapes import Region
+from semmap.fields.regions.shapes import Region, SurfaceRegion
 from semmap.fields.sources.percepts import Zone
 from semmap.fields.sources.synthetic_scene import VisibleObject
 from semmap.geometry.tin import to_mesh
 from semmap.query.storey_reader import OBJECTS, read_entities
+from semmap.query.storey_scene import SceneEntity
 
 __all__ = [
     "Occupant",
     "read_occupants",
     "read_visible_objects",
+    "read_walls",
     "read_zone_ids",
     "read_zones",
 ]
@@ -28,36 +30,55 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Occupant:
-    """An object with a mesh or a point cloud.
+    """An object, a room or a door with a mesh or a point cloud.
 
     Attributes
     ----------
     id : of the entity
     name : of the entity
     triangles : (F, 3, 3) metres, in the frame of the map
-    points : (N, 3) metres, of an object without triangles
+    points : (N, 3) metres, of an entity without triangles
+    encloses_air : bool
+        The mesh is the shell of a room: it has a surface and no inside.
     """
 
     id: int
     name: str
     triangles: NDArray[np.float64]
     points: NDArray[np.float64] | None = None
+    encloses_air: bool = False
 
     def regions(self, voxel_size: float) -> list[Region]:
         """Return the inside of closed parts and the surfaces of open parts, or the points."""
         if self.points is not None:
             return [self.points]
+        if self.encloses_air:
+            shell = to_mesh(self.triangles)
+            return [SurfaceRegion(shell.vertices, shell.faces)]
         return mesh_parts(to_mesh(self.triangles)).regions(voxel_size)
 
 
 def read_occupants(connection: Connection, ids: Iterable[int] | None = None) -> list[Occupant]:
     """Return the objects of the current map that have geometry; only those of `ids` if given."""
     found = read_entities(connection, ids, kinds=OBJECTS, carried=True)
-    return [
-        Occupant(e.id, e.name, e.triangles, None if e.voxels is None else e.voxels.centres)
-        for e in found
-        if not e.lacks_geometry
-    ]
+    return [_occupant(e) for e in found if not e.lacks_geometry]
+
+
+def read_walls(connection: Connection, ids: Iterable[int] | None = None) -> list[Occupant]:
+    """Return the shells of rooms that have geometry, and the leaves of doors, open ones included.
+
+    Parameters
+    ----------
+    connection : sees the map
+    ids : only those of these rooms and connectors; all if not given
+    """
+    found = read_entities(connection, ids, kinds=("room", "connector"))
+    return [_occupant(e) for e in found if len(e.triangles) or e.voxels is not None]
+
+
+def _occupant(entity: SceneEntity) -> Occupant:
+    points = None if entity.voxels is None else entity.voxels.centres
+    return Occupant(entity.id, entity.name, entity.triangles, points, entity.kind == "room")
 
 
 def read_visible_objects(connection: Connection) -> list[VisibleObject]:

@@ -22,10 +22,17 @@ from semmap.fields.regions.shapes import Region
 from semmap.fields.sources.percepts import Zone
 from semmap.fields.store import field_store
 from semmap.fields.store.agents import StandingAgent, read_agents
-from semmap.fields.store.mirror_state import field_name, load_state, origin
+from semmap.fields.store.mirror_state import (
+    field_name,
+    load_state,
+    load_walls,
+    origin,
+    walls_name,
+)
 from semmap.fields.store.reader import (
     Occupant,
     read_occupants,
+    read_walls,
     read_zone_ids,
     read_zones,
 )
@@ -43,6 +50,9 @@ OnChange = Callable[[set[int]], None]
 class VoxelMirror:
     """The voxels of the objects, agents, rooms and regions of a map; the entities are ids.
 
+    A room is its space. The walls of rooms that have a mesh, and the leaves of doors, are a region
+    map of their own: an entity has one region in a map.
+
     Parameters
     ----------
     engine : Engine
@@ -56,6 +66,8 @@ class VoxelMirror:
     ----------
     regions : RegionMap
         May be read at any time. An entity that moves is absent for a moment, and never incomplete.
+    walls : RegionMap
+        The shells of rooms, and the leaves of doors, open ones included.
     names : dict
         The name of each id.
     roles : dict
@@ -72,11 +84,13 @@ class VoxelMirror:
         self, engine: Engine, map_name: str | None = None, voxel_size: float = 0.05
     ) -> None:
         self.regions = RegionMap(voxel_size)
+        self.walls = RegionMap(voxel_size)
         self.names: dict[Any, str] = {}
         self.roles: dict[Any, Role] = {}
         self.spaces = SpacesOf(self.roles)
         self.views: dict[Any, str] = {}
         self._left_out: dict[int, tuple[str, str]] = {}  # name and reason by id
+        self._walls_left_out: dict[int, tuple[str, str]] = {}
         self.maps = MapBuffer()
         self._zones: dict[int, Zone] | None = None  # as they were inserted last
         self._stated: set[int] = set()
@@ -98,8 +112,10 @@ class VoxelMirror:
         mirror = cls(engine, map_name, voxel_size)
         with mirror._feed.snapshot() as connection:
             state = load_state(connection, voxel_size)
-        if state is not None:
+            walls = state and load_walls(connection, voxel_size, state.cursor)
+        if state is not None and walls is not None:
             mirror.regions, mirror.names = state.regions, state.names
+            mirror.walls, mirror._walls_left_out = walls
             mirror.roles.update(state.roles)
             mirror._left_out = state.left_out
             mirror._stated = state.stated
@@ -124,6 +140,8 @@ class VoxelMirror:
             if self._feed.cursor is None:
                 raise LookupError("the mirror has not read its map yet: call catch_up first")
             grid, sets = self.regions.state()
+            walls, wall_sets = self.walls.state()
+            walls_left_out = dict(self._walls_left_out)
             names = {each: name for each, name in dict(self.names).items() if isinstance(each, int)}
             roles, since = {each: self.roles[each] for each in names}, self._feed.cursor
             left_out, stated = dict(self._left_out), sorted(self._stated)
@@ -145,6 +163,16 @@ class VoxelMirror:
                     connection, self._field, grid, property=PROPERTY, legend=sets, state=state
                 )
                 field_store.prune(connection, self._field, 1)
+                beside = walls_name(self.regions.voxel_size)
+                field_store.save(
+                    connection,
+                    beside,
+                    walls,
+                    property=PROPERTY,
+                    legend=wall_sets,
+                    state={"cursor": since, "left_out": walls_left_out},
+                )
+                field_store.prune(connection, beside, 1)
         except BaseException:
             self._unsaved = True
             raise
@@ -153,7 +181,7 @@ class VoxelMirror:
     @property
     def left_out(self) -> dict[str, str]:
         """For each entity without voxels the reason: it would have more than limits allow."""
-        return dict(self._left_out.values())
+        return dict([*self._left_out.values(), *self._walls_left_out.values()])
 
     def catch_up(self) -> set[int]:
         """Read what changed since the last call; at the first call, the whole map.
@@ -170,6 +198,7 @@ class VoxelMirror:
                 changed = None if look.changed is None else set(look.changed)
                 nothing = changed is not None and not changed and self._zones is not None
                 occupants = [] if nothing else read_occupants(look.connection, changed)
+                walls = [] if nothing else read_walls(look.connection, changed)
                 agents = [] if nothing else read_agents(look.connection, changed)
                 zones = self._zones or {}
                 stated: list[StatedVoxels] = []
@@ -204,9 +233,24 @@ class VoxelMirror:
                     self.names[number] = names[number]
                     self.roles[number] = roles.get(number, "object")
             self._zones = zones
+            self._rebuild(changed, walls)
             self._feed.take_in(look)
             self._unsaved = self._unsaved or not nothing
             return stale | set(regions)
+
+    def _rebuild(self, changed: set[int] | None, walls: list[Occupant]) -> None:
+        """Replace the walls of the rooms and doors that changed; all of them for None."""
+        for number in (
+            {*self.walls.entities(), *self._walls_left_out} if changed is None else changed
+        ):
+            self.walls.remove(number)
+            self._walls_left_out.pop(number, None)
+        reasons = self.walls.insert_possible(
+            [(each.id, region) for each in walls for region in each.regions(self.walls.voxel_size)]
+        )
+        self._walls_left_out |= {
+            each.id: (each.name, reasons[each.id]) for each in walls if each.id in reasons
+        }
 
     def _stale(self, changed: set[int] | None, zones: dict[int, Zone]) -> set[int]:
         """Return the entities whose voxels are to be removed or replaced."""

@@ -56,10 +56,9 @@ def same(mirror: VoxelMirror, engine: Engine) -> bool:
     fresh.catch_up()
     mirror.regions.check()
     return mirror.names == fresh.names and all(
-        np.array_equal(
-            np.unique(mirror.regions.voxels(n), axis=0), np.unique(fresh.regions.voxels(n), axis=0)
-        )
-        for n in fresh.names
+        np.array_equal(np.unique(one.voxels(n), axis=0), np.unique(other.voxels(n), axis=0))
+        for one, other in [(mirror.regions, fresh.regions), (mirror.walls, fresh.walls)]
+        for n in other.entities()
     )
 
 

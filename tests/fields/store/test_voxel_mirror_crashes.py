@@ -81,7 +81,8 @@ def test_a_save_writes_what_changed(scene: Engine) -> None:
     mirror.catch_up()
     assert mirror.save() == 2
     with scene.connect() as connection:
-        (name,) = field_store.names(connection)
+        name, walls = field_store.names(connection)
+        assert walls == f"walls {SIZE} m"
         (version,) = field_store.versions(connection, name)
         cubes = connection.execute(text("SELECT count(*) FROM field_block")).scalar_one()
     assert version.version == 2
