@@ -15,14 +15,19 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from sqlalchemy import Engine, text
 
+from semmap.draw.depth_camera import look_at
 from semmap.fields.queries import QueryError
 from semmap.fields.service.client import ServiceConnection, find_service
+from semmap.geometry.pose import Pose
 from tests.command_line import semmap
+from tests.fields.service.ros_recordings import Message, bag, transforms
 
 PREFIX = "PREFIX : <urn:semmap:ontology#> "
+WHO = PREFIX + "SELECT ?who { ?who :sees :Tableware_01_001 }"
 LOOK = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [7.153, 0.983, 0.85]}}}
 AWAY = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [6.5, -1.0, 4.0]}}}
 MAIN = "from semmap.cli import main; main()"
@@ -112,6 +117,24 @@ class Watcher:
                     return at - since
             time.sleep(0.001)
         raise AssertionError(f"{wanted} was not reported: {self.events}")
+
+
+def test_a_recorded_look_is_announced(url: str, tmp_path: Path) -> None:
+    """A bag of ROS 2: a robot drives on, and its camera sees where a person looks."""
+    look = look_at([6.5, -1.0, 1.6], [7.153, 0.983, 0.85])
+    messages: list[Message] = [(0.0, "/tf_static", transforms(("base_link", "eye", np.eye(4))))]
+    for step in range(40):
+        base = Pose.planar(5 + step / 40, -2, 0.1 * step).matrix
+        chain = ("map", "base_link", base), ("eye", "gaze_human1", np.linalg.inv(base) @ look)
+        messages.append((0.5 + step / 10, "/tf", transforms(*chain)))
+    recorded = bag(tmp_path / "walk", messages)
+    server = Server(url, "--source", f"gaze=mcap:{recorded}")
+    try:
+        eventually(lambda: "human1" in str(fields(url, "query", WHO)), True)
+        sees = fields(url, "query", PREFIX + "ASK { :human1 :sees :Tableware_01_001 }")
+        assert sees is True
+    finally:
+        server.stop()
 
 
 @pytest.fixture

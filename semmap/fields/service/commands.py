@@ -32,8 +32,8 @@ def serve(
         list[str] | None,
         typer.Option(
             "--source",
-            help="NAME=PERCEPTS or NAME:SOURCE=PERCEPTS; PERCEPTS are socket, recording:FOLDER or "
-            "plugin:NAME. Repeatable.",
+            help="NAME=PERCEPTS or NAME:SOURCE=PERCEPTS; PERCEPTS are socket, recording:FOLDER, "
+            "mcap:FILE or plugin:NAME. Repeatable.",
         ),
     ] = None,
     rates: Annotated[
@@ -117,7 +117,7 @@ def list_sources(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 def start_source(
     name: str,
     percepts: Annotated[
-        str, typer.Option("--from", help="socket, recording:FOLDER or plugin:NAME.")
+        str, typer.Option("--from", help="socket, recording:FOLDER, mcap:FILE or plugin:NAME.")
     ] = "socket",
     kind: Annotated[
         str | None, typer.Option("--source", help="The installed source; by default NAME.")
@@ -138,9 +138,9 @@ def start_source(
         if not equals:
             raise ValueError(f"--option {each}: write KEY=VALUE")
         given[key] = _value(value)
-    kept, _, folder = percepts.partition(":")
-    if kept == "recording":
-        percepts = f"recording:{Path(folder).absolute()}"
+    kept, _, path = percepts.partition(":")
+    if kept in ("recording", "mcap"):
+        percepts = f"{kept}:{Path(path).absolute()}"
     with find_service(cli.chosen_url(), map_name) as found:
         _needed(found).ask(
             "start",

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import UTC, datetime, timedelta
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 from semmap.fields.service.percept_json import Percept, read_percept, read_time
 from semmap.fields.sources.manager import EndOfPercepts
 
-__all__ = ["GROUP", "Inbox", "Recording", "make_feed"]
+__all__ = ["GROUP", "Inbox", "Recording", "Replay", "make_feed"]
 
 GROUP = "semmap.percepts"
 """The group of entry points for feeds in packages: a class or function that makes a feed."""
@@ -45,17 +46,76 @@ class Inbox:
         return self._arrived.wait(seconds)
 
 
-class Recording:
-    """Percepts of a folder, at the pace at which they were recorded.
+class Replay:
+    """Recorded percepts, at the pace at which they were recorded.
+
+    Parameters
+    ----------
+    recorded : in order of time, the seconds after the beginning, and what makes a percept of the
+        time at which it comes; iterated again for each loop
+    begin : when the recording begins now, aware; now if not given
+    speed : how many times faster than recorded
+    loop : begin again after the last percept
+
+    Raises
+    ------
+    ValueError
+        The speed is not above 0.
+    """
+
+    def __init__(
+        self,
+        recorded: Iterable[tuple[float, Callable[[datetime], Percept]]],
+        *,
+        begin: datetime | None = None,
+        speed: float = 1.0,
+        loop: bool = False,
+    ) -> None:
+        if not speed > 0:
+            raise ValueError(f"speed is {speed!r}: give a number above 0")
+        self._recorded, self._speed, self._loop = recorded, speed, loop
+        self._percept: Percept | None = None
+        self._start(begin or datetime.now(UTC))
+
+    def __call__(self) -> Percept | None:
+        """Return the newest percept whose time has come, with the time at which it came."""
+        now = datetime.now(UTC)
+        due = None
+        while self._next is not None and self._time <= now:
+            due = self._next, self._time
+            self._advance()
+        if due is not None:
+            (_, make), time = due
+            self._percept = make(time)
+        elif self._next is None:
+            if not self._loop:
+                raise EndOfPercepts
+            self._start(now)
+        return self._percept
+
+    def _start(self, begin: datetime) -> None:
+        self._begin = begin
+        self._rest: Iterator[tuple[float, Callable[[datetime], Percept]]] = iter(self._recorded)
+        self._advance()
+
+    def _advance(self) -> None:
+        self._next = next(self._rest, None)
+
+    @property
+    def _time(self) -> datetime:
+        assert self._next is not None
+        return self._begin + timedelta(seconds=self._next[0] / self._speed)
+
+
+class Recording(Replay):
+    """Percepts of a folder.
 
     Parameters
     ----------
     folder : has a file `NAME.jsonl` for each source: a percept with its time in each line, in order
         of time; images lie beside it
     name : of the source
-    begin : when the recording begins now, aware; it begins with the earliest percept of any source
-    speed : how many times faster than recorded
-    loop : begin again after the last percept
+    begin, speed, loop : as for `Replay`; it begins with the earliest percept of any source
 
     Raises
     ------
@@ -72,51 +132,36 @@ class Recording:
         speed: float = 1.0,
         loop: bool = False,
     ) -> None:
-        if not speed > 0:
-            raise ValueError(f"speed is {speed!r}: give a number above 0")
         path = folder / f"{name}.jsonl"
         if not path.is_file():
             there = ", ".join(sorted(each.name for each in folder.glob("*.jsonl"))) or "none"
             raise ValueError(f"there is no recording {path}; files in that folder: {there}")
-        self._folder = folder
-        self._lines = _read_lines(path)
+        lines = _read_lines(path)
         first = min(_first_time(each) for each in folder.glob("*.jsonl"))
-        self._after = [(time - first) / speed for time, _ in self._lines]
-        self._begin = begin or datetime.now(UTC)
-        self._loop = loop
-        self._next = 0
-        self._percept: Percept | None = None
-        read_percept(self._lines[0][1], folder)  # wrong percepts are reported when it starts
-
-    def __call__(self) -> Percept | None:
-        """Return the newest percept whose time has come, with the time at which it came."""
-        now = datetime.now(UTC)
-        due = self._next
-        while due < len(self._lines) and self._begin + self._after[due] <= now:
-            due += 1
-        if due > self._next:
-            self._percept = read_percept(
-                self._lines[due - 1][1], self._folder, self._begin + self._after[due - 1]
-            )
-            self._next = due
-        elif due == len(self._lines):
-            if not self._loop:
-                raise EndOfPercepts
-            self._begin, self._next = now, 0
-        return self._percept
+        read_percept(lines[0][1], folder)  # wrong percepts are reported when it starts
+        recorded = [
+            ((time - first).total_seconds(), partial(read_percept, percept, folder))
+            for time, percept in lines
+        ]
+        super().__init__(recorded, begin=begin, speed=speed, loop=loop)
 
 
 def make_feed(
-    given: str | Mapping[str, Any], name: str, begin: datetime | None = None
+    given: str | Mapping[str, Any],
+    name: str,
+    begin: datetime | None = None,
+    *,
+    source: str | None = None,
 ) -> Callable[[], Any]:
     """Return the feed of a source.
 
     Parameters
     ----------
-    given : `socket`, `recording:FOLDER`, `plugin:NAME`, or a mapping with `recording` or `plugin`
-        and the options of that feed
+    given : `socket`, `recording:FOLDER`, `mcap:FILE`, `plugin:NAME`, or a mapping with `recording`,
+        `mcap` or `plugin` and the options of that feed
     name : of the source
     begin : when recordings begin, aware
+    source : the installed source, which says what percepts it takes; `name` if not given
 
     Raises
     ------
@@ -132,6 +177,13 @@ def make_feed(
     if options.get("recording"):
         folder = Path(options.pop("recording"))
         return Recording(folder, str(options.pop("name", name)), begin=begin, **options)
+    if options.get("mcap"):
+        from semmap.fields.service.mcap_recording import KIND_OF_SOURCE, McapPercepts
+
+        path, pace = Path(options.pop("mcap")), dict[str, Any](begin=begin)
+        pace |= {key: options.pop(key) for key in ("speed", "loop") if key in options}
+        kind = str(options.pop("kind", KIND_OF_SOURCE.get(source or name, "")))
+        return Replay(McapPercepts(path, kind, options), **pace)
     if options.get("plugin"):
         wanted = str(options.pop("plugin"))
         for point in entry_points(group=GROUP, name=wanted):
@@ -140,7 +192,7 @@ def make_feed(
         known = ", ".join(sorted(entry_points(group=GROUP).names)) or "none"
         raise LookupError(f"there is no percept plug-in {wanted}; installed: {known}")
     raise ValueError(
-        f"{name}: percepts are {given!r}: give socket, recording:FOLDER or plugin:NAME"
+        f"{name}: percepts are {given!r}: give socket, recording:FOLDER, mcap:FILE or plugin:NAME"
     )
 
 

@@ -183,7 +183,7 @@ class FieldService:
             There is no such source or percept plug-in, a source of that name is running, or an
             option is wrong.
         """
-        feed = make_feed(given.percepts, given.name, begin)
+        feed = make_feed(given.percepts, given.name, begin, source=given.source)
         options = {"voxel_size": self.mirror.regions.voxel_size} | dict(given.options)
         try:
             source = make_source(given.source, self._vocabulary, **options)

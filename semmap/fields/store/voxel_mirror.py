@@ -112,7 +112,7 @@ class VoxelMirror:
         mirror = cls(engine, map_name, voxel_size)
         with mirror._feed.snapshot() as connection:
             state = load_state(connection, voxel_size)
-            walls = state and load_walls(connection, voxel_size, state.cursor)
+            walls = None if state is None else load_walls(connection, voxel_size, state.cursor)
         if state is not None and walls is not None:
             mirror.regions, mirror.names = state.regions, state.names
             mirror.walls, mirror._walls_left_out = walls
@@ -240,9 +240,10 @@ class VoxelMirror:
 
     def _rebuild(self, changed: set[int] | None, walls: list[Occupant]) -> None:
         """Replace the walls of the rooms and doors that changed; all of them for None."""
-        for number in (
-            {*self.walls.entities(), *self._walls_left_out} if changed is None else changed
-        ):
+        if changed is None:
+            self.walls = RegionMap(self.walls.voxel_size)
+            self._walls_left_out = {}
+        for number in changed or ():
             self.walls.remove(number)
             self._walls_left_out.pop(number, None)
         reasons = self.walls.insert_possible(

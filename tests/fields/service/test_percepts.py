@@ -146,5 +146,5 @@ def test_feeds_by_name(tmp_path: Path) -> None:
     assert isinstance(make_feed(f"recording:{recording(tmp_path, 0)}", "walk"), Recording)
     with pytest.raises(LookupError, match="there is no percept plug-in nose"):
         make_feed("plugin:nose", "gaze")
-    with pytest.raises(ValueError, match="give socket, recording:FOLDER or plugin:NAME"):
+    with pytest.raises(ValueError, match="give socket, recording:FOLDER, mcap:FILE or plugin:NAME"):
         make_feed("soket", "gaze")
