@@ -77,6 +77,9 @@ class LiveTopology:
         A class of robots, or the name of one in the database; by default one that has no shape.
     progress
         Called with the name of a place that is measured, its number, and the number of places.
+    assume_sizes
+        Give objects without geometry a typical box for their type. Travel times are measured for
+        this topology alone, and not stored.
 
     Attributes
     ----------
@@ -100,8 +103,10 @@ class LiveTopology:
         robot: str | RobotClass | None = None,
         *,
         progress: Progress | None = None,
+        assume_sizes: bool = False,
     ) -> None:
         self._robot = robot
+        self._assume_sizes = assume_sizes
         self._progress = progress
         self._feed: ChangeFeed = open_feed(source, map_name)
         self.lookup = MapLookup(self._feed.snapshot)
@@ -251,7 +256,8 @@ class LiveTopology:
             robot = self._robot
         elif self._robot is not None:
             read = read_robot_class(connection, self._robot)
-            robot, durations, store = read.robot, read.durations, TravelTimeStore(read)
+            robot, durations = read.robot, read.durations
+            store = None if self._assume_sizes else TravelTimeStore(read)
         costmaps, stored = None, None
         if robot.parts:
             self._field_versions = read_field_versions(connection)
@@ -275,7 +281,7 @@ class LiveTopology:
 
     def _read_scene(self, storey: str) -> StoreyScene:
         with self._feed.snapshot() as connection:
-            return read_storey_scene(connection, storey)
+            return read_storey_scene(connection, storey, assume_sizes=self._assume_sizes)
 
     def _store_travel_times(self, look: Look, change: TopologyChange) -> None:
         if self._store is None or self.costmaps is None:
@@ -370,7 +376,7 @@ class LiveTopology:
             return set()
         storeys = costmaps.storeys() if with_regions else []
         regions = {s: read_storey_regions(look.connection, s, ids) for s in storeys}
-        objects = read_objects(look.connection, ids)
+        objects = read_objects(look.connection, ids, assume_sizes=self._assume_sizes)
         with self.graph.lock:
             places = costmaps.update(ids, objects, regions)
             for place in places:

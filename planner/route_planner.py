@@ -82,6 +82,7 @@ class RoutePlanner:
         *,
         rules: CostRules | None = None,
         progress: Callable[[str, int, int], None] | None = None,
+        assume_sizes: bool = False,
     ) -> RoutePlanner:
         """A planner on the present state of a map in the database.
 
@@ -89,7 +90,7 @@ class RoutePlanner:
 
         Parameters
         ----------
-        source, map_name, robot, progress
+        source, map_name, robot, progress, assume_sizes
             As for `planner.LiveTopology`.
 
         Raises
@@ -97,7 +98,8 @@ class RoutePlanner:
         LookupError
             There is no such map or class of robots.
         """
-        return cls.of_live(LiveTopology(source, map_name, robot, progress=progress), rules=rules)
+        live = LiveTopology(source, map_name, robot, progress=progress, assume_sizes=assume_sizes)
+        return cls.of_live(live, rules=rules)
 
     @classmethod
     def of_live(cls, live: LiveTopology, *, rules: CostRules | None = None) -> RoutePlanner:

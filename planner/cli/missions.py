@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from navgrid.options import AssumeSizes
 from planner.cli import options
 from semmap import cli
 
@@ -36,6 +37,7 @@ def run_command(
         bool,
         typer.Option("--try-grasps", help="Simulate each grasp; learn by trial and error."),
     ] = False,
+    assume_sizes: AssumeSizes = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue a mission whose process has ended.")
     ] = False,
@@ -74,6 +76,7 @@ def run_command(
         put=put or (),
         gripper=gripper,
         try_grasps=try_grasps,
+        assume_sizes=assume_sizes,
     ).run(goal, mission, resume=resume)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from navgrid.options import AssumeSizes
 from semmap import cli
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def plan_command(
     domain_file: Annotated[
         Path | None, typer.Option("--domain", help="YAML file of additional actions.")
     ] = None,
+    assume_sizes: AssumeSizes = False,
     pddl: Annotated[
         Path | None, typer.Option(help="Write domain.pddl and problem.pddl into this folder.")
     ] = None,
@@ -45,7 +47,7 @@ def plan_command(
 
     domain = None if domain_file is None else read_domain(domain_file)
     with cli.database() as engine:
-        live = LiveTopology(engine, map_name, robot)
+        live = LiveTopology(engine, map_name, robot, assume_sizes=assume_sizes)
         tasks = TaskPlanner(live, domain)
         relations = () if domain is None else domain.relations
         with live.snapshot() as connection:

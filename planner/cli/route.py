@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from navgrid.options import AssumeSizes
 from planner.cli.place_progress import place_progress
 from semmap import cli
 
@@ -59,6 +60,7 @@ def route_command(
         bool,
         typer.Option("--graph", help="On the drawn graph: imported Nav2 edges or Open-RMF lanes."),
     ] = False,
+    assume_sizes: AssumeSizes = False,
     rooms: Annotated[
         bool, typer.Option("--rooms", help="Print only the rooms on the route, with commas.")
     ] = False,
@@ -73,8 +75,11 @@ def route_command(
 
     if graph and count != 1:
         raise typer.BadParameter("--graph finds one route: leave out -k")
+    if assume_sizes and robot is None:
+        raise typer.BadParameter("--assume-sizes is for the costmaps of a robot: add --robot")
     able = RobotClass(opens=closed, unlocks=locked, outside=outside)
-    with _live_topology(map_name, robot or able, quiet=json_ or rooms) as live:
+    quiet = json_ or rooms
+    with _live_topology(map_name, robot or able, assume_sizes, quiet=quiet) as live:
         planner = RoutePlanner.of_live(live, rules=None if rules is None else CostRules.read(rules))
         if robot is not None and (locked or outside or not closed):
             planner.graph = _graph_with_abilities(live, able)
@@ -90,10 +95,13 @@ def route_command(
         places = [*dict.fromkeys([found[0].start, *(s.to_place for s in found[0].steps)])]
         with live.snapshot() as connection:
             unknown = read_names_without_geometry(connection, places)
+            sized = read_names_without_geometry(connection, places, assume_sizes=True)
+        assumed = sorted({*unknown} - {*sized}) if assume_sizes else []
+        unknown = sized if assume_sizes else unknown
     if rooms:
         print(",".join(places))
     elif json_:
-        answer = _route_as_json(found[0]) | {"no_geometry": unknown}
+        answer = _route_as_json(found[0]) | {"no_geometry": unknown, "assumed_sizes": assumed}
         if count > 1:
             answer["alternatives"] = [_route_as_json(r) for r in found[1:]]
         print(json.dumps(answer))
@@ -102,20 +110,23 @@ def route_command(
             if count > 1:
                 cli.out.print(f"{number}.")
             _show_route(route, timed=robot is not None)
-        if unknown:
-            cli.out.print(names_note(unknown), style="yellow")
+        for names, key in ((unknown, "no_geometry"), (assumed, "assumed_sizes")):
+            if names:
+                cli.out.print(names_note(names, key), style="yellow")
 
 
 @contextmanager
 def _live_topology(
-    map_name: str | None, robot: str | RobotClass, *, quiet: bool
+    map_name: str | None, robot: str | RobotClass, assume_sizes: bool, *, quiet: bool
 ) -> Iterator[LiveTopology]:
     """The present topology; shows the progress while travel times are measured."""
     from planner.live_topology import LiveTopology
 
     with cli.database() as engine:
         with place_progress(quiet=quiet) as progress:
-            live = LiveTopology(engine, map_name, robot, progress=progress)
+            live = LiveTopology(
+                engine, map_name, robot, progress=progress, assume_sizes=assume_sizes
+            )
         yield live
 
 

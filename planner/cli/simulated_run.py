@@ -49,6 +49,7 @@ class SimulatedRun:
     sight: Sight | None = None
     detector: Detector | None = None
     try_grasps: bool = False
+    assume_sizes: bool = False
     answers: dict[str, Answer] = field(default_factory=dict)
 
     def run(self, goal: str | None, mission: int | None = None, *, resume: bool = False) -> None:
@@ -101,7 +102,9 @@ class SimulatedRun:
             if not self.try_grasps and (self.gripper is not None or has_gripper(engine, *named)):
                 grasps = GraspMemory(self.gripper, simulated=True)
             store = opened_here.enter_context(MissionStore(engine, happens_in, process, grasps))
-            live = LiveTopology(engine, happens_in, self.robot_class)
+            live = LiveTopology(
+                engine, happens_in, self.robot_class, assume_sizes=self.assume_sizes
+            )
             tasks = TaskPlanner(live, domain)
             assert goal is not None
             with live.snapshot() as connection:

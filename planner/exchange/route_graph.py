@@ -195,8 +195,8 @@ def with_waypoints(
 ) -> RouteGraph:
     """The graph with the waypoints of the map: points, chargers and parking spots.
 
-    Each has its label as name, if that is unique, and is joined with the approach poses of its
-    place; one with drawn lanes, with the nearest of them alone.
+    Each has its label as name, if that is unique or was its name, and is joined with the approach
+    poses of its place; one with drawn lanes, with the nearest of them alone.
     """
     nodes, moves = list(made.nodes), list(made.moves)
     storeys, inside = set(made.storeys), _inside(made)
@@ -213,8 +213,9 @@ def with_waypoints(
             continue
         storey = place.storey or nodes[here[0]].storey
         point = region.outline.representative_point()
-        unique = region.label is not None and labels[region.label] == 1
-        name = region.label if unique and region.label not in names else region.name
+        # An import from Open-RMF renames a waypoint that has the name of a room.
+        own = labels[region.label] == 1 or region.name == f"{region.label}-waypoint"
+        name = region.label if own and region.label and region.label not in names else region.name
         given = {
             k: v for k, v in region.properties.items() if isinstance(v, bool | int | float | str)
         }

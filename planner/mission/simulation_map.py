@@ -10,6 +10,8 @@ from pathlib import Path
 
 from sqlalchemy import Connection, Engine, text
 
+from planner.mission.map_connection import MissionError
+
 __all__ = ["simulation_map"]
 
 KEY = 0x73696D75
@@ -27,8 +29,14 @@ def simulation_map(engine: Engine, map_name: str, world: Path | None = None) -> 
     ----------
     world
         File with the state of the simulated world; a copy from before it was made is replaced.
+
+    Raises
+    ------
+    MissionError
+        This login may not copy maps: it has not the role `semmap_admin`.
     """
     with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        _check_rights(connection, map_name)
         if world is None:
             names = (f"{map_name} (simulated{f' {n}' if n > 1 else ''})" for n in count(1))
             name = next(n for n in names if _take_over(connection, map_name, n))
@@ -63,6 +71,15 @@ def _share(connection: Connection, map_name: str, name: str, world: Path) -> Non
         connection.execute(text(_UNLOCK), {"key": KEY, "name": name})
 
 
+def _check_rights(connection: Connection, map_name: str) -> None:
+    user = connection.execute(text(_MAY_NOT_COPY)).scalar()
+    if user is not None:
+        raise MissionError(
+            f"{user} may not copy the map {map_name}, in which a simulated run would take place: "
+            f"it needs the role semmap_admin (GRANT semmap_admin TO {user})"
+        )
+
+
 def _copy(connection: Connection, map_name: str, name: str) -> None:
     if _exists(connection, name):
         connection.execute(text("SELECT drop_map(:name)"), {"name": name})
@@ -73,6 +90,10 @@ def _exists(connection: Connection, name: str) -> bool:
     found = connection.execute(text("SELECT 1 FROM map WHERE name = :name"), {"name": name})
     return found.scalar() is not None
 
+
+_MAY_NOT_COPY = """
+SELECT current_user WHERE NOT has_function_privilege('copy_map(text, text)', 'EXECUTE')
+"""
 
 _ID = "(CAST(:key AS bigint) << 32) # (hashtext(:name) & 2147483647)"
 

@@ -13,15 +13,19 @@ from semmap.query.storey_scene import SceneEntity, StoreyScene
 __all__ = ["read_moment", "read_objects", "read_storey_regions", "read_storey_scene"]
 
 
-def read_storey_scene(connection: Connection, storey: str) -> StoreyScene:
+def read_storey_scene(
+    connection: Connection, storey: str, *, assume_sizes: bool = False
+) -> StoreyScene:
     """The present scene of a storey of the current map; of "" in a map that has no storeys."""
-    name = storey or read_storey_names(connection)[0]
-    return read_scene(connection, name, moment=read_moment(connection))
+    name, moment = storey or read_storey_names(connection)[0], read_moment(connection)
+    return read_scene(connection, name, moment=moment, assume_sizes=assume_sizes)
 
 
-def read_objects(connection: Connection, ids: Collection[int]) -> list[SceneEntity]:
+def read_objects(
+    connection: Connection, ids: Collection[int], *, assume_sizes: bool = False
+) -> list[SceneEntity]:
     """The objects among the entities with these ids."""
-    return read_entities(connection, ids, kinds=["object"])
+    return read_entities(connection, ids, kinds=["object"], assume_sizes=assume_sizes)
 
 
 def read_storey_regions(

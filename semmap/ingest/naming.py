@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from semmap.geometry.pose import IDENTITY
-from semmap.ingest.ontology.tbox import ontology_files, read_tbox
+from semmap.ingest.ontology.tbox import own_tbox
 from semmap.ingest.world import Entry
 
 __all__ = ["GUESS", "SURE", "TypeGuess", "give_type", "guess_type", "unique_name", "words"]
@@ -162,7 +162,7 @@ def _phrases() -> dict[tuple[str, ...], str]:
         for type_, phrases in TYPE_WORDS.items()
         for phrase in phrases.split(", ")
     }
-    for record in read_tbox(ontology_files()):
+    for record in own_tbox():
         if record.kind == "object" and record.name != "object":
             for phrase in (record.label, *record.synonyms):
                 known[tuple(words(phrase))] = record.name

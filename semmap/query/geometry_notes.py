@@ -68,7 +68,7 @@ def names_note(names: Sequence[str], key: str = "no_geometry") -> str:
 
 
 def read_names_without_geometry(
-    connection: Connection, places: Sequence[str] | None = None
+    connection: Connection, places: Sequence[str] | None = None, *, assume_sizes: bool = False
 ) -> list[str]:
     """Return the names of the objects of the current map that have no geometry, in order.
 
@@ -77,9 +77,11 @@ def read_names_without_geometry(
     connection : Connection that sees the map
     places : sequence of str, optional
         Only objects that these rooms hold, directly or through other objects.
+    assume_sizes : bool
+        Only those whose type has no typical size, either.
     """
-    found = connection.execute(text(_NAMES), {"places": None if places is None else [*places]})
-    return [*found.scalars()]
+    values = {"places": None if places is None else [*places], "assume_sizes": assume_sizes}
+    return [*connection.execute(text(_NAMES), values).scalars()]
 
 
 _NAMES = """
@@ -89,6 +91,9 @@ WITH RECURSIVE held (id) AS (
 )
 SELECT e.name FROM entity e WHERE e.map_id = current_map() AND e.kind = 'object'
 AND (CAST(:places AS text[]) IS NULL OR e.id IN (SELECT id FROM held))
+AND NOT (:assume_sizes AND EXISTS (
+    SELECT FROM type_closure c JOIN semantic_type t ON t.name = c.super
+    WHERE c.sub = e.type AND t.typical_size IS NOT NULL))
 AND NOT EXISTS (SELECT FROM entity_model em JOIN model m ON m.id = em.model_id
                 WHERE em.entity_id = e.id AND (m.triangles > 0 OR m.kind = 'cloud'))
 ORDER BY e.name

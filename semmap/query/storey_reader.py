@@ -255,6 +255,7 @@ def read_entities(
     moment: datetime | None = None,
     triangles: bool = True,
     carried: bool = False,
+    assume_sizes: bool = False,
 ) -> list[SceneEntity]:
     """Return placed entities of the current map with their geometry, in the order of their ids.
 
@@ -273,13 +274,15 @@ def read_entities(
         Read the meshes.
     carried : bool
         Include what agents carry.
+    assume_sizes : bool
+        Give objects without geometry a typical box for their type; see `SceneEntity.assumed`.
 
     Raises
     ------
     LookupError
         There is no such storey.
     """
-    reading = _Reading(connection, moment=moment, triangles=triangles)
+    reading = _Reading(connection, moment=moment, triangles=triangles, assume_sizes=assume_sizes)
     where, values = "", {}
     if ids is not None:
         where, values = "  AND e.id = ANY(:ids)\n", {"ids": [*ids]}

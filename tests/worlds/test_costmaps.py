@@ -10,12 +10,15 @@ import pytest
 import shapely
 import trimesh
 from numpy.typing import NDArray
-from sqlalchemy import Engine
+from sqlalchemy import Engine, text
 
 from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
 from navgrid.nav2 import write_nav2
 from navgrid.occupancy_grid import storey_grid
+from planner.live_topology import LiveTopology
+from planner.readers.robot_class import store_robot_class
+from planner.robot_class import RobotClass
 from semmap.query.geometry_notes import geometry_notes, read_names_without_geometry
 from semmap.query.maps import see_map
 from semmap.query.storey_reader import read_scene, read_storey_names, read_storeys
@@ -156,6 +159,47 @@ def test_typical_sizes_of_furniture_in_the_hotel(hotel: Engine) -> None:
     bed = boxes["NormalBed"]
     (cause, *_) = made.explain(bed.pose.x, bed.pose.y)
     assert (cause.cost, cause.entities, cause.assumed) == (254, ("NormalBed",), ("NormalBed",))
+
+
+def test_routes_and_plans_assume_sizes_too(hotel: Engine) -> None:
+    """Ways around typical beds are longer, and are not stored: others do not assume them."""
+    with hotel.begin() as connection:
+        store_robot_class(connection, RobotClass("cart", (part("cart", 0.0, 0.6, square(0.15)),)))
+        rooms = connection.execute(text(_TWO_BESIDE_BEDS)).one()
+    url = hotel.url.render_as_string(hide_password=False)
+    stored = "SELECT count(*), sum(seconds) FROM travel_time"
+    words = (rooms.one, rooms.other, "--robot", "cart", "--json", "--map", "hotel")
+    bare = json.loads(semmap(url, "route", *words).stdout)
+    with hotel.connect() as connection:
+        before = connection.execute(text(stored)).one()
+    assumed = json.loads(semmap(url, "route", *words, "--assume-sizes").stdout)
+    assert assumed["assumed_sizes"] == bare["no_geometry"] != []
+    assert (assumed["no_geometry"], bare["assumed_sizes"]) == ([], [])
+    live = {flag: LiveTopology(hotel, "hotel", "cart", assume_sizes=flag) for flag in (False, True)}
+    with hotel.connect() as connection:
+        assert connection.execute(text(stored)).one() == before
+    costs = {flag: each.costmaps for flag, each in live.items()}
+    for storey in ("L1", "L2"):
+        masters = {flag: made.costmap(storey).master for flag, made in costs.items() if made}
+        more = (masters[True] == 254).sum() / (masters[False] == 254).sum()
+        assert (masters[True] >= masters[False]).all()
+        assert more > 1.2
+    times = {flag: each.graph.seconds for flag, each in live.items()}
+    assert (times[True] > times[False] + 0.1).any()
+    goal = f"in(robot, {rooms.other})"
+    planned = semmap(url, "plan", goal, "--from", rooms.one, *words[2:], "--assume-sizes")
+    assert planned.exit_code == 0, planned.output
+    refused = semmap(url, "route", rooms.one, rooms.other, "--assume-sizes", "--map", "hotel")
+    assert refused.exit_code == 2
+    assert "add --robot" in " ".join(refused.output.split())
+
+
+_TWO_BESIDE_BEDS = """
+SELECT min(r.name) AS one, max(r.name) AS other FROM entity r
+WHERE r.kind = 'room' AND r.name LIKE 'L2-%' AND EXISTS (
+    SELECT FROM placement p JOIN entity o ON o.id = p.entity_id
+    WHERE p.holder_id = r.id AND o.kind = 'object' AND o.type LIKE '%bed')
+"""
 
 
 def test_commands_list_or_assume_missing_geometry(hotel: Engine, tmp_path: Path) -> None:

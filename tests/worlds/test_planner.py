@@ -23,6 +23,7 @@ from planner.base_pose import NoBasePoseError
 from planner.demo.choices import DemoChoices, choose, figure_3
 from planner.live_topology import LiveTopology
 from planner.mission import Command, MissionResult, MissionStore, Runner
+from planner.mission.map_connection import MissionError
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
 from planner.mission.sim_world import SimWorld
@@ -46,6 +47,7 @@ from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
 from tests.command_line import semmap as semmap_command
 from tests.robot.robots import real_robot
+from tests.schema.test_roles import as_role
 
 SEMMAP = Path(sys.executable).parent / "semmap"
 
@@ -434,6 +436,19 @@ def test_the_demo_chooses_what_a_world_has(engine: Engine) -> None:
     assert house.place in ("living-room", "bedroom")
     assert "KitchenTable_01_001" in house.onto
     assert hotel.type is None  # no object has a shape there
+
+
+def test_who_may_not_copy_a_map_is_told_which_role_may(engine: Engine) -> None:
+    for role in ("semmap_reader", "semmap_robot"):
+        other = as_role(engine, role)
+        try:
+            with (
+                pytest.raises(MissionError, match=f"{role} may not copy .* GRANT semmap_admin"),
+                simulation_map(other, "hotel"),
+            ):
+                pass
+        finally:
+            other.dispose()
 
 
 def test_a_copy_of_a_map_is_as_the_map_and_hidden(engine: Engine, url: str) -> None:

@@ -49,6 +49,7 @@ from semmap.language.algebra import (
     SolutionSlice,
     TriplePattern,
     Union,
+    VariableValue,
 )
 from semmap.language.schema import ValueKind
 
@@ -324,6 +325,9 @@ def _ranks(column: Column, context: Context) -> NDArray[np.int64]:
 
 @_evaluate.register
 def _(pattern: GroupPattern, context: Context, limits: Limits) -> Table:
+    counted = _counted(pattern, context)
+    if counted is not None:
+        return counted
     table = evaluate(pattern.of, context)
     if pattern.whole:
         group = np.zeros(table.rows, np.intp)
@@ -339,6 +343,54 @@ def _(pattern: GroupPattern, context: Context, limits: Limits) -> Table:
     for each in pattern.aggregates:
         columns[each.name] = _aggregated(each, context, table, group, count)
     return Table(count, columns)
+
+
+def _counted(pattern: GroupPattern, context: Context) -> Table | None:
+    """Return the numbers of voxels of entities where the relation knows them without reading them.
+
+    That is for a group that only counts, of one pattern `?voxel property entity`, by the entity if
+    that is a variable.
+    """
+    of = pattern.of
+    if not isinstance(of, BasicGraphPattern) or len(of.patterns) != 1:
+        return None
+    (triple,) = of.patterns
+    voxel, entity = triple.subject, triple.object
+    keys = (entity,) if isinstance(entity, str) else ()
+    if (
+        not isinstance(voxel, str)
+        or (triple.property.subject, triple.property.object) != ("voxel", "entity")
+        or triple.object_variable is not None
+        or not (isinstance(entity, str) or (isinstance(entity, frozenset) and len(entity) == 1))
+        or pattern.keys != keys
+        or not all(
+            _counts_voxels(each, voxel) or _is_key(each, keys) for each in pattern.aggregates
+        )
+    ):
+        return None
+    counts = getattr(context.relation(triple.property), "counts", lambda _: None)
+    found = counts(None if keys else entity)
+    if found is None:
+        return None
+    if pattern.whole:
+        found = {name: n for name, n in found.items() if name in entity} or {"": 0}
+    else:
+        found = {name: n for name, n in found.items() if n}
+    named = Column("entity", context.names.codes(tuple(found)))
+    numbers = Column("number", np.array([*found.values()], np.int64))
+    columns = {a.name: named if _is_key(a, keys) else numbers for a in pattern.aggregates}
+    return Table(len(found), columns | dict.fromkeys(keys, named))
+
+
+def _counts_voxels(each: Aggregate, voxel: str) -> bool:
+    """Whether an aggregate is COUNT(*) or COUNT of a variable that is different in each row."""
+    named = isinstance(each.of, VariableValue) and each.of.name == voxel
+    return each.function == "Count" and (each.of is None or named)
+
+
+def _is_key(each: Aggregate, keys: tuple[str, ...]) -> bool:
+    """Whether an aggregate is the key of its group: rdflib samples keys that are projected."""
+    return each.function == "Sample" and isinstance(each.of, VariableValue) and each.of.name in keys
 
 
 def _aggregated(

@@ -11,9 +11,11 @@ from semmap.fields.maps import operators
 from semmap.fields.maps.lattice import VoxelBox
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.queries.statements import Entities, Numbers, Statements, Voxels
+from semmap.fields.queries.table import LimitError
 from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
 from semmap.language.schema import Property
+from semmap.limits import QUERY_ROWS
 
 __all__ = [
     "EntityMapRelation",
@@ -129,7 +131,21 @@ class OccupancyRelation:
         self.property = property
         self._occupancy = occupancy
         self._roles = roles
+        self._mapped = bool(maps)
         self._maps = EntityMapRelation(property, maps)
+
+    def counts(self, objects: Collection[str] | None = None) -> dict[str, int] | None:
+        """Return the number of voxels of each entity; None where only reading them tells it."""
+        if self._occupancy is None or self._mapped:
+            return None
+        size, found = self._occupancy.regions.size, self._occupancy.entities(*self._roles)
+        if any(len(several) > 1 for several in found.values()):
+            return None
+        return {
+            name: size(entity)
+            for name, (entity,) in found.items()
+            if objects is None or name in objects
+        }
 
     def statements(
         self,
@@ -139,6 +155,8 @@ class OccupancyRelation:
         within: Keys | None = None,
     ) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
+        counts = self.counts(objects) or {}
+        _check_rows(self.property, sum(counts.values()), len(counts))
         found = self._maps.found(objects, within)
         if self._occupancy is not None:
             regions = self._occupancy.regions
@@ -167,6 +185,33 @@ class FreeSpaceRelation:
         self.property = property
         self._rooms = rooms
         self._occupancy = occupancy
+
+    def counts(self, objects: Collection[str] | None = None) -> dict[str, int] | None:
+        """Return the number of free voxels of each room; None where only reading them tells it.
+
+        It is that of the room without those that bodies share with it: voxels of bodies alone are
+        looked at.
+        """
+        counts = self._rooms.counts(objects)
+        if counts is None or self._occupancy is None:
+            return counts
+        regions = self._occupancy.regions
+        bodies = self._occupancy.entities(*BODIES).values()
+        filled = [keys_of(regions.voxels(each)) for several in bodies for each in several]
+        keys = np.unique(np.concatenate([np.zeros(0, np.int64), *filled]))
+        points = (voxels_of_keys(keys) + 0.5) * regions.voxel_size
+        numbers, times = np.unique(regions.set_numbers_at(points), return_counts=True)
+        sets = regions.sets(numbers)
+        rooms = {
+            each: name
+            for name, several in self._occupancy.entities("room").items()
+            if name in counts
+            for each in several
+        }
+        for number, n in zip(numbers.tolist(), times.tolist(), strict=True):
+            for room in sets[number] & rooms.keys():
+                counts[rooms[room]] -= n
+        return counts
 
     def statements(
         self,
@@ -224,6 +269,16 @@ class TypeRelation:
         return Statements(
             Entities.from_names(entity for entity, _ in pairs),
             Entities.from_names(supertype for _, supertype in pairs),
+        )
+
+
+def _check_rows(property: Property, rows: int, entities: int) -> None:
+    if QUERY_ROWS.exceeded_by(rows):
+        raise LimitError(
+            f"?v :{property.name} ?e has {rows:,} solutions, the voxels of {entities} entities; "
+            "name an entity in place of ?e, or count voxels: SELECT ?e (COUNT(?v) AS ?n) "
+            f"{{ ?v :{property.name} ?e }} GROUP BY ?e; {QUERY_ROWS.variable} raises the limit of "
+            f"{QUERY_ROWS.value:,}"
         )
 
 

@@ -11,7 +11,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from semmap.ingest.annotation.feature_file import Feature
-from semmap.ingest.ontology.tbox import KINDS, TypeRecord, ontology_files, read_tbox, snake_case
+from semmap.ingest.ontology.tbox import KINDS, TypeRecord, own_tbox, snake_case
 from semmap.ingest.world import Kind, Refused
 
 __all__ = [
@@ -56,7 +56,7 @@ LAYERS: dict[str, Kind] = {
 
 @functools.cache
 def _tbox() -> Mapping[str, TypeRecord]:
-    return {record.name: record for record in read_tbox(ontology_files())}
+    return {record.name: record for record in own_tbox()}
 
 
 @functools.cache

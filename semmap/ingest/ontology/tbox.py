@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from rdflib.plugins.parsers.notation3 import BadSyntax
 from semmap.ingest.world import WorldError
 from semmap.limits import TEXT_BYTES
 
-__all__ = ["KINDS", "TypeRecord", "ontology_files", "read_tbox", "snake_case"]
+__all__ = ["KINDS", "TypeRecord", "ontology_files", "own_tbox", "read_tbox", "snake_case"]
 
 ENDINGS = (".ttl", ".nt")
 """Endings of Turtle, and of N-Triples, which is a part of Turtle."""
@@ -77,6 +77,12 @@ def ontology_files() -> list[Path]:
     package = Path(__file__).resolve().parents[2]
     folders = (package / "_data" / "schema" / "ontology", package.parent / "schema" / "ontology")
     return sorted(next((f for f in folders if f.is_dir()), folders[0]).glob("*.ttl"))
+
+
+@cache
+def own_tbox() -> tuple[TypeRecord, ...]:
+    """Return the classes of `ontology_files`; a process reads them once."""
+    return tuple(read_tbox(ontology_files()))
 
 
 def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:

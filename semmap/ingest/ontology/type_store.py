@@ -8,8 +8,7 @@ from pathlib import Path
 
 from sqlalchemy import Connection
 
-from semmap.database.files import schema_folder
-from semmap.ingest.ontology.tbox import read_tbox
+from semmap.ingest.ontology.tbox import ontology_files, own_tbox, read_tbox
 
 __all__ = ["load_tbox"]
 
@@ -20,7 +19,7 @@ def load_tbox(connection: Connection, paths: Sequence[Path] | None = None) -> in
     Types that imports added stay; a type that an ontology now has becomes the ontology's. Unchanged
     files are not read.
     """
-    files = sorted((schema_folder() / "ontology").glob("*.ttl")) if paths is None else list(paths)
+    files = ontology_files() if paths is None else list(paths)
     digest = hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest()
     name = ",".join(p.name for p in files)
     known = connection.exec_driver_sql(
@@ -28,7 +27,7 @@ def load_tbox(connection: Connection, paths: Sequence[Path] | None = None) -> in
     ).scalar()
     if known == digest:
         return 0
-    records = read_tbox(files)
+    records = own_tbox() if paths is None else read_tbox(files)
     # One statement each: a trigger recomputes the closure after every one.
     connection.exec_driver_sql(
         "INSERT INTO semantic_type (name, label, iri, comment, origin) "

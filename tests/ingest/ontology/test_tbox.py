@@ -1,13 +1,26 @@
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import networkx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sqlalchemy import Engine
 
+from semmap.ingest import naming
+from semmap.ingest.annotation import feature_values
 from semmap.ingest.naming import TYPE_WORDS
-from semmap.ingest.ontology.tbox import KINDS, TypeRecord, ontology_files, read_tbox, snake_case
+from semmap.ingest.ontology import tbox
+from semmap.ingest.ontology.tbox import (
+    KINDS,
+    TypeRecord,
+    ontology_files,
+    own_tbox,
+    read_tbox,
+    snake_case,
+)
+from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.world import WorldError
 
 ONTOLOGY = sorted(Path(__file__).parents[3].joinpath("schema/ontology").glob("*.ttl"))
@@ -301,3 +314,24 @@ def test_snake_case(local: str, name: str) -> None:
 
 def test_the_files_of_the_ontology_are_found() -> None:
     assert sorted(ontology_files()) == ONTOLOGY
+
+
+def test_an_import_parses_each_file_once(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The store of types, guesses from names and words of annotations read the same classes."""
+    parsed: list[Path] = []
+    parse = tbox._parse
+
+    def counted(path: Path) -> Any:
+        parsed.append(path)
+        return parse(path)
+
+    monkeypatch.setattr(tbox, "_parse", counted)
+    for cached in (own_tbox, naming._phrases, feature_values._tbox, feature_values._type_of_word):
+        cached.cache_clear()
+    with engine.connect() as connection:
+        connection.exec_driver_sql("DELETE FROM ontology")
+        assert load_tbox(connection) > 100
+        connection.rollback()
+    assert ("coffee", "table") in naming._phrases()
+    assert "cup" in feature_values._type_of_word()
+    assert parsed == ontology_files()

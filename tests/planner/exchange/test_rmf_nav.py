@@ -160,9 +160,9 @@ def test_lanes_keep_their_speed_mutex_and_dock(engine: Engine, tmp_path: Path) -
         topology, around = read_topology(connection), read_building_outline(connection)
     graph = read(write_rmf_nav(RoutingGraph(topology), tmp_path / "0.yaml", building=around))
     shared = {"speed_limit": 0.4, "mutex": "aisle"}
-    assert graph.edges["kitchen-waypoint", "charger"] == {**shared, "dock_name": "dock_1"}
-    assert graph.edges["charger", "kitchen-waypoint"] == {**shared, "undock_name": "dock_1"}
-    one_way = graph.edges["kitchen-waypoint", "desk spot-waypoint"]
+    assert graph.edges["kitchen", "charger"] == {**shared, "dock_name": "dock_1"}
+    assert graph.edges["charger", "kitchen"] == {**shared, "undock_name": "dock_1"}
+    one_way = graph.edges["kitchen", "desk spot"]
     assert one_way["orientation_constraint"] == "forward"
     assert not {"speed_limit", "mutex", "dock_name"} & one_way.keys()
     assert graph.nodes["charger"]["dock_name"] == "dock_1"
