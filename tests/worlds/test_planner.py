@@ -443,7 +443,7 @@ def test_who_may_not_copy_a_map_is_told_which_role_may(engine: Engine) -> None:
         other = as_role(engine, role)
         try:
             with (
-                pytest.raises(MissionError, match=f"{role} may not copy .* GRANT semmap_admin"),
+                pytest.raises(MissionError, match=f"{role} may not copy .*GRANT semmap_admin"),
                 simulation_map(other, "hotel"),
             ):
                 pass

@@ -48,6 +48,9 @@ STYLE_LAYERS = frozenset({"layer_styles", "qgis_projects"})
 EARTH = 1e8
 """Largest coordinate of a projection of the earth, and largest EPSG code."""
 
+DEGREES = 0.1
+"""Coordinates whose extent is smaller are not metres."""
+
 GEOREFERENCE = ("crs", "easting", "northing", "height", "rotation")
 
 
@@ -96,11 +99,33 @@ def read_features(path: Path) -> FeatureFile:
         )
     read = _read_geopackage if path.suffix.lower() == ".gpkg" else _read_geojson
     try:
-        return read(path)
+        found = read(path)
     except OSError as error:
         raise WorldError(
             path, "file", f"cannot be read ({error.strerror})", "Check path and permissions."
         ) from error
+    _check_metres(path, found)
+    return found
+
+
+def _check_metres(path: Path, found: FeatureFile) -> None:
+    """Refuse coordinates in degrees: a whole building lies within a tenth of one."""
+    drawn = [f.geometry for f in found.features if f.geometry is not None]
+    outlines = [g for g in drawn if shapely.get_dimensions(g) > 0 and not g.is_empty]
+    if not outlines:
+        return
+    west, south, east, north = map(float, shapely.total_bounds(outlines))
+    small = east - west < DEGREES and north - south < DEGREES
+    if not small or max(abs(west) / 180, abs(north) / 90) > 1:
+        return
+    raise WorldError(
+        path,
+        "coordinates",
+        f"all outlines lie within {east - west:.2g} x {north - south:.2g}: they are degrees, not "
+        "metres",
+        "Give metres of the map's own frame, for example by ogr2ogr -t_srs '+proj=aeqd "
+        f"+lat_0={south:.6f} +lon_0={west:.6f}' metres.geojson {path.name}",
+    )
 
 
 # -- GeoJSON (RFC 7946) -----------------------------------------------------------------------

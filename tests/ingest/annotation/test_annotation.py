@@ -789,3 +789,11 @@ def test_files_that_are_not_geopackages(geopackage: Path) -> None:
         geopackage.write_bytes(content)
         with pytest.raises(WorldError, match=r"office\.gpkg: database"):
             read_annotation(geopackage)
+
+
+def test_degrees_are_refused(write: Write) -> None:
+    """A building as GIS exports it, in longitude and latitude; a point alone is no evidence."""
+    hall = room("hall", 8.0227, 52.2833, 8.0229, 52.2835)
+    with pytest.raises(WorldError, match=r"degrees, not metres.*\+lat_0=52.2833"):
+        read_annotation(write(hall))
+    read_annotation(write(feature(("Point", [0.01, 0.02]), kind="region", name="spot"), LAB))
