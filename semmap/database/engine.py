@@ -148,7 +148,10 @@ def make_engine(url: URL) -> Engine:
     query.setdefault("application_name", "semmap")
     query.setdefault("connect_timeout", CONNECT_TIMEOUT)
     return create_engine(
-        url.set(query=query), connect_args={"options": options}, pool_pre_ping=True
+        url.set(query=query),
+        connect_args={"options": options},
+        pool_pre_ping=True,
+        pool_use_lifo=True,
     )
 
 

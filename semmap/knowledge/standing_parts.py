@@ -20,6 +20,7 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.knowledge.map_view import Row, Term
 from semmap.knowledge.mapping import COMPUTED, NODES, STATEMENTS, TOPOLOGICAL
 from semmap.knowledge.queries import plain
+from semmap.knowledge.relation import can_join
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
 
@@ -98,6 +99,21 @@ class Pattern:
         """Property, subject and object, as far as the index of patterns has them."""
         subject, verb, object_ = (None if is_variable(t) else t for t in self.terms)
         return verb, subject, object_ if isinstance(object_, rdflib.URIRef) else None
+
+    @property
+    def property(self) -> str:
+        """The IRI of the property, or the name of its variable."""
+        return str(self.terms[1])
+
+    def sides(self, name: str, form: Form) -> list[int]:
+        """Return where a variable is a key, with nodes of a form."""
+        return [
+            side
+            for side in SIDES
+            if (side, form) in self.keys
+            and is_variable(self.terms[side])
+            and name_of_variable(self.terms[side]) == name
+        ]
 
     def match(self, quad: Quad) -> Solution | None:
         """Return the terms of the variables with which a quad matches; None if it does not."""
@@ -249,9 +265,10 @@ def _part(node: Any, names: tuple[str, ...], sources: Sources, canonical: Canoni
     tree = found.rewritten(node, None)
     if not found.triples:
         raise WholeError
+    matching = _pruned(found.triples, [sources(*each) for each in found.triples])
     patterns = [
-        _pattern(triple, graph, sources(triple, graph), canonical)
-        for triple, graph in found.triples
+        _pattern(triple, graph, each, canonical)
+        for (triple, graph), each in zip(found.triples, matching, strict=True)
     ]
     known = dict.fromkeys(
         name_of_variable(term)
@@ -313,6 +330,41 @@ class _Found:
             yield subject, verb, object_
         else:
             raise WholeError
+
+
+def _pruned(
+    triples: list[tuple[tuple[Any, Any, Any], Any]], found: list[list[TripleMap] | Computed]
+) -> list[list[TripleMap] | Computed]:
+    """Return what can match triples, without what no other triple of the same terms can match."""
+    while True:
+        forms: dict[Any, list[set[Form]]] = defaultdict(list)
+        for (triple, _), each in zip(triples, found, strict=True):
+            for i, side in enumerate(SIDES):
+                if is_variable(triple[side]):
+                    maps = each if isinstance(each, list) else None
+                    these = {"entity"} if maps is None else {_ends(m)[i] for m in maps}
+                    forms[triple[side]].append(these)
+        kept: list[list[TripleMap] | Computed] = []
+        for (triple, _), each in zip(triples, found, strict=True):
+            if isinstance(each, list):
+                others = [forms.get(triple[side], ()) for side in SIDES]
+                each = [
+                    m
+                    for m in each
+                    if all(
+                        can_join(form, some)
+                        for form, sets in zip(_ends(m), others, strict=True)
+                        for some in sets
+                    )
+                ]
+            kept.append(each)
+        if kept == found:
+            return found
+        found = kept
+
+
+def _ends(triple: TripleMap) -> tuple[Form, Form]:
+    return triple.subject.form, triple.object.form
 
 
 def _is_volatile(tree: Any) -> bool:

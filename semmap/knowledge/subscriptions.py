@@ -20,8 +20,8 @@ import psycopg
 from sqlalchemy import Engine
 
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.standing_changes import Changes
 from semmap.knowledge.standing_queries import (
-    Changes,
     Difference,
     StandingQueries,
     StandingQuery,
@@ -227,7 +227,7 @@ class Subscriptions:
         session = look.connection.connection.driver_connection
         assert isinstance(session, psycopg.Connection)
         values = {"since": self._feed.cursor, "ended_until": self._ended_until}
-        (row,) = session.execute(_NEWS, values).fetchall()
+        (row,) = session.execute(_NEWS, values, prepare=True).fetchall()
         number, reaches, changed, ended, left = row
         assert self._feed.map_name is not None
         view = MapView(session, self._feed.map_name, number) if number else MapView.of(session)
@@ -277,7 +277,9 @@ SELECT m.id, reaches_back(%(since)s), CASE WHEN reaches_back(%(since)s) THEN (
         WHERE s.map_id = m.id AND s.until > %(ended_until)s AND s.until <= statement_timestamp()),
        (SELECT extract(epoch FROM min(s.until) - clock_timestamp())::float8 FROM statement s
         WHERE s.map_id = m.id AND s.until > now())
-FROM (SELECT current_map()) n (id) LEFT JOIN map m USING (id)
+FROM (SELECT current_map(), set_config('plan_cache_mode', 'force_generic_plan', true)) n (id)
+LEFT JOIN map m USING (id)
 """
 """The map, whether all changes are kept, which there are, which statements ended, and the seconds
-to the next end: from the begin of the transaction on, as queries of it may have seen it end."""
+to the next end: from the begin of the transaction on, as queries of it may have seen it end. Plans
+are made once: to plan a list of triples takes longer than to read it."""

@@ -1,0 +1,247 @@
+"""The solutions of parts of standing queries, one statement of SQL for all parts of a shape."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import psycopg
+import rdflib
+
+from semmap.knowledge.constants import Constants, tag_and_text
+from semmap.knowledge.expressions import UntranslatedError
+from semmap.knowledge.map_view import MapView, Row, Term, term_of
+from semmap.knowledge.queries import Answer, errors_of, limited, query
+from semmap.knowledge.standing_parts import Part, Solution
+from semmap.knowledge.translator import GIVEN, Statement, translate_each
+from semmap.knowledge.triple_map import Form
+from semmap.limits import QUERY_SECONDS
+
+__all__ = ["Evaluation", "Job", "Regions"]
+
+_SETTINGS = (
+    "SELECT set_config('plan_cache_mode', '{}', true), "
+    "set_config('statement_timeout', '{}', true), "
+    "set_config('join_collapse_limit', '11', true), set_config('from_collapse_limit', '11', true)"
+)
+_PARAMETER = re.compile(r"%\((\w+)\)s::(\w+)")
+
+
+class Job(NamedTuple):
+    """The solutions of a part with some terms are to be evaluated."""
+
+    part: Part
+    solution: tuple[tuple[str, Term], ...]
+
+    @property
+    def given(self) -> list[tuple[str, Term]]:
+        """The terms that the database is given: those at the ends of patterns."""
+        return [each for each in self.solution if each[0] in self.part.ends]
+
+
+_Group = list[tuple[Job, Statement]]
+"""Jobs of one shape."""
+
+
+class Regions:
+    """The solutions that changes concern: parts, with the terms of some variables.
+
+    Attributes
+    ----------
+    jobs : those to evaluate
+    known : those that are known
+    """
+
+    def __init__(self, parts: Iterable[Part]) -> None:
+        self.jobs: dict[Job, None] = {Job(part, ()): None for part in parts}
+        self.known: dict[Job, set[Row]] = {}
+
+    def evaluate(self, part: Part, solution: Solution) -> None:
+        """The solutions with these terms are to be evaluated."""
+        if Job(part, ()) not in self.jobs:
+            self.jobs[Job(part, tuple(sorted(solution.items())))] = None
+
+    def known_as(self, part: Part, region: Solution, solutions: Iterable[Solution]) -> None:
+        """The solutions with these terms are known."""
+        if Job(part, ()) not in self.jobs:
+            rows: set[Row] = {tuple(each[name] for name in part.names) for each in solutions}
+            self.known[Job(part, tuple(sorted(region.items())))] = rows
+
+
+class Evaluation:
+    """Evaluates jobs; the statements of parts are kept."""
+
+    def __init__(self) -> None:
+        self._statements: dict[Part, dict[Any, Statement | None]] = defaultdict(dict)
+        self._varying: dict[Any, set[str]] = defaultdict(set)
+
+    def forget(self, part: Part) -> None:
+        """Forget the statements of a part."""
+        self._statements.pop(part, None)
+
+    def answers(
+        self,
+        view: MapView,
+        jobs: list[Job],
+        constants: Constants,
+        nodes: Mapping[Term, tuple[Form, int]],
+        errors: dict[Any, Exception],
+    ) -> dict[Job, set[Row]]:
+        """Return the solutions of parts.
+
+        Parameters
+        ----------
+        constants : what the IRIs of all texts stand for
+        nodes : the nodes of entities that the terms of jobs may be, with form and id
+        errors : gets that of each query that fails
+        """
+        groups: dict[Any, _Group] = defaultdict(list)
+        alone = []
+        for job in jobs:
+            statement = self._statement(view, job, constants, nodes)
+            if statement is None:
+                alone.append(job)
+            else:
+                forms = tuple(form for _, form in _given(job, nodes))
+                groups[statement.sql, forms].append((job, statement))
+        found: dict[Job, set[Row]] = {}
+        try:
+            found = self._run_all(view, groups, nodes)
+        except (psycopg.DataError, psycopg.ProgrammingError, psycopg.errors.QueryCanceled):
+            alone, found = jobs, {}  # each by itself, to find the one that fails
+        for job in alone:
+            try:
+                statement = self._statement(view, job, constants, nodes)
+                found[job] = self._alone(view, job, statement, nodes)
+            except (ValueError, LookupError, psycopg.DataError) as error:
+                errors[job.part.query] = error
+        return found
+
+    def _run_all(
+        self,
+        view: MapView,
+        groups: Mapping[Any, _Group],
+        nodes: Mapping[Term, tuple[Form, int]],
+    ) -> dict[Job, set[Row]]:
+        """Run the statements of groups in one round trip."""
+        found: dict[Job, set[Row]] = {}
+        if not groups:
+            return found
+        # Plans for a few given terms serve all terms; others may need plans of their own.
+        for of_region, mode in ((True, "force_generic_plan"), (False, "auto")):
+            mine = {k: g for k, g in groups.items() if bool(g[0][0].solution) == of_region}
+            if not mine:
+                continue
+            session = view.session
+            with session.pipeline(), session.transaction():
+                session.execute(_SETTINGS.format(mode, int(1e3 * QUERY_SECONDS.value)).encode())
+                cursors = [
+                    session.execute(*_with_values(group, nodes, self._varying[key]), prepare=True)
+                    for key, group in mine.items()
+                ]
+                rows = [cursor.fetchall() for cursor in cursors]
+            for group, some in zip(mine.values(), rows, strict=True):
+                found |= _solutions(group, some)
+        return found
+
+    def _alone(
+        self,
+        view: MapView,
+        job: Job,
+        statement: Statement | None,
+        nodes: Mapping[Term, tuple[Form, int]],
+    ) -> set[Row]:
+        if statement is None:
+            return _rows(query(view.session, job.part.query.text))
+        with limited(view.session, None), errors_of(job.part.query.parsed):
+            group = [(job, statement)]
+            sql, values = _with_values(group, nodes, set())
+            return _solutions(group, view.session.execute(sql, values).fetchall())[job]
+
+    def _statement(
+        self,
+        view: MapView,
+        job: Job,
+        constants: Constants,
+        nodes: Mapping[Term, tuple[Form, int]],
+    ) -> Statement | None:
+        """Return the statement of a job without its values; None if it has no translation."""
+        if job.part.query.parsed.dataset:
+            return None
+        given = dict(_given(job, nodes))
+        kept, key = self._statements[job.part], tuple(given.items())
+        if key not in kept:
+            try:
+                kept[key] = translate_each(
+                    job.part.tree, job.part.names, constants, view.namespace, view.number, given
+                )
+            except UntranslatedError:
+                kept[key] = None
+        return kept[key]
+
+
+def _with_values(
+    group: _Group, nodes: Mapping[Term, tuple[Form, int]], varying: set[str]
+) -> tuple[bytes, dict[str, Any]]:
+    """Return the statement of jobs of one shape, with their values as columns.
+
+    Parameters
+    ----------
+    varying : the parameters that are columns, which grow: so the statement stays the same
+    """
+    statement = group[0][1]
+    columns: dict[str, tuple[str, list[Any]]] = {"n": ("int", list(range(len(group))))}
+    for i, (_, term) in enumerate(group[0][0].given):
+        ends = [nodes.get(job.given[i][1]) for job, _ in group]
+        if ends[0] is not None:
+            columns[f"s{i}"] = ("bigint", [node[1] for node in ends if node])
+        else:
+            terms = [tag_and_text(job.given[i][1]) for job, _ in group]
+            columns[f"s{i}"] = ("text", [text for text, _ in terms])
+            if _form(term) == "term":
+                columns[f"t{i}"] = ("text", [tag for _, tag in terms])
+    types = dict(_PARAMETER.findall(statement.sql))
+    for name, value in statement.parameters.items():
+        if name not in types or name in varying:
+            continue
+        values = (other.parameters[name] for _, other in group)
+        if not all(type(other) is type(value) and other == value for other in values):
+            varying.add(name)
+    for name in sorted(varying):
+        columns[name] = types[name], [other.parameters[name] for _, other in group]
+    sql = _PARAMETER.sub(
+        lambda found: f"p.{found[1]}" if found[1] in varying else found[0], statement.sql
+    )
+    arrays = ", ".join(f"%(given_{name})s::{kind}[]" for name, (kind, _) in columns.items())
+    sql = sql.replace(GIVEN, f"unnest({arrays}) AS p ({', '.join(columns)})")
+    values = statement.parameters | {f"given_{n}": each for n, (_, each) in columns.items()}
+    return sql.encode(), values
+
+
+def _solutions(group: _Group, rows: Iterable[tuple[Any, ...]]) -> dict[Job, set[Row]]:
+    """Return the solutions in the rows of a statement."""
+    found: dict[Job, set[Row]] = {job: set() for job, _ in group}
+    width = range(len(group[0][1].names))
+    for n, *row in rows:
+        job = group[n][0]
+        solution: Row = tuple(term_of(row[2 * i], row[2 * i + 1]) for i in width)
+        if all(solution[job.part.names.index(name)] == t for name, t in job.solution):
+            found[job].add(solution)
+    return found
+
+
+def _given(job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> list[tuple[str, Form]]:
+    return [(name, nodes.get(term, (_form(term), 0))[0]) for name, term in job.given]
+
+
+def _form(term: Term) -> Form:
+    """Return the form in which the database is given a term that is not a node of an entity."""
+    return "iri" if isinstance(term, rdflib.URIRef) else "term"
+
+
+def _rows(answer: Answer) -> set[Row]:
+    if answer.form == "ASK":
+        return {()} if answer.truth else set()
+    return set(answer.rows)
