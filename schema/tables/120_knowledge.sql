@@ -20,4 +20,5 @@ CREATE UNIQUE INDEX statement_once ON statement
 CREATE INDEX statement_subject_id ON statement (subject_id, predicate) WHERE subject_id IS NOT NULL;
 CREATE INDEX statement_object_id ON statement (object_id, predicate) WHERE object_id IS NOT NULL;
 CREATE INDEX statement_subject ON statement (map_id, subject, predicate) WHERE subject IS NOT NULL;
+CREATE INDEX statement_object ON statement (map_id, predicate) WHERE object IS NOT NULL;
 CREATE INDEX statement_until ON statement (until) WHERE until IS NOT NULL;

@@ -56,9 +56,23 @@ class Constants:
             return "type", self._types[iri]
         return self._known.get(iri, ("iri", iri))
 
+    def only(self, iris: Iterable[str]) -> Constants:
+        """Return the constants of some IRIs."""
+        wanted = set(iris)
+        return Constants(
+            {iri: self._known[iri] for iri in wanted & self._known.keys()},
+            {iri: self._types[iri] for iri in wanted & self._types.keys()},
+        )
+
+    def and_also(
+        self, known: Mapping[str, tuple[Form, Any]], types: Mapping[str, str]
+    ) -> Constants:
+        """Return these constants, and others."""
+        return Constants({**self._known, **known}, {**self._types, **types})
+
     def with_entity(self, iri: str, number: int) -> Constants:
         """Return these constants, and one more for a new entity."""
-        return Constants({**self._known, iri: ("entity", number)}, self._types)
+        return self.and_also({iri: ("entity", number)}, {})
 
     def property(self, iri: str) -> str:
         """Return the property that an IRI of KnowledgeCore's namespaces stands for, else itself."""

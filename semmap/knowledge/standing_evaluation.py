@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import psycopg
 import rdflib
 
-from semmap.knowledge.constants import Constants, tag_and_text
-from semmap.knowledge.expressions import UntranslatedError
+from semmap.knowledge.constants import tag_and_text
 from semmap.knowledge.map_view import MapView, Row, Term, term_of
 from semmap.knowledge.queries import Answer, errors_of, limited, query
 from semmap.knowledge.standing_parts import Part, Solution
-from semmap.knowledge.translator import GIVEN, Statement, translate_each
+from semmap.knowledge.standing_shapes import parsed_text, translated
+from semmap.knowledge.translator import GIVEN, Statement
 from semmap.knowledge.triple_map import Form
 from semmap.limits import QUERY_SECONDS
 
@@ -71,21 +71,15 @@ class Regions:
 
 
 class Evaluation:
-    """Evaluates jobs; the statements of parts are kept."""
+    """Evaluates jobs."""
 
     def __init__(self) -> None:
-        self._statements: dict[Part, dict[Any, Statement | None]] = defaultdict(dict)
         self._varying: dict[Any, set[str]] = defaultdict(set)
-
-    def forget(self, part: Part) -> None:
-        """Forget the statements of a part."""
-        self._statements.pop(part, None)
 
     def answers(
         self,
         view: MapView,
         jobs: list[Job],
-        constants: Constants,
         nodes: Mapping[Term, tuple[Form, int]],
         errors: dict[Any, Exception],
     ) -> dict[Job, set[Row]]:
@@ -93,18 +87,18 @@ class Evaluation:
 
         Parameters
         ----------
-        constants : what the IRIs of all texts stand for
         nodes : the nodes of entities that the terms of jobs may be, with form and id
         errors : gets that of each query that fails
         """
         groups: dict[Any, _Group] = defaultdict(list)
         alone = []
         for job in jobs:
-            statement = self._statement(view, job, constants, nodes)
+            given = tuple(_given(job, nodes))
+            statement = _statement(view, job.part, given)
             if statement is None:
                 alone.append(job)
             else:
-                forms = tuple(form for _, form in _given(job, nodes))
+                forms = tuple(form for _, form in given)
                 groups[statement.sql, forms].append((job, statement))
         found: dict[Job, set[Row]] = {}
         try:
@@ -113,8 +107,7 @@ class Evaluation:
             alone, found = jobs, {}  # each by itself, to find the one that fails
         for job in alone:
             try:
-                statement = self._statement(view, job, constants, nodes)
-                found[job] = self._alone(view, job, statement, nodes)
+                found[job] = _alone(view, job, nodes)
             except (ValueError, LookupError, psycopg.DataError) as error:
                 errors[job.part.query] = error
         return found
@@ -146,41 +139,6 @@ class Evaluation:
                 found |= _solutions(group, some)
         return found
 
-    def _alone(
-        self,
-        view: MapView,
-        job: Job,
-        statement: Statement | None,
-        nodes: Mapping[Term, tuple[Form, int]],
-    ) -> set[Row]:
-        if statement is None:
-            return _rows(query(view.session, job.part.query.text))
-        with limited(view.session, None), errors_of(job.part.query.parsed):
-            group = [(job, statement)]
-            sql, values = _with_values(group, nodes, set())
-            return _solutions(group, view.session.execute(sql, values).fetchall())[job]
-
-    def _statement(
-        self,
-        view: MapView,
-        job: Job,
-        constants: Constants,
-        nodes: Mapping[Term, tuple[Form, int]],
-    ) -> Statement | None:
-        """Return the statement of a job without its values; None if it has no translation."""
-        if job.part.query.parsed.dataset:
-            return None
-        given = dict(_given(job, nodes))
-        kept, key = self._statements[job.part], tuple(given.items())
-        if key not in kept:
-            try:
-                kept[key] = translate_each(
-                    job.part.tree, job.part.names, constants, view.namespace, view.number, given
-                )
-            except UntranslatedError:
-                kept[key] = None
-        return kept[key]
-
 
 def _with_values(
     group: _Group, nodes: Mapping[Term, tuple[Form, int]], varying: set[str]
@@ -203,20 +161,21 @@ def _with_values(
             if _form(term) == "term":
                 columns[f"t{i}"] = ("text", [tag for _, tag in terms])
     types = dict(_PARAMETER.findall(statement.sql))
-    for name, value in statement.parameters.items():
+    parameters = [_parameters(job.part, other) for job, other in group]
+    for name, value in parameters[0].items():
         if name not in types or name in varying:
             continue
-        values = (other.parameters[name] for _, other in group)
-        if not all(type(other) is type(value) and other == value for other in values):
+        others = (other[name] for other in parameters)
+        if not all(type(other) is type(value) and other == value for other in others):
             varying.add(name)
     for name in sorted(varying):
-        columns[name] = types[name], [other.parameters[name] for _, other in group]
+        columns[name] = types[name], [other[name] for other in parameters]
     sql = _PARAMETER.sub(
         lambda found: f"p.{found[1]}" if found[1] in varying else found[0], statement.sql
     )
     arrays = ", ".join(f"%(given_{name})s::{kind}[]" for name, (kind, _) in columns.items())
     sql = sql.replace(GIVEN, f"unnest({arrays}) AS p ({', '.join(columns)})")
-    values = statement.parameters | {f"given_{n}": each for n, (_, each) in columns.items()}
+    values = parameters[0] | {f"given_{n}": each for n, (_, each) in columns.items()}
     return sql.encode(), values
 
 
@@ -230,6 +189,36 @@ def _solutions(group: _Group, rows: Iterable[tuple[Any, ...]]) -> dict[Job, set[
         if all(solution[job.part.names.index(name)] == t for name, t in job.solution):
             found[job].add(solution)
     return found
+
+
+def _statement(view: MapView, part: Part, given: tuple[tuple[str, Form], ...]) -> Statement | None:
+    """Return the statement of a part for given terms; None if it has no translation."""
+    if given not in part.statements:
+        part.statements[given] = translated(view, part, part.constants, dict(given))
+    found: Statement | None = part.statements[given]
+    return found
+
+
+def _alone(view: MapView, job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> set[Row]:
+    text = job.part.query.text
+    statement = _statement(view, job.part, tuple(_given(job, nodes)))
+    if statement is None:
+        return _rows(query(view.session, text, inferred=False))
+    with limited(view.session, None), errors_of(parsed_text(view, text)):
+        group = [(job, statement)]
+        sql, values = _with_values(group, nodes, set())
+        return _solutions(group, view.session.execute(sql, values).fetchall())[job]
+
+
+def _parameters(part: Part, statement: Statement) -> dict[str, Any]:
+    """Return the parameters of a statement, with the values of the part's own."""
+    if not part.values:
+        return statement.parameters
+    own = part.values
+    return {
+        name: own.get(value, value) if isinstance(value, (str, int)) else value
+        for name, value in statement.parameters.items()
+    }
 
 
 def _given(job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> list[tuple[str, Form]]:

@@ -120,7 +120,7 @@ class PatternIndex:
             for told_apart, members in self._stated.get(key, {}).items():
                 if told_apart is not None:
                     side, (verb, of, form) = told_apart
-                    term = quad[side]
+                    term: Any = quad[side]
                     if nodes.get(term, ("", 0))[0] == form:
                         for other in known.get((verb, of, term), ()):
                             yield from members.get(other[2 - of], ())

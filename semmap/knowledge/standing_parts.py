@@ -144,6 +144,9 @@ class Part:
     properties : of a whole query: the properties of its statements; None for any
     of_tables : of a whole query: it has more than statements
     iris : of the text
+    constants : what the IRIs of the tree stand for
+    values : of the query's own: what replaces some values of parameters
+    statements : by the forms of given terms, of all parts that differ in their values only
     rows : the solutions
     ends : the variables that are subject or object of a pattern
     keyed : the patterns that a variable with a node of some form is a key of, and that are listed
@@ -159,6 +162,9 @@ class Part:
     of_tables: bool = True
     iris: frozenset[str] = frozenset()
     query: Any = None
+    constants: Any = None
+    values: Mapping[Any, Any] = field(default_factory=dict)
+    statements: dict[Any, Any] = field(default_factory=dict)
     rows: set[Row] = field(default_factory=set)
     _by_term: dict[tuple[int, Term], set[Row]] = field(default_factory=lambda: defaultdict(set))
 

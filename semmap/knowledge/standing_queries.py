@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 
 import rdflib
 
-from semmap.knowledge.constants import Constants, iris_in, resolve
-from semmap.knowledge.expressions import UntranslatedError
+from semmap.knowledge.constants import Constants, resolve
 from semmap.knowledge.map_view import MapView, Row, Term
 from semmap.knowledge.queries import plain
 from semmap.knowledge.standing_changes import Changes, Touched
@@ -28,14 +27,20 @@ from semmap.knowledge.standing_parts import (
     Solution,
     is_variable,
     name_of_variable,
-    split,
+)
+from semmap.knowledge.standing_shapes import (
+    Filled,
+    Node,
+    Nodes,
+    Shape,
+    Template,
+    Templates,
+    parsed_text,
 )
 from semmap.knowledge.standing_triples import TripleLists
-from semmap.knowledge.standing_whole import concerns, whole_part
+from semmap.knowledge.standing_whole import concerns
 from semmap.knowledge.triple_map import Form
-from semmap.knowledge.triples import TriplePatterns
-from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, encode, prefixes
-from semmap.language.parser import ParsedText, parse_sparql
+from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, encode
 from semmap.language.terms import local_name
 
 __all__ = ["Difference", "StandingQueries", "StandingQuery"]
@@ -58,7 +63,8 @@ class StandingQuery:
     """A query, its parts, and how many solutions of parts each answer has."""
 
     text: str
-    parsed: ParsedText
+    template: Template
+    filling: tuple[str, ...]
     names: tuple[str, ...]
     parts: list[Part] = field(default_factory=list)
     counts: Counter[Row] = field(default_factory=Counter)
@@ -74,8 +80,12 @@ class StandingQueries:
 
     def __init__(self) -> None:
         self.queries: dict[str, StandingQuery] = {}
-        self._constants = Constants({})
-        self._known: dict[str, tuple[Any, ...]] = {}
+        self._templates = Templates()
+        self._shapes: dict[Any, Shape] = {}
+        self._known: dict[str, Node] = {}
+        self._types: dict[str, str] = {}
+        self._constants = Constants(self._known, self._types)
+        self._resolved: dict[str, Nodes] = {}
         self._type_iris: dict[str, str] = {}
         self._index = PatternIndex()
         self._lists = TripleLists()
@@ -87,65 +97,65 @@ class StandingQueries:
 
     # Queries come and go
 
-    def add(self, view: MapView, text: str) -> StandingQuery:
-        """Evaluate a query, and keep it.
+    def add(self, view: MapView, texts: Iterable[str]) -> list[StandingQuery]:
+        """Evaluate queries, and keep all or, if one is wrong, none.
 
         Raises
         ------
         QueryError, KnowledgeError
             As of `semmap.knowledge.query`.
         ValueError
-            It is neither SELECT nor ASK.
+            One is neither SELECT nor ASK.
         """
-        if text in self.queries:
-            return self.queries[text]
-        parsed = parse_sparql(text, "query", tuple(prefixes(view.name).items()))
-        if parsed.form not in ("SelectQuery", "AskQuery"):
-            form = parsed.form.removesuffix("Query").upper()
-            raise ValueError(f"{form} has no answers to follow: use SELECT or ASK")
-        names = tuple(map(str, parsed.names)) if parsed.form == "SelectQuery" else ()
-        found = StandingQuery(text, parsed, names)
-        self._compile(view, found)
+        texts = list(texts)
+        new: dict[str, StandingQuery] = {}
+        for text in texts:
+            if text not in self.queries and text not in new:
+                new[text] = _query_of(text, *self._templates.of(view, text))
         try:
-            (difference,) = self._evaluated(view, [Job(part, ()) for part in found.parts], [found])
+            self._compile(view, list(new.values()))
+            jobs = [Job(part, ()) for found in new.values() for part in found.parts]
+            for difference in self._evaluated(view, jobs, new.values()):
+                if difference.error is not None:
+                    raise difference.error
         except BaseException:
-            self._forget(found)
+            for found in new.values():
+                self._forget(found)
             raise
-        if difference.error is not None:
-            self._forget(found)
-            raise difference.error
-        self.queries[text] = found
-        return found
+        self.queries |= new
+        return [self.queries[text] for text in texts]
 
     def remove(self, found: StandingQuery) -> None:
         """Forget a query."""
         if self.queries.pop(found.text, None) is not None:
             self._forget(found)
 
-    def _compile(self, view: MapView, found: StandingQuery) -> None:
-        """Split a query into parts, and put their patterns into the index."""
-        iris = frozenset(iris_in(found.parsed.algebra))
-        self._resolve(view, iris - self._known.keys())
-        translator = TriplePatterns(self._constants, view.namespace, view.number)
-        try:
-            parts = (
-                None
-                if found.parsed.dataset
-                else split(
-                    found.parsed.algebra,
-                    found.names,
-                    translator.sources,
-                    lambda term, role: self._canonical(view, term, role),
-                )
-            )
-        except UntranslatedError:
-            parts = None
-        if parts is None:
-            parts = [whole_part(found.parsed.algebra, found.names, self._constants, translator)]
-        found.parts = parts
-        for part in parts:
-            part.query, part.iris = found, iris
-            self._insert(part)
+    def _compile(self, view: MapView, queries: list[StandingQuery]) -> None:
+        """Split queries into parts, and put their patterns into the index."""
+        iris = [frozenset((*found.template.iris, *found.filling)) for found in queries]
+        self._resolve(view, frozenset().union(*iris) - self._resolved.keys())
+        for found, each in zip(queries, iris, strict=True):
+            found.parts = self._parts(view, found, each)
+            for part in found.parts:
+                self._insert(part)
+
+    def _parts(self, view: MapView, found: StandingQuery, iris: frozenset[str]) -> list[Part]:
+        def canonical(term: Any, role: str) -> Term:
+            return self._canonical(view, term, role)
+
+        template, filling = found.template, found.filling
+        if filling:
+            nodes = tuple(self._resolved[iri] for iri in filling)
+            forms = tuple((node[0], as_class[0]) for node, as_class in nodes)
+            constants = self._constants.only(template.iris)
+            key = template.parsed.text.sparql, forms, constants.key
+            if key not in self._shapes:
+                self._shapes[key] = Shape(view, template, constants, canonical, nodes)
+            if not self._shapes[key].is_open:
+                return self._shapes[key].filled(found, iris, Filled(filling, nodes, canonical))
+            template = Template(parsed_text(view, found.text), iris)
+        shape = Shape(view, template, self._constants.only(iris), canonical)
+        return shape.filled(found, iris, None)
 
     def _insert(self, part: Part) -> None:
         for iri in part.iris:
@@ -160,7 +170,6 @@ class StandingQueries:
                 self._remove(part, row)
             self._whole.discard(part)
             self._index.remove(part)
-            self._evaluation.forget(part)
             for iri in part.iris:
                 self._named[iri].discard(part)
         found.parts = []
@@ -175,18 +184,17 @@ class StandingQueries:
         found = resolve(view.session, wanted, view.namespace)
         changed = []
         for iri in wanted:
-            nodes = (found.node(iri), found.node(iri, as_type=True))
-            if self._known.get(iri, nodes) != nodes:
+            node, as_class = nodes = found.node(iri), found.node(iri, as_type=True)
+            if self._resolved.get(iri, nodes) != nodes:
                 changed.append(iri)
-            self._known[iri] = nodes
-        known = {iri: node for iri, (node, _) in self._known.items() if node[0] != "iri"}
-        types = {
-            iri: str(of_type[1])
-            for iri, (_, of_type) in self._known.items()
-            if of_type[0] == "type"
-        }
-        self._constants = Constants(known, types)
-        names = [name for name in types.values() if name not in self._type_iris]
+            self._resolved[iri] = nodes
+            self._known.pop(iri, None)
+            self._types.pop(iri, None)
+            if node[0] != "iri":
+                self._known[iri] = node
+            if as_class[0] == "type":
+                self._types[iri] = str(as_class[1])
+        names = [name for name in self._types.values() if name not in self._type_iris]
         if names:
             rows = view.session.execute(
                 "SELECT n, type_iri(n) FROM unnest(%s::text[]) n", (names,)
@@ -230,11 +238,10 @@ class StandingQueries:
 
     def update_all(self, view: MapView) -> list[Difference]:
         """Evaluate all queries again, as after the server was away."""
-        self._known.clear()
-        self._type_iris.clear()
+        for kept in (self._known, self._types, self._resolved, self._type_iris, self._shapes):
+            kept.clear()
         found = list(self.queries.values())
-        for each in found:
-            self._compile_again(view, each)
+        self._compile_again(view, found)
         jobs = [Job(part, ()) for each in found for part in each.parts]
         return self._evaluated(view, jobs, found)
 
@@ -242,17 +249,17 @@ class StandingQueries:
         """Compile the queries again whose constants stand for other nodes now."""
         iris = {str(node) for node in touched.changed}
         iris |= {space + name for name in touched.every_name for space in KNOWLEDGE_CORE}
-        mine = [iri for iri in iris if iri in self._known]
+        mine = [iri for iri in iris if iri in self._resolved]
         stale = {
             part.query for iri in self._resolve(view, mine) for part in self._named.get(iri, ())
         }
-        for found in stale:
-            self._compile_again(view, found)
+        self._compile_again(view, list(stale))
         return list(stale)
 
-    def _compile_again(self, view: MapView, found: StandingQuery) -> None:
-        self._forget(found)
-        self._compile(view, found)
+    def _compile_again(self, view: MapView, queries: list[StandingQuery]) -> None:
+        for found in queries:
+            self._forget(found)
+        self._compile(view, queries)
 
     # Which solutions changes concern
 
@@ -353,7 +360,7 @@ class StandingQueries:
         for found in again:
             deltas[found] = Counter({row: -n for row, n in found.counts.items()})
         errors: dict[StandingQuery, Exception] = {}
-        answers = self._evaluation.answers(view, jobs, self._constants, nodes or {}, errors)
+        answers = self._evaluation.answers(view, jobs, nodes or {}, errors)
         results = {**(known or {}), **answers}
         for job, now in results.items():
             delta = deltas.setdefault(job.part.query, Counter())
@@ -432,3 +439,12 @@ def _may_match(
             ):
                 return False
     return True
+
+
+def _query_of(text: str, template: Template, filling: tuple[str, ...]) -> StandingQuery:
+    parsed = template.parsed
+    if parsed.form not in ("SelectQuery", "AskQuery"):
+        form = parsed.form.removesuffix("Query").upper()
+        raise ValueError(f"{form} has no answers to follow: use SELECT or ASK")
+    names = parsed.names if parsed.form == "SelectQuery" else ()
+    return StandingQuery(text, template, filling, tuple(map(str, names)))

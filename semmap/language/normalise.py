@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from semmap.language.error import QueryError
 from semmap.limits import QUERY_CHARACTERS, QUERY_WORDS
 
-__all__ = ["NormalisedText", "normalise", "skip_space"]
+__all__ = ["NormalisedText", "normalise", "skip_space", "tokens"]
 
 _TOKEN = re.compile(
     r"""
@@ -108,6 +108,12 @@ def normalise(text: str) -> NormalisedText:
         sparql = _edited(sparql, edits)
         steps.append(edits)
     return NormalisedText(sparql, text, tuple(steps))
+
+
+def tokens(text: str) -> Iterator[tuple[str, int, int]]:
+    """Yield the kind, begin and end of each token of a text, as this module reads it."""
+    for match in _TOKEN.finditer(text):
+        yield match.lastgroup or "other", match.start(), match.end()
 
 
 def skip_space(text: str, position: int) -> int:
