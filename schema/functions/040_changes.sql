@@ -48,8 +48,13 @@ CREATE CONSTRAINT TRIGGER change_announced AFTER INSERT ON change
 
 CREATE FUNCTION change_cursor()
 RETURNS text LANGUAGE sql STABLE AS $$
--- A cursor at this statement: committed changes are before it, all others after it.
-SELECT pg_current_snapshot()::text
+-- A cursor at this statement: committed changes are before it, all others after it, those of this transaction too. A
+-- snapshot does not list its own transaction as running: a cursor that is taken after a write would skip the next ones.
+SELECT CASE WHEN own < pg_snapshot_xmax(now)
+            THEN concat_ws(':', least(pg_snapshot_xmin(now), own), pg_snapshot_xmax(now), (
+                SELECT string_agg(x::text, ',' ORDER BY x) FROM (SELECT pg_snapshot_xip(now) UNION SELECT own) running (x)))
+            ELSE now::text END
+FROM (SELECT pg_current_snapshot(), pg_current_xact_id_if_assigned()) s (now, own)
 $$;
 
 CREATE FUNCTION reaches_back(cursor text)
@@ -72,7 +77,7 @@ BEGIN
                   HINT = 'Read the map again and go on from change_cursor(); the table retention says how long changes are kept.';
     END IF;
     RETURN QUERY
-        SELECT c.id, c.at, c.map_id, c.what, c.entities, pg_current_snapshot()::text, c.facts
+        SELECT c.id, c.at, c.map_id, c.what, c.entities, change_cursor(), c.facts
         FROM change c
         WHERE c.xid >= coalesce(pg_snapshot_xmin(after_cursor::pg_snapshot)::text::bigint, 0)
           AND (after_cursor IS NULL OR NOT pg_visible_in_snapshot(c.xid::text::xid8, after_cursor::pg_snapshot))

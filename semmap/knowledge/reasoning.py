@@ -88,11 +88,8 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     changed = None
     if ontology.is_of(state) and not complete:
         changed = Changed.since(view, cursor, at)
-    row = view.session.execute(
-        "SELECT change_cursor(), pg_current_xact_id()::text::bigint, statement_timestamp()"
-    ).fetchone()
-    assert row is not None
-    news = _before_own(row[0], row[1]), row[2]
+    news = view.session.execute("SELECT change_cursor(), statement_timestamp()").fetchone()
+    assert news is not None
     done = None if changed is None else consider(view, ontology, changed)
     if done is None:
         ontology, done = first_run(view, ontology)
@@ -104,21 +101,6 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
         done.complete,
         time.perf_counter() - start,
     )
-
-
-def _before_own(cursor: str, own: int) -> str:
-    """Return a cursor before all changes of the current transaction: more of them may follow.
-
-    Examples
-    --------
-    >>> _before_own("7:9:8", 7), _before_own("9:9:", 9)
-    ('7:9:7,8', '9:9:')
-    """
-    lowest, end, running = cursor.split(":")
-    if own >= int(end):
-        return cursor
-    open_ = sorted({own, *(int(each) for each in running.split(",") if each)})
-    return f"{min(int(lowest), own)}:{end}:{','.join(map(str, open_))}"
 
 
 def _note(

@@ -53,6 +53,12 @@ class Statement(Base):
             "predicate",
             postgresql_where=text("subject IS NOT NULL"),
         ),
+        Index(
+            "statement_object",
+            "map_id",
+            "predicate",
+            postgresql_where=text("object IS NOT NULL"),
+        ),
         Index("statement_until", "until", postgresql_where=text("until IS NOT NULL")),
     )
 

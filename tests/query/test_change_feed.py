@@ -55,6 +55,22 @@ def test_a_poller_beside_writers_misses_nothing(engine: Engine) -> None:
         assert sorted(seen) == sorted(connection.execute(text("SELECT id FROM change")).scalars())
 
 
+def test_a_cursor_of_a_transaction_that_wrote_is_before_its_changes(engine: Engine) -> None:
+    added = "INSERT INTO entity (map_id, kind, name) SELECT id, 'object', :name FROM map"
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
+    with engine.connect() as writer, engine.connect() as reader:
+        writer.execute(text(added), {"name": "a"})
+        write(engine, 1, "other")
+        cursors = [changes_since(driver(writer), None)[0]]
+        cursors += writer.execute(text("SELECT cursor FROM changes_since(NULL) LIMIT 1")).scalars()
+        writer.execute(text(added), {"name": "b"})
+        writer.commit()
+        for cursor in cursors:
+            _, rows = changes_since(driver(reader), cursor)
+            assert [len(row["entities"]) for row in rows] == [1, 1]
+
+
 def test_a_cursor_before_pruned_changes_is_refused(engine: Engine) -> None:
     with engine.begin() as connection:
         connection.execute(text("INSERT INTO map (name) VALUES ('m')"))
