@@ -27,6 +27,8 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- 3. in the room with most of its footprint, at least half, between whose floor and ceiling its middle is.
 -- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest.
 -- Agents are in rooms and storeys alone, parts of the building in storeys. Null: none of them.
+-- The rules meet in a sort, and NOT IN becomes a lookup in a hash table: the plan is made for few entities, where joins
+-- would be nested loops, which are quadratic when a file is imported.
 DECLARE
     contact CONSTANT double precision := 0.03;
     parts CONSTANT text[] := building_parts();
@@ -77,7 +79,7 @@ BEGIN
           AND ST_Area(o.footprint) > ST_Area(i.ground)
           AND (i.low + i.high) / 2 BETWEEN ST_ZMin(o.box) AND ST_ZMax(o.box)
           AND ST_Intersects(o.footprint, ST_Centroid(i.ground))
-          AND NOT EXISTS (SELECT FROM resting r WHERE r.id = i.id)
+          AND i.id NOT IN (SELECT id FROM resting)
           AND is_in(i.id, o.entity_id) AND NOT is_held_by(o.entity_id, i.id)
         ORDER BY i.id, ST_Area(o.footprint), o.entity_id
     ), roofed AS MATERIALIZED (
@@ -85,22 +87,33 @@ BEGIN
         SELECT i.id, i.ground, o.entity_id AS owner, o.footprint
         FROM item i JOIN world o ON o.map_id = i.map_id AND o.footprint && i.ground
         JOIN room r ON r.entity_id = o.entity_id
-        WHERE i.inside AND NOT EXISTS (SELECT FROM resting b WHERE b.id = i.id)
+        WHERE i.inside AND i.id NOT IN (SELECT id FROM resting)
           AND (i.low + i.high) / 2 BETWEEN o.pose[3] + r.floor - contact
               AND coalesce(o.pose[3] + r.ceiling, greatest(ST_ZMax(o.box), o.pose[3] + r.floor + 2.5)) + contact
     ), within AS (
         SELECT DISTINCT ON (s.id) s.id, s.owner, s.share
         FROM (SELECT id, owner, ground_share(ground, footprint) AS share FROM roofed) s
         WHERE s.share >= 0.5 - 1e-9 ORDER BY s.id, s.share DESC, s.owner
+    ), ranked (id, rank, owner, relation, confidence, map_id, low) AS (
+        SELECT r.id, 1, r.owner, 'on', CASE WHEN r.share >= 0.95 AND r.gap <= contact / 3 THEN 1
+                                            ELSE round((r.share * (1 - r.gap / (2 * contact)))::numeric, 3) END,
+               NULL::integer, NULL::double precision
+        FROM resting r
+      UNION ALL
+        SELECT e.id, 2, e.owner, 'in', 1, NULL, NULL FROM enclosed e
+      UNION ALL
+        SELECT w.id, 3, w.owner, 'in', CASE WHEN w.share < 0.95 THEN round(w.share::numeric, 3) ELSE 1 END, NULL, NULL
+        FROM within w
+      UNION ALL
+        SELECT i.id, 4, NULL, 'in', 1, i.map_id, i.low FROM item i
+    ), first AS (
+        SELECT DISTINCT ON (id) * FROM ranked ORDER BY id, rank
     )
-    SELECT i.id, coalesce(r.owner, e.owner, w.owner, (
-               SELECT s.entity_id FROM storey s JOIN world o ON o.entity_id = s.entity_id AND o.map_id = i.map_id
-               ORDER BY o.pose[3] > i.low + 0.5, abs(o.pose[3] - i.low - 0.5), s.entity_id LIMIT 1)),
-           CASE WHEN r.owner IS NOT NULL THEN 'on' ELSE 'in' END,
-           CASE WHEN r.owner IS NOT NULL THEN CASE WHEN r.share >= 0.95 AND r.gap <= contact / 3 THEN 1
-                                                   ELSE round((r.share * (1 - r.gap / (2 * contact)))::numeric, 3) END
-                WHEN e.owner IS NULL AND w.share < 0.95 THEN round(w.share::numeric, 3) ELSE 1 END::double precision
-    FROM item i LEFT JOIN resting r ON r.id = i.id LEFT JOIN enclosed e ON e.id = i.id LEFT JOIN within w ON w.id = i.id;
+    SELECT f.id, coalesce(f.owner, (
+               SELECT s.entity_id FROM storey s JOIN world o ON o.entity_id = s.entity_id AND o.map_id = f.map_id
+               ORDER BY o.pose[3] > f.low + 0.5, abs(o.pose[3] - f.low - 0.5), s.entity_id LIMIT 1)),
+           f.relation, f.confidence::double precision
+    FROM first f;
 END $$;
 
 CREATE FUNCTION is_apart(thing bigint, holder bigint)
@@ -157,6 +170,13 @@ CREATE VIEW inventory_contradiction AS
                THEN contradicts(e.id, p.holder_id, g.holder_id, g.confidence)
                ELSE p.holder_id IS DISTINCT FROM g.holder_id END;
 
+CREATE FUNCTION placed_here(ids bigint[])
+RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- Whether this transaction placed the given entities and all above them, as an import does: no other can move them.
+SELECT NOT EXISTS (SELECT FROM placement p WHERE p.xmin <> pg_current_xact_id()::xid
+                   AND p.entity_id IN (SELECT unnest(ids) UNION SELECT holders_of(ids)))
+$$;
+
 CREATE FUNCTION derive_again(ids bigint[])
 RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
@@ -178,7 +198,7 @@ BEGIN
               AND (p.holder_id IS NULL OR p.confidence IS NOT NULL OR h.kind = 'storey'
                    OR contradicts(p.entity_id, p.holder_id, d.holder_id, d.confidence));
         needed := ARRAY(SELECT DISTINCT holder FROM unnest(wanted.holders) holder WHERE holder IS NOT NULL ORDER BY 1);
-        EXIT WHEN wanted.ids IS NULL OR needed <@ locked;
+        EXIT WHEN wanted.ids IS NULL OR needed <@ locked OR placed_here(needed);
         locked := needed;
         PERFORM lock_holders(locked);  -- then once more: another transaction may have moved one of them
     END LOOP;

@@ -336,17 +336,20 @@ def _link(
     cursor: psycopg.Cursor[Any], map_id: int, world: World, ids: dict[str, int], source: str
 ) -> None:
     """Store the links of the world; delete links between its entities that it no longer has."""
-    rows = [
-        (ids[link.subject], link.relation, ids[link.object], Jsonb(link.properties))
+    links = {
+        (ids[link.subject], link.relation, ids[link.object]): Jsonb(link.properties)
         for link in world.links
         if link.subject in ids and link.object in ids
-    ]
-    if rows:
-        cursor.executemany(
-            "INSERT INTO link (from_id, relation, to_id, properties) VALUES (%s, %s, %s, %s) "
+    }
+    if links:
+        subjects, relations, objects = (list(column) for column in zip(*links, strict=True))
+        given = {"from": subjects, "given": relations, "to": objects}
+        cursor.execute(
+            "INSERT INTO link (from_id, relation, to_id, properties) SELECT * FROM "
+            "unnest(%(from)s::bigint[], %(given)s::text[], %(to)s::bigint[], %(values)s::jsonb[]) "
             "ON CONFLICT (from_id, relation, to_id) DO UPDATE SET properties = excluded.properties "
             "WHERE link.properties IS DISTINCT FROM excluded.properties",
-            rows,
+            {**given, "values": list(links.values())},
         )
         cursor.execute(
             "DELETE FROM link USING entity a, entity b WHERE a.id = from_id AND b.id = to_id "
@@ -354,14 +357,7 @@ def _link(
             "AND a.map_id = %(map)s AND b.map_id = %(map)s AND relation = ANY(%(relations)s) "
             "AND (from_id, relation, to_id) NOT IN "
             "(SELECT * FROM unnest(%(from)s::bigint[], %(given)s::text[], %(to)s::bigint[]))",
-            {
-                "source": source,
-                "map": map_id,
-                "relations": sorted({row[1] for row in rows}),
-                "from": [row[0] for row in rows],
-                "given": [row[1] for row in rows],
-                "to": [row[2] for row in rows],
-            },
+            {**given, "source": source, "map": map_id, "relations": sorted(set(relations))},
         )
 
 
