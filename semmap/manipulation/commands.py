@@ -416,22 +416,33 @@ def try_command(
         float | None, typer.Option(help="kg; by default the object's property, else by volume.")
     ] = None,
     friction: Annotated[float, typer.Option(help="Between the pads and the object.")] = 0.5,
+    on: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Try places of the object on this one.")
+    ] = None,
+    push: Annotated[bool, typer.Option("--push", help="Try pushes of the object.")] = False,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
-    """Try grasps of an object in simulation until one succeeds, and store what was learned."""
-    from semmap.manipulation.practice import practise
+    """Try actions on an object in simulation until one succeeds, and store what was learned.
 
+    Grasps by default; with --on or --push, places or pushes.
+    """
+    from semmap.manipulation.practice import practise, practise_places, practise_pushes
+
+    if on is not None and push:
+        raise typer.BadParameter("give one of --on and --push")
+    values: dict[str, Any] = {"tries": tries, "mass": mass, "friction": friction}
+    columns = ("action_id", "family", "off", "tilted", "outcome")
     with cli.open_database() as db:
-        rows = practise(
-            db.map(map_name).session_of_map(),
-            name,
-            gripper,
-            tries=tries,
-            mass=mass,
-            friction=friction,
-        )
-    cli.show_table(rows, json_, ("action_id", "family", "moved", "outcome", "stored"))
+        session = db.map(map_name).session_of_map()
+        if on is not None:
+            rows = practise_places(session, name, on, gripper, **values)
+        elif push:
+            rows = practise_pushes(session, name, gripper, **values)
+        else:
+            rows = practise(session, name, gripper, **values)
+            columns = ("action_id", "family", "moved", "outcome", "stored")
+    cli.show_table(rows, json_, columns)
 
 
 @manipulation.command()

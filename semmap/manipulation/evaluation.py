@@ -6,7 +6,7 @@ the next grasp of another kind is tried. What worked replaces what did not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,13 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.manipulation.candidates import Grasp
-from semmap.manipulation.trial import HEIGHT, Outcome
+from semmap.manipulation.trial import HEIGHT, Outcome, Rest
 
-__all__ = ["Attempt", "Expected", "Lesson", "corrected", "group_of", "learn_grasp"]
+__all__ = [
+    "Attempt",
+    "Expected",
+    "ExpectedRest",
+    "Lesson",
+    "corrected",
+    "group_of",
+    "learn_grasp",
+]
 
 Floats = NDArray[np.float64]
 
 Cause = Literal["pushed", "missed", "dropped", "slipped", "turned"]
+RestCause = Literal["toppled", "strayed"]
 
 STEP = 0.03
 """Metres by which a correction moves a grasp."""
@@ -57,6 +66,30 @@ class Expected:
         if np.linalg.norm(outcome.turned) > self.turned:
             return "turned"
         return "slipped" if outcome.slipped > self.slipped else None
+
+
+@dataclass(frozen=True)
+class ExpectedRest:
+    """Where an object rests that was put down or pushed; metres and radians, the most.
+
+    Attributes
+    ----------
+    off : of its centre of mass from where it should be; tilted : of its vertical axis
+    """
+
+    off: float = 0.02
+    tilted: float = 0.1
+
+    def mismatch(self, rest: Rest, way: Sequence[float] = (0, 0, 0)) -> RestCause | None:
+        """Return how it rests otherwise; None for a success.
+
+        Parameters
+        ----------
+        way : (3,) by which the object should have moved
+        """
+        if rest.tilted > self.tilted:
+            return "toppled"
+        return "strayed" if np.linalg.norm(np.subtract(rest.moved, way)) > self.off else None
 
 
 @dataclass(frozen=True, eq=False)

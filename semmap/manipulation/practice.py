@@ -1,28 +1,38 @@
-"""Practice in simulation: grasps of an object of the map are tried, and the outcomes are stored."""
+"""Practice in simulation: actions on an object of the map are tried, and outcomes are stored."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semmap.belief.store import MapConnection, driver
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.candidates import Grasp
-from semmap.manipulation.device_store import gripper_id
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.evaluation import Lesson, learn_grasp
-from semmap.manipulation.retrieval import find_grasps, stored_gripper
+from semmap.manipulation.evaluation import ExpectedRest, Lesson, learn_grasp
+from semmap.manipulation.places import find_places
+from semmap.manipulation.pushes import find_pushes
+from semmap.manipulation.pushing import Push
+from semmap.manipulation.reader import actions_on
+from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.shape_store import model_mesh
 from semmap.manipulation.task_store import record_task
-from semmap.manipulation.trial import Trial, body_of
+from semmap.manipulation.trial import HEIGHT, Rest, Trial, body_of
 
-__all__ = ["practise"]
+__all__ = ["practise", "practise_places", "practise_pushes"]
 
 GRASPS = 100
 """The most grasps of an object that are considered."""
+
+STORED = 1000
+"""The most stored grasps among which those of places are looked up."""
+
+STRAY = 0.3
+"""Share of the way of a push by which the object may be off at its end."""
 
 
 def practise(
@@ -58,10 +68,116 @@ def practise(
     rows = [row for row in found.rows if row["entity"] == entity]
     if not rows:
         raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free grasp")
-    ((name,),) = session.execute(
-        "SELECT name FROM device WHERE id = %s", (gripper_id(session, gripper),)
-    ).fetchall()
-    hand = stored_gripper(session, name)
+    name = gripper_name(session, gripper)
+    trial = _trial(session, entity, name, mass, friction)
+    grasps = [_grasp(row, trial.gripper.opening) for row in rows]
+    lesson = learn_grasp(
+        grasps,
+        trial.run,
+        lambda grasp: (trial.standing @ grasp.pose)[:3, :3].T @ np.array([0.0, 0.0, -1.0]),
+        tries=tries,
+    )
+    with session.transaction():
+        return _store(session, entity, name, rows, lesson)
+
+
+def practise_places(
+    connection: MapConnection,
+    entity: str,
+    on: str,
+    gripper: str | None = None,
+    *,
+    tries: int = 12,
+    mass: float | None = None,
+    friction: float = 0.5,
+) -> list[dict[str, Any]]:
+    """Try places of an object on another one until it rests there; store each outcome.
+
+    The gripper takes the object, puts it down on an even surface, and moves away. A place whose
+    grasp does not hold the object has no outcome.
+
+    Returns
+    -------
+    list of dict
+        For each attempt: `action_id` of the place, `family`, `off` (metres from where the object
+        should be), `tilted` (degrees), `outcome` ("completed" or why it failed).
+
+    Raises
+    ------
+    LookupError
+        There is no such entity or gripper.
+    ManipulationError
+        The object or its support has no mesh, or no place is free.
+    """
+    session = driver(connection)
+    name = gripper_name(session, gripper)
+    found = find_places(session, entity, on, gripper=name, limit=tries)
+    if not found.rows:
+        raise ManipulationError("; ".join(found.problems) or f"{on}: has no place for {entity}")
+    trial = _trial(session, entity, name, mass, friction)
+    stored = actions_on(session, name=entity, gripper=name, limit=STORED)
+    known = {row["action_id"]: row for row in stored if row["entity"] == entity}
+    tried: dict[int, dict[str, Any]] = {}
+    for row in found.rows:
+        if row["action_id"] in tried:
+            continue  # at another spot of an even surface, the same happens
+        grasp = _grasp(known[row["grasp_id"]], trial.gripper.opening)
+        to_model = np.linalg.inv(row["spot"].matrix)
+        before, after = (to_model @ row[pose].matrix for pose in ("pre_pose", "post_pose"))
+        rest = trial.put(grasp, before, after)
+        held = rest.lifted > HEIGHT / 2
+        cause = ExpectedRest().mismatch(rest) if held else "not held"
+        tried[row["action_id"]] = told = _told(row, rest, np.zeros(3), cause)
+        if held:
+            _record(session, entity, "place", told)
+        if cause is None:
+            break
+    return list(tried.values())
+
+
+def practise_pushes(
+    connection: MapConnection,
+    entity: str,
+    gripper: str | None = None,
+    *,
+    tries: int = 12,
+    mass: float | None = None,
+    friction: float = 0.5,
+) -> list[dict[str, Any]]:
+    """Try pushes of an object until one moves it along its direction; store each outcome.
+
+    Returns and raises as `practise_places`.
+    """
+    session = driver(connection)
+    name = gripper_name(session, gripper)
+    found = find_pushes(session, entity, gripper=name, limit=tries)
+    if not found.rows:
+        raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free push")
+    trial = _trial(session, entity, name, mass, friction)
+    tried = []
+    for row in found.rows:
+        pose, end = row["pose"].matrix, row["end"].matrix
+        way = end[:3, 3] - pose[:3, 3]
+        length = float(np.linalg.norm(way))
+        push = Push(
+            pose,
+            end,
+            (row["pre_pose"] or row["pose"]).matrix,
+            way[:2] / length,
+            length,
+            row["posture"],
+            row["expected"],
+        )
+        rest = trial.push(push, pose @ np.linalg.inv(row["model_pose"].matrix))
+        tried.append(_told(row, rest, way, ExpectedRest(STRAY * length).mismatch(rest, way)))
+        _record(session, entity, "push", tried[-1])
+        if tried[-1]["outcome"] == "completed":
+            break
+    return tried
+
+
+def _trial(session: Any, entity: str, gripper: str, mass: float | None, friction: float) -> Trial:
+    """A trial of an object as it stands in the map."""
     mesh = model_mesh(session, entity)
     ((weight, pose),) = session.execute(
         "SELECT (e.properties->>'mass')::float8, w.pose FROM entity e "
@@ -74,16 +190,34 @@ def practise(
     standing = np.eye(4)
     standing[:3, :3] = Pose(*pose).matrix[:3, :3]
     standing[2, 3] = 5e-4 - (surface.vertices @ standing[:3, :3].T)[:, 2].min()
-    trial = Trial(hand, body, standing)
-    grasps = [_grasp(row, hand.opening) for row in rows]
-    lesson = learn_grasp(
-        grasps,
-        trial.run,
-        lambda grasp: (standing @ grasp.pose)[:3, :3].T @ np.array([0.0, 0.0, -1.0]),
-        tries=tries,
+    return Trial(stored_gripper(session, gripper), body, standing)
+
+
+def _told(
+    row: dict[str, Any], rest: Rest, way: NDArray[np.float64], cause: str | None
+) -> dict[str, Any]:
+    """An attempt as a row of the answer."""
+    return {
+        "action_id": row["action_id"],
+        "family": row["family"],
+        "off": round(float(np.linalg.norm(np.subtract(rest.moved, way))), 4),
+        "tilted": round(float(np.degrees(rest.tilted)), 1),
+        "outcome": cause or "completed",
+    }
+
+
+def _record(session: Any, entity: str, kind: str, told: dict[str, Any]) -> None:
+    """Store the outcome of a simulated attempt."""
+    succeeded = told["outcome"] == "completed"
+    record_task(
+        session,
+        entity,
+        kind,
+        action=told["action_id"],
+        outcome="completed" if succeeded else "error",
+        simulated=True,
+        message=None if succeeded else told["outcome"],
     )
-    with session.transaction():
-        return _store(session, entity, name, rows, lesson)
 
 
 def _grasp(row: dict[str, Any], opening: float) -> Grasp:

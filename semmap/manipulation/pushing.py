@@ -150,4 +150,4 @@ def _contact(hull: Polygon, middle: Floats, along: Floats) -> tuple[Floats, floa
     ]
     edge = edges[int(np.argmin(apart))]
     normal = np.array([edge[1], -edge[0]]) / np.linalg.norm(edge)
-    return contact, float(abs(normal @ along))
+    return contact, min(1.0, float(abs(normal @ along)))

@@ -19,9 +19,11 @@ from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library
 from semmap.manipulation.gripper import Gripper
+from semmap.manipulation.placing import ABOVE
+from semmap.manipulation.pushing import Push
 from semmap.manipulation.solids import Solid
 
-__all__ = ["Body", "Outcome", "Trial", "body_of"]
+__all__ = ["Body", "Outcome", "Rest", "Trial", "body_of"]
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +32,9 @@ STEP = 0.002
 
 SETTLE, APPROACH, CLOSE, LIFT, SHAKE = 0.1, 0.5, 0.5, 0.5, 0.5
 """Seconds of the phases of a trial."""
+
+REST = 0.5
+"""Seconds until it counts where an object is that was put down or pushed."""
 
 HEIGHT = 0.15
 """Metres by which the object is lifted."""
@@ -147,6 +152,22 @@ class Outcome:
     width: float
     turned: tuple[float, float, float]
     shift: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Where an object is when it was put down or pushed.
+
+    Attributes
+    ----------
+    moved : (3,) by which its centre of mass moved, metres, in the frame of the table
+    tilted : by which its vertical axis turned, radians
+    lifted : metres by which it was lifted before; 0 for a push
+    """
+
+    moved: tuple[float, float, float]
+    tilted: float
+    lifted: float = 0.0
 
 
 class Trial:
@@ -358,24 +379,12 @@ class Trial:
             object stops them
         error : (4, 4) by which the robot is wrong about the pose of the model
         """
-        mujoco, data = self._mujoco, self.data
-        mujoco.mj_resetData(self.model, data)
         wrong = np.eye(4) if error is None else error
         goal = self.standing @ wrong @ grasp.pose
         before = self.standing @ wrong @ grasp.pre_grasp
         opened = grasp.pre_posture
         shut = dict(self.gripper.postures[-1]) if closing is None else dict(closing)
-        for name, value in opened.items():
-            data.joint(name).qpos[0] = value
-        for joint in self.gripper.robot.joints:  # what mimics begins where it belongs
-            if joint.mimics in opened and joint.name in {
-                self.model.joint(i).name for i in range(self.model.njnt)
-            }:
-                multiplier, offset = self.gripper.robot.mimicry(joint)
-                data.joint(joint.name).qpos[0] = multiplier * opened[joint.mimics] + offset
-        self._hold(before)
-        self.data.joint("palm").qpos[:] = [*before[:3, 3], *_quaternion(before)]
-        self._drive(opened, opened, before, before, SETTLE)
+        self._reset(opened, before)
         start = self._pose()
         self._drive(opened, opened, before, goal, APPROACH)
         reached = self._pose()
@@ -402,6 +411,75 @@ class Trial:
             (float(turn[0]), float(turn[1]), float(turn[2])),
             (float(moved[0]), float(moved[1]), float(moved[2])),
         )
+
+    def put(self, grasp: Grasp, before: Floats, after: Floats) -> Rest:
+        """Take the object, put it down where it stood, and return where it is then.
+
+        Parameters
+        ----------
+        grasp : in the frame of the object's model
+        before, after : (4, 4)
+            Where the gripper begins to move down, and where it ends when it has opened, in the
+            frame of the model at its place.
+        """
+        opened, shut = grasp.pre_posture, dict(self.gripper.postures[-1])
+        goal, down, away = (self.standing @ pose for pose in (grasp.pose, before, after))
+        above, release = goal.copy(), goal.copy()
+        above[2, 3] += HEIGHT
+        release[2, 3] += ABOVE
+        first = self.standing @ grasp.pre_grasp
+        self._reset(opened, first)
+        start = self._pose()
+        self._drive(opened, opened, first, goal, APPROACH)
+        self._drive(opened, shut, goal, goal, CLOSE)
+        self._drive(shut, shut, goal, above, LIFT)
+        lifted = float(((self._pose() - start) @ np.append(self.body.centre, 1.0))[2])
+        self._drive(shut, shut, above, down, LIFT)
+        self._drive(shut, shut, down, release, APPROACH)
+        self._drive(shut, opened, release, release, CLOSE)
+        self._drive(opened, opened, release, away, APPROACH)
+        self._drive(opened, opened, away, away, REST)
+        return self._rest(start, lifted)
+
+    def push(self, push: Push, model: Floats) -> Rest:
+        """Push the object, and return where it is when it rests.
+
+        Parameters
+        ----------
+        push : in the frame of the map
+        model : (4, 4) the pose of the object's model in that frame
+        """
+        before, contact, end = (
+            self.standing @ np.linalg.inv(model) @ pose
+            for pose in (push.pre_push, push.pose, push.end)
+        )
+        self._reset(push.posture, before)
+        start = self._pose()
+        self._drive(push.posture, push.posture, before, contact, APPROACH)
+        self._drive(push.posture, push.posture, contact, end, 2 * LIFT)
+        self._drive(push.posture, push.posture, end, end, REST)
+        return self._rest(start)
+
+    def _reset(self, opened: Mapping[str, float], before: Floats) -> None:
+        """Let the object settle while the gripper waits, with its fingers at these positions."""
+        data, robot = self.data, self.gripper.robot
+        self._mujoco.mj_resetData(self.model, data)
+        for name, value in opened.items():
+            data.joint(name).qpos[0] = value
+        known = {self.model.joint(i).name for i in range(self.model.njnt)}
+        for joint in robot.joints:  # what mimics begins where it belongs
+            if joint.mimics in opened and joint.name in known:
+                multiplier, offset = robot.mimicry(joint)
+                data.joint(joint.name).qpos[0] = multiplier * opened[joint.mimics] + offset
+        self._hold(before)
+        data.joint("palm").qpos[:] = [*before[:3, 3], *_quaternion(before)]
+        self._drive(opened, opened, before, before, SETTLE)
+
+    def _rest(self, start: Floats, lifted: float = 0.0) -> Rest:
+        end, centre = self._pose(), np.append(self.body.centre, 1.0)
+        x, y, z = ((end - start) @ centre)[:3].tolist()
+        upright = np.clip((end[:3, :3] @ start[:3, :3].T)[2, 2], -1, 1)
+        return Rest((x, y, z), float(np.arccos(upright)), lifted)
 
     def _width(self) -> float:
         name = self.gripper.joints[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.practice import practise
+from semmap.manipulation.practice import practise, practise_places, practise_pushes
 from semmap.manipulation.reader import actions_on, list_tasks
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, find_grasps, register_gripper
 from tests.manipulation.grippers import urdf
@@ -62,6 +62,23 @@ def test_a_second_gripper_profits_from_the_first(cups):
     alike = [r["expected"] for r in rows if r["family"] == family]
     assert alike
     assert max(alike) < max(r["expected"] for r in rows)
+
+
+def test_places_and_pushes_are_tried_and_their_outcomes_stored(cups):
+    session = cups.session_of_map()
+    register_gripper(session, urdf("panda"), "panda")
+    placed = practise_places(session, "cup1", "table", "panda", mass=0.2)
+    pushed = practise_pushes(session, "cup1", "panda", mass=0.2)
+    for kind, attempts in (("place", placed), ("push", pushed)):
+        assert attempts[-1]["outcome"] == "completed"
+        assert attempts[-1]["off"] < 0.03
+        rows = actions_on(session, name="cup2", gripper="panda", kind=kind, limit=500)
+        (row,) = (r for r in rows if r["action_id"] == attempts[-1]["action_id"])
+        assert row["successes"] > 0
+    heavy = practise_places(session, "cup1", "table", "panda", mass=6.0, friction=0.2, tries=2)
+    assert {attempt["outcome"] for attempt in heavy} == {"not held"}
+    kinds = [task["kind"] for task in list_tasks(session, 50)]
+    assert kinds.count("place") == len(placed)  # what was not held is no outcome of a place
 
 
 def test_objects_without_a_mesh_are_refused(cups):

@@ -10,8 +10,9 @@ import pytest
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import grasp_candidates
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.evaluation import Attempt, Expected, Lesson, learn_grasp
+from semmap.manipulation.evaluation import Attempt, Expected, ExpectedRest, Lesson, learn_grasp
 from semmap.manipulation.experience import Experience
+from semmap.manipulation.pushing import push_candidates
 from semmap.manipulation.solids import solid_of
 from semmap.manipulation.trial import HEIGHT, Trial, body_of
 from tests.manipulation.grippers import Shape, real_gripper
@@ -128,3 +129,37 @@ def test_a_mesh_without_a_volume():
     np.testing.assert_allclose(body.centre, 0, atol=1e-12)
     with pytest.raises(ManipulationError, match="mass -1 kg"):
         body_of(cube, mass=-1.0)
+
+
+@pytest.mark.parametrize("name", ["panda", "pr2"])
+def test_what_is_put_down_rests_where_it_stood(name):
+    gripper = real_gripper(name)
+    shape = Shape("cylinder", (0.03, 0.12))
+    grasp = grasp_of(grasp_candidates(shape, gripper), "side r 0 0 own")
+    above = np.eye(4)
+    above[2, 3] = 0.1
+    trial = Trial(gripper, body_of(solid_of(*shape[:2]), mass=0.2), standing(0.12))
+    rest = trial.put(grasp, above @ grasp.pose, grasp.pre_grasp)
+    assert rest.lifted == pytest.approx(HEIGHT, abs=0.01)
+    assert ExpectedRest().mismatch(rest) is None
+    # A retreat to the side takes the object along, or over.
+    aside = grasp.pose.copy()
+    aside[:3, 3] += 0.1 * grasp.pose[:3, 0]
+    assert ExpectedRest().mismatch(trial.put(grasp, above @ grasp.pose, aside)) is not None
+
+
+def test_a_push_moves_along_its_direction_and_topples_what_is_pushed_at_its_top():
+    gripper = real_gripper("panda")
+    solid, model = solid_of("cuboid", (0.04, 0.04, 0.2)), standing(0.2)
+    trial = Trial(gripper, body_of(solid, mass=0.3, friction=0.7), model)
+    turned = np.array([[0, -1, 0, 2.0], [1, 0, 0, 3], [0, 0, 1, 0.7], [0, 0, 0, 1]]) @ model
+    for height, cause in ((0.1, None), (0.9, "toppled")):
+        for push in push_candidates(solid.mesh().vertices, turned, gripper, height=height)[:2]:
+            rest = trial.push(push, turned)
+            # the frame of the trial is not turned
+            x, y = push.direction
+            way = np.array([y, -x, 0]) * push.distance
+            assert ExpectedRest(0.03).mismatch(rest, way) == cause
+            if cause is None:
+                assert rest.moved == pytest.approx(way, abs=0.02)
+                assert ExpectedRest(0.03).mismatch(rest, -way) == "strayed"
