@@ -17,7 +17,7 @@ __all__ = ["read_state", "read_world"]
 _UNCLASSIFIED = frozenset({"object", "entity"})
 """The supertypes of a type that the T-Box does not have."""
 
-# By indexes alone: on (map, name), on (type, id) and on the holder. What a word means; in rooms
+# By indexes alone: on (map, name), on (map, type) and on the holder. What a word means; in rooms
 # that are named, what stands there; up to the room, what those stand on; and what stands on them.
 _THINGS = """
 WITH RECURSIVE named AS MATERIALIZED (

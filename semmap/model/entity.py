@@ -133,7 +133,11 @@ class Entity(Base):
         >>> from semmap.model import Object
         >>> furniture = select(Object).where(Object.is_a("furniture"))
         """
-        return exists().where(ObjectType.id == cls.id, ObjectType.type == type_name)
+        return exists().where(
+            ObjectType.id == cls.id,
+            ObjectType.map_id == cls.map_id,
+            ObjectType.type == type_name,
+        )
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name}>"
@@ -303,7 +307,7 @@ class ObjectType(Base):
 
     __tablename__ = "object_type"
     __table_args__ = (
-        PrimaryKeyConstraint("type", "id", postgresql_include=["map_id", "label"]),
+        PrimaryKeyConstraint("map_id", "type", "id", postgresql_include=["label"]),
         Index(
             "object_type_id",
             "id",

@@ -35,6 +35,7 @@ def _statement(*, planned_once: bool) -> Select[Entity]:
     )
     cube = func.semmap.around(x, y, z, reach)
     metres = func.semmap.box_distance(WorldPlacement.box, x, y, z)
+    map_id = select(func.semmap.current_map()).scalar_subquery()
     return (
         select(Entity)
         .join(WorldPlacement, WorldPlacement.entity_id == Entity.id)
@@ -42,7 +43,8 @@ def _statement(*, planned_once: bool) -> Select[Entity]:
         .where(
             WorldPlacement.box.op("&&")(select(cube).scalar_subquery() if planned_once else cube),
             metres <= reach,
-            WorldPlacement.map_id == select(func.semmap.current_map()).scalar_subquery(),
+            WorldPlacement.map_id == map_id,
+            ObjectType.map_id == map_id,
             ObjectType.type == bindparam("type", type_=Text),
         )
         .order_by(metres, Entity.id)
