@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from semmap.belief.error import BeliefError
-from semmap.ingest.ontology.tbox import snake_case
 from semmap.limits import TEXT_BYTES
+from semmap.snake_case import snake_case
 
 __all__ = [
     "Action",

@@ -14,7 +14,8 @@ from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
 from semmap.belief.store import MapConnection, add_observations, driver, refusal
 from semmap.belief.teaching import Action, Relation, TaughtObject, Teaching, is_a
-from semmap.ingest.ontology.tbox import KINDS, snake_case
+from semmap.ingest.ontology.tbox import KINDS
+from semmap.snake_case import snake_case
 from semmap.suggestions import suggestion
 
 __all__ = ["how_to", "teach", "vocabulary"]

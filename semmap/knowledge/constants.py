@@ -11,10 +11,10 @@ import rdflib
 from rdflib.paths import Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.ingest.ontology.tbox import snake_case
 from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, Form
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode
 from semmap.language.terms import local_name, namespace_of
+from semmap.snake_case import snake_case
 
 __all__ = ["Constants", "iris_in", "parts_of", "resolve", "tag_and_text"]
 

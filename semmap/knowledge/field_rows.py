@@ -8,7 +8,6 @@ from typing import Any
 
 import rdflib
 
-from semmap.ingest.ontology.tbox import snake_case
 from semmap.knowledge.constants import Constants
 from semmap.knowledge.fields import (
     FieldAnswer,
@@ -22,6 +21,7 @@ from semmap.knowledge.relation import Rows
 from semmap.knowledge.values import Parameters, Value
 from semmap.knowledge.vocabulary import TYPE, decode, encode
 from semmap.language.terms import local_name
+from semmap.snake_case import snake_case
 
 __all__ = ["FieldRows"]
 

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from semmap.ingest.ontology.tbox import TypeRecord, snake_case
+from semmap.snake_case import snake_case
 from semmap.suggestions import suggestion
+
+if TYPE_CHECKING:
+    from semmap.ingest.ontology.tbox import TypeRecord
 
 __all__ = ["NameIndex"]
 

@@ -15,7 +15,6 @@ from sqlalchemy.orm import Session
 from semmap import SemanticMap
 from semmap.database.files import schema_folder
 from semmap.geometry.pose import Pose
-from semmap.ingest.ontology.tbox import snake_case
 from semmap.manipulation.action_record import ActionRecord, action_key
 from semmap.manipulation.action_store import add_actions, add_put
 from semmap.manipulation.device_store import add_automaton, add_device
@@ -33,6 +32,7 @@ from semmap.manipulation.reader import (
 )
 from semmap.manipulation.task_store import add_task, end_task, record_task
 from semmap.model import Action, ObjectModel
+from semmap.snake_case import snake_case
 from tests.manipulation.cup_map import candidate, primitive
 
 PUSH = ActionRecord("push", Pose(z=0.02), motion=(0.1, 0.0, 0.0), approach="side")

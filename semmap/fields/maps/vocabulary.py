@@ -9,9 +9,9 @@ from typing import Protocol
 from rdflib import OWL, RDF, RDFS, Graph, Namespace, URIRef
 from rdflib.term import Node
 
-from semmap.ingest.ontology.tbox import snake_case
 from semmap.language.schema import Property
 from semmap.language.terms import local_name
+from semmap.snake_case import snake_case
 
 __all__ = ["SEMMAP", "Properties", "Vocabulary", "read_vocabulary"]
 

@@ -11,7 +11,7 @@ from semmap.fields.checks import as_rigid_rows, positive
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
 from semmap.fields.sources.percepts import Segmentation
-from semmap.ingest.ontology.tbox import snake_case
+from semmap.snake_case import snake_case
 from semmap_vdb import Int32Grid
 
 __all__ = ["ObjectSource", "PeopleSource"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from semmap.database.files import schema_folder
 from semmap.fields.maps.vocabulary import Vocabulary, read_vocabulary
 from semmap.fields.store.statements import Connection, run
-from semmap.ingest.ontology.tbox import snake_case
 from semmap.language.names import NameIndex
+from semmap.snake_case import snake_case
 
 __all__ = ["read_map_vocabulary", "read_names"]
 

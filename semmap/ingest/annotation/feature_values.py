@@ -11,8 +11,9 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
 
 from semmap.ingest.annotation.feature_file import Feature
-from semmap.ingest.ontology.tbox import KINDS, TypeRecord, own_tbox, snake_case
+from semmap.ingest.ontology.tbox import KINDS, TypeRecord, own_tbox
 from semmap.ingest.world import Kind, Refused
+from semmap.snake_case import snake_case
 
 __all__ = [
     "area_of",

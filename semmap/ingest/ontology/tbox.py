@@ -15,8 +15,9 @@ from rdflib.plugins.parsers.notation3 import BadSyntax
 
 from semmap.ingest.world import WorldError
 from semmap.limits import TEXT_BYTES
+from semmap.snake_case import snake_case
 
-__all__ = ["KINDS", "TypeRecord", "ontology_files", "own_tbox", "read_tbox", "snake_case"]
+__all__ = ["KINDS", "TypeRecord", "ontology_files", "own_tbox", "read_tbox"]
 
 ENDINGS = (".ttl", ".nt")
 """Endings of Turtle, and of N-Triples, which is a part of Turtle."""
@@ -140,16 +141,6 @@ def read_tbox(paths: Iterable[Path]) -> list[TypeRecord]:
             functions=tuple(sorted(snake_case(_local_name(f)) for f in found.functions)),
         )
     return list(records.values())
-
-
-def snake_case(local_name: str) -> str:
-    """Return the name of a type from the local name of its class.
-
-    >>> snake_case("DiningTable"), snake_case("TVCabinet"), snake_case("coffee-mug")
-    ('dining_table', 'tv_cabinet', 'coffee_mug')
-    """
-    split = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", local_name)
-    return re.sub(r"\W+|_+", "_", split).strip("_").lower()
 
 
 def _parse(path: Path) -> Graph:

@@ -12,16 +12,10 @@ from semmap.ingest import naming
 from semmap.ingest.annotation import feature_values
 from semmap.ingest.naming import TYPE_WORDS
 from semmap.ingest.ontology import tbox
-from semmap.ingest.ontology.tbox import (
-    KINDS,
-    TypeRecord,
-    ontology_files,
-    own_tbox,
-    read_tbox,
-    snake_case,
-)
+from semmap.ingest.ontology.tbox import KINDS, TypeRecord, ontology_files, own_tbox, read_tbox
 from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.world import WorldError
+from semmap.snake_case import snake_case
 
 ONTOLOGY = sorted(Path(__file__).parents[3].joinpath("schema/ontology").glob("*.ttl"))
 
