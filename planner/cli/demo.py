@@ -24,6 +24,10 @@ def demo_command(
     ] = None,
     state: State = None,
     parts: Parts = None,
+    model_path: Annotated[
+        list[Path] | None,
+        typer.Option("--model-path", help="Folder of SDF models, searched first; repeatable."),
+    ] = None,
     folder: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for maps and pictures.")
     ] = Path("out/demo"),
@@ -34,4 +38,12 @@ def demo_command(
     from semmap import cli
 
     robot = None if urdf is None else DemoRobot(urdf, state, parts)
-    run_demo(world or [], folder, start=start, goal=goal, robot=robot, say=cli.out.print)
+    run_demo(
+        world or [],
+        folder,
+        start=start,
+        goal=goal,
+        robot=robot,
+        model_path=model_path or (),
+        say=cli.out.print,
+    )

@@ -51,6 +51,7 @@ def run_demo(
     start: str | None = None,
     goal: str | None = None,
     robot: DemoRobot | None = None,
+    model_path: Sequence[Path] = (),
     pixels: int = 2200,
     say: Say = print,
 ) -> list[Path]:
@@ -64,6 +65,8 @@ def run_demo(
         Rooms of the route; by default the robot's home, and the room of the chosen object.
     robot
         By default the delivery robot of the examples.
+    model_path
+        Folders of SDF models, searched first.
     pixels
         Width of the pictures.
     """
@@ -75,7 +78,7 @@ def run_demo(
     say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
     with cli.database(migrate=True) as engine:
         for file in files:
-            cli.print_summary(import_file(engine, file, map_name=map_name))
+            cli.print_summary(import_file(engine, file, map_name=map_name, model_path=model_path))
     with cli.open_map(map_name) as connection:
         choices = choose(connection, read_choices(files[0].with_name("demo.yaml")))
         _ask(connection, choices, say)
@@ -141,7 +144,9 @@ def _ask(connection: Any, choices: DemoChoices, say: Say, *, again: bool = False
             say("   none: no object with a shape stands on a piece of furniture in a room")
         return
     table = choices.table_type.replace("_", " ")
-    question = f"Which {table} holds a {choices.type.replace('_', ' ')}"
+    wanted = choices.type.replace("_", " ")
+    article = "an" if wanted[0] in "aeiou" else "a"
+    question = f"Which {table} holds {article} {wanted}"
     say(f"   {question} now? (Figure 3, again)" if again else f"\n2. {question}? (Figure 3)")
     cli.show_rows(*run_sql(connection, figure_3(choices), write=False), False)
 
