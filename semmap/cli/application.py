@@ -7,7 +7,7 @@ import sys
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -23,16 +23,6 @@ if TYPE_CHECKING:
 
     from semmap.ingest.importer import ImportSummary
 
-app = typer.Typer(
-    cls=PluginGroup,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    help="One semantic map in PostGIS: what is where, what it means, how to get there.",
-)
-app.add_typer(database_commands, name="db")
-
 
 def _print_version(wanted: bool) -> None:
     if wanted:
@@ -42,7 +32,6 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _main(
     context: typer.Context,
     db: Annotated[
@@ -58,7 +47,6 @@ def _main(
     guard_streams()
 
 
-@app.command("import")
 def import_(
     files: Annotated[list[Path], typer.Argument(help="SDF, building.yaml, GeoJSON, meshes, ...")],
     map_name: MapName = None,
@@ -164,7 +152,6 @@ def print_summary(s: ImportSummary) -> None:
             out.print(text, style="yellow")
 
 
-@app.command()
 def maps(json_: Json = False) -> None:
     """List the maps."""
     from semmap.cli.output import show_table
@@ -173,7 +160,6 @@ def maps(json_: Json = False) -> None:
         show_table(db.list_maps(), json_, ("name", "entities", "rooms", "crs", "created_at"))
 
 
-@app.command()
 def use(name: Annotated[str, typer.Argument(metavar="MAP")]) -> None:
     """Choose the map that commands take when none is named."""
     with open_database() as db:
@@ -181,7 +167,6 @@ def use(name: Annotated[str, typer.Argument(metavar="MAP")]) -> None:
     print(f"{name}: the map of this user's commands from now on")
 
 
-@app.command()
 def types(map_name: MapName = None, json_: Json = False) -> None:
     """List the semantic types, and how many entities of the map are of each."""
     from semmap.cli.output import show_table
@@ -193,7 +178,6 @@ def types(map_name: MapName = None, json_: Json = False) -> None:
 ENTITY_COLUMNS = ("name", "kind", "type", "label", "holder", "storey", "x", "y", "z")
 
 
-@app.command()
 def ls(
     type_: Annotated[str | None, typer.Argument(metavar="TYPE", help="With its subtypes.")] = None,
     map_name: MapName = None,
@@ -239,7 +223,6 @@ def ls(
     show_table(rows, json_, ENTITY_COLUMNS if near is None else (*ENTITY_COLUMNS, "distance"))
 
 
-@app.command()
 def show(
     name: str,
     map_name: MapName = None,
@@ -265,7 +248,6 @@ def show(
     out.print(table)
 
 
-@app.command()
 def check(map_name: MapName = None, json_: Json = False) -> None:
     """List where a map disagrees with itself: holders and poses; exit code 1 if it does."""
     from semmap.cli.output import show_table
@@ -306,7 +288,6 @@ def _has_one_map(connection: Connection) -> bool:
     )
 
 
-@app.command()
 def sql(
     statement: Annotated[str, typer.Argument(help="SQL, or - for standard input.")],
     map_name: MapName = None,
@@ -328,7 +309,6 @@ def sql(
     show_rows(columns, rows, json_)
 
 
-@app.command()
 def changes(
     since: Annotated[str | None, typer.Argument(help="A cursor from an earlier call.")] = None,
     json_: Json = False,
@@ -346,7 +326,6 @@ def changes(
     out.print(f"cursor {cursor}")
 
 
-@app.command()
 def drop(
     name: Annotated[str, typer.Argument(metavar="MAP")],
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
@@ -393,6 +372,35 @@ def _time(text: str) -> datetime:
     except ValueError:
         raise ValueError(f"--at takes an ISO 8601 time (2026-01-31T10:00), not {text}") from None
     return moment if moment.tzinfo else moment.astimezone()
+
+
+class _Commands(PluginGroup):
+    """The commands of this module and the group `db`, and those that packages add."""
+
+    own: ClassVar = {
+        "import": import_,
+        "maps": maps,
+        "use": use,
+        "types": types,
+        "ls": ls,
+        "show": show,
+        "check": check,
+        "sql": sql,
+        "changes": changes,
+        "drop": drop,
+        "db": database_commands,
+    }
+
+
+app = typer.Typer(
+    cls=_Commands,
+    callback=_main,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="One semantic map in PostGIS: what is where, what it means, how to get there.",
+)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The commands of `semmap`: its own, and those of other packages, loaded when one is called.
+"""The commands of `semmap`: its own, and those of other packages, made when one is called.
 
 A package adds a command by an entry point of the group ``semmap.commands``: its name is that of the
 command, what it names is the command's function, or a `typer.Typer` with several below it.
@@ -7,10 +7,13 @@ command, what it names is the command's function, or a `typer.Typer` with severa
 from __future__ import annotations
 
 import ast
+import re
+from collections.abc import Mapping
+from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import typer
 from typer.core import TyperGroup
@@ -23,30 +26,41 @@ GROUP = "semmap.commands"
 
 
 class PluginGroup(TyperGroup):
-    """A group of commands to which other packages add; a list of them imports no other package."""
+    """A group of commands to which other packages add; a list of them imports no other package.
+
+    Typer makes a command by inspecting a function. That takes time, so it waits for a call.
+
+    Attributes
+    ----------
+    own : the functions and the groups (`typer.Typer`) of the program itself, in the order of help
+    """
+
+    own: ClassVar[Mapping[str, object]] = {}
+
+    @cached_property
+    def added(self) -> dict[str, EntryPoint]:
+        """The commands that packages add, by name; all installed packages are searched for them."""
+        return {point.name: point for point in entry_points(group=GROUP)}
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The names of all commands, its own first."""
-        own = super().list_commands(ctx)
-        return own + sorted({point.name for point in entry_points(group=GROUP)} - {*own})
+        return [*self.own, *sorted(self.added.keys() - self.own.keys())]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of a name; for an unknown name all are loaded, to find a similar one."""
-        if cmd_name not in self.commands:
-            for point in entry_points(group=GROUP, name=cmd_name) or entry_points(group=GROUP):
-                self.commands.setdefault(point.name, _command(point.name, point.load()))
+        """The command of a name; for an unknown name all are made, to find a similar one."""
+        known = cmd_name in self.own or cmd_name in self.added
+        for name in [cmd_name] if known else self.list_commands(ctx):
+            if name not in self.commands:
+                added = self.own[name] if name in self.own else self.added[name].load()
+                self.commands[name] = _command(name, added)
         return super().get_command(ctx, cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write each command with the first line of its help."""
-        points = {point.name: point for point in entry_points(group=GROUP)}
-        rows = []
-        for name in self.list_commands(ctx):
-            if name in self.commands:
-                if not self.commands[name].hidden:
-                    rows.append((name, self.commands[name].get_short_help_str(limit=100)))
-            else:
-                rows.append((name, help_line(points[name])))
+        rows = [
+            (name, _help(self.own[name]) if name in self.own else help_line(self.added[name]))
+            for name in self.list_commands(ctx)
+        ]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
@@ -60,6 +74,11 @@ class PluginGroup(TyperGroup):
             raise
 
 
+def _help(command: object) -> str:
+    whole = command.info.help if isinstance(command, typer.Typer) else command.__doc__
+    return (whole or "").partition("\n")[0]
+
+
 def help_line(point: EntryPoint) -> str:
     """The first line of a command's help, read from the source of its module, not by an import.
 
@@ -67,9 +86,7 @@ def help_line(point: EntryPoint) -> str:
     names; empty where the source does not show it.
     """
     path = _source(point.module)
-    if path is None:
-        return ""
-    for node in ast.parse(path.read_bytes()).body:
+    for node in [] if path is None else _statement(path.read_text("utf-8"), point.attr):
         if isinstance(node, ast.FunctionDef) and node.name == point.attr:
             return (ast.get_docstring(node) or "").partition("\n")[0]
         targets = node.targets if isinstance(node, ast.Assign) else []
@@ -79,6 +96,19 @@ def help_line(point: EntryPoint) -> str:
                 if keyword.arg == "help" and isinstance(keyword.value, ast.Constant):
                     return str(keyword.value.value).partition("\n")[0]
     return ""
+
+
+def _statement(source: str, name: str) -> list[ast.stmt]:
+    """The statement of a module that defines a name: parsing the whole module takes much longer.
+
+    It ends where another begins: at a line that is neither indented nor closes a bracket. Where
+    that is within a string, all statements are returned.
+    """
+    found = re.search(rf"^(?:def )?{name}\b.*(?:\n(?![^\s)\]}}]).*)*", source, re.MULTILINE)
+    try:
+        return ast.parse(found[0] if found else "").body
+    except SyntaxError:
+        return ast.parse(source).body
 
 
 def _source(module: str) -> Path | None:
