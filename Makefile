@@ -1,5 +1,5 @@
 # make demo [WORLD=path]   the main job on examples/office, or on your own world
-# make test                the tests, on all cores
+# make test                the tests, one process more than cores
 # make test-docker         those that need a Docker engine
 # make soak                server and clients are killed 50 times, SEMMAP_KILLS=1000 for more; a full disk; readers and
 #                          writers of fields for ten minutes; missions that are killed

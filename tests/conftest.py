@@ -2,7 +2,8 @@
 
 ``SEMMAP_TEST_DB`` names another server to test on (its user must be allowed to make databases),
 ``SEMMAP_WORLDS`` the folder of real worlds. ``HYPOTHESIS_PROFILE=explore`` looks for examples that
-no run has had; by default each run has the same, so that a change fails by what it changes.
+no run has had; by default each run has the same, so that a change fails by what it changes, and
+half as many.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -28,8 +28,9 @@ from sqlalchemy.pool import NullPool
 
 from semmap.database import Cluster, connect
 from semmap.ingest.importer import import_file
+from tests.cluster_folder import cluster_folder, remove_abandoned
 
-hypothesis.settings.register_profile("same", derandomize=True, deadline=None)
+hypothesis.settings.register_profile("same", derandomize=True, deadline=None, max_examples=50)
 hypothesis.settings.register_profile("explore", deadline=None)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
@@ -51,29 +52,61 @@ MEMORY_FOR_TESTS = 6 << 30
 
 
 SLOW = (
-    "schema/test_planning.py",
+    "database/test_crash.py",
+    "planner/demo/test_run.py",
+    "planner/search/test_search_missions.py",
+    "worlds/test_one_grid.py",
+    "worlds/test_costmaps.py",
+    "worlds/test_search_small_house.py",
     "planner/mission/test_kills.py",
-    "navgrid/test_slabs.py",
+    "examples/test_readme.py",
+    "database/test_embedded.py",
+    "query/test_relations.py",
+    "worlds/test_fields_in_grids.py",
+    "fields/store/test_field_store.py",
+    "fields/test_commands.py",
+    "worlds/test_planner.py",
+    "worlds/test_field_service.py",
+    "database/test_patience.py",
+    "worlds/test_field_queries.py",
+    "fuzz/test_pool.py",
+    "worlds/test_mirror_restarts.py",
+    "manipulation/test_places.py",
+    "worlds/test_moves.py",
+    "knowledge/test_shapes.py",
+    "api/test_api.py",
+    "query/test_nearby.py",
+    "worlds/test_paper_questions.py",
+    "manipulation/test_retrieval.py",
+    "database/test_folder.py",
+    "planner/test_live_topology.py",
+    "fields/store/test_voxel_mirror_crashes.py",
     "model/test_isolation.py",
-    "worlds/",
-    "examples/",
-    "fields/store/",
-    "planner/mission/",
-    "fuzz/",
-    "planner/demo/",
-    "planner/tasks/test_pddl.py",
+    "database/test_database_commands.py",
+    "worlds/test_reasoning_worlds.py",
+    "planner/search/test_other_solver.py",
+    "belief/test_problog_program.py",
+    "fields/sources/test_synthetic_scene.py",
+    "worlds/test_recognition_small_house.py",
+    "planner/mission/test_claims.py",
+    "examples/test_moving_solids.py",
+    "fields/regions/test_shapes.py",
+    "knowledge/test_client.py",
 )
-"""What takes long, the longest first: the tests of other files fill the end of a parallel run."""
+"""The files that take longest, the longest first, so that the tests of others fill the end of a
+parallel run."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One worker more than cores: tests of crashes and patience wait for most of their time."""
+    return len(os.sched_getaffinity(0)) + 1
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the slow files."""
-
-    def rank(item: pytest.Item) -> int:
-        path = item.path.relative_to(ROOT / "tests").as_posix()
-        return next((i for i, slow in enumerate(SLOW) if path.startswith(slow)), len(SLOW))
-
-    items.sort(key=rank)
+    ranks = {ROOT / "tests" / name: rank for rank, name in enumerate(SLOW)}
+    items.sort(key=lambda item: ranks.get(item.path, len(SLOW)))
 
 
 SERVER = """
@@ -81,29 +114,29 @@ fsync = off
 full_page_writes = off
 synchronous_commit = off
 shared_buffers = 128MB
+dynamic_shared_memory_type = mmap
 autovacuum = off
 """
 """Nothing of the test server outlives a crash of the machine. Autovacuum would visit each of the
-hundreds of databases once a minute."""
+hundreds of databases once a minute. Shared memory is in the server's folder and goes with it."""
 
 
 @pytest.fixture(scope="session", autouse=True)
 def home() -> Iterator[Path]:
     """A folder for the cluster of this test run; the user's own is out of reach."""
     # pytest's own temporary folders are closed to the user that runs the server for root
-    roomy = MEMORY.is_dir() and shutil.disk_usage(MEMORY).free > MEMORY_FOR_TESTS
-    folder = Path(tempfile.mkdtemp(prefix="semmap-test-", dir=MEMORY if roomy else "/tmp"))
-    folder.chmod(0o755)
-    (folder / "local.conf").write_text(SERVER)
-    before = dict(os.environ)
-    os.environ.pop("SEMMAP_DB", None)
-    os.environ["SEMMAP_DATA"] = str(folder)
-    yield folder
-    Cluster(folder).stop()
-    os.environ.clear()
-    os.environ.update(before)
-    # Hundreds of thousands of files: they go while other workers still test.
-    subprocess.run(["sh", "-c", 'rm -rf "$0" &', folder], check=True)
+    parents = [Path("/tmp"), *([MEMORY] if MEMORY.is_dir() else [])]
+    for parent in parents:
+        remove_abandoned(parent)
+    roomy = shutil.disk_usage(parents[-1]).free > MEMORY_FOR_TESTS
+    with cluster_folder(parents[-1] if roomy else parents[0]) as folder:
+        (folder / "local.conf").write_text(SERVER)
+        before = dict(os.environ)
+        os.environ.pop("SEMMAP_DB", None)
+        os.environ["SEMMAP_DATA"] = str(folder)
+        yield folder
+        os.environ.clear()
+        os.environ.update(before)
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,6 @@ import pwd
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,38 +17,35 @@ from sqlalchemy import create_engine, text
 
 from semmap.database import Cluster
 from semmap.database.account import server_account
+from tests.cluster_folder import cluster_folder
 
 ROOT = Path(__file__).parents[2]
+
+OWN_SERVER = "fsync = off\nshared_buffers = 32MB\ndynamic_shared_memory_type = mmap\n"
 
 
 @pytest.fixture
 def folder() -> Iterator[Path]:
     """An empty folder that all users may enter; what runs on clusters below it is stopped."""
-    folder = Path(tempfile.mkdtemp(prefix="semmap-test-", dir="/tmp"))
-    folder.chmod(0o755)
-    yield folder
-    for data in folder.glob("*/data"):
-        Cluster(data.parent).stop()
-    shutil.rmtree(folder)
+    with cluster_folder(Path("/tmp")) as folder:
+        yield folder
 
 
 @pytest.fixture(scope="session")
 def made() -> Iterator[Cluster]:
     """A cluster that was made, and does not run."""
-    folder = Path(tempfile.mkdtemp(prefix="semmap-test-", dir="/tmp"))
-    folder.chmod(0o755)
-    cluster = Cluster(folder / "made")
-    cluster.ensure()
-    cluster.stop()
-    yield cluster
-    shutil.rmtree(folder)
+    with cluster_folder(Path("/tmp")) as folder:
+        cluster = Cluster(folder / "made")
+        cluster.ensure()
+        cluster.stop()
+        yield cluster
 
 
 @pytest.fixture
 def own(made: Cluster) -> Iterator[Cluster]:
     """A cluster that a test may do with as it likes; it does not run yet."""
     # what a killed process wrote is the kernel's, which keeps it whether told to sync or not
-    (made.home / "local.conf").write_text("fsync = off\nshared_buffers = 32MB\n")
+    (made.home / "local.conf").write_text(OWN_SERVER)
     yield made
     (made.home / "local.conf").unlink(missing_ok=True)
     query(made, "DROP TABLE IF EXISTS kept")

@@ -50,7 +50,7 @@ def seen_by_ray(camera, triangles, cut):
 offset = st.integers(-400, 400).map(lambda i: 0.013 * (2 * i + 1))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     hnp.arrays(float, st.tuples(st.integers(1, 6), st.just(3), st.just(3)), elements=offset),
     st.floats(0.1, 1.4),

@@ -191,7 +191,7 @@ def plans(draw):
     return Plan(walls, doors, areas, centres, joins)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(plans(), st.floats(-3.14, 3.14), st.floats(-100, 100), st.floats(-100, 100))
 def test_random_grids_of_rooms(plan, yaw, x, y):
     c, s = np.cos(yaw), np.sin(yaw)

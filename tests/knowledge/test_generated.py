@@ -122,7 +122,7 @@ def larger(group: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
 
 
 @settings(
-    max_examples=120,
+    max_examples=60,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(group=st.recursive(triples(), larger, max_leaves=3))

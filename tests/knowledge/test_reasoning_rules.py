@@ -142,7 +142,7 @@ def by_owlrl(text: str) -> tuple[set[Triple], bool]:
     return triples, bool(closure.error_messages)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(axioms=sentences(AXIOMS, 7), stated=sentences(STATED, 7))
 def test_inferences_are_those_of_owlrl(axioms: list[str], stated: list[str]) -> None:
     text = "\n".join(axioms + stated)

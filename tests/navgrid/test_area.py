@@ -24,7 +24,7 @@ SQUARES = np.array(
 points = st.lists(st.tuples(st.floats(-2, 5), st.floats(-2, 5)), min_size=3, max_size=8)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=70, deadline=None)
 @given(points, points)
 def test_area_cells_are_the_cells_that_the_polygon_meets(
     outer: list[tuple[float, float]], hole: list[tuple[float, float]]

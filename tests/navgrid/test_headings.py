@@ -18,7 +18,7 @@ from tests.navgrid.scenes import ARM, BASE, part, room, scene, solid, square
 corners = st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6)), min_size=3, max_size=7)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(corners, st.integers(1, 9), st.integers(0, 2**32 - 1))
 def test_collisions_agree_with_shapely(
     points: list[tuple[float, float]], headings: int, seed: int

@@ -40,7 +40,7 @@ def cells_of(triangle: Any, interval: tuple[float, float], grid: Grid) -> NDArra
     return occupancy((np.array(triangle, float), [[0, 1, 2]]), [interval], grid)[0]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(triangles, intervals)
 @example([(0, 0.5, 0), (0, 1.0, 1), (0, 1.5, 0)], (0.5, 0.5))  # upright, in a column's border
 @example([(0, 0.5, 0.5), (1, 0.5, 0.5), (0.5, 0.5, 0.5)], (0.5, 0.5))  # a line in a row's border
@@ -59,7 +59,7 @@ def test_a_triangle_agrees_with_exact_arithmetic(
 tenths = st.integers(0, 12).map(lambda k: k * 0.05)
 
 
-@settings(max_examples=70, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     st.lists(
         st.tuples(tenths.map(lambda v: v + 0.1), tenths.map(lambda v: v - 0.3), tenths),
@@ -85,7 +85,7 @@ def close_to_borders(draw: st.DrawFn) -> tuple[float, float, float]:
     return x - 0.5, y + 0.25, draw(st.sampled_from([0.5, 1.0, 2.5]))
 
 
-@settings(max_examples=70, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     st.lists(close_to_borders(), min_size=3, max_size=3),
     st.sampled_from([(0.25, 3.0), (0.6, 0.9), (0.75, 2.0)]),

@@ -61,7 +61,7 @@ def some_cells(data, costs, least=1):
     return data.draw(st.lists(st.tuples(rows, columns), min_size=least, max_size=6))
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(costmaps, slows, st.sampled_from([0.05, 0.3]), st.data())
 def test_prices_agree_with_scipy(costs, slow, resolution, data):
     cells = some_cells(data, costs)
@@ -82,7 +82,7 @@ def test_prices_agree_with_scipy(costs, slow, resolution, data):
     np.testing.assert_array_equal(several[0], directed)
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(costmaps, slows, st.data())
 def test_a_path_is_passable_and_has_the_price_and_length_of_travel(costs, slow, data):
     start, goal = some_cells(data, costs, least=2)[:2]

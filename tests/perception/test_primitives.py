@@ -46,7 +46,7 @@ def errors(found: Primitive, size: tuple[float, ...], pose: np.ndarray) -> np.nd
 
 @pytest.mark.parametrize("kind", SHAPES)
 @given(data=st.data())
-@settings(max_examples=12, phases=QUICK)
+@settings(max_examples=8, phases=QUICK)
 def test_a_half_view_on_a_table_gives_the_sizes(kind: str, data):
     size = data.draw(SIZES[kind])
     turn = data.draw(st.floats(0, 6.28))

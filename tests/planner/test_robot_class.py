@@ -62,7 +62,7 @@ connectors = st.builds(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(robots, connectors)
 def test_the_view_bars_what_the_planner_bars(module_engine, robot, connector):
     topology = Topology.of([Place("a")], [connector])

@@ -243,7 +243,7 @@ def topologies(draw):
     )
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(topologies())
 def test_no_order_of_doors_is_cheaper(topology):
     times = Durations(call=0.0, ride=5.0, ride_per_metre=1.0, open=2.0)

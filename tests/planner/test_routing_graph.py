@@ -170,7 +170,7 @@ sites = st.lists(
 )
 
 
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(topologies(), robots, seeds, sites, sites)
 def test_times_and_routes_are_those_of_scipy(topology, robot, seed, starts, goals):
     walks = Crooked(seed)

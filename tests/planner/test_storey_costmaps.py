@@ -128,7 +128,7 @@ def snapped(costs, grid, pose):
     return (tuple(map(int, cells[best])), float(away[best])) if away[best] <= SNAP else None
 
 
-@settings(max_examples=15)
+@settings(max_examples=6)
 @given(
     boxes, st.lists(st.tuples(st.floats(0.0, 3.2), st.floats(-0.3, 3.3)), min_size=2, max_size=4)
 )

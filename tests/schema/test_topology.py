@@ -98,7 +98,7 @@ robots = st.builds(
 times = st.builds(Durations, call=st.sampled_from([0.0, 8.0]), ride=st.just(7.0), open=st.just(2.0))
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(topologies(), robots, times)
 def test_pgr_dijkstra_finds_what_the_planner_finds(routed, topology, robot, times):
     with routed.connect() as connection:

@@ -201,7 +201,7 @@ FORMS = [
 ]
 
 
-@settings(max_examples=50, phases=[Phase.generate])
+@settings(max_examples=25, phases=[Phase.generate])
 @given(catalogues(), groups(), st.sampled_from(FORMS), st.integers(1, 3))
 def test_patterns(catalogue: Arrays, group: tuple[str, set[str]], form: str, count: int) -> None:
     text, bound = group
@@ -229,7 +229,7 @@ AGGREGATES = [
 TAILS = ["", "", "HAVING (COUNT(*) > 1)", "HAVING (COUNT(?c) < 3)", "ORDER BY ?n"]
 
 
-@settings(max_examples=40, phases=[Phase.generate])
+@settings(max_examples=20, phases=[Phase.generate])
 @given(
     catalogues(),
     groups(),

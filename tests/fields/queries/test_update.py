@@ -205,7 +205,7 @@ boxes = st.tuples(places, st.integers(1, 4)).map(
 )
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(
     st.lists(
         st.one_of(

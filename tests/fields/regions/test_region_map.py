@@ -126,7 +126,7 @@ class Interleavings(RuleBasedStateMachine):
 
 Interleavings.TestCase.settings = settings(
     deadline=None,
-    max_examples=30,
+    max_examples=15,
     stateful_step_count=10,
     suppress_health_check=[HealthCheck.too_slow],
 )

@@ -153,7 +153,7 @@ def torus() -> trimesh.Trimesh:
     return trimesh.creation.torus(1.0, 0.4, major_sections=16, minor_sections=8)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=6)
 @given(turns, places)
 def test_solid_that_is_not_convex(turn: Rotation, place: Floats) -> None:
     """A turned torus holds the centres that its winding number says."""
@@ -202,7 +202,7 @@ def meets(corners: Floats, cell: NDArray[np.int64], size: float, slack: float) -
     )
 
 
-@settings(deadline=None, max_examples=6)
+@settings(deadline=None, max_examples=4)
 @given(
     st.sampled_from([(1, 1, 0), (1, 0.7, 0.05), (1.2, 0.1, 0.1), (1, 0, 0), (0.1, 0.2, 0.1)]),
     turns,

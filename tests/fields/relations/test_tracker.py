@@ -198,7 +198,7 @@ class Moving(RuleBasedStateMachine):
 
 Moving.TestCase.settings = settings(
     deadline=None,
-    max_examples=80,
+    max_examples=40,
     stateful_step_count=25,
     suppress_health_check=[HealthCheck.too_slow],
 )

@@ -21,7 +21,7 @@ from semmap.language.schema import Property
 
 SEES = Property("urn:t#sees", "sees", "Region", "Agent", "voxel", "entity", measure="attention")
 COUNT = Property("urn:t#count", "count", "Region", None, "voxel", "number")
-SECONDS = float(os.environ.get("SEMMAP_SOAK", "10"))
+SECONDS = float(os.environ.get("SEMMAP_SOAK", "3"))
 
 
 class Percept:

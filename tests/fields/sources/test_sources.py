@@ -60,7 +60,7 @@ def test_the_vocabulary() -> None:
 
 
 @pytest.mark.parametrize("graded", [False, True])
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 1000))
 def test_gaze(graded: bool, seed: int) -> None:
     """A voxel is seen if its centre is within half the opening angle of the z axis and in reach."""

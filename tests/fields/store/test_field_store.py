@@ -93,7 +93,7 @@ def again(grid: Grid, edge: int) -> Grid:
 
 
 @pytest.mark.parametrize("kind", GRIDS)
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(steps=changes, which=st.integers(0, 6), edge=st.sampled_from(EDGES))
 @example(steps=[("fill", (-40, 0, 0), 1, 40)], which=1, edge=8)
 def test_cubes_are_the_grid(kind: ValueType, steps: list[Any], which: int, edge: int) -> None:
@@ -161,7 +161,7 @@ def kept(module_engine: Engine) -> Engine:
 
 
 @pytest.mark.parametrize("kind", GRIDS)
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(saves=st.lists(changes, min_size=1, max_size=4), which=st.integers(0, 6))
 def test_each_version_is_loaded_unchanged(
     kept: Engine, kind: ValueType, saves: list[Any], which: int

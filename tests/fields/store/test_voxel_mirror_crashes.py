@@ -196,7 +196,7 @@ def test_crashes_at_random_moments(own: Cluster, tmp_path: Path) -> None:
     here, stop, writer = VoxelMirror(engine, "scene", SIZE), threading.Event(), Writer(engine)
     follower = threading.Thread(target=here.follow, args=(stop,), kwargs={"patience": 0.05})
     mirrors = [python(FOLLOW, name, SIZE)]
-    kills = ["mirror"] * 5 + ["connections"] * 7 + ["server"] * 4
+    kills = ["mirror"] * 3 + ["connections"] * 4 + ["server"] * 2
     dice.shuffle(kills)
     writer.start()
     follower.start()

@@ -623,7 +623,7 @@ JUNK = st.one_of(
 
 
 @settings(
-    deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(st.lists(st.tuples(st.sampled_from(WAYS), JUNK), min_size=1, max_size=3))
 def test_random_damage_gives_a_world_or_a_clear_error(read, damages):

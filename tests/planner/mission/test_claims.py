@@ -23,7 +23,7 @@ from tests.planner.mission.runs import run_and_die
 from tests.planner.mission.simple import simple_planner
 from tests.planner.office import office, route
 
-ROUNDS = 1000 if "SEMMAP_SOAK" in os.environ else 50
+ROUNDS = 1000 if "SEMMAP_SOAK" in os.environ else 15
 UPSTAIRS = Pose.planar(1.0, 4.0, 0.0, 7.0)
 
 

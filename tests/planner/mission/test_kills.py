@@ -11,7 +11,7 @@ from semmap.geometry.pose import Pose
 from tests.planner.mission.conftest import World
 from tests.planner.mission.runs import run_and_die
 
-ROUNDS = 200 if "SEMMAP_SOAK" in os.environ else 6
+ROUNDS = 200 if "SEMMAP_SOAK" in os.environ else 3
 FAILURES = (
     "pickup fails 0.2",
     "drop fails 0.1",

@@ -53,7 +53,7 @@ def test_figure_4_costs_the_same(tmp_path):
     assert solved(problem, tmp_path) == pytest.approx(1000 * plan.seconds, abs=2)
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(houses(most_things=2))
 def test_random_houses_cost_the_same(tmp_path_factory, house):
     graph = RoutingGraph(house.topology, house.robot)
