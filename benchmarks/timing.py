@@ -24,15 +24,20 @@ class Row:
     holds: bool
 
 
-def median_seconds(run: Callable[[], object], times: int = 7, warm_up: int = 1) -> float:
-    """The median wall time of a call, in seconds."""
+def median_seconds(
+    run: Callable[[], object],
+    times: int = 7,
+    warm_up: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
+    """The median time of a call, in seconds; `time.process_time` leaves out other programs."""
     for _ in range(warm_up):
         run()
     seconds = []
     for _ in range(times):
-        start = time.perf_counter()
+        start = clock()
         run()
-        seconds.append(time.perf_counter() - start)
+        seconds.append(clock() - start)
     return statistics.median(seconds)
 
 

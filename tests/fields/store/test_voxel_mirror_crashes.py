@@ -212,7 +212,7 @@ def test_crashes_at_random_moments(own: Cluster, tmp_path: Path) -> None:
             else:
                 with contextlib.suppress(DBAPIError):
                     change(engine, TERMINATE)
-        until(lambda: state_saved(engine), 20)
+        until(lambda: state_saved(engine), 60)
     finally:
         for event, thread in ((writer.stop, writer), (stop, follower)):
             event.set()
