@@ -16,7 +16,7 @@ from semmap import SemanticMap
 from semmap.knowledge import update
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.reasoning import reason, refresh
-from semmap.knowledge.triples import NOTHING_INFERRED
+from semmap.knowledge.scope import NOTHING_INFERRED
 from semmap.knowledge.vocabulary import PREFIXES
 
 __all__ = ["main"]

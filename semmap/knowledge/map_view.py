@@ -14,8 +14,8 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.knowledge.constants import Constants, iris_in, resolve
 from semmap.knowledge.field_rows import FieldRows
 from semmap.knowledge.fields import Fields
+from semmap.knowledge.scope import NOTHING_INFERRED, Chosen, Inferred
 from semmap.knowledge.translator import Statement, translate
-from semmap.knowledge.triples import NOTHING_INFERRED, Chosen, Inferred
 from semmap.knowledge.vocabulary import XSD, map_namespace
 from semmap.query.entity_query import pick_map
 

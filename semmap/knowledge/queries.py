@@ -18,7 +18,7 @@ from semmap.knowledge.expressions import UntranslatedError
 from semmap.knowledge.fields import FieldError
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
-from semmap.knowledge.triples import NOTHING_INFERRED, Chosen
+from semmap.knowledge.scope import NOTHING_INFERRED, Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql

@@ -20,13 +20,13 @@ import psycopg
 from sqlalchemy import Engine
 
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.scope import NOTHING_INFERRED
 from semmap.knowledge.standing_changes import Changes
 from semmap.knowledge.standing_queries import (
     Difference,
     StandingQueries,
     StandingQuery,
 )
-from semmap.knowledge.triples import NOTHING_INFERRED
 from semmap.query.change_feed import ChangeFeed, Look
 
 __all__ = ["Event", "Subscriptions"]

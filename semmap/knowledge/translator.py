@@ -18,8 +18,9 @@ from semmap.knowledge.field_rows import FieldRows
 from semmap.knowledge.fields import comparisons, count_variables
 from semmap.knowledge.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.relation import UNBOUND, Rows, in_form, union, union_form
+from semmap.knowledge.scope import NOTHING_INFERRED, Chosen, Inferred, Scope
 from semmap.knowledge.triple_map import Form
-from semmap.knowledge.triples import NOTHING_INFERRED, Chosen, Inferred, Scope, TriplePatterns
+from semmap.knowledge.triples import TriplePatterns
 from semmap.knowledge.values import (
     NUMERIC,
     Value,

@@ -2,142 +2,44 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import rdflib
 from rdflib.paths import AlternativePath, InvPath, MulPath, NegatedPath, SequencePath
 
-from semmap.knowledge.constants import Constants, tag_and_text
+from semmap.knowledge.constants import Constants
 from semmap.knowledge.expressions import UntranslatedError
 from semmap.knowledge.field_rows import FieldRows
 from semmap.knowledge.fields import field_property, is_of_fields
 from semmap.knowledge.mapping import (
     COMPUTED,
-    DATATYPES,
     INFERENCES,
     INFERRED_GRAPH,
     NODES,
     REWRITTEN,
     STATEMENTS,
     TRIPLES,
-    Column,
     Computed,
     Form,
     TripleMap,
     is_mapped,
 )
-from semmap.knowledge.relation import UNBOUND, Rows, can_join, in_form, union, union_form
-from semmap.knowledge.values import Parameters, Value, as_term, is_literal, key_of, same, text_of
-from semmap.knowledge.vocabulary import RDF, decode
+from semmap.knowledge.paths import PropertyPaths
+from semmap.knowledge.relation import UNBOUND, Rows, can_join, union
+from semmap.knowledge.row_sharing import share_rows
+from semmap.knowledge.scope import NOTHING_INFERRED, Chosen, Inferred, Part, Scope
+from semmap.knowledge.triple_match import Pattern
+from semmap.knowledge.values import Value, key_of, same
+from semmap.knowledge.vocabulary import RDF
 
-__all__ = ["NOTHING_INFERRED", "Chosen", "Inferred", "Scope", "TriplePatterns"]
+__all__ = ["TriplePatterns"]
 
 _RDF_TYPE = f"{RDF}type"
 _COMPUTED = {each.property: each for each in COMPUTED}
-_KEYS = {t.source.tables[0][1]: t.source.key for t in TRIPLES if t.source.key is not None}
-"""The column of a table that is unique."""
-_PLAIN = re.compile(r"[a-z_]+ t\d+")
-_SAME_KEY = re.compile(r"(t\d+)\.([a-z_]+) = (t\d+)\.\2")
-_IN_NO_EARLIER = (
-    "NOT EXISTS (SELECT FROM statement d WHERE d.map_id = {a}.map_id "
-    "AND d.predicate = {a}.predicate AND d.graph = ANY ({graphs}) AND d.id < {a}.id "
-    "AND (d.until IS NULL OR d.until > statement_timestamp()) "
-    "AND (d.subject_id, d.subject, d.object_id, d.object, d.tag) "
-    "IS NOT DISTINCT FROM ({a}.subject_id, {a}.subject, {a}.object_id, {a}.object, {a}.tag))"
-)
-"""A union of graphs has a triple once."""
-
-Part = str | Value
-"""A variable by its name, or a constant."""
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """The graphs that FROM or USING choose (SPARQL 1.1, section 13.2): the map is not in them.
-
-    Attributes
-    ----------
-    default : IRIs; the default graph is the union of these graphs
-    named : IRIs of the graphs that GRAPH finds
-    """
-
-    default: tuple[str, ...] = ()
-    named: tuple[str, ...] = ()
-
-    @classmethod
-    def by(cls, clauses: Iterable[Any] | None) -> Chosen | None:
-        """Return what the clauses of a text choose; None where there are none."""
-        clauses = list(clauses or ())
-        if not clauses:
-            return None
-        return cls(
-            tuple(str(each.default) for each in clauses if each.default is not None),
-            tuple(str(each.named) for each in clauses if each.named is not None),
-        )
-
-
-@dataclass(frozen=True)
-class Inferred:
-    """What inferences a map has, so that patterns look for no others.
-
-    Attributes
-    ----------
-    properties : of inferences
-    classes, types : that are inferred, as IRIs, and as names of semantic types
-    """
-
-    properties: frozenset[str] = frozenset()
-    classes: frozenset[str] = frozenset()
-    types: frozenset[str] = frozenset()
-
-
-NOTHING_INFERRED = Inferred()
-
-
-@dataclass(frozen=True)
-class Scope:
-    """Where a pattern stands.
-
-    Attributes
-    ----------
-    graph : the graph that GRAPH names, a constant or a variable; None for the default graph
-    bindings : values that the solutions will be joined with: a pattern need not have others, and
-        may refer to them
-    outer : for EXISTS, the values that expressions see besides those of the pattern
-    conditions : variable, operator and number of comparisons that all solutions will meet
-    given : bindings of few rows: each table is limited to them by its index
-    """
-
-    graph: Part | None = None
-    bindings: Mapping[str, Value] = field(default_factory=dict)
-    outer: Mapping[str, Value] = field(default_factory=dict)
-    conditions: tuple[tuple[str, str, str], ...] = ()
-    given: Mapping[str, Value] = field(default_factory=dict)
-
-    def joined(self, bindings: Mapping[str, Value]) -> Scope:
-        """Return the scope of a pattern that is joined with more values."""
-        return replace(self, bindings={**self.bindings, **bindings})
-
-
-@dataclass
-class _Pattern:
-    """A triple pattern, and the triple maps that can match it."""
-
-    subject: Part
-    predicate: Part
-    object: Part
-    maps: list[TripleMap]
-
-    def sides(self, triple: TripleMap) -> Iterable[tuple[Part, Form]]:
-        yield self.subject, triple.subject.form
-        yield self.predicate, "iri"
-        yield self.object, triple.object.form
-
-
-class TriplePatterns:
+class TriplePatterns(PropertyPaths):
     """Translates triple patterns.
 
     Parameters
@@ -161,41 +63,10 @@ class TriplePatterns:
         uses: Mapping[str, int] | None = None,
         inferred: Inferred = NOTHING_INFERRED,
     ) -> None:
+        super().__init__(constants, namespace, map_id, chosen)
         self._inferred = inferred
         self.fields = fields
         self.uses = uses or {}
-        self.parameters = Parameters()
-        self._chosen = chosen
-        self.constants = constants
-        self.namespace = self.parameters.bind(namespace)
-        self.map_id = self.parameters.bind(map_id, "int")
-        self._graph: Part | None = None
-
-    # Terms
-
-    def part(self, term: Any) -> Part:
-        """Return a variable's name, or a constant."""
-        if isinstance(term, rdflib.Variable):
-            return str(term)
-        if isinstance(term, rdflib.BNode):
-            return f"_:{term}"
-        return self.constant(term)
-
-    def constant(self, term: Any, *, as_type: bool = False) -> Value:
-        """Return a constant as it is kept in columns."""
-        text, tag = tag_and_text(term)
-        if tag != "I":
-            return Value("term", self._bind(text), self._bind(tag), (text, tag))
-        form, key = self.constants.node(text, as_type=as_type)
-        type_ = {int: "bigint"}.get(type(key), "text")
-        return Value(form, self.parameters.bind(key, type_), None, (text, "I"))
-
-    def _bind(self, text: str) -> str:
-        return self.parameters.bind(text)
-
-    def fresh(self) -> str:
-        """Return the name of a variable that no text has."""
-        return self.parameters.alias("*")
 
     # Basic graph patterns
 
@@ -237,7 +108,7 @@ class TriplePatterns:
             self._graph = outside
 
     def _all_triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: Scope) -> Rows:
-        plain: list[_Pattern] = []
+        plain: list[Pattern] = []
         paths: list[tuple[Part, MulPath, Part]] = []
         computed: list[tuple[Part, Computed, Part]] = []
         stated: list[tuple[Part, Any, Part]] = []
@@ -273,7 +144,7 @@ class TriplePatterns:
             maps = [
                 m for m in self._maps(verb, scope) if self._fits(subject, verb, object_, m, scope)
             ]
-            plain.append(_Pattern(subject, verb, object_, maps))
+            plain.append(Pattern(subject, verb, object_, maps))
 
         for subject, predicate, object_ in triples:
             end = self.part(object_)
@@ -297,27 +168,6 @@ class TriplePatterns:
         for a, relation, b in computed:
             self._relate(rows, a, relation, b, scope)
         return rows
-
-    def _one(self, subject: Part, predicate: Any, object_: Part, scope: Scope) -> Rows:
-        """Return the solutions of one pattern whose sides are parts already."""
-        rows = self.triples(
-            [(rdflib.Variable("*s"), predicate, rdflib.Variable("*o"))], self._inside(scope)
-        )
-        return self._renamed(rows, {"*s": subject, "*o": object_})
-
-    def _inside(self, scope: Scope) -> Scope:
-        return replace(scope, bindings={})
-
-    def _renamed(self, rows: Rows, names: Mapping[str, Part]) -> Rows:
-        """Return rows with other names for some variables, or a constant for them."""
-        found = Rows(rows.froms, list(rows.where))
-        for name, value in rows.variables.items():
-            part = names.get(name, name)
-            if isinstance(part, Value):
-                found.where.append(self._equals(value, part))
-            else:
-                found.bind(part, value, self.namespace)
-        return found
 
     def _verb(self, iri: Any) -> Value:
         text = self.constants.property(str(iri))
@@ -414,7 +264,7 @@ class TriplePatterns:
         own = own and self._is_map(scope)
         return not (own and triple in STATEMENTS)
 
-    def _prune(self, patterns: list[_Pattern], scope: Scope) -> None:
+    def _prune(self, patterns: list[Pattern], scope: Scope) -> None:
         """Remove the triple maps whose terms no other pattern can have, until all are needed."""
         while True:
             forms: dict[str, list[set[Form]]] = {
@@ -445,7 +295,7 @@ class TriplePatterns:
             if not changed:
                 return
 
-    def _joined(self, patterns: list[_Pattern], scope: Scope) -> Rows:
+    def _joined(self, patterns: list[Pattern], scope: Scope) -> Rows:
         rows = Rows()
         aliases: dict[tuple[str, Part | str], str] = {}
         loose: list[tuple[str, Value]] = []
@@ -492,7 +342,7 @@ class TriplePatterns:
             if name not in anchored:
                 anchored.add(name)
                 self._add_anchor(rows, value)
-        _share_rows(rows)
+        share_rows(rows)
         return rows
 
     def _correlate(self, part: Rows, rows: Rows) -> None:
@@ -514,255 +364,6 @@ class TriplePatterns:
             alias = self.parameters.alias()
             rows.froms.append(f"entity {alias}")
             rows.where += [f"{alias}.id = {value.sql}", f"{alias}.map_id = {self.map_id}"]
-
-    def _match(
-        self, pattern: _Pattern, triple: TripleMap, aliases: dict[tuple[str, Part | str], str]
-    ) -> Rows:
-        """Return the rows of a triple map that match a pattern.
-
-        Patterns with the same subject share the table of which it is the key.
-        """
-        letters: dict[str, str] = {}
-        rows, source = Rows(), triple.source
-        for letter, table in source.tables:
-            key = None
-            if not letters and source.key == triple.subject.sql:
-                side = pattern.subject
-                key = (table, side.sql if isinstance(side, Value) else side)
-            if key is not None and key in aliases:
-                letters[letter] = aliases[key]
-                continue
-            alias = letters[letter] = self.parameters.alias()
-            if key is not None:
-                aliases[key] = alias
-            named = table.format(**letters)
-            lateral = f"LATERAL {named}" if "(" in named else named
-            rows.froms.append(lateral if " AS " in named else f"{lateral} {alias}")
-        rows.where += [condition.format(**letters) for condition in source.where]
-        if source.map_id is not None:
-            rows.where.append(f"{source.map_id.format(**letters)} = {self.map_id}")
-        object_ = _placed(triple.object, letters)
-        for part, value in (
-            (pattern.subject, _placed(triple.subject, letters)),
-            (pattern.object, object_),
-        ):
-            if isinstance(part, str):
-                rows.bind(part, value, self.namespace)
-            else:
-                constant = self._as_column(part, Column(value.form, value.sql, value.tag))
-                assert constant is not None
-                rows.where.append(same(value, constant, self.namespace))
-        if triple.nullable and isinstance(pattern.object, str):
-            rows.where.append(f"{object_.sql} IS NOT NULL")
-        self._match_verb(rows, pattern, triple, letters)
-        if triple.property and triple.name == "{b}.key" and isinstance(pattern.object, Value):
-            self._use_index_of_properties(rows, pattern, letters)
-        if triple in STATEMENTS:
-            self._match_graph(rows, letters["a"], self._graph)
-        elif triple in INFERENCES and isinstance(self._graph, str):
-            graph = Value("iri", f"'{INFERRED_GRAPH}'::text")
-            rows.bind(self._graph, graph, self.namespace)
-        rows.where = list(dict.fromkeys(rows.where))
-        return rows
-
-    def _match_graph(self, rows: Rows, alias: str, graph: Part | None) -> None:
-        if graph is None and self._chosen is None:
-            rows.where.append(f"{alias}.graph = ''")
-        elif graph is None:
-            assert self._chosen is not None
-            graphs = self.parameters.bind(list(self._chosen.default), "text[]")
-            rows.where.append(f"{alias}.graph = ANY ({graphs})")
-            if len(self._chosen.default) > 1:
-                rows.where.append(_IN_NO_EARLIER.format(a=alias, graphs=graphs))
-        elif isinstance(graph, Value):
-            rows.where.append(f"{alias}.graph = {text_of(graph, self.namespace)}")
-            named = None if self._chosen is None else self._chosen.named
-            if named is not None and graph.constant and graph.constant[0] not in named:
-                rows.where.append("false")
-        else:
-            rows.where.append(f"{alias}.graph <> ''")
-            if self._chosen is not None:
-                graphs = self.parameters.bind(list(self._chosen.named), "text[]")
-                rows.where.append(f"{alias}.graph = ANY ({graphs})")
-            rows.bind(graph, Value("iri", f"{alias}.graph"), self.namespace)
-
-    def _match_verb(
-        self, rows: Rows, pattern: _Pattern, triple: TripleMap, letters: Mapping[str, str]
-    ) -> None:
-        name = triple.name and triple.name.format(**letters)
-        if isinstance(pattern.predicate, str):
-            sql = f"'{triple.property}'::text"
-            if name is not None:
-                sql = f"('{triple.property}' || iri_encode({name}))" if triple.property else name
-            rows.bind(pattern.predicate, Value("iri", sql), self.namespace)
-        elif name is not None and pattern.predicate.constant:
-            local = pattern.predicate.constant[0][len(triple.property) :]
-            key = decode(local) if triple.property else local
-            rows.where.append("false" if key is None else f"{name} = {self._bind(key)}")
-
-    def _use_index_of_properties(
-        self, rows: Rows, pattern: _Pattern, letters: Mapping[str, str]
-    ) -> None:
-        """Add a condition that the index on all properties answers."""
-        assert isinstance(pattern.object, Value)
-        if not isinstance(pattern.predicate, Value) or pattern.predicate.constant is None:
-            return
-        key = decode(pattern.predicate.constant[0].rsplit("#", 1)[-1])
-        text, tag = pattern.object.constant or ("", "")
-        kinds = {"string": "to_jsonb({v}::text)", "boolean": "to_jsonb({v}::boolean)"}
-        kind = next((k for k in kinds if DATATYPES[k] == tag), None)
-        if key is not None and kind is not None and (kind == "string" or text in ("true", "false")):
-            value = kinds[kind].format(v=self._bind(text))
-            rows.where.append(
-                f"{letters['a']}.properties @> jsonb_build_object({self._bind(key)}, {value})"
-            )
-
-    def _as_column(self, constant: Value, column: Column) -> Value | None:
-        """Return a constant in the form of a column; None where no row can have it."""
-        form = column.form
-        text, tag = constant.constant or ("", "I")
-        if form == "iri" and column.sql.startswith("'") and column.sql != f"'{text}'::text":
-            return None
-        if form == "iri" and column.sql.startswith("('"):  # a computed name in a namespace
-            namespace = column.sql[2:].partition("'")[0]
-            return Value("iri", self._bind(text)) if text.startswith(namespace) else None
-        if form == constant.form and constant.tag is None:
-            return constant
-        if constant.form == "type" and form in ("term", "iri") and not column.sql.startswith("'"):
-            # All IRIs of a type stand for that of its ontology, which statements have.
-            tagged = self._bind(tag) if form == "term" else None
-            return Value(form, text_of(constant, self.namespace), tagged)
-        if form == "term":
-            return Value("term", self._bind(text), self._bind(tag))
-        if is_literal(form):
-            if tag != DATATYPES[form]:
-                return None
-            if form in ("string", "gml", "geojson"):
-                return Value(form, self._bind(text))
-            # Terms are the same if they are written the same.
-            return Value("term", self._bind(text), self._bind(tag))
-        if tag != "I" or (form == "iri" and constant.form == "entity"):
-            return None
-        if form == "iri":
-            return Value("iri", self._bind(text))
-        # Of an IRI that is a node of another kind, or none, no row is.
-        return None
-
-    def _equals(self, value: Value, constant: Value) -> str:
-        known = self._as_column(constant, Column(value.form, value.sql, value.tag))
-        return "false" if known is None else same(value, known, self.namespace)
-
-    # Property paths
-
-    def _negated(
-        self, subject: Part, path: NegatedPath, object_: Part, scope: Scope
-    ) -> Iterable[Rows]:
-        """Yield the rows of a negated property set, for each direction."""
-        forward = [a for a in path.args if not isinstance(a, InvPath)]
-        backward = [_inner(a) for a in path.args if isinstance(a, InvPath)]
-        for excluded, start, end in ((forward, subject, object_), (backward, object_, subject)):
-            if not excluded:
-                continue
-            verb = rdflib.Variable(self.fresh())
-            rows = self._one(start, verb, end, scope)
-            value = rows.variables.pop(str(verb))
-            for iri in excluded:
-                rows.where.append(f"{value.sql} <> {self._bind(self.constants.property(str(iri)))}")
-            yield rows
-
-    def _walk(self, rows: Rows, start: Part, path: MulPath, end: Part, scope: Scope) -> None:
-        """Join a path of any length: a recursive query, from the side that is known."""
-        given = {}
-        for side, part in (("a", start), ("b", end)):
-            if isinstance(part, Value):
-                given[side] = part
-            elif part in rows.variables and part not in rows.nullable:
-                given[side] = rows.variables[part]
-            elif part in scope.bindings and part not in rows.variables:
-                given[side] = scope.bindings[part]
-        scope = self._inside(scope)
-        step = self._one("*a", path.path, "*b", scope)
-        step_forms = [step.variables["*a"], step.variables["*b"]]
-        zero = path.mod in ("*", "?")
-        constant = "b" if isinstance(end, Value) and not isinstance(start, Value) else "a"
-        from_side = constant if constant in given else next(iter(given), None)
-        if from_side is None:
-            found = self._all_paths(step, path.mod, scope)
-        else:
-            form = union_form([*step_forms, given[from_side]])
-            one = self._pairs(step, form, reverse=from_side == "b")
-            seed = in_form(given[from_side], form, self.namespace)
-            found = self._reached(one, seed, form, path.mod, zero)
-            reached = "b" if from_side == "a" else "a"
-            found.variables = {f"*{reached}": found.variables["*"]}
-            found.variables[f"*{from_side}"] = given[from_side]
-        rows.join(self._renamed(found, {"*a": start, "*b": end}), self.namespace)
-
-    def _pairs(self, step: Rows, form: Form, *, reverse: bool) -> str:
-        """Return a SELECT of both ends of a step in one form."""
-        a, b = (in_form(step.variables[n], form, self.namespace) for n in ("*a", "*b"))
-        return step.select((b, a) if reverse else (a, b))
-
-    def _reached(self, one: str, seed: Value, form: Form, mod: str, zero: bool) -> Rows:
-        """Return the nodes that are reached from a node."""
-        wide = form == "term"
-        columns = "x, xt" if wide else "x"
-        begin = ", ".join(seed.columns())
-        s, r, q = (self.parameters.alias(letter) for letter in "srq")
-        match_seed = f"{s}.c0 = {seed.sql}" + (f" AND {s}.c1 = {seed.tag}" if wide else "")
-        match_step = f"{s}.c0 = {r}.x" + (f" AND {s}.c1 = {r}.xt" if wide else "")
-        next_columns = f"{s}.c2, {s}.c3" if wide else f"{s}.c1"
-        first = f"SELECT {next_columns} FROM ({one}) {s} WHERE {match_seed}"
-        if mod == "?":
-            text = f"SELECT {begin} UNION {first}"
-            found = f"LATERAL ({text}) {q} ({columns})"
-        else:
-            base = f"SELECT {begin}" if zero else first
-            found = (
-                f"LATERAL (WITH RECURSIVE {r} ({columns}) AS ({base} UNION "
-                f"SELECT {next_columns} FROM {r}, LATERAL ({one}) {s} WHERE {match_step}) "
-                f"SELECT {columns} FROM {r}) {q}"
-            )
-        value = Value(form, f"{q}.x", f"{q}.xt" if wide else None)
-        return Rows([found], variables={"*": value})
-
-    def _all_paths(self, step: Rows, mod: str, scope: Scope) -> Rows:
-        """Return all pairs of nodes that a path joins."""
-        zero = mod in ("*", "?")
-        form = "term" if zero else union_form([step.variables["*a"], step.variables["*b"]])
-        one = self._pairs(step, form, reverse=False)
-        wide = form == "term"
-        columns = "a, at, b, bt" if wide else "a, b"
-        s, r, q = (self.parameters.alias(letter) for letter in "srq")
-        base = one
-        if zero:
-            base = f"{one} UNION {self._every_node(scope)}"
-        if mod == "?":
-            found = f"LATERAL ({base}) {q} ({columns})"
-        else:
-            match = f"{s}.c0 = {r}.b" + (f" AND {s}.c1 = {r}.bt" if wide else "")
-            ends = f"{r}.a, {r}.at, {s}.c2, {s}.c3" if wide else f"{r}.a, {s}.c1"
-            found = (
-                f"LATERAL (WITH RECURSIVE {r} ({columns}) AS ({base} UNION "
-                f"SELECT {ends} FROM {r}, LATERAL ({one}) {s} WHERE {match}) "
-                f"SELECT {columns} FROM {r}) {q}"
-            )
-        return Rows(
-            [found],
-            variables={
-                "*a": Value(form, f"{q}.a", f"{q}.at" if wide else None),
-                "*b": Value(form, f"{q}.b", f"{q}.bt" if wide else None),
-            },
-        )
-
-    def _every_node(self, scope: Scope) -> str:
-        """Return a SELECT of each subject and object, twice."""
-        rows = self._one("*s", rdflib.Variable("*p"), "*o", scope)
-        selects = []
-        for name in ("*s", "*o"):
-            node = as_term(rows.variables[name], self.namespace)
-            selects.append(rows.select((node, node)))
-        return " UNION ".join(selects)
 
     # Relations that functions compute
 
@@ -814,7 +415,7 @@ class TriplePatterns:
         return value.sql
 
 
-def _is_anchored(pattern: _Pattern, triple: TripleMap, anchored: set[str]) -> bool:
+def _is_anchored(pattern: Pattern, triple: TripleMap, anchored: set[str]) -> bool:
     """Return whether the other end of a triple limits its subject to the map."""
     end = pattern.object
     known = end in anchored if isinstance(end, str) else end.form == "entity"
@@ -828,35 +429,6 @@ def _spread(anchored: set[str], together: list[set[str]]) -> None:
             anchored |= names
 
 
-def _share_rows(rows: Rows) -> None:
-    """Read a row once that patterns join to itself by its key, as paths over geometries do."""
-    while joined := next((c for c in rows.where if _is_row_with_itself(rows, c)), None):
-        kept, _, gone = _SAME_KEY.fullmatch(joined).groups()  # type: ignore[union-attr]
-        old, new = re.compile(rf"\b{gone}\."), f"{kept}."
-        rows.froms = [old.sub(new, table) for table in rows.froms if _alias(table) != gone]
-        rows.where = [old.sub(new, each) for each in rows.where if each != joined]
-        rows.variables = {
-            name: replace(v, sql=old.sub(new, v.sql), tag=v.tag and old.sub(new, v.tag))
-            for name, v in rows.variables.items()
-        }
-    rows.where = list(dict.fromkeys(rows.where))
-
-
-def _is_row_with_itself(rows: Rows, condition: str) -> bool:
-    """Return whether a condition joins a table to itself by a column that is unique."""
-    joined = _SAME_KEY.fullmatch(condition)
-    if joined is None:
-        return False
-    a, column, b = joined.groups()
-    tables = {_alias(t): t.split(" ")[0] for t in rows.froms if _PLAIN.fullmatch(t)}
-    same_table = a != b and a in tables and tables[a] == tables.get(b)
-    return same_table and _KEYS.get(tables[a]) == f"{{a}}.{column}"
-
-
-def _alias(table: str) -> str:
-    return table.rsplit(" ", 1)[-1]
-
-
 def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:
     """Compare the IRIs of statements by the keys of nodes that a variable is bound to already."""
     for name, value in part.variables.items():
@@ -868,16 +440,3 @@ def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:
 
 def _is_inferred_graph(graph: Part | None) -> bool:
     return isinstance(graph, Value) and graph.constant == (INFERRED_GRAPH, "I")
-
-
-def _placed(column: Column, letters: Mapping[str, str]) -> Value:
-    """Return a column of the tables that letters stand for."""
-    tag = None if column.tag is None else column.tag.format(**letters)
-    return Value(column.form, column.sql.format(**letters), tag)
-
-
-def _inner(path: Any) -> Any:
-    """Return the property of an inverse path, which rdflib wraps twice."""
-    while isinstance(path, InvPath):
-        path = path.arg
-    return path
