@@ -33,6 +33,7 @@ INSERT INTO entity (id, map_id, kind, name, type)
 INSERT INTO room (entity_id, ceiling) SELECT base.id + i, 2.5 FROM base, generate_series(1, {rooms}) i;
 INSERT INTO placement (entity_id, pose)
     SELECT base.id + i, ARRAY[10.0 * (i % 100), 10.0 * (i / 100), 0, 0, 0, 0, 1] FROM base, generate_series(1, {rooms}) i;
+ANALYZE entity, object_type, placement, world;  -- the triggers' statements are planned by statistics
 
 INSERT INTO entity (id, map_id, kind, name, type)
     SELECT base.id + {rooms} + i, current_map(), 'object', format('object%s', i),
@@ -43,6 +44,7 @@ INSERT INTO entity (id, map_id, kind, name, type)
     FROM base, generate_series(1, {objects}) i;
 INSERT INTO entity_model (entity_id, model_id)
     SELECT base.id + {rooms} + i, m.id FROM base, generate_series(1, {objects}) i, model m WHERE m.digest = '{name}';
+ANALYZE entity, object_type, model, entity_model, entity_chunk;
 INSERT INTO placement (entity_id, holder_id, pose)
     SELECT base.id + {rooms} + i,
            CASE WHEN i % 100 BETWEEN 1 AND 20 THEN base.id + 1 + (i - 1) / 100                -- stands in its room

@@ -12,11 +12,11 @@ from rdflib.paths import Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, Form
-from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode
+from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode, encode
 from semmap.language.terms import local_name, namespace_of
 from semmap.snake_case import snake_case
 
-__all__ = ["Constants", "iris_in", "parts_of", "resolve", "tag_and_text"]
+__all__ = ["Constants", "Found", "Lookup", "iris_in", "parts_of", "resolve", "tag_and_text"]
 
 _OWN = {t.property for t in TRIPLES} | {c.property for c in COMPUTED}
 _KEY = re.compile(r"[0-9]{1,18}(\.[0-9]{1,18})?")
@@ -32,18 +32,23 @@ class Constants:
     ----------
     known : form and key of each IRI that is a node of the map
     types : the types of IRIs that may stand for an entity, too
+    classes : the IRI of each type in its ontology, where it has one
     """
 
     def __init__(
-        self, known: Mapping[str, tuple[Form, Any]], types: Mapping[str, str] | None = None
+        self,
+        known: Mapping[str, tuple[Form, Any]],
+        types: Mapping[str, str] | None = None,
+        classes: Mapping[str, str] | None = None,
     ) -> None:
         self._known = known
         self._types = types or {}
+        self._classes = classes or {}
 
     @property
     def key(self) -> tuple[Any, ...]:
         """What tells these constants from others."""
-        return frozenset(self._known.items()), frozenset(self._types.items())
+        return tuple(frozenset(each.items()) for each in (self._known, self._types, self._classes))
 
     def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
         """Return the form and the key of an IRI; of an IRI that is not a node, itself.
@@ -62,17 +67,28 @@ class Constants:
         return Constants(
             {iri: self._known[iri] for iri in wanted & self._known.keys()},
             {iri: self._types[iri] for iri in wanted & self._types.keys()},
+            self._classes,
         )
 
     def and_also(
         self, known: Mapping[str, tuple[Form, Any]], types: Mapping[str, str]
     ) -> Constants:
         """Return these constants, and others."""
-        return Constants({**self._known, **known}, {**self._types, **types})
+        return Constants({**self._known, **known}, {**self._types, **types}, self._classes)
+
+    def class_of(self, type_: str) -> str:
+        """Return the IRI of a type that an IRI of the text stands for."""
+        return self._classes.get(type_) or f"{TYPE}{encode(type_)}"
+
+    def types(self) -> frozenset[str]:
+        """Return the names of the types that IRIs of the text stand for."""
+        known = {key for form, key in self._known.values() if form == "type"}
+        return frozenset(known | set(self._types.values()))
 
     def with_entity(self, iri: str, number: int) -> Constants:
         """Return these constants, and one more for a new entity."""
-        return self.and_also({iri: ("entity", number)}, {})
+        known = {**self._known, iri: ("entity", number)}
+        return Constants(known, self._types, self._classes)
 
     def property(self, iri: str) -> str:
         """Return the property that an IRI of KnowledgeCore's namespaces stands for, else itself."""
@@ -80,6 +96,101 @@ class Constants:
             own = (space + local_name(iri) for space in (KNOWLEDGE_CORE[0], SEMMAP))
             return next((each for each in own if each in _OWN), iri)
         return iri
+
+
+_NODES = (
+    "SELECT 'entity', name, id::text, NULL FROM entity "
+    "WHERE map_id = (SELECT current_map()) AND name = ANY (%(names)s::text[])",
+    "SELECT 'type', iri, name, NULL FROM semantic_type WHERE iri = ANY (%(iris)s::text[])",
+    "SELECT 'name', iri, name, NULL FROM semantic_type WHERE name = ANY (%(types)s::text[])",
+)
+
+Found = tuple[str | None, ...]
+"""What a statement of `Lookup` finds: a kind, and three texts."""
+
+
+class Lookup:
+    """What the IRIs of a text may stand for, and the statement that looks them up.
+
+    Parameters
+    ----------
+    iris : of the text
+    namespace : of the map's entities
+
+    Attributes
+    ----------
+    sql, parameters : the statement
+    """
+
+    def __init__(self, iris: Iterable[str], namespace: str) -> None:
+        self._known: dict[str, tuple[Form, Any]] = {}
+        self._names: dict[str, list[tuple[str, Form]]] = {}
+        self._types: dict[str, list[str]] = {}
+        self._keyed: dict[Form, dict[str, str]] = {}
+        self._iris = frozenset(iris)
+        for iri in self._iris:
+            self._add(iri, namespace)
+        parts = list(_NODES)
+        self.parameters: dict[str, Any] = {
+            "names": sorted(self._names),
+            "iris": sorted(self._iris),
+            "types": sorted(self._types),
+        }
+        for form, keys in self._keyed.items():
+            table, column, type_ = NODES[form].keyed or ("", "", "")
+            self.parameters[form] = sorted(
+                key for key in keys if type_ != "uuid" or _UUID.fullmatch(key)
+            )
+            parts.append(
+                f"SELECT '{form}', {column}::text, id::text, NULL FROM {table} "
+                f"WHERE {column} = ANY (%({form})s::text[]::{type_}[])"
+            )
+        self.sql = " UNION ALL ".join(parts)
+
+    def _add(self, iri: str, namespace: str) -> None:
+        local = local_name(iri)
+        if iri.startswith(namespace):
+            form, name = _node_of_map(iri[len(namespace) :])
+            if name is not None:
+                self._names.setdefault(name, []).append((iri, form))
+        elif namespace_of(iri) in KNOWLEDGE_CORE and local:
+            self._names.setdefault(local, []).append((iri, "entity"))
+            self._types.setdefault(snake_case(local), []).append(iri)
+        elif iri.startswith(TYPE):
+            self._types.setdefault(decode(iri[len(TYPE) :]) or "", []).append(iri)
+        else:
+            for form, node in NODES.items():
+                key = iri.removeprefix(node.prefix) if node.prefix and not node.of_map else iri
+                if key != iri and node.keyed:
+                    self._keyed.setdefault(form, {})[decode(key) or ""] = iri
+                elif key != iri and form == "voxel" and _VOXEL.fullmatch(key):
+                    self._known[iri] = (form, key)
+                elif key != iri and _KEY.fullmatch(key):
+                    self._known[iri] = (form, key if form == "former" else int(key))
+
+    def constants(self, rows: Iterable[Found]) -> Constants:
+        """Return the constants that the rows of the statement state."""
+        known = dict(self._known)
+        types: dict[str, str] = {}
+        classes: dict[str, str] = {}
+        rows = [(kind, found, key or "") for kind, found, key, _ in rows]
+        for kind, found, key in rows:
+            if kind in ("type", "name") and found is not None:
+                classes[key] = found
+            if kind == "type" and found is not None:
+                known[found] = ("type", key)
+            if kind == "name":
+                for iri in self._types[key]:
+                    # Where an ontology declares the type, type:NAME is not its IRI.
+                    if found is None or not iri.startswith(TYPE):
+                        types[iri] = key
+        for kind, found, key in rows:
+            if kind == "entity":
+                for iri, form in self._names[found or ""]:
+                    known.setdefault(iri, (form, int(key)))
+            elif kind in self._keyed:
+                known[self._keyed[kind][found or ""]] = (kind, int(key))
+        return Constants(known, types, classes)
 
 
 def resolve(session: psycopg.Connection[Any], iris: Iterable[str], namespace: str) -> Constants:
@@ -90,67 +201,8 @@ def resolve(session: psycopg.Connection[Any], iris: Iterable[str], namespace: st
     session : sees the map
     namespace : of the map's entities
     """
-    known: dict[str, tuple[Form, Any]] = {}
-    either: dict[str, str] = {}
-    names: dict[str, list[tuple[str, Form]]] = {}
-    classes: dict[str, str] = {}
-    types: dict[str, list[str]] = {}
-    keyed: dict[Form, dict[str, str]] = {}
-    for iri in set(iris):
-        local = local_name(iri)
-        if iri.startswith(namespace):
-            form, name = _node_of_map(iri[len(namespace) :])
-            if name is not None:
-                names.setdefault(name, []).append((iri, form))
-        elif namespace_of(iri) in KNOWLEDGE_CORE and local:
-            names.setdefault(local, []).append((iri, "entity"))
-            types.setdefault(snake_case(local), []).append(iri)
-        elif iri.startswith(TYPE):
-            types.setdefault(decode(iri[len(TYPE) :]) or "", []).append(iri)
-        else:
-            for form, node in NODES.items():
-                key = iri.removeprefix(node.prefix) if node.prefix and not node.of_map else iri
-                if key != iri and node.keyed:
-                    keyed.setdefault(form, {})[decode(key) or ""] = iri
-                elif key != iri and form == "voxel" and _VOXEL.fullmatch(key):
-                    known[iri] = (form, key)
-                elif key != iri and _KEY.fullmatch(key):
-                    known[iri] = (form, key if form == "former" else int(key))
-        classes[iri] = iri
-    rows = session.execute(
-        "SELECT 'entity', name, id::text, name FROM entity "
-        "WHERE map_id = (SELECT current_map()) AND name = ANY (%(names)s) "
-        "UNION ALL SELECT 'type', iri, name, name FROM semantic_type "
-        "WHERE iri = ANY (%(iris)s) OR name = ANY (%(types)s)",
-        {"names": list(names), "iris": list(classes), "types": list(types)},
-    ).fetchall()
-    for kind, found, key, name in rows:
-        if kind == "type":
-            if found in classes:
-                known[found] = ("type", key)
-            for iri in types.get(name, ()):
-                # Where an ontology declares the type, type:NAME is not its IRI.
-                if found is None or not iri.startswith(TYPE):
-                    either[iri] = key
-    for kind, found, key, _ in rows:
-        if kind == "entity":
-            for iri, form in names[found]:
-                known.setdefault(iri, (form, int(key)))
-    for form, wanted in keyed.items():
-        for key, number in _rows_of(session, form, wanted):
-            known[wanted[key]] = (form, number)
-    return Constants(known, either)
-
-
-def _rows_of(
-    session: psycopg.Connection[Any], form: Form, keys: Iterable[str]
-) -> Iterable[tuple[str, int]]:
-    """Return the key and the id of each row that has one of the keys in the IRIs of a node."""
-    table, column, type_ = NODES[form].keyed or ("", "", "")
-    if type_ == "uuid":
-        keys = (key for key in keys if _UUID.fullmatch(key))
-    text = f"SELECT {column}::text, id FROM {table} WHERE {column} = ANY (%s::text[]::{type_}[])"
-    return session.execute(text.encode(), (list(keys),)).fetchall()
+    lookup = Lookup(iris, namespace)
+    return lookup.constants(session.execute(lookup.sql.encode(), lookup.parameters).fetchall())
 
 
 def _node_of_map(part: str) -> tuple[Form, str | None]:

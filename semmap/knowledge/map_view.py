@@ -11,27 +11,21 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.constants import Constants, iris_in, resolve
+from semmap.knowledge.constants import Constants, Lookup, iris_in, resolve
 from semmap.knowledge.field_rows import FieldRows
 from semmap.knowledge.fields import Fields
+from semmap.knowledge.kept_queries import Basis, Row, Session, Term, term_of
 from semmap.knowledge.scope import NOTHING_INFERRED, Chosen, Inferred
 from semmap.knowledge.translator import Statement, translate
-from semmap.knowledge.vocabulary import XSD, map_namespace
+from semmap.knowledge.vocabulary import map_namespace
 from semmap.query.entity_query import pick_map
 
 __all__ = ["MapView", "Row", "Session", "Term", "term_of"]
 
-Session = psycopg.Connection[Any]
-Term = rdflib.term.Identifier
-Row = tuple[Term | None, ...]
-
-
 _KEPT = 16
 """How many translations of one text are kept."""
 _MAP = (
-    "SELECT m.name, m.id, r.properties, r.classes, CASE WHEN r.classes <> '{}' THEN ARRAY("
-    "SELECT t.name FROM semantic_type t WHERE coalesce(t.iri, 'urn:semmap:type#' || "
-    "iri_encode(t.name)) = ANY (r.classes)) END "
+    "SELECT m.name, m.id, r.properties, r.classes "
     "FROM map m LEFT JOIN reasoning r ON r.map_id = m.id WHERE m.name = "
 )
 _CHOSEN = f"{_MAP}current_setting('semmap.map', true)"
@@ -92,12 +86,24 @@ class MapView:
         """Return what the IRIs of parts of the algebra stand for."""
         return resolve(self.session, iris_in(trees), self.namespace)
 
+    def basis(self, algebra: Any, kept: dict[Any, Any]) -> Basis:
+        """Read what the translation of a pattern follows from, besides its text.
+
+        Parameters
+        ----------
+        kept : what was made of the same text
+        """
+        if ("lookup", self.name) not in kept:
+            kept["lookup", self.name] = Lookup(iris_in(algebra), self.namespace)
+        return Basis.read(self.session, kept["lookup", self.name])
+
     def statement(
         self,
         algebra: Any,
         names: Iterable[str],
         limit: int | None = None,
         kept: dict[Any, Any] | None = None,
+        basis: Basis | None = None,
     ) -> Statement:
         """Translate a pattern.
 
@@ -106,11 +112,11 @@ class MapView:
         limit : the most rows
         kept : translations of the same pattern, which are used again while all that its IRIs
             stand for is the same
+        basis : what its IRIs stand for, where it is known
         """
         kept = {} if kept is None else kept
-        if "iris" not in kept:
-            kept["iris"] = frozenset(iris_in(algebra))
-        constants = resolve(self.session, kept["iris"], self.namespace)
+        basis = basis or self.basis(algebra, kept)
+        constants = basis.lookup.constants(basis.rows)
         columns = tuple(names)
         key = (columns, limit, self.number, self.name, self.chosen, self.inferred, constants.key)
         if key not in kept:
@@ -183,27 +189,6 @@ class MapView:
             known = dict(zip(free, row, strict=True))
             s, p, o = (known.get(n, t) for n, t in zip(names, pattern, strict=True))
             yield s, p, o
-
-
-def term_of(text: str | None, tag: str | None) -> Term | None:
-    """Return the term of a text and a tag.
-
-    Examples
-    --------
-    >>> term_of("1.5", "http://www.w3.org/2001/XMLSchema#double").toPython()
-    1.5
-    """
-    if text is None or tag is None:
-        return None
-    if tag == "I":
-        return rdflib.URIRef(text)
-    if tag == "B":
-        return rdflib.BNode(text)
-    if tag.startswith("@"):
-        return rdflib.Literal(text, lang=tag[1:])
-    if tag == f"{XSD}string":
-        return rdflib.Literal(text)
-    return rdflib.Literal(text, datatype=rdflib.URIRef(tag), normalize=False)
 
 
 def _shown(statement: Statement) -> str:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -16,6 +17,7 @@ from rdflib.plugins.sparql.evaluate import evalQuery
 
 from semmap.knowledge.expressions import UntranslatedError
 from semmap.knowledge.fields import FieldError
+from semmap.knowledge.kept_queries import PLANNER, SHORT, KeptQueries
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
 from semmap.knowledge.scope import NOTHING_INFERRED, Chosen
@@ -26,11 +28,12 @@ from semmap.limits import QUERY_ROWS, QUERY_SECONDS
 
 __all__ = ["Answer", "KnowledgeError", "errors_of", "filled", "limited", "plain", "query"]
 
-_SETTINGS = (
-    "SET LOCAL join_collapse_limit = 11; SET LOCAL from_collapse_limit = 11; "
-    "SET LOCAL statement_timeout = {}"
+KEPT = KeptQueries()
+"""The queries of this process that were translated."""
+
+_SETTINGS = "; ".join(
+    f"SET LOCAL {name} = {value}" for name, value in (*PLANNER.items(), ("statement_timeout", "{}"))
 )
-"""More tables than by default are joined in the best order, up to where that takes long."""
 
 
 class KnowledgeError(ValueError):
@@ -95,68 +98,87 @@ def query(
     ...     session = database.map("hotel").session_of_map()
     ...     query(session, "SELECT ?room { ?room a semmap:Kitchen }").rows
     """
-    with limited(session, seconds) as deadline:
+    most = int(QUERY_ROWS.value if rows is None else rows)
+    stop = float(QUERY_SECONDS.value if seconds is None else seconds)
+    key = (text, most, inferred)
+    known: Answer | None = KEPT.ask(session, key, stop)
+    if known is not None:
+        return known
+    with limited(session, stop) as deadline:
         view = MapView.of(session)
         view.deadline = deadline
         if not inferred:
             view.inferred = NOTHING_INFERRED
         parsed = parse_sparql(text, "query", tuple(prefixes(view.name).items()))
         view.chosen = Chosen.by(parsed.dataset)
-        most = int(QUERY_ROWS.value if rows is None else rows)
         with errors_of(parsed):
             try:
-                answer = _answer(view, parsed, most)
+                answer = _described(view, parsed, most) or _answer(view, parsed, most, key)
             except UntranslatedError as error:
                 view.statements.clear()
                 answer = _by_rdflib(view, parsed, error, most)
     return replace(answer, notes=tuple(dict.fromkeys(view.notes)))
 
 
-def _answer(view: MapView, parsed: ParsedText, most: int) -> Answer:
-    form = parsed.form
-    names = [str(name) for name in parsed.names]
-    if form == "SelectQuery":
-        found = _rows(view, parsed, names, most)
-        return Answer("SELECT", tuple(names), tuple(found), explanation=tuple(view.statements))
-    if form == "AskQuery":
-        found = _rows(view, parsed, [], most, first=True)
-        return Answer("ASK", truth=bool(found), explanation=tuple(view.statements))
-    graph = rdflib.Graph()
-    _bind_prefixes(graph, view)
-    if form == "ConstructQuery":
-        for triple in _constructed(view, parsed, most):
-            graph.add(triple)
-        return Answer("CONSTRUCT", graph=graph, explanation=tuple(view.statements))
-    for resource in _described(view, parsed, most):
-        for triple in view.triples((resource, None, None)):
-            graph.add(triple)
-    return Answer("DESCRIBE", graph=graph, explanation=tuple(view.statements))
+def _answer(view: MapView, parsed: ParsedText, most: int, key: tuple[Any, ...]) -> Answer:
+    """Answer a query by one statement, and keep its translation if that does not take long."""
+    names, limit = _wanted(parsed, most)
+    basis = view.basis(parsed.algebra.p, parsed.kept)
+    if view.inferred is not NOTHING_INFERRED and basis.inferred is not None:
+        view.inferred = basis.inferred
+    statement = view.statement(parsed.algebra.p, names, limit, parsed.kept, basis)
+    start = time.monotonic()
+    found = view.run(statement)
+    explanation = tuple(view.statements)
+    answer = partial(_made, parsed, view.name, tuple(names), most, explanation)
+    if time.monotonic() - start < SHORT and len(explanation) == 1 and not view.notes:
+        KEPT.keep(view.session, key, basis, statement.sql, statement.parameters, len(names), answer)
+    return answer(found)
 
 
-def _rows(
-    view: MapView, parsed: ParsedText, names: list[str], most: int, *, first: bool = False
-) -> list[Row]:
-    limit = 1 if first else most + 1
-    found = view.run(view.statement(parsed.algebra.p, names, limit, parsed.kept))
-    if len(found) > most:
+def _wanted(parsed: ParsedText, most: int) -> tuple[list[str], int]:
+    """Return the variables whose values a form of query needs, and how many solutions."""
+    if parsed.form == "SelectQuery":
+        return [str(name) for name in parsed.names], most + 1
+    if parsed.form == "AskQuery":
+        return [], 1
+    terms = {t for triple in _template(parsed) for t in triple if isinstance(t, rdflib.Variable)}
+    return sorted(str(t) for t in terms), most + 1
+
+
+def _made(
+    parsed: ParsedText,
+    map_name: str,
+    names: tuple[str, ...],
+    most: int,
+    explanation: tuple[str, ...],
+    found: list[Row],
+) -> Answer:
+    """Return the answer that solutions make."""
+    _refuse_too_many(len(found), most)
+    if parsed.form == "SelectQuery":
+        return Answer("SELECT", names, tuple(found), explanation=explanation)
+    if parsed.form == "AskQuery":
+        return Answer("ASK", truth=bool(found), explanation=explanation)
+    graph = _empty_graph(map_name)
+    for row in found:
+        for triple in filled(_template(parsed), dict(zip(names, row, strict=True))):
+            graph.add(triple)
+    return Answer("CONSTRUCT", graph=graph, explanation=explanation)
+
+
+def _refuse_too_many(rows: int, most: int) -> None:
+    if rows > most:
         raise KnowledgeError(
             f"the answer has more than {most:,} rows: add LIMIT, or raise {QUERY_ROWS.variable}"
         )
-    return found
 
 
-def _constructed(view: MapView, parsed: ParsedText, most: int) -> Iterator[Any]:
+def _template(parsed: ParsedText) -> list[Any]:
+    """Return the template of CONSTRUCT; that of CONSTRUCT WHERE is the pattern."""
     tree = parsed.algebra
-    template = tree.template if tree.template is not None else _own_template(tree)
-    names = sorted(
-        {str(t) for triple in template for t in triple if isinstance(t, rdflib.Variable)}
-    )
-    for row in _rows(view, parsed, names, most):
-        yield from filled(template, dict(zip(names, row, strict=True)))
-
-
-def _own_template(tree: Any) -> list[Any]:
-    """Return the template of CONSTRUCT WHERE: the pattern."""
+    if tree.template is not None:
+        return list(tree.template)
     found = []
     parts = [tree.p]
     while parts:
@@ -199,7 +221,10 @@ def plain(term: Any) -> Any:
     return rdflib.BNode(str(term))
 
 
-def _described(view: MapView, parsed: ParsedText, most: int) -> list[Term]:
+def _described(view: MapView, parsed: ParsedText, most: int) -> Answer | None:
+    """Answer DESCRIBE: the triples of each resource; None for other forms."""
+    if parsed.form != "DescribeQuery":
+        return None
     tree = parsed.algebra
     found: dict[Term, None] = {}
     for term in tree.PV:
@@ -207,9 +232,15 @@ def _described(view: MapView, parsed: ParsedText, most: int) -> list[Term]:
             found[plain(term)] = None
     names = [str(term) for term in tree.PV if isinstance(term, rdflib.Variable)]
     if names:
-        for row in _rows(view, parsed, names, most):
+        rows = view.run(view.statement(tree.p, names, most + 1, parsed.kept))
+        _refuse_too_many(len(rows), most)
+        for row in rows:
             found |= dict.fromkeys(t for t in row if isinstance(t, rdflib.URIRef))
-    return list(found)
+    graph = _empty_graph(view.name)
+    for resource in found:
+        for triple in view.triples((resource, None, None)):
+            graph.add(triple)
+    return Answer("DESCRIBE", graph=graph, explanation=tuple(view.statements))
 
 
 def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most: int) -> Answer:
@@ -234,10 +265,7 @@ def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most
     rows = []
     for binding in bindings:
         rows.append(tuple(binding.get(rdflib.Variable(n)) for n in names))
-        if len(rows) > most:
-            raise KnowledgeError(
-                f"the answer has more than {most:,} rows: add LIMIT, or raise {QUERY_ROWS.variable}"
-            )
+    _refuse_too_many(len(rows), most)
     return Answer(
         form,
         names,
@@ -248,9 +276,11 @@ def _by_rdflib(view: MapView, parsed: ParsedText, error: UntranslatedError, most
     )
 
 
-def _bind_prefixes(graph: rdflib.Graph, view: MapView) -> None:
-    for prefix, space in prefixes(view.name).items():
+def _empty_graph(map_name: str) -> rdflib.Graph:
+    graph = rdflib.Graph()
+    for prefix, space in prefixes(map_name).items():
         graph.bind(prefix, space, replace=True)
+    return graph
 
 
 @contextmanager

@@ -46,12 +46,11 @@ class Inferred:
     Attributes
     ----------
     properties : of inferences
-    classes, types : that are inferred, as IRIs, and as names of semantic types
+    classes : that are inferred
     """
 
     properties: frozenset[str] = frozenset()
     classes: frozenset[str] = frozenset()
-    types: frozenset[str] = frozenset()
 
 
 NOTHING_INFERRED = Inferred()

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hmac
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from semmap.database.parameters import SETTINGS
 from semmap.ingest.world import WorldError
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
+from semmap.knowledge.idle_sessions import IdleSessions
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import Answer, KnowledgeError, limited, query
@@ -99,13 +100,20 @@ class Endpoint:
         self._tokens = dict(tokens or {})
         self._seconds = seconds
         self._rows = rows
+        self._idle = IdleSessions()
         self.app = Starlette(
+            lifespan=self._lifespan,
             routes=[
                 Route("/sparql", self._sparql, methods=["GET", "POST"]),
                 Route("/update", self._sparql, methods=["POST"]),
                 Route("/graph", self._graph, methods=["GET", "HEAD", "PUT", "POST", "DELETE"]),
-            ]
+            ],
         )
+
+    @asynccontextmanager
+    async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
+        yield
+        self._idle.close()
 
     # Query and update
 
@@ -220,7 +228,17 @@ class Endpoint:
 
     @contextmanager
     def _session(self, role: str | None, *, write: bool) -> Iterator[psycopg.Connection[Any]]:
-        """Open a session with the rights of a role."""
+        """Lend a session with the rights of a role; those that only read are used again."""
+        session = None if write else self._idle.take(role)
+        if session is None:
+            session = self._opened(role, write=write)
+        try:
+            yield session
+        finally:
+            if write or not self._idle.put(role, session):
+                session.close()
+
+    def _opened(self, role: str | None, *, write: bool) -> psycopg.Connection[Any]:
         session = self._connect() if role is None else self._connect_writer()
         try:
             if role is not None:
@@ -229,9 +247,10 @@ class Endpoint:
             if not write:
                 session.execute("SET default_transaction_read_only = on")
             session.commit()
-            yield session
-        finally:
+        except BaseException:
             session.close()
+            raise
+        return session
 
     @contextmanager
     def _limited(self, role: str | None, *, write: bool) -> Iterator[psycopg.Connection[Any]]:

@@ -259,7 +259,7 @@ class TriplePatterns(PropertyPaths):
         if typed and triple in INFERENCES and isinstance(object_, Value):
             if object_.form == "type":
                 name = self.constants.node((object_.constant or ("",))[0], as_type=True)[1]
-                return name in self._inferred.types
+                return self.constants.class_of(name) in self._inferred.classes
             return (object_.constant or ("",))[0] in self._inferred.classes
         own = own and self._is_map(scope)
         return not (own and triple in STATEMENTS)

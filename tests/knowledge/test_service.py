@@ -146,6 +146,25 @@ def test_a_query_that_takes_too_long_is_stopped(loft_map: SemanticMap) -> None:
         assert client.get("/sparql", params={"query": QUERY}).status_code == 200
 
 
+def test_a_session_serves_many_queries_until_the_server_ends_it(loft_map: SemanticMap) -> None:
+    opened: list[int] = []
+    open_session = connector(loft_map, "semmap_reader")
+
+    def connect() -> psycopg.Connection:
+        session = open_session()
+        opened.append(session.info.backend_pid)
+        return session
+
+    with serving(Endpoint(connect, connect)) as client:
+        for _ in range(3):
+            assert client.get("/sparql", params={"query": QUERY}).status_code == 200
+        assert len(opened) == 1
+        assert client.get("/sparql", params={"query": "SELECT ?x {"}).status_code == 400
+        loft_map.session_of_map().execute("SELECT pg_terminate_backend(%s, 10000)", opened)
+        assert client.get("/sparql", params={"query": QUERY}).json()["results"]["bindings"]
+        assert len(opened) == 2
+
+
 def test_changes_need_a_token_whose_role_may_make_them(client: httpx.Client) -> None:
     text = "INSERT DATA { :bob <http://example.org/mood> 'good' }"
     found = "ASK { :bob <http://example.org/mood> 'good' }"
