@@ -33,24 +33,36 @@ INSERT INTO entity (id, map_id, kind, name, type)
 INSERT INTO room (entity_id, ceiling) SELECT base.id + i, 2.5 FROM base, generate_series(1, {rooms}) i;
 INSERT INTO placement (entity_id, pose)
     SELECT base.id + i, ARRAY[10.0 * (i % 100), 10.0 * (i / 100), 0, 0, 0, 0, 1] FROM base, generate_series(1, {rooms}) i;
-ANALYZE entity, object_type, placement, world;  -- the triggers' statements are planned by statistics
 
+-- In batches, which grow with the tables: the triggers keep the plans that fit the statistics of the first.
+DO $$
+DECLARE
+    made integer := 0;
+    batch integer;
+BEGIN
+WHILE made < {objects} LOOP
+batch := least({objects} - made, 20000, greatest(made, 1000));
 INSERT INTO entity (id, map_id, kind, name, type)
     SELECT base.id + {rooms} + i, current_map(), 'object', format('object%s', i),
            CASE WHEN i % 100 BETWEEN 1 AND 4 THEN 'table' WHEN i % 100 = 5 THEN 'desk'
                 WHEN i % ({objects} / 10) = 50 THEN 'muffin'
                 WHEN i % 100 <= 20 THEN format('furniture_%s', 1 + i % 198)
                 ELSE format('ware_%s', 1 + i % 400) END
-    FROM base, generate_series(1, {objects}) i;
+    FROM base, generate_series(made + 1, made + batch) i;
 INSERT INTO entity_model (entity_id, model_id)
-    SELECT base.id + {rooms} + i, m.id FROM base, generate_series(1, {objects}) i, model m WHERE m.digest = '{name}';
-ANALYZE entity, object_type, model, entity_model, entity_chunk;
+    SELECT base.id + {rooms} + i, m.id FROM base, generate_series(made + 1, made + batch) i, model m WHERE m.digest = '{name}';
 INSERT INTO placement (entity_id, holder_id, pose)
     SELECT base.id + {rooms} + i,
            CASE WHEN i % 100 BETWEEN 1 AND 20 THEN base.id + 1 + (i - 1) / 100                -- stands in its room
                 ELSE base.id + {rooms} + 100 * ((i - 1) / 100) + 1 + i % 5 END,               -- lies on a table there
            CASE WHEN i % 100 BETWEEN 1 AND 20 THEN ARRAY[0.45 * (i % 100), 0.9 * (i % 11), 0, 0, 0, 0, 1]
                 ELSE ARRAY[0.01 * (i % 37), 0.01 * (i % 41), 0.75, 0, 0, 0, 1] END
-    FROM base, generate_series(1, {objects}) i;
+    FROM base, generate_series(made + 1, made + batch) i;
+made := made + batch;
+IF made <= 100000 THEN
+    ANALYZE entity, object_type, entity_model, entity_chunk, placement, world;
+END IF;
+END LOOP;
+END $$;
 SELECT setval(pg_get_serial_sequence('entity', 'id'), max(id)) FROM entity;
 DROP TABLE base;

@@ -71,6 +71,7 @@ def query(
     seconds: float | None = None,
     rows: int | None = None,
     inferred: bool = True,
+    dataset: Chosen | None = None,
 ) -> Answer:
     """Answer a query on the map that a session sees.
 
@@ -81,6 +82,7 @@ def query(
         declared, and the empty prefix is that of the map's entities
     seconds, rows : limits; by default those of `semmap.limits`
     inferred : see what was inferred (`semmap.knowledge.reasoning`), too
+    dataset : the graphs to read, in place of those that FROM and FROM NAMED choose
 
     Raises
     ------
@@ -100,7 +102,7 @@ def query(
     """
     most = int(QUERY_ROWS.value if rows is None else rows)
     stop = float(QUERY_SECONDS.value if seconds is None else seconds)
-    key = (text, most, inferred)
+    key = (text, most, inferred, dataset)
     known: Answer | None = KEPT.ask(session, key, stop)
     if known is not None:
         return known
@@ -110,7 +112,7 @@ def query(
         if not inferred:
             view.inferred = NOTHING_INFERRED
         parsed = parse_sparql(text, "query", tuple(prefixes(view.name).items()))
-        view.chosen = Chosen.by(parsed.dataset)
+        view.chosen = dataset or Chosen.by(parsed.dataset)
         with errors_of(parsed):
             try:
                 answer = _described(view, parsed, most) or _answer(view, parsed, most, key)

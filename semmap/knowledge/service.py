@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hmac
 import json
+import re
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
@@ -35,6 +36,7 @@ from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import Answer, KnowledgeError, limited, query
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.results import RESULT_FORMATS
+from semmap.knowledge.scope import Chosen
 from semmap.knowledge.shapes import BrokenShapeError
 from semmap.knowledge.updates import update
 from semmap.knowledge.vocabulary import prefixes
@@ -53,6 +55,8 @@ GRAPH_FORMATS = {
     "application/n-quads": "nquads",
 }
 """Media types of graphs with rdflib's names, the default first."""
+
+_IRI = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:[^\x00-\x20<>\"{}|^`\\]*")
 
 MOST_BYTES = 16 * 2**20
 """The most bytes of a request."""
@@ -121,28 +125,24 @@ class Endpoint:
         try:
             asked = await _read(request)
             role = self._role(request)
-            if {"default-graph-uri", "named-graph-uri"} & asked.parameters.keys() or {
-                "using-graph-uri",
-                "using-named-graph-uri",
-            } & asked.parameters.keys():
-                raise _ProtocolError(400, "a dataset cannot be chosen: use GRAPH")
+            dataset = _dataset(asked)
             if asked.kind == "update":
                 if role is None:
                     raise _ProtocolError(401, "an update needs a token: Authorization: Bearer ...")
-                return await run_in_threadpool(self._update, asked.text, role)
+                return await run_in_threadpool(self._update, asked.text, role, dataset)
             accept = request.headers.get("accept", "*/*")
-            return await run_in_threadpool(self._query, asked.text, role, accept)
+            return await run_in_threadpool(self._query, asked.text, role, accept, dataset)
         except _ProtocolError as error:
             return _failure(error.status, error.reason)
 
-    def _query(self, text: str, role: str | None, accept: str) -> Response:
+    def _query(self, text: str, role: str | None, accept: str, dataset: Chosen | None) -> Response:
         with self._session(role, write=False) as session, _reported():
-            answer = query(session, text, seconds=self._seconds, rows=self._rows)
+            answer = query(session, text, seconds=self._seconds, rows=self._rows, dataset=dataset)
         return _answered(answer, accept)
 
-    def _update(self, text: str, role: str) -> Response:
+    def _update(self, text: str, role: str, dataset: Chosen | None) -> Response:
         with self._session(role, write=True) as session, _reported():
-            changes = update(session, text, seconds=self._seconds)
+            changes = update(session, text, seconds=self._seconds, dataset=dataset)
         return Response(
             json.dumps({"added": changes.added, "removed": changes.removed}),
             media_type="application/json",
@@ -342,6 +342,25 @@ async def _read(request: Request) -> _Request:
     if asked.kind == "update" and request.method != "POST":
         raise _ProtocolError(405, "send an update by POST")
     return asked
+
+
+_DATASETS = {
+    "query": ("default-graph-uri", "named-graph-uri"),
+    "update": ("using-graph-uri", "using-named-graph-uri"),
+}
+
+
+def _dataset(asked: _Request) -> Chosen | None:
+    """Return the graphs that a request chooses (sections 2.1.4 and 2.2.3); None for the map."""
+    for kind, names in _DATASETS.items():
+        for name in names:
+            if kind != asked.kind and name in asked.parameters:
+                raise _ProtocolError(400, f"{name} is not a parameter of a {asked.kind}")
+    chosen = [tuple(asked.parameters.get(name, ())) for name in _DATASETS[asked.kind]]
+    for iri in (*chosen[0], *chosen[1]):
+        if not _IRI.fullmatch(iri):
+            raise _ProtocolError(400, f"{iri!r} is not the IRI of a graph")
+    return Chosen(*chosen) if any(chosen) else None
 
 
 def _chosen(accept: str, known: Mapping[str, Any]) -> str:

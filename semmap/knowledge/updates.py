@@ -37,7 +37,13 @@ class Changes:
     removed: int
 
 
-def update(session: Session, text: str, *, seconds: float | None = None) -> Changes:
+def update(
+    session: Session,
+    text: str,
+    *,
+    seconds: float | None = None,
+    dataset: Chosen | None = None,
+) -> Changes:
     """Carry out an update on the map that a session sees, as a whole or not at all.
 
     Facts that tables have columns for change these tables: a type, a label, a property, a link, a
@@ -48,12 +54,13 @@ def update(session: Session, text: str, *, seconds: float | None = None) -> Chan
     ----------
     text : SPARQL 1.1 Update
     seconds : after which the server stops it; by default the limit of `semmap.limits`
+    dataset : the graphs that patterns read, as USING and USING NAMED choose them
 
     Raises
     ------
     QueryError
         The text is wrong, the map does not allow a fact, or shapes that bind the map forbid what
-        follows; nothing was changed.
+        follows; nothing was changed. Or both the text and `dataset` choose graphs.
     KnowledgeError
         It took too long; nothing was changed.
 
@@ -66,27 +73,30 @@ def update(session: Session, text: str, *, seconds: float | None = None) -> Chan
         view = MapView.of(session)
         view.deadline = deadline
         parsed = parse_sparql(text, "update", tuple(prefixes(view.name).items()))
+        for request in parsed.requests if dataset is not None else ():
+            if request.using or request.withClause is not None:
+                raise parsed.error("graphs are chosen twice: leave USING and WITH out", 0)
         added = removed = 0
         with _shapes_of(parsed), with_consequences(view):
             for request in parsed.requests:
                 with errors_of(parsed), _refusals(parsed, request):
-                    more, less = _carried_out(view, request)
+                    more, less = _carried_out(view, request, dataset)
                 added, removed = added + more, removed + less
     return Changes(added, removed)
 
 
-def _carried_out(view: MapView, request: Any) -> tuple[int, int]:
+def _carried_out(view: MapView, request: Any, dataset: Chosen | None) -> tuple[int, int]:
     """Return how many facts a request added and removed; SILENT ones may do nothing."""
     try:
         with view.session.transaction():
-            return _carry_out(view, request)
+            return _carry_out(view, request, dataset)
     except RefusedError:
         if request.silent is None:
             raise
         return 0, 0
 
 
-def _carry_out(view: MapView, request: Any) -> tuple[int, int]:
+def _carry_out(view: MapView, request: Any, dataset: Chosen | None) -> tuple[int, int]:
     """Return how many facts a request added and removed."""
     name = request.name
     if name == "InsertData":
@@ -95,11 +105,16 @@ def _carry_out(view: MapView, request: Any) -> tuple[int, int]:
         return 0, FactWriter(view).delete(_data(request))
     if name == "DeleteWhere":
         pattern = _pattern_of(request)
-        return 0, FactWriter(view).delete(_instances(view, [request], pattern, None))
+        view.chosen = dataset
+        gone = list(_instances(view, [request], pattern, None))
+        view.chosen = None
+        return 0, FactWriter(view).delete(gone)
     if name == "Modify":
         graph = request.withClause
         where = request.where
-        view.chosen = Chosen.by(request.using)  # more than WITH says (Update, section 3.1.3)
+        view.chosen = dataset or Chosen.by(
+            request.using
+        )  # more than WITH says (Update, section 3.1.3)
         if graph is not None and view.chosen is None:
             where = CompValue("Graph", term=graph, p=where)
         # Both templates are filled before anything is changed.

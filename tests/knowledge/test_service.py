@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import urlencode
 
 import httpx
 import psycopg
@@ -122,7 +124,8 @@ def test_formats_of_graphs(client: httpx.Client) -> None:
     [
         (400, {"params": {}}),
         (400, {"params": {"query": "SELECT ?x {"}}),
-        (400, {"params": {"query": QUERY, "default-graph-uri": "http://a/b"}}),
+        (400, {"params": {"query": QUERY, "default-graph-uri": "no IRI"}}),
+        (400, {"params": {"query": QUERY, "using-graph-uri": "http://a/b"}}),
         (405, {"params": {"update": "DELETE WHERE { ?s ?p ?o }"}}),
         (401, {"params": {"query": QUERY}, "headers": bearer("guess")}),
         (400, {"params": {"query": "SELECT * { SERVICE <http://a/b> { ?s ?p ?o } }"}}),
@@ -133,6 +136,74 @@ def test_wrong_requests(client: httpx.Client, status: int, request_: dict) -> No
     answer = client.get("/sparql", **request_)
     assert answer.status_code == status
     assert answer.text.strip()
+
+
+ARCHIVE, BELIEVED = "http://example.org/archive", "urn:semmap:map:loft#ann_believes"
+
+
+@pytest.mark.parametrize(
+    ("text", "default", "named", "found"),
+    [  # sections 2.1.4 of the protocol and 13.2 of SPARQL 1.1
+        ("?s ex:likes ?v", (), (), {"tea", "Tee", "5", "2.5", "true", "coffee", "cup%201"}),
+        ("?s ex:likes ?v", (ARCHIVE,), (), {"juice"}),
+        ("?s ex:likes ?v", (ARCHIVE, BELIEVED), (), {"juice", "milk"}),
+        ("?s ex:likes ?v", (), (ARCHIVE,), set()),
+        ("GRAPH ?g { ?s ex:likes ?v }", (), (), {"juice", "milk"}),
+        ("GRAPH ?g { ?s ex:likes ?v }", (ARCHIVE,), (), set()),
+        ("GRAPH ?g { ?s ex:likes ?v }", (ARCHIVE,), (BELIEVED,), {"milk"}),
+        ("GRAPH ?g { ?s ex:likes ?v }", (), (BELIEVED, ARCHIVE), {"juice", "milk"}),
+        ("?s semmap:heldBy ?v", (BELIEVED,), (), {"sofa"}),
+        ("?s ex:likes ?v", ("http://no/graph",), (), set()),
+    ],
+)
+def test_a_request_chooses_the_dataset(
+    client: httpx.Client,
+    text: str,
+    default: tuple[str, ...],
+    named: tuple[str, ...],
+    found: set[str],
+) -> None:
+    wanted = [("default-graph-uri", iri) for iri in default]
+    wanted += [("named-graph-uri", iri) for iri in named]
+    start = "PREFIX ex: <http://example.org/> SELECT ?v "
+    asked = [("query", f"{start} {{ {text} }}"), *wanted]
+    body = urlencode(asked)
+    form = {"Content-Type": "application/x-www-form-urlencoded"}
+    direct = {"Content-Type": "application/sparql-query"}
+    answers = [
+        client.get("/sparql", params=asked),
+        client.post("/sparql", content=body, headers=form),
+        client.post("/sparql", params=wanted, content=asked[0][1], headers=direct),
+    ]
+    if wanted:  # the dataset of the request is used, whatever the query has
+        asked[0] = ("query", f"{start} FROM <http://a/b> FROM NAMED <{ARCHIVE}> {{ {text} }}")
+        answers.append(client.get("/sparql", params=asked))
+    for answer in answers:
+        assert answer.status_code == 200, answer.text
+        values = [row["v"]["value"] for row in answer.json()["results"]["bindings"]]
+        assert {re.split("[/#]", value)[-1] for value in values} == found
+
+
+def test_an_update_reads_the_dataset_of_its_request(client: httpx.Client) -> None:
+    start = "PREFIX ex: <http://example.org/> "
+    insert = start + "INSERT { GRAPH ex:copy { ?s ex:copied ?v } } WHERE { ?s ex:likes ?v }"
+    copied = start + "SELECT ?v { GRAPH ex:copy { ?s ex:copied ?v } }"
+    parameters = {"using-graph-uri": ARCHIVE}
+
+    def send(text: str) -> httpx.Response:
+        headers = {"Content-Type": "application/sparql-update", **bearer(WRITER)}
+        return client.post("/update", params=parameters, content=text, headers=headers)
+
+    try:
+        assert send(insert).json() == {"added": 1, "removed": 0}
+        rows = client.get("/sparql", params={"query": copied}).json()["results"]["bindings"]
+        assert [row["v"]["value"] for row in rows] == ["juice"]
+        for clause in ("USING <http://a/b> ", "USING NAMED <http://a/b> "):
+            assert send(insert.replace("WHERE", f"{clause} WHERE")).status_code == 400
+        assert send(insert.replace("INSERT", "WITH <http://a/b> INSERT")).status_code == 400
+    finally:
+        del parameters["using-graph-uri"]
+        assert send("DROP GRAPH <http://example.org/copy>").status_code == 200
 
 
 def test_a_query_that_takes_too_long_is_stopped(loft_map: SemanticMap) -> None:
