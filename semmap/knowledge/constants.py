@@ -100,7 +100,7 @@ class Constants:
 
 _NODES = (
     "SELECT 'entity', name, id::text, NULL FROM entity "
-    "WHERE map_id = (SELECT current_map()) AND name = ANY (%(names)s::text[])",
+    "WHERE map_id = %(map)s::int AND name = ANY (%(names)s::text[])",
     "SELECT 'type', iri, name, NULL FROM semantic_type WHERE iri = ANY (%(iris)s::text[])",
     "SELECT 'name', iri, name, NULL FROM semantic_type WHERE name = ANY (%(types)s::text[])",
 )
@@ -119,7 +119,7 @@ class Lookup:
 
     Attributes
     ----------
-    sql, parameters : the statement
+    sql, parameters : the statement; its parameter `map`, the number of the map, comes later
     """
 
     def __init__(self, iris: Iterable[str], namespace: str) -> None:
@@ -193,16 +193,18 @@ class Lookup:
         return Constants(known, types, classes)
 
 
-def resolve(session: psycopg.Connection[Any], iris: Iterable[str], namespace: str) -> Constants:
+def resolve(
+    session: psycopg.Connection[Any], iris: Iterable[str], namespace: str, map_id: int
+) -> Constants:
     """Look up what the IRIs of a text stand for, in one statement.
 
     Parameters
     ----------
-    session : sees the map
-    namespace : of the map's entities
+    namespace, map_id : of the map
     """
     lookup = Lookup(iris, namespace)
-    return lookup.constants(session.execute(lookup.sql.encode(), lookup.parameters).fetchall())
+    parameters = {**lookup.parameters, "map": map_id}
+    return lookup.constants(session.execute(lookup.sql.encode(), parameters).fetchall())
 
 
 def _node_of_map(part: str) -> tuple[Form, str | None]:

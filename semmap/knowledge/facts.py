@@ -121,7 +121,7 @@ class FactWriter:
             for term in (fact.subject, fact.property, fact.object)
             if isinstance(term, rdflib.URIRef)
         }
-        self._constants = resolve(self._view.session, iris, self._view.namespace)
+        self._constants = resolve(self._view.session, iris, self._view.namespace, self._view.number)
         return found
 
     def _change(self, fact: Fact, change: Callable[[Fact, str], int]) -> int:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from decimal import Decimal
+from functools import lru_cache
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -39,6 +40,12 @@ PLANNER = {"join_collapse_limit": "11", "from_collapse_limit": "11"}
 SHORT = 0.02
 """Seconds: a statement that takes longer is planned each time, for its values."""
 
+SLOWER = 3
+"""So many times in a row slower than when it was planned for its values, and it is planned again.
+
+The server plans a kept statement once, for any values of its parameters.
+"""
+
 STOPPED = 0.25
 """Seconds after which a kept statement is stopped, and planned for its values."""
 
@@ -52,7 +59,10 @@ _BASIS = (
 )
 _LIMITS = ", ".join(
     ["SELECT set_config('statement_timeout', $1, true)"]
-    + [f"set_config('{name}', '{value}', true)" for name, value in PLANNER.items()]
+    + [
+        f"set_config('{name}', '{value}', true)"
+        for name, value in {**PLANNER, "plan_cache_mode": "force_generic_plan"}.items()
+    ]
 ).encode()
 """Is executed first: reading the basis may wait, too."""
 
@@ -78,10 +88,10 @@ class Basis:
     rows: frozenset[Found]
 
     @classmethod
-    def read(cls, session: Session, lookup: Lookup) -> Basis:
+    def read(cls, session: Session, lookup: Lookup, map_id: int) -> Basis:
         """Read the basis of a text in one statement."""
-        text = f"{_BASIS} UNION ALL {lookup.sql}"
-        rows = session.execute(text.encode(), lookup.parameters).fetchall()
+        parameters = {**lookup.parameters, "map": map_id}
+        rows = session.execute(_basis(lookup).encode(), parameters).fetchall()
         return cls(lookup, frozenset(rows))
 
     @property
@@ -100,6 +110,10 @@ class Basis:
 
     def _map_row(self) -> Found | None:
         return next((row for row in self.rows if row[0] == "map"), None)
+
+
+def _basis(lookup: Lookup) -> str:
+    return f"{_BASIS} UNION ALL {lookup.sql}"
 
 
 class Prepared:
@@ -159,7 +173,7 @@ def _as_text(value: Any) -> bytes:
     return text.encode()
 
 
-@dataclass(frozen=True)
+@dataclass
 class _KeptQuery:
     """A query, and how to answer it while its basis is the same."""
 
@@ -168,6 +182,13 @@ class _KeptQuery:
     statement: Prepared
     width: int
     answer: Callable[[list[Row]], Any]
+    seconds: float
+    slower: int = 0
+
+    def has_a_bad_plan(self, seconds: float) -> bool:
+        """Return whether the statement should be planned for its values, as it took so long."""
+        self.slower = self.slower + 1 if seconds > self.seconds else 0
+        return seconds > SHORT or self.slower >= SLOWER
 
 
 class _State:
@@ -195,6 +216,7 @@ class KeptQueries:
         parameters: dict[str, Any],
         width: int,
         answer: Callable[[list[Row]], Any],
+        seconds: float,
     ) -> None:
         """Keep a translation.
 
@@ -204,18 +226,20 @@ class KeptQueries:
         sql, parameters : the statement; two columns, text and tag, for each variable
         width : how many variables
         answer : makes the answer of the solutions
+        seconds : that it took, planned for its values
         """
         found = basis.map
-        if found is None:
+        if found is None or seconds > SHORT:
             return
         lookup = basis.lookup
         try:
             kept = _KeptQuery(
-                Prepared(f"{_BASIS} UNION ALL {lookup.sql}", lookup.parameters),
+                Prepared(_basis(lookup), {**lookup.parameters, "map": found[1]}),
                 basis.rows,
                 Prepared(sql, parameters, lookup.constants(basis.rows).types()),
                 width,
                 answer,
+                seconds,
             )
         except (Unkept, UnicodeError):
             return
@@ -258,7 +282,7 @@ class KeptQueries:
             return None
         if frozenset(_texts(results[1])) != kept.expected:
             return None
-        if time.perf_counter() - start > SHORT:
+        if kept.has_a_bad_plan(time.perf_counter() - start):
             self._queries.pop(key, None)
         return kept.answer(_solutions(results[2], kept.width))
 
@@ -349,9 +373,12 @@ def _solutions(result: PGresult, width: int) -> list[Row]:
 def _term(text: bytes | None, tag: bytes | None) -> Term | None:
     if text is None or tag is None:
         return None
-    if tag == b"I":
-        return rdflib.URIRef(text.decode())
-    return term_of(text.decode(), tag.decode())
+    return _iri(text) if tag == b"I" else term_of(text.decode(), tag.decode())
+
+
+@lru_cache(maxsize=2**14)
+def _iri(text: bytes) -> rdflib.URIRef:
+    return rdflib.URIRef(text.decode())
 
 
 def term_of(text: str | None, tag: str | None) -> Term | None:

@@ -84,7 +84,7 @@ class MapView:
 
     def constants(self, *trees: Any) -> Constants:
         """Return what the IRIs of parts of the algebra stand for."""
-        return resolve(self.session, iris_in(trees), self.namespace)
+        return resolve(self.session, iris_in(trees), self.namespace, self.number)
 
     def basis(self, algebra: Any, kept: dict[Any, Any]) -> Basis:
         """Read what the translation of a pattern follows from, besides its text.
@@ -95,7 +95,7 @@ class MapView:
         """
         if ("lookup", self.name) not in kept:
             kept["lookup", self.name] = Lookup(iris_in(algebra), self.namespace)
-        return Basis.read(self.session, kept["lookup", self.name])
+        return Basis.read(self.session, kept["lookup", self.name], self.number)
 
     def statement(
         self,

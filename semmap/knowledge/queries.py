@@ -17,7 +17,7 @@ from rdflib.plugins.sparql.evaluate import evalQuery
 
 from semmap.knowledge.expressions import UntranslatedError
 from semmap.knowledge.fields import FieldError
-from semmap.knowledge.kept_queries import PLANNER, SHORT, KeptQueries
+from semmap.knowledge.kept_queries import PLANNER, KeptQueries
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
 from semmap.knowledge.scope import NOTHING_INFERRED, Chosen
@@ -131,10 +131,20 @@ def _answer(view: MapView, parsed: ParsedText, most: int, key: tuple[Any, ...]) 
     statement = view.statement(parsed.algebra.p, names, limit, parsed.kept, basis)
     start = time.monotonic()
     found = view.run(statement)
+    seconds = time.monotonic() - start
     explanation = tuple(view.statements)
     answer = partial(_made, parsed, view.name, tuple(names), most, explanation)
-    if time.monotonic() - start < SHORT and len(explanation) == 1 and not view.notes:
-        KEPT.keep(view.session, key, basis, statement.sql, statement.parameters, len(names), answer)
+    if len(explanation) == 1 and not view.notes:
+        KEPT.keep(
+            view.session,
+            key,
+            basis,
+            statement.sql,
+            statement.parameters,
+            len(names),
+            answer,
+            seconds,
+        )
     return answer(found)
 
 

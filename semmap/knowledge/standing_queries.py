@@ -181,7 +181,7 @@ class StandingQueries:
         wanted = set(iris)
         if not wanted:
             return []
-        found = resolve(view.session, wanted, view.namespace)
+        found = resolve(view.session, wanted, view.namespace, view.number)
         changed = []
         for iri in wanted:
             node, as_class = nodes = found.node(iri), found.node(iri, as_type=True)
