@@ -11,7 +11,7 @@ import rdflib
 from rdflib.paths import Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, Form
+from semmap.knowledge.mapping import COMPUTED, NODES, TRIPLES, Form, is_mapped
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, TYPE, XSD, decode, encode
 from semmap.language.terms import local_name, namespace_of
 from semmap.snake_case import snake_case
@@ -33,6 +33,7 @@ class Constants:
     known : form and key of each IRI that is a node of the map
     types : the types of IRIs that may stand for an entity, too
     classes : the IRI of each type in its ontology, where it has one
+    stated : the properties of the text that statements have; None where any may have one
     """
 
     def __init__(
@@ -40,15 +41,18 @@ class Constants:
         known: Mapping[str, tuple[Form, Any]],
         types: Mapping[str, str] | None = None,
         classes: Mapping[str, str] | None = None,
+        stated: frozenset[str] | None = None,
     ) -> None:
         self._known = known
         self._types = types or {}
         self._classes = classes or {}
+        self._stated = stated
 
     @property
     def key(self) -> tuple[Any, ...]:
         """What tells these constants from others."""
-        return tuple(frozenset(each.items()) for each in (self._known, self._types, self._classes))
+        parts = (self._known, self._types, self._classes)
+        return (*(frozenset(each.items()) for each in parts), self._stated)
 
     def node(self, iri: str, *, as_type: bool = False) -> tuple[Form, Any]:
         """Return the form and the key of an IRI; of an IRI that is not a node, itself.
@@ -88,7 +92,11 @@ class Constants:
     def with_entity(self, iri: str, number: int) -> Constants:
         """Return these constants, and one more for a new entity."""
         known = {**self._known, iri: ("entity", number)}
-        return Constants(known, self._types, self._classes)
+        return Constants(known, self._types, self._classes, self._stated)
+
+    def is_stated(self, iri: str) -> bool:
+        """Return whether statements may have a property of the text."""
+        return self._stated is None or iri in self._stated
 
     def property(self, iri: str) -> str:
         """Return the property that an IRI of KnowledgeCore's namespaces stands for, else itself."""
@@ -103,6 +111,8 @@ _NODES = (
     "WHERE map_id = %(map)s::int AND name = ANY (%(names)s::text[])",
     "SELECT 'type', iri, name, NULL FROM semantic_type WHERE iri = ANY (%(iris)s::text[])",
     "SELECT 'name', iri, name, NULL FROM semantic_type WHERE name = ANY (%(types)s::text[])",
+    "SELECT 'stated', p, NULL, NULL FROM unnest(%(properties)s::text[]) p WHERE EXISTS "
+    "(SELECT FROM statement s WHERE s.map_id = %(map)s::int AND s.predicate = p)",
 )
 
 Found = tuple[str | None, ...]
@@ -135,6 +145,9 @@ class Lookup:
             "names": sorted(self._names),
             "iris": sorted(self._iris),
             "types": sorted(self._types),
+            "properties": sorted(
+                each for each in map(Constants({}).property, self._iris) if not is_mapped(each)
+            ),
         }
         for form, keys in self._keyed.items():
             table, column, type_ = NODES[form].keyed or ("", "", "")
@@ -190,7 +203,8 @@ class Lookup:
                     known.setdefault(iri, (form, int(key)))
             elif kind in self._keyed:
                 known[self._keyed[kind][found or ""]] = (kind, int(key))
-        return Constants(known, types, classes)
+        stated = frozenset(found or "" for kind, found, _ in rows if kind == "stated")
+        return Constants(known, types, classes, stated)
 
 
 def resolve(

@@ -410,6 +410,8 @@ class _Translator(TriplePatterns):
         value = self._in(scope, lambda seen: self.expressions.value(each.expr, seen), rows)
         end = " DESC NULLS LAST" if each.order == "DESC" else " NULLS FIRST"
         if value.form in (*NUMERIC, "time", "boolean"):
+            if str(each.expr) in rows.sure():  # in the order of an index
+                end = " DESC" if each.order == "DESC" else ""
             return [value.sql + end]
         text = text_of(value, self.namespace)
         if value.form != "term":

@@ -230,7 +230,7 @@ class TriplePatterns(PropertyPaths):
         for triple in (*TRIPLES, *REWRITTEN):
             if triple.property == iri if triple.name is None else iri.startswith(triple.property):
                 yield triple
-        if not is_mapped(iri):
+        if not is_mapped(iri) and self.constants.is_stated(iri):
             yield from STATEMENTS
 
     def _reads_inferences(self, scope: Scope) -> bool:

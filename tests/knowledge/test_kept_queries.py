@@ -141,6 +141,25 @@ def test_the_ontology_changes(attic: SemanticMap) -> None:
         session.execute("DELETE FROM semantic_type WHERE name = 'vessel'")
 
 
+def test_statements_come_and_go(attic: SemanticMap) -> None:
+    session = attic.session_of_map()
+    texts = ("SELECT ?x { ?x rdfs:label 'mine' }", "SELECT ?x { :cup oro:isNear|rdfs:seeAlso ?x }")
+    for text in texts:
+        assert query(session, text).rows == query(session, text).rows == ()
+        assert again(session, text) is not None
+        assert "statement" not in query(session, text).explanation[0]
+    update(session, "INSERT DATA { oro:thing rdfs:label 'mine' . :cup rdfs:seeAlso oro:thing }")
+    for text in texts:
+        assert again(session, text) is None
+        assert names(query(session, text)) == {"thing"}
+    update(
+        session,
+        "DELETE { :cup rdfs:seeAlso ?o } INSERT { :cup oro:isNear ?o } "
+        "WHERE { :cup rdfs:seeAlso ?o }",
+    )
+    assert names(query(session, texts[1])) == {"thing"}
+
+
 def test_inferences_come_and_go(attic: SemanticMap) -> None:
     session = attic.session_of_map()
     text = "SELECT ?x { ?x a oro:Fragile }"
