@@ -16,12 +16,13 @@ import psycopg
 import pyoxigraph
 import rdflib
 
+import semmap
 from benchmarks.database import map_name, map_of
 from benchmarks.timing import Row, median_seconds, medians_in_turn, print_rows
 from semmap.knowledge import query
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import TRIPLES
-from semmap.knowledge.queries import limited
+from semmap.knowledge.queries import KEPT, limited
 from semmap.knowledge.vocabulary import GEO, RDF, SEMMAP, prefixes
 from semmap.knowledge.whole_graph import _select
 from semmap.language.parser import parse_sparql
@@ -195,6 +196,27 @@ def by_hand(session: psycopg.Connection[Any], question: Question) -> Row:
     )
 
 
+def again(session: psycopg.Connection[Any], question: Question) -> Row:
+    """The answer of a query that was asked before, beside that of a new translation; minima."""
+    seconds: dict[bool, float] = {}
+    for is_new in (True, False):
+        taken = []
+        for _ in range(50 if is_new else 300):
+            if is_new:
+                KEPT.forget()
+            start = time.perf_counter()
+            query(session, question.sparql)
+            taken.append(time.perf_counter() - start)
+        seconds[is_new] = min(taken)
+    return Row(
+        question.name,
+        f"{1e3 * seconds[False]:.2f} ms asked again, at least",
+        f"translated: {1e3 * seconds[True]:.2f} ms",
+        "< 0.5 ms",
+        seconds[False] < 0.5e-3,
+    )
+
+
 def beside(
     question: Question, ours: float, found: int, name: str, times: float, run: Callable[[], int]
 ) -> Row:
@@ -218,16 +240,18 @@ def main() -> None:
     few = min(OBJECTS, RDFLIB_OBJECTS)
     with map_of(few) as engine, engine.connect() as connection:
         graph = rdflib_graph(facts(_session(connection, few)))
-    with map_of(OBJECTS) as engine, engine.connect() as connection:
+    with map_of(OBJECTS) as engine, engine.connect() as connection, semmap.connect() as db:
         session = _session(connection, OBJECTS)
+        opened = db.map(map_name(OBJECTS)).session_of_map()
         start = time.perf_counter()
         store = oxigraph_store(facts(session))
         print(f"oxigraph has {len(store):,} facts after {time.perf_counter() - start:.0f} s")
         session.commit()
         rows = [by_hand(session, question) for question in QUESTIONS]
         session.commit()
+        rows += [again(opened, question) for question in QUESTIONS]
         for question in QUESTIONS:
-            answer = partial(query, session, question.sparql)
+            answer = partial(query, opened, question.sparql)
             ours, found = median_seconds(answer, 31, 5), len(answer().rows)
             peers = {
                 "oxigraph": partial(count_of_oxigraph, store, question.sparql),

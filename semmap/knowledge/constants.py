@@ -186,8 +186,8 @@ class Lookup:
         known = dict(self._known)
         types: dict[str, str] = {}
         classes: dict[str, str] = {}
-        rows = [(kind, found, key or "") for kind, found, key, _ in rows]
-        for kind, found, key in rows:
+        texts = [(kind, found, key or "") for kind, found, key, _ in rows]
+        for kind, found, key in texts:
             if kind in ("type", "name") and found is not None:
                 classes[key] = found
             if kind == "type" and found is not None:
@@ -197,13 +197,13 @@ class Lookup:
                     # Where an ontology declares the type, type:NAME is not its IRI.
                     if found is None or not iri.startswith(TYPE):
                         types[iri] = key
-        for kind, found, key in rows:
+        for kind, found, key in texts:
             if kind == "entity":
                 for iri, form in self._names[found or ""]:
                     known.setdefault(iri, (form, int(key)))
             elif kind in self._keyed:
-                known[self._keyed[kind][found or ""]] = (kind, int(key))
-        stated = frozenset(found or "" for kind, found, _ in rows if kind == "stated")
+                known[self._keyed[kind or ""][found or ""]] = (kind or "", int(key))
+        stated = frozenset(found or "" for kind, found, _ in texts if kind == "stated")
         return Constants(known, types, classes, stated)
 
 

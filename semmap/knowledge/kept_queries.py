@@ -98,7 +98,7 @@ class Basis:
     def map(self) -> tuple[str, int] | None:
         """The name and the number of the map; None where the session names none."""
         row = self._map_row()
-        return row and (str(row[1]), int(row[2] or 0))
+        return None if row is None else (str(row[1]), int(row[2] or 0))
 
     @property
     def inferred(self) -> Inferred | None:
@@ -207,6 +207,10 @@ class KeptQueries:
         self._queries: dict[tuple[Any, ...], _KeptQuery] = {}
         self._states: WeakKeyDictionary[Session, _State] = WeakKeyDictionary()
 
+    def forget(self) -> None:
+        """Forget all queries."""
+        self._queries.clear()
+
     def keep(
         self,
         session: Session,
@@ -293,7 +297,9 @@ def _is_idle(session: Session) -> bool:
     return (
         pgconn.transaction_status == TransactionStatus.IDLE
         and pgconn.pipeline_status == PipelineStatus.OFF
-        and session.isolation_level is session.read_only is session.deferrable is None
+        and session.isolation_level is None
+        and session.read_only is None
+        and session.deferrable is None
         and pgconn.parameter_status(b"client_encoding") == b"UTF8"
     )
 
