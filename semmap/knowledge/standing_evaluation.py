@@ -90,16 +90,19 @@ class Evaluation:
         nodes : the nodes of entities that the terms of jobs may be, with form and id
         errors : gets that of each query that fails
         """
+        same: dict[Any, list[Job]] = defaultdict(list)
+        for job in jobs:
+            same[id(job.part.statements), job.solution].append(job)
         groups: dict[Any, _Group] = defaultdict(list)
         alone = []
-        for job in jobs:
-            given = tuple(_given(job, nodes))
-            statement = _statement(view, job.part, given)
+        for some in same.values():
+            given = tuple(_given(some[0], nodes))
+            statement = _statement(view, some[0].part, given)
             if statement is None:
-                alone.append(job)
+                alone += some
             else:
                 forms = tuple(form for _, form in given)
-                groups[statement.sql, forms].append((job, statement))
+                groups[statement.sql, forms] += [(job, statement) for job in some]
         found: dict[Job, set[Row]] = {}
         try:
             found = self._run_all(view, groups, nodes)
@@ -151,31 +154,31 @@ def _with_values(
     """
     statement = group[0][1]
     columns: dict[str, tuple[str, list[Any]]] = {"n": ("int", list(range(len(group))))}
-    for i, (_, term) in enumerate(group[0][0].given):
-        ends = [nodes.get(job.given[i][1]) for job, _ in group]
+    given = [job.given for job, _ in group] if group[0][0].solution else []
+    for i in range(len(given[0]) if given else 0):
+        terms = [each[i][1] for each in given]
+        ends = [nodes.get(term) for term in terms]
         if ends[0] is not None:
             columns[f"s{i}"] = ("bigint", [node[1] for node in ends if node])
         else:
-            terms = [tag_and_text(job.given[i][1]) for job, _ in group]
-            columns[f"s{i}"] = ("text", [text for text, _ in terms])
-            if _form(term) == "term":
-                columns[f"t{i}"] = ("text", [tag for _, tag in terms])
+            texts = [tag_and_text(term) for term in terms]
+            columns[f"s{i}"] = ("text", [text for text, _ in texts])
+            if _form(terms[0]) == "term":
+                columns[f"t{i}"] = ("text", [tag for _, tag in texts])
     types = dict(_PARAMETER.findall(statement.sql))
-    parameters = [_parameters(job.part, other) for job, other in group]
-    for name, value in parameters[0].items():
-        if name not in types or name in varying:
-            continue
-        others = (other[name] for other in parameters)
-        if not all(type(other) is type(value) and other == value for other in others):
+    for name, kind in types.items():
+        values = [_value(job.part, other, name) for job, other in group]
+        first = values[0]
+        if name in varying or any(v != first or type(v) is not type(first) for v in values):
             varying.add(name)
-    for name in sorted(varying):
-        columns[name] = types[name], [other[name] for other in parameters]
+            columns[name] = kind, values
     sql = _PARAMETER.sub(
         lambda found: f"p.{found[1]}" if found[1] in varying else found[0], statement.sql
     )
     arrays = ", ".join(f"%(given_{name})s::{kind}[]" for name, (kind, _) in columns.items())
     sql = sql.replace(GIVEN, f"unnest({arrays}) AS p ({', '.join(columns)})")
-    values = parameters[0] | {f"given_{n}": each for n, (_, each) in columns.items()}
+    parameters = {name: _value(group[0][0].part, statement, name) for name in statement.parameters}
+    values = parameters | {f"given_{n}": each for n, (_, each) in columns.items()}
     return sql.encode(), values
 
 
@@ -183,11 +186,28 @@ def _solutions(group: _Group, rows: Iterable[tuple[Any, ...]]) -> dict[Job, set[
     """Return the solutions in the rows of a statement."""
     found: dict[Job, set[Row]] = {job: set() for job, _ in group}
     width = range(len(group[0][1].names))
+    # One object for each term: rdflib compares two that are equal slowly.
+    given = {id(term): term for job, _ in group for _, term in job.solution}
+    terms: dict[Any, Term | None] = {
+        (str(term), "I"): term for term in given.values() if isinstance(term, rdflib.URIRef)
+    }
+    places: dict[int, list[int]] = {}
     for n, *row in rows:
         job = group[n][0]
-        solution: Row = tuple(term_of(row[2 * i], row[2 * i + 1]) for i in width)
-        if all(solution[job.part.names.index(name)] == t for name, t in job.solution):
-            found[job].add(solution)
+        part = job.part
+        if id(part.statements) not in places:
+            places[id(part.statements)] = [part.names.index(name) for name, _ in job.solution]
+        solution: list[Term | None] = []
+        for i in width:
+            key = row[2 * i], row[2 * i + 1]
+            if key not in terms:
+                terms[key] = term_of(*key)
+            solution.append(terms[key])
+        for i, (_, term) in zip(places[id(part.statements)], job.solution, strict=True):
+            if solution[i] is not term and solution[i] != term:
+                break
+        else:
+            found[job].add(tuple(solution))
     return found
 
 
@@ -210,15 +230,10 @@ def _alone(view: MapView, job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> s
         return _solutions(group, view.session.execute(sql, values).fetchall())[job]
 
 
-def _parameters(part: Part, statement: Statement) -> dict[str, Any]:
-    """Return the parameters of a statement, with the values of the part's own."""
-    if not part.values:
-        return statement.parameters
-    own = part.values
-    return {
-        name: own.get(value, value) if isinstance(value, (str, int)) else value
-        for name, value in statement.parameters.items()
-    }
+def _value(part: Part, statement: Statement, name: str) -> Any:
+    """Return a parameter of a statement; that of the part's own where it has one."""
+    value = statement.parameters[name]
+    return part.values.get(value, value) if isinstance(value, (str, int)) else value
 
 
 def _given(job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> list[tuple[str, Form]]:

@@ -8,7 +8,7 @@ that each such triple is about. What has no parts, such as a count, is evaluated
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import count
 from typing import Any, NamedTuple
@@ -187,14 +187,16 @@ class Part:
                 elif is_variable(term):
                     self.unlisted.add(name_of_variable(term))
 
-    def having(self, solution: Mapping[str, Term]) -> set[Row]:
+    def having(self, solution: Iterable[tuple[str, Term]]) -> set[Row]:
         """Return the solutions with some terms."""
-        wanted = [(self.names.index(name), term) for name, term in solution.items()]
+        if not self.rows:
+            return set()
+        wanted = [(self.names.index(name), term) for name, term in solution]
         if not wanted:
             return set(self.rows)
         indexed = [each for each in wanted if each[0] in self._indexed]
         found = self._by_term.get(indexed[0], set()) if indexed else self.rows
-        return {row for row in found if all(row[i] == term for i, term in wanted)}
+        return {row for row in found if all(row[i] is t or row[i] == t for i, t in wanted)}
 
     def terms(self, row: Row) -> Iterator[tuple[str, Term]]:
         """Yield the variables at the ends of patterns, with their terms in a solution."""

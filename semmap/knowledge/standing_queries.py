@@ -23,6 +23,7 @@ from semmap.knowledge.standing_evaluation import Evaluation, Job, Regions
 from semmap.knowledge.standing_index import COSTLY, PatternIndex, Triples
 from semmap.knowledge.standing_parts import (
     Part,
+    Pattern,
     Quad,
     Solution,
     is_variable,
@@ -309,13 +310,14 @@ class StandingQueries:
                 self._of_ended_fact(quad, regions)
 
     def _of_new_fact(self, quad: Quad, touched: Touched, known: Triples, regions: Regions) -> None:
+        matches = _Matches(quad)
         for part, number in self._index.stated(quad, known, touched.nodes):
             pattern = part.patterns[number]
-            solution = pattern.match(quad)
+            solution = matches.of(pattern)
             if solution is None:
                 continue
-            if not _may_match(part, number, solution, known, touched):
-                if part.having(solution):
+            if len(part.patterns) > 1 and not _may_match(part, number, solution, known, touched):
+                if part.having(tuple(solution.items())):
                     regions.known_as(part, solution, [])
             elif part.direct and not pattern.keys:
                 regions.known_as(part, solution, [solution])
@@ -327,10 +329,11 @@ class StandingQueries:
         ends = (quad.subject, quad.object)
         parts = {part for term in ends for part, _ in self._having.get(term, ())}
         members = [(part, n) for part in parts for n in range(len(part.patterns))]
+        matches = _Matches(quad)
         for part, number in {*members, *self._index.ground(quad)}:
             pattern = part.patterns[number]
-            solution = pattern.match(quad) if pattern.stated else None
-            if solution is None or not part.having(solution):
+            solution = matches.of(pattern) if pattern.stated else None
+            if solution is None or not part.having(tuple(solution.items())):
                 continue
             if pattern.keys or not pattern.exact:
                 regions.evaluate(part, solution)  # it may be true by other rows, too
@@ -356,21 +359,28 @@ class StandingQueries:
         known : solutions that are known already
         nodes : the nodes of entities in the terms of jobs
         """
-        deltas: dict[StandingQuery, Counter[Row]] = {}
+        deltas: dict[StandingQuery, dict[Row, int]] = {}
         for found in again:
-            deltas[found] = Counter({row: -n for row, n in found.counts.items()})
+            deltas[found] = {row: -n for row, n in found.counts.items()}
         errors: dict[StandingQuery, Exception] = {}
         answers = self._evaluation.answers(view, jobs, nodes or {}, errors)
         results = {**(known or {}), **answers}
         for job, now in results.items():
-            delta = deltas.setdefault(job.part.query, Counter())
-            former = job.part.having(dict(job.solution))
+            part = job.part
+            former = part.having(job.solution)
+            if not former and not now:
+                continue
+            delta = deltas.get(part.query)
+            if delta is None:
+                delta = deltas[part.query] = {}
             for row in former - now:
-                self._remove(job.part, row)
-                delta[job.part.shown(row)] -= 1
+                self._remove(part, row)
+                shown = part.shown(row)
+                delta[shown] = delta.get(shown, 0) - 1
             for row in now - former:
-                self._add(job.part, row)
-                delta[job.part.shown(row)] += 1
+                self._add(part, row)
+                shown = part.shown(row)
+                delta[shown] = delta.get(shown, 0) + 1
         differences = [Difference(found, [], [], error) for found, error in errors.items()]
         for found, delta in deltas.items():
             if found in errors:
@@ -403,6 +413,20 @@ class StandingQueries:
                 del counts[part, name]
                 if not counts:
                     del self._having[term]
+
+
+class _Matches:
+    """The solutions of patterns with a quad: many parts have the same pattern."""
+
+    def __init__(self, quad: Quad) -> None:
+        self._quad = quad
+        self._found: dict[Pattern, Solution | None] = {}
+
+    def of(self, pattern: Pattern) -> Solution | None:
+        """Return the terms of the variables with which the quad matches; None if it does not."""
+        if pattern not in self._found:
+            self._found[pattern] = pattern.match(self._quad)
+        return self._found[pattern]
 
 
 def _has_all(part: Part, name: str, form: Form, term: Term, known: Triples) -> bool:

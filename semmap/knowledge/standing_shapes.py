@@ -296,8 +296,11 @@ def _canonical(term: Any, role: str, canonical: Canonical) -> Term:
 
 
 def _filled(pattern: Pattern, filling: Filled) -> Pattern:
+    """Return a pattern with its holes filled; one without holes is the same for all queries."""
     subject, verb, object_ = (filling.terms.get(term, term) for term in pattern.terms)
     graph = pattern.graph
+    if (subject, verb, object_) == pattern.terms and not (graph is not None and _is_hole(graph)):
+        return pattern
     if graph is not None and isinstance(graph, rdflib.URIRef) and _is_hole(graph):
         graph = rdflib.URIRef(filling.values[str(graph)])
     return Pattern(

@@ -19,7 +19,7 @@ from typing import Any
 import psycopg
 from sqlalchemy import Engine
 
-from semmap.knowledge.map_view import MapView
+from semmap.knowledge.map_view import MapView, Row
 from semmap.knowledge.scope import NOTHING_INFERRED
 from semmap.knowledge.standing_changes import Changes
 from semmap.knowledge.standing_queries import (
@@ -270,7 +270,7 @@ class Subscriptions:
                 self._remove(number)
                 yield None, error
                 continue
-            disappeared, appeared = sorted(gone, key=str), sorted(come, key=str)
+            disappeared, appeared = _sorted(gone), _sorted(come)
             if subscriber.one_shot:
                 disappeared, appeared = [], appeared[:1]
                 if appeared:
@@ -280,6 +280,10 @@ class Subscriptions:
                     bound = zip(found.names, row, strict=True)
                     event = Event(number, what, {n: t for n, t in bound if t is not None})
                     yield subscriber.callback, event
+
+
+def _sorted(rows: list[Row]) -> list[Row]:
+    return rows if len(rows) < 2 else sorted(rows, key=str)
 
 
 _OTHERS = frozenset({"belief", "field"})
