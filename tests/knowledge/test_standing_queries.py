@@ -19,6 +19,7 @@ from semmap.knowledge import query, update
 from semmap.knowledge.facts import Fact, FactWriter
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.subscriptions import Subscriptions
+from semmap.language.error import QueryError
 
 LOCAL = (
     # One pattern: ground, one variable, two
@@ -57,6 +58,17 @@ LOCAL = (
     "SELECT ?x { VALUES ?y { :bench :cart } ?x semmap:heldBy ?y ; a semmap:Object }",
     "SELECT ?x { { ?x semmap:heldBy :bench } UNION { ?x ex:looksAt :bench } }",
     "SELECT ?x { ?x ex:age ?n FILTER(?n > 3) }",
+    # Of one shape with others
+    "ASK { :glue ex:looksAt :bench }",
+    "SELECT ?x { ?x semmap:heldBy :cart }",
+    "SELECT ?x { ?x semmap:heldBy :hall }",
+    "SELECT ?x { ?x semmap:on :cart }",
+    "SELECT ?x ?y { ?x ex:looksAt ?y FILTER(?y != :saw) }",
+    "SELECT ?x ?y { ?x ex:looksAt ?y FILTER(?y != :glue) }",
+    "SELECT ?x { ?x ex:looksAt :saw ; semmap:heldBy :bench }",
+    "SELECT ?x { ?x ex:looksAt :bench ; semmap:heldBy :bench }",
+    "SELECT ?x ?y { ?x ex:looksAt ?y . ?y semmap:heldBy :cart ; a type:sawhorse }",
+    "SELECT ?x ?y { ?x ex:looksAt ?y . ?y semmap:heldBy :bench ; a type:bottle }",
     # Models
     "SELECT ?x { GRAPH :mia { ?x ex:looksAt ?y } }",
     "SELECT ?g ?y { GRAPH ?g { :mia ex:looksAt ?y } }",
@@ -265,6 +277,41 @@ class Watched:
 @pytest.fixture(scope="module")
 def watched(workshop: SemanticMap) -> Watched:
     return Watched(workshop, LOCAL + WHOLE)
+
+
+def test_queries_of_one_shape_are_translated_once(watched: Watched) -> None:
+    of = {q.text.removeprefix(PREFIX): q.parts for q in watched.standing._queries.queries.values()}
+    twins = ("SELECT ?x { ?x semmap:heldBy :cart }", "SELECT ?x { ?x semmap:heldBy :hall }")
+    (a,), (b,) = (of[text] for text in twins)
+    assert a.statements is b.statements
+    assert a.patterns[0].terms != b.patterns[0].terms
+
+
+def test_a_query_that_fails_ends_by_itself(workshop: SemanticMap) -> None:
+    session = workshop.session_of_map()
+    failing = PREFIX + 'SELECT ?x { ?x ex:like ?y FILTER(REGEX("saw", ?y)) }'
+    with Subscriptions(workshop.database.engine, workshop.name) as standing:
+        standing._follow = lambda: None  # type: ignore[method-assign]
+        standing.add_all([failing, PREFIX + "SELECT ?x { ?x ex:like ?y FILTER(?y != 'a') }"])
+        update(session, PREFIX + 'INSERT DATA { ex:moon ex:like "[" }')
+        standing._wake(None)
+        events = [standing._events.get_nowait() for _ in range(2)]
+        assert sorted(type(event).__name__ for event in events) == ["Event", "QueryError"]
+        update(session, PREFIX + 'DELETE WHERE { ex:moon ex:like "[" }')
+        standing._wake(None)
+        assert standing._events.get_nowait().what == "disappeared"  # type: ignore[union-attr]
+        assert standing._events.empty()
+
+
+def test_subscriptions_are_made_all_or_none(workshop: SemanticMap) -> None:
+    good = PREFIX + "SELECT ?x { ?x ex:like :saw }"
+    with Subscriptions(workshop.database.engine, workshop.name) as standing:
+        with pytest.raises(ValueError, match="DESCRIBE"):
+            standing.add_all([good, "DESCRIBE :saw"])
+        with pytest.raises(QueryError, match="line 1"):
+            standing.add_all([good, "SELECT ?x { ?x semmap:heldBy :saw"])
+        assert not standing._queries.queries
+        assert standing.add_all([good, good]) == [(1, 0), (2, 0)]
 
 
 def test_which_queries_have_parts(watched: Watched) -> None:
