@@ -167,11 +167,11 @@ def _with_values(
                 columns[f"t{i}"] = ("text", [tag for _, tag in texts])
     types = dict(_PARAMETER.findall(statement.sql))
     for name, kind in types.items():
-        values = [_value(job.part, other, name) for job, other in group]
-        first = values[0]
-        if name in varying or any(v != first or type(v) is not type(first) for v in values):
+        column = [_value(job.part, other, name) for job, other in group]
+        first = column[0]
+        if name in varying or any(v != first or type(v) is not type(first) for v in column):
             varying.add(name)
-            columns[name] = kind, values
+            columns[name] = kind, column
     sql = _PARAMETER.sub(
         lambda found: f"p.{found[1]}" if found[1] in varying else found[0], statement.sql
     )
