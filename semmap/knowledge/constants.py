@@ -71,14 +71,19 @@ class Constants:
         return Constants(
             {iri: self._known[iri] for iri in wanted & self._known.keys()},
             {iri: self._types[iri] for iri in wanted & self._types.keys()},
-            self._classes,
+            dict(self._classes),
         )
 
     def and_also(
-        self, known: Mapping[str, tuple[Form, Any]], types: Mapping[str, str]
+        self,
+        known: Mapping[str, tuple[Form, Any]],
+        types: Mapping[str, str],
+        classes: Mapping[str, str],
     ) -> Constants:
         """Return these constants, and others."""
-        return Constants({**self._known, **known}, {**self._types, **types}, self._classes)
+        return Constants(
+            {**self._known, **known}, {**self._types, **types}, {**self._classes, **classes}
+        )
 
     def class_of(self, type_: str) -> str:
         """Return the IRI of a type that an IRI of the text stands for."""

@@ -85,9 +85,9 @@ class StandingQueries:
         self._shapes: dict[Any, Shape] = {}
         self._known: dict[str, Node] = {}
         self._types: dict[str, str] = {}
-        self._constants = Constants(self._known, self._types)
         self._resolved: dict[str, Nodes] = {}
         self._type_iris: dict[str, str] = {}
+        self._constants = Constants(self._known, self._types, self._type_iris)
         self._index = PatternIndex()
         self._lists = TripleLists()
         self._evaluation = Evaluation()
@@ -153,7 +153,9 @@ class StandingQueries:
             if key not in self._shapes:
                 self._shapes[key] = Shape(view, template, constants, canonical, nodes)
             if not self._shapes[key].is_open:
-                return self._shapes[key].filled(found, iris, Filled(filling, nodes, canonical))
+                return self._shapes[key].filled(
+                    found, iris, Filled(filling, nodes, canonical, constants.class_of)
+                )
             template = Template(parsed_text(view, found.text), iris)
         shape = Shape(view, template, self._constants.only(iris), canonical)
         return shape.filled(found, iris, None)

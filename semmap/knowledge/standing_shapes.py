@@ -223,10 +223,15 @@ class Filled:
     ----------
     iris : in the holes
     nodes : what these stand for
+    class_of : the IRI of a type
     """
 
     def __init__(
-        self, iris: tuple[str, ...], nodes: tuple[Nodes, ...], canonical: Canonical
+        self,
+        iris: tuple[str, ...],
+        nodes: tuple[Nodes, ...],
+        canonical: Canonical,
+        class_of: Callable[[str], str],
     ) -> None:
         self.values: dict[Any, Any] = {}
         self.terms: dict[Term, Term] = {}
@@ -236,6 +241,7 @@ class Filled:
                 self.values[_id(i)] = node[1]
             if as_class[0] == "type":
                 self.values[_name_in(i)] = as_class[1]
+                self.values[_class_in(i)] = class_of(as_class[1])
             for role in _ROLES:
                 self.terms[_marked(_hole(i), role)] = canonical(rdflib.URIRef(iri), role)
 
@@ -262,6 +268,10 @@ def _name_in(number: int) -> str:
     return f"{_HOLE}{number}#name"
 
 
+def _class_in(number: int) -> str:
+    return f"{_HOLE}{number}#type"
+
+
 def _marked(iri: str, role: str) -> Term:
     return rdflib.URIRef(f"{iri}#{role}")
 
@@ -270,17 +280,20 @@ def _with_holes_filled(known: Constants, filling: tuple[Nodes, ...]) -> Constant
     """Return constants in which each hole is a node that there is not."""
     nodes: dict[str, Node] = {}
     types: dict[str, str] = {}
+    classes: dict[str, str] = {}
     for i, (node, as_class) in enumerate(filling):
         if node[0] == "entity":
             nodes[_hole(i)] = ("entity", _id(i))
         if as_class[0] == "type":
             types[_hole(i)] = _name_in(i)
-    return known.and_also(nodes, types)
+            classes[_name_in(i)] = _class_in(i)
+    return known.and_also(nodes, types, classes)
 
 
 def _is_closed(statement: Statement | None, filling: tuple[Nodes, ...]) -> bool:
     """Return whether the holes of a statement are whole values of parameters."""
-    whole = {text for i in range(len(filling)) for text in (_hole(i), _name_in(i))}
+    holes = range(len(filling))
+    whole = {text for i in holes for text in (_hole(i), _name_in(i), _class_in(i))}
     return (
         statement is not None
         and _HOLE not in statement.sql

@@ -69,6 +69,9 @@ LOCAL = (
     "SELECT ?x { ?x ex:looksAt :bench ; semmap:heldBy :bench }",
     "SELECT ?x ?y { ?x ex:looksAt ?y . ?y semmap:heldBy :cart ; a type:sawhorse }",
     "SELECT ?x ?y { ?x ex:looksAt ?y . ?y semmap:heldBy :bench ; a type:bottle }",
+    "SELECT ?x { ?x ex:looksAt semmap:Table }",
+    "SELECT ?x { ?x ex:looksAt type:table }",
+    "SELECT ?x { ?x ex:looksAt type:sawhorse }",
     # Models
     "SELECT ?x { GRAPH :mia { ?x ex:looksAt ?y } }",
     "SELECT ?g ?y { GRAPH ?g { :mia ex:looksAt ?y } }",
@@ -139,6 +142,8 @@ CHANGES = st.one_of(
                 "INSERT DATA { :cart a semmap:Chair }",
                 "INSERT DATA { :cart a semmap:Table }",
                 "INSERT DATA { :new a semmap:Cup }",
+                "INSERT DATA { :mia ex:looksAt semmap:Table, type:sawhorse }",
+                "DELETE WHERE { ?x ex:looksAt type:table }",
             )
         ]
     ),
@@ -285,6 +290,14 @@ def test_queries_of_one_shape_are_translated_once(watched: Watched) -> None:
     (a,), (b,) = (of[text] for text in twins)
     assert a.statements is b.statements
     assert a.patterns[0].terms != b.patterns[0].terms
+
+
+def test_statements_about_types_are_answers(workshop: SemanticMap) -> None:
+    update(workshop.session_of_map(), PREFIX + "INSERT DATA { :saw ex:meant semmap:Table, type:a }")
+    with Subscriptions(workshop.database.engine, workshop.name) as standing:
+        types = ("semmap:Table", "type:a", "semmap:Chair", "type:b")
+        texts = [PREFIX + f"SELECT ?x {{ ?x ex:meant {each} }}" for each in types]
+        assert [count for _, count in standing.add_all(texts)] == [1, 1, 0, 0]
 
 
 def test_a_query_that_fails_ends_by_itself(workshop: SemanticMap) -> None:
