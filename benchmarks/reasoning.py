@@ -15,8 +15,8 @@ from benchmarks.timing import Row, median_seconds, print_rows
 from semmap import SemanticMap
 from semmap.knowledge import update
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.reasoning import reason, refresh
-from semmap.knowledge.scope import NOTHING_INFERRED
+from semmap.knowledge.reasoning.runs import reason, refresh
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED
 from semmap.knowledge.vocabulary import PREFIXES
 
 __all__ = ["main"]

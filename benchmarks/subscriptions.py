@@ -12,7 +12,7 @@ import semmap
 from benchmarks.bench_map import fresh_map
 from benchmarks.timing import Row, print_rows
 from semmap.knowledge import query
-from semmap.knowledge.subscriptions import Event, Subscriptions
+from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 
 __all__ = ["main"]
 

@@ -20,7 +20,7 @@ from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.patterns import Pattern, name_of, parse_pattern, query_text, variables
 from semmap.knowledge.queries import Answer, limited, query
-from semmap.knowledge.subscriptions import Event, Subscriptions
+from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 from semmap.knowledge.updates import Changes
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
 from semmap.query.maps import see_map

@@ -17,7 +17,7 @@ from semmap import cli
 if TYPE_CHECKING:
     from semmap.knowledge.map_view import Session
     from semmap.knowledge.queries import Answer
-    from semmap.knowledge.reasoning import Reasoned
+    from semmap.knowledge.reasoning.runs import Reasoned
 
 __all__ = ["knowledge", "rdf", "sparql_command"]
 
@@ -98,7 +98,7 @@ def _watch(text: str, map_name: str | None, seconds: float | None, json_: bool) 
 
     from semmap.database.reader import as_reader
     from semmap.knowledge.results import event_json, shown
-    from semmap.knowledge.subscriptions import Subscriptions
+    from semmap.knowledge.standing.subscriptions import Subscriptions
     from semmap.knowledge.vocabulary import prefixes
 
     engine = cli.engine()
@@ -177,7 +177,7 @@ def export(
     """
     from semmap.knowledge.map_view import MapView
     from semmap.knowledge.mapping import INFERRED_GRAPH
-    from semmap.knowledge.reasoning import is_reasoned
+    from semmap.knowledge.reasoning.runs import is_reasoned
     from semmap.knowledge.whole_graph import dump, has_graphs, serialized
 
     format_ = "turtle" if file is None else _format(file)
@@ -239,7 +239,7 @@ def push(
     from contextlib import suppress
 
     from semmap.fields.service.client import find_service
-    from semmap.knowledge.field_push import FieldPush, read_pushed
+    from semmap.knowledge.fields.push import FieldPush, read_pushed
 
     if not relations and not perspectives:
         raise typer.BadParameter("name a relation, such as sees=looksAt, or --perspectives")
@@ -318,7 +318,7 @@ def reason_(
 
     The exit code is 1 if facts contradict each other.
     """
-    from semmap.knowledge.reasoning import forget, reason
+    from semmap.knowledge.reasoning.runs import forget, reason
 
     if off and (complete or watch):
         raise typer.BadParameter("--off does not go with --complete or --watch")
@@ -354,7 +354,7 @@ def _keep_reasoning(map_name: str | None, seconds: float | None, json_: bool) ->
     import threading
     from contextlib import suppress
 
-    from semmap.knowledge.reasoning import reason
+    from semmap.knowledge.reasoning.runs import reason
     from semmap.query.change_feed import ChangeFeed
 
     engine = cli.engine()
@@ -383,7 +383,7 @@ def _keep_reasoning(map_name: str | None, seconds: float | None, json_: bool) ->
 @knowledge.command()
 def contradictions(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List which facts contradict which axiom; exit code 1 if any do."""
-    from semmap.knowledge.reasoning import contradictions
+    from semmap.knowledge.reasoning.runs import contradictions
 
     with _session(map_name) as session:
         found = contradictions(session)
@@ -405,7 +405,7 @@ def why_(
     json_: cli.Json = False,
 ) -> None:
     """Explain why a fact is one: the axioms, down to facts that were told."""
-    from semmap.knowledge.reasoning import why
+    from semmap.knowledge.reasoning.runs import why
 
     with _session(map_name) as session:
         proof = why(session, fact)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.reasoning import refresh
+from semmap.knowledge.reasoning.runs import refresh
 from semmap.knowledge.shapes import check_binding
 
 __all__ = ["with_consequences"]

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import rdflib
 
-from semmap.knowledge.constants import Constants, resolve, tag_and_text
-from semmap.knowledge.fields import is_of_fields
+from semmap.knowledge.fields.properties import is_of_fields
 from semmap.knowledge.mapping import INFERRED_GRAPH, is_mapped
+from semmap.knowledge.sparql.constants import Constants, resolve, tag_and_text
 from semmap.knowledge.vocabulary import (
     PROPERTY,
     RDF,

@@ -28,7 +28,7 @@ from semmap.knowledge.map_view import MapView, Term
 from semmap.knowledge.patterns import name_of
 from semmap.knowledge.rdf_file import read_facts, store_facts
 from semmap.knowledge.results import sparql_json
-from semmap.knowledge.subscriptions import Event
+from semmap.knowledge.standing.subscriptions import Event
 from semmap.knowledge.vocabulary import OWL, RDFS, SEMMAP
 
 __all__ = ["KB", "KbError"]

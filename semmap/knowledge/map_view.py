@@ -11,12 +11,12 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.constants import Constants, Lookup, iris_in, resolve
-from semmap.knowledge.field_rows import FieldRows
-from semmap.knowledge.fields import Fields
-from semmap.knowledge.kept_queries import Basis, Row, Session, Term, term_of
-from semmap.knowledge.scope import NOTHING_INFERRED, Chosen, Inferred
-from semmap.knowledge.translator import Statement, translate
+from semmap.knowledge.fields.properties import Fields
+from semmap.knowledge.fields.rows import FieldRows
+from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, resolve
+from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, Term, term_of
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred
+from semmap.knowledge.sparql.translator import Statement, translate
 from semmap.knowledge.vocabulary import map_namespace
 from semmap.query.entity_query import pick_map
 
@@ -145,7 +145,7 @@ class MapView:
             return self.session.execute(text.encode(), parameters).fetchall()
 
         def open_fields() -> Fields:
-            from semmap.knowledge.map_fields import MapFields  # slow to import
+            from semmap.knowledge.fields.map_fields import MapFields  # slow to import
 
             return MapFields(self.session, self.name)
 

@@ -15,12 +15,12 @@ import rdflib
 from rdflib.plugins.sparql import prepareQuery
 from rdflib.plugins.sparql.evaluate import evalQuery
 
-from semmap.knowledge.expressions import UntranslatedError
-from semmap.knowledge.fields import FieldError
-from semmap.knowledge.kept_queries import PLANNER, KeptQueries
+from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_store import MapStore
 from semmap.knowledge.map_view import MapView, Row, Session, Term
-from semmap.knowledge.scope import NOTHING_INFERRED, Chosen
+from semmap.knowledge.sparql.expressions import UntranslatedError
+from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql
@@ -81,7 +81,7 @@ def query(
     text : SPARQL 1.1 or the notation of reMap; `semmap.knowledge.vocabulary.PREFIXES` need not be
         declared, and the empty prefix is that of the map's entities
     seconds, rows : limits; by default those of `semmap.limits`
-    inferred : see what was inferred (`semmap.knowledge.reasoning`), too
+    inferred : see what was inferred (`semmap.knowledge.reasoning.runs`), too
     dataset : the graphs to read, in place of those that FROM and FROM NAMED choose
 
     Raises

@@ -36,8 +36,8 @@ from semmap.knowledge.mapping import INFERRED_GRAPH
 from semmap.knowledge.queries import Answer, KnowledgeError, limited, query
 from semmap.knowledge.rdf_file import parse_facts
 from semmap.knowledge.results import RESULT_FORMATS
-from semmap.knowledge.scope import Chosen
 from semmap.knowledge.shapes import BrokenShapeError
+from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.updates import update
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import facts, serialized

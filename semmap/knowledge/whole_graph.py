@@ -21,7 +21,7 @@ from semmap.knowledge.mapping import (
     Column,
     TripleMap,
 )
-from semmap.knowledge.values import Value, tag_of, text_of
+from semmap.knowledge.sparql.values import Value, tag_of, text_of
 from semmap.knowledge.vocabulary import prefixes
 
 __all__ = ["dump", "facts", "has_graphs", "serialized", "without_warnings"]

@@ -468,7 +468,7 @@ class Trial:
             data.joint(name).qpos[0] = value
         known = {self.model.joint(i).name for i in range(self.model.njnt)}
         for joint in robot.joints:  # what mimics begins where it belongs
-            if joint.mimics in opened and joint.name in known:
+            if joint.mimics is not None and joint.mimics in opened and joint.name in known:
                 multiplier, offset = robot.mimicry(joint)
                 data.joint(joint.name).qpos[0] = multiplier * opened[joint.mimics] + offset
         self._hold(before)

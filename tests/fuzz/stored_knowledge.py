@@ -35,7 +35,7 @@ from tests.fuzz.grammar import Grammar
 from tests.fuzz.kind import SERVER, Kind
 from tests.fuzz.mutate import NUMBERS, bytes_of, json_tree, lines_of, words_of
 from tests.knowledge.conftest import STATED
-from tests.knowledge.test_geosparql import RELATIONS
+from tests.knowledge.sparql.test_geosparql import RELATIONS
 from tests.knowledge.test_query import QUERIES
 from tests.manipulation.cup_map import candidate, primitive
 from tests.manipulation.test_household_objects import grasp, write

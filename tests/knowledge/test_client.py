@@ -21,7 +21,7 @@ from semmap import Database
 from semmap.ingest.importer import import_file
 from semmap.knowledge import KnowledgeClient
 from semmap.knowledge.patterns import parse_pattern
-from semmap.knowledge.subscriptions import Event, Subscriptions
+from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 
 ROOM = [(0, 0), (5, 0), (5, 5), (0, 5)]
 

@@ -1,0 +1,1 @@
+"""Fields in the graph: queries of them, and their relations as facts."""

@@ -1,0 +1,165 @@
+"""The fields of the map that a session sees: those of the service, else of what was kept."""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+from urllib.parse import quote
+
+import psycopg
+from sqlalchemy import URL
+from sqlalchemy.exc import DBAPIError
+
+from semmap.database.engine import make_engine
+from semmap.fields.maps.map_buffer import MapBuffer
+from semmap.fields.queries import query
+from semmap.fields.queries.mirror_catalogue import mirror_catalogue
+from semmap.fields.queries.query_result import SelectResult
+from semmap.fields.service.client import find_service
+from semmap.fields.service.kept_answer import show_kept
+from semmap.fields.store.names import read_map_vocabulary, read_names
+from semmap.fields.store.voxel_mirror import VoxelMirror
+from semmap.knowledge.fields.properties import FieldAnswer, FieldError, FieldQuery
+from semmap.language.error import QueryError
+
+__all__ = ["VOXEL_SIZE", "MapFields"]
+
+VOXEL_SIZE = 0.05
+"""Metres; the same as by default of `semmap fields`."""
+
+_MOST = 4
+"""How many maps a process keeps the voxels of."""
+
+_UNSEEN = """
+SELECT EXISTS (SELECT FROM change WHERE map_id = (SELECT current_map())
+               AND xid = pg_current_xact_id_if_assigned()::text::bigint
+               AND what NOT IN ('belief', 'statement', 'field'))
+"""
+
+_MESSAGE = re.compile(r"(?:line \d+, column \d+: )?([^\n]*)")
+
+
+class MapFields:
+    """Answers for fields of one map.
+
+    Parameters
+    ----------
+    session : psycopg's connection, which sees the map
+    map_name : the map
+    """
+
+    def __init__(self, session: psycopg.Connection[Any], map_name: str) -> None:
+        self._session = session
+        self._map_name = map_name
+
+    def ask(self, query: FieldQuery) -> FieldAnswer:
+        """Return the answer of the service of the map if it is running, else of the kept state.
+
+        Raises
+        ------
+        FieldError
+            No source provides a property, an entity is unknown, or the transaction of the session
+            has changed the map: fields see what is committed.
+        """
+        row = self._session.execute(_UNSEEN).fetchone()
+        if row is not None and row[0]:
+            raise FieldError(
+                "this transaction has changed the map, which fields do not see before it is "
+                "committed: commit first",
+                query.place,
+            )
+        try:
+            with find_service(self._service_url(), self._map_name, VOXEL_SIZE) as service:
+                if service is not None:
+                    reply = service.ask("query", text=query.text, limit=None)
+                    rows = [tuple(row) for row in reply["rows"]]
+                    by = f"the service of {self._map_name}"
+                    return FieldAnswer(rows, VOXEL_SIZE, by, tuple(reply["left_out"]))
+            return self._from_kept_state(query.text)
+        except QueryError as error:
+            raise FieldError(error.reason, query.place) from error
+        except (ValueError, LookupError) as error:  # the service sends errors as texts
+            found = _MESSAGE.match(str(error))
+            raise FieldError(found[1] if found else str(error), query.place) from error
+
+    def _from_kept_state(self, text: str) -> FieldAnswer:
+        vocabulary = read_map_vocabulary()
+        with _mirror_of(self._url(), self._map_name) as mirror:
+            newest = show_kept(mirror, self._session, vocabulary)
+            catalogue = mirror_catalogue(mirror, read_names(self._session), vocabulary)
+            result = query(catalogue, text)
+            assert isinstance(result, SelectResult)
+            seen = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
+            left_out = tuple(sorted(catalogue.left_out()))
+        return FieldAnswer(list(result), VOXEL_SIZE, f"the kept state of the map{seen}", left_out)
+
+    def _url(self) -> URL:
+        info = self._session.info
+        given = info.get_parameters()
+        for name in ("user", "dbname", "password", "options"):
+            given.pop(name, None)
+        given |= {"host": info.host, "port": str(info.port)}
+        return URL.create(
+            "postgresql+psycopg",
+            info.user,
+            info.password or None,
+            database=info.dbname,
+            query=given,
+        )
+
+    def _service_url(self) -> str:
+        info = self._session.info
+        host = quote(info.host, safe="")
+        return f"postgresql:///{quote(info.dbname, safe='')}?host={host}&port={info.port}"
+
+
+class _Kept:
+    """A mirror between queries; one query at a time reads it."""
+
+    def __init__(self, url: URL, map_name: str) -> None:
+        self.lock = threading.Lock()
+        self._engine = make_engine(url)
+        self._mirror: VoxelMirror | None = None
+        self._map_name = map_name
+
+    def caught_up(self) -> VoxelMirror:
+        """Return the mirror of the present state of the map, without what sources saw."""
+        try:
+            if self._mirror is None:
+                self._mirror = VoxelMirror.resume(self._engine, self._map_name, VOXEL_SIZE)
+            mirror = self._mirror
+            if mirror.catch_up():
+                with suppress(DBAPIError):  # a user who may only read computes them each time
+                    mirror.save()
+        except BaseException:
+            self._mirror = None
+            raise
+        finally:
+            self._engine.dispose()
+        mirror.maps = MapBuffer()
+        for entity in mirror.regions.entities():
+            if not isinstance(entity, int):
+                mirror.regions.remove(entity)
+                for each in (mirror.names, mirror.roles, mirror.views):
+                    each.pop(entity, None)
+        return mirror
+
+
+_kept: OrderedDict[tuple[str, str], _Kept] = OrderedDict()
+_lock = threading.Lock()
+
+
+@contextmanager
+def _mirror_of(url: URL, map_name: str) -> Iterator[VoxelMirror]:
+    key = (url.render_as_string(hide_password=False), map_name)
+    with _lock:
+        kept = _kept.setdefault(key, _Kept(url, map_name))
+        _kept.move_to_end(key)
+        while len(_kept) > _MOST:
+            _kept.popitem(last=False)
+    with kept.lock:
+        yield kept.caught_up()

@@ -1,0 +1,251 @@
+"""Properties of fields in a query: which they are, and the part of a query that fields answer.
+
+A basic graph pattern is split by property: triples with a property of fields, which are joined by
+their variables, become one query of the language of fields. Its solutions are a table of the SQL
+that answers the rest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cache
+from typing import Any, Protocol
+
+import rdflib
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.fields.store.names import read_map_vocabulary
+from semmap.knowledge.mapping import COMPUTED, TRIPLES
+from semmap.knowledge.sparql.constants import parts_of
+from semmap.language.schema import Property
+
+__all__ = [
+    "FieldAnswer",
+    "FieldError",
+    "FieldPart",
+    "FieldQuery",
+    "FieldTriple",
+    "Fields",
+    "comparisons",
+    "components",
+    "count_variables",
+    "field_property",
+    "is_of_fields",
+]
+
+
+class FieldError(ValueError):
+    """Fields cannot answer their part of a query, for instance because no source provides it.
+
+    Attributes
+    ----------
+    reason : why
+    place : the term of the query that it is about
+    """
+
+    def __init__(self, reason: str, place: Any) -> None:
+        super().__init__(reason)
+        self.reason, self.place = reason, place
+
+
+FieldPart = str | tuple[str, ...]
+"""A side of a triple: the name of a variable, or a constant in the language of fields."""
+
+
+@dataclass(frozen=True)
+class FieldTriple:
+    """A triple whose property fields state.
+
+    Attributes
+    ----------
+    subject, object : the name of a variable, or (text,) of a constant as fields write it
+    property : what states it
+    place : the term of the query
+    """
+
+    subject: FieldPart
+    property: Property
+    object: FieldPart
+    place: Any = None
+
+    def variables(self) -> Iterator[tuple[str, str]]:
+        """Yield the variables with what they stand for: a voxel, an entity or a number."""
+        if isinstance(self.subject, str):
+            yield self.subject, self.property.subject
+        if isinstance(self.object, str):
+            yield self.object, self.property.object
+
+
+@dataclass(frozen=True)
+class FieldQuery:
+    """A query that fields answer.
+
+    Attributes
+    ----------
+    text : in the language of fields; its columns are ?v0, ?v1, ..., and ?n if it counts
+    names : the variable of each column
+    kinds : what each stands for: "voxel", "entity" or "number"
+    counts : the last column is how many solutions have these values
+    place : the term of the query
+    """
+
+    text: str
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    counts: bool
+    place: Any
+
+    @classmethod
+    def of(
+        cls,
+        triples: Collection[FieldTriple],
+        kept: Collection[str],
+        conditions: Iterable[tuple[str, str, str]] = (),
+    ) -> FieldQuery:
+        """Return the query of triples that are joined by variables.
+
+        Parameters
+        ----------
+        kept : the variables that the rest of the query needs
+        conditions : variable, operator and number of comparisons that all solutions meet
+        """
+        place = next(iter(triples)).place
+        kinds: dict[str, str] = {}
+        for triple in triples:
+            for name, kind in triple.variables():
+                if kinds.setdefault(name, kind) != kind:
+                    raise FieldError(
+                        f"?{name} is {_a(kinds[name])} and {_a(kind)}: use two variables",
+                        triple.place,
+                    )
+        short = {name: f"?v{i}" for i, name in enumerate(kinds)}
+
+        def side(part: FieldPart) -> str:
+            return short[part] if isinstance(part, str) else part[0]
+
+        lines = [f"{side(t.subject)} <{t.property.iri}> {side(t.object)} ." for t in triples]
+        lines += [
+            f"FILTER({short[name]} {operator} {number})"
+            for name, operator, number in conditions
+            if kinds.get(name) == "number"
+        ]
+        columns = [name for name in kinds if name in kept]
+        counts = not columns or len(columns) < len(kinds)
+        shown = " ".join(short[name] for name in columns)
+        body = f"WHERE {{ {' '.join(lines)} }}"
+        text = f"SELECT {shown} {body}"
+        if counts:
+            grouped = f" GROUP BY {shown}" if columns else ""
+            text = f"SELECT {shown} (COUNT(*) AS ?n) {body}{grouped}"
+        return cls(text, tuple(columns), tuple(kinds[n] for n in columns), counts, place)
+
+
+@dataclass(frozen=True)
+class FieldAnswer:
+    """The answer of fields.
+
+    Attributes
+    ----------
+    rows : a value for each column: a voxel is the (x, y, z) of its centre, an entity its name
+    voxel_size : metres
+    by : what answered
+    left_out : entities without voxels, of which the answer says nothing
+    """
+
+    rows: list[tuple[Any, ...]]
+    voxel_size: float
+    by: str
+    left_out: tuple[str, ...] = ()
+
+
+class Fields(Protocol):
+    """Answers the part of a query that fields state."""
+
+    def ask(self, query: FieldQuery) -> FieldAnswer:
+        """Return the answer; raises FieldError where fields cannot know it."""
+        ...
+
+
+@cache
+def _properties() -> Mapping[str, Property]:
+    vocabulary = read_map_vocabulary()
+    return {iri: p for p in vocabulary.properties for iri in (p.iri, *p.same_as)}
+
+
+@cache
+def _by_sql() -> frozenset[str]:
+    """Return the properties that SQL answers: relations of surfaces, and columns."""
+    return frozenset(t.property for t in TRIPLES if t.name is None) | {c.property for c in COMPUTED}
+
+
+def field_property(iri: str) -> Property | None:
+    """Return the property of fields that an IRI names; None where fields have none."""
+    return _properties().get(iri)
+
+
+def is_of_fields(iri: str) -> bool:
+    """Return whether fields alone state a property.
+
+    Examples
+    --------
+    >>> [is_of_fields(f"urn:semmap:ontology#{n}") for n in ("sees", "on", "probability", "heldBy")]
+    [True, False, False, False]
+    """
+    return iri in _properties() and iri not in _by_sql()
+
+
+def components(triples: Iterable[FieldTriple]) -> list[list[FieldTriple]]:
+    """Return triples by groups that share no variable."""
+    groups: list[tuple[set[str], list[FieldTriple]]] = []
+    for triple in triples:
+        names = {name for name, _ in triple.variables()}
+        joined = [group for group in groups if group[0] & names]
+        merged = (names.union(*(g[0] for g in joined)), [t for g in joined for t in g[1]])
+        groups = [g for g in groups if g not in joined] + [(merged[0], [*merged[1], triple])]
+    return [group for _, group in groups]
+
+
+def count_variables(tree: Any) -> Counter[str]:
+    """Return how often each variable and blank node occurs in a part of the algebra."""
+    found: Counter[str] = Counter()
+    if isinstance(tree, rdflib.Variable):
+        found[str(tree)] += 1
+    elif isinstance(tree, rdflib.BNode):
+        found[f"_:{tree}"] += 1
+    elif isinstance(tree, CompValue):
+        for _, part in parts_of(tree):
+            found += count_variables(part)
+    elif isinstance(tree, Mapping):
+        for key, part in tree.items():
+            found += count_variables(key) + count_variables(part)
+    elif isinstance(tree, Iterable) and not isinstance(tree, (str, bytes)):
+        for part in tree:
+            found += count_variables(part)
+    return found
+
+
+_MIRRORED = {"<": ">", ">": "<", "<=": ">=", ">=": "<=", "=": "="}
+
+
+def comparisons(tree: Any) -> Iterator[tuple[str, str, str]]:
+    """Yield variable, operator and number of the comparisons that a condition consists of."""
+    name = getattr(tree, "name", "")
+    if name == "ConditionalAndExpression":
+        for part in (tree.expr, *tree.other):
+            yield from comparisons(part)
+    elif name == "RelationalExpression" and tree.op in _MIRRORED:
+        left, operator, right = tree.expr, str(tree.op), tree.other
+        if isinstance(right, rdflib.Variable):
+            left, operator, right = right, _MIRRORED[operator], left
+        value = right.value if isinstance(right, rdflib.Literal) else None
+        if isinstance(value, bool) or not isinstance(value, (int, float, Decimal)):
+            return
+        if isinstance(left, rdflib.Variable):
+            yield str(left), operator, repr(float(value))
+
+
+def _a(kind: str) -> str:
+    return "an entity" if kind == "entity" else f"a {kind}"

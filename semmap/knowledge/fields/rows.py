@@ -1,0 +1,178 @@
+"""The part of a query that fields answer, as rows of the SQL that answers the rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable
+from typing import Any
+
+import rdflib
+
+from semmap.knowledge.fields.properties import (
+    FieldAnswer,
+    FieldQuery,
+    Fields,
+    FieldTriple,
+    components,
+    field_property,
+)
+from semmap.knowledge.sparql.constants import Constants
+from semmap.knowledge.sparql.relation import Rows
+from semmap.knowledge.sparql.values import Parameters, Value
+from semmap.knowledge.vocabulary import TYPE, decode, encode
+from semmap.language.terms import local_name
+from semmap.snake_case import snake_case
+
+__all__ = ["FieldRows"]
+
+Execute = Callable[[str, dict[str, Any]], list[tuple[Any, ...]]]
+
+_ENTITIES = (
+    "SELECT name, id FROM entity WHERE map_id = (SELECT current_map()) AND name = ANY (%(n)s)"
+)
+_TYPES = "SELECT name, iri FROM semantic_type WHERE name = ANY (%(n)s)"
+_WORDS = "SELECT name, label FROM semantic_type"
+
+
+class FieldRows:
+    """Asks fields, and states their answers as rows.
+
+    Parameters
+    ----------
+    open_fields : returns the fields of the map
+    execute : runs SQL in the session that sees the map
+    namespace : of the map's entities
+    report : gets the text of each question and how it was answered
+    note : gets what an answer says nothing of
+    """
+
+    def __init__(
+        self,
+        open_fields: Callable[[], Fields],
+        execute: Execute,
+        namespace: str,
+        report: Callable[[str], None],
+        note: Callable[[str], None],
+    ) -> None:
+        self._open_fields, self._execute, self._namespace = open_fields, execute, namespace
+        self._report, self._note = report, note
+        self._type_words: frozenset[str] | None = None
+
+    def rows(
+        self,
+        triples: Iterable[tuple[str | Value, Any, str | Value]],
+        constants: Constants,
+        parameters: Parameters,
+        is_needed: Callable[[str, int], bool],
+        conditions: Collection[tuple[str, str, str]],
+    ) -> tuple[list[Rows], dict[str, Value]]:
+        """Return rows for each group of triples that variables join.
+
+        Parameters
+        ----------
+        triples : subject, predicate and object; the predicates are properties of fields
+        is_needed : whether a variable that occurs so often in a group is needed elsewhere
+        conditions : comparisons that all solutions will meet
+
+        Returns
+        -------
+        rows, and the constants that some of their variables must have
+        """
+        equal: dict[str, Value] = {}
+
+        def side(part: str | Value) -> str | tuple[str, ...]:
+            if isinstance(part, str):
+                return part
+            text = self._constant(part)
+            if text is not None:
+                return (text,)
+            name = parameters.alias("*c")
+            equal[name] = part
+            return name
+
+        stated = []
+        for subject, predicate, object_ in triples:
+            property_ = field_property(constants.property(str(predicate)))
+            assert property_ is not None
+            stated.append(FieldTriple(side(subject), property_, side(object_), predicate))
+        found = []
+        for group in components(stated):
+            counts: dict[str, int] = {}
+            for triple in group:
+                for name, _ in triple.variables():
+                    counts[name] = counts.get(name, 0) + 1
+            kept = {name for name, count in counts.items() if is_needed(name, count)}
+            query = FieldQuery.of(group, kept, conditions)
+            found.append(self._solutions(query, parameters))
+        return found, equal
+
+    def _constant(self, value: Value) -> str | None:
+        """Return a constant as fields write it; None where they would take it for more than it is.
+
+        A name stands for the entity and for the type of that name.
+        """
+        text, tag = value.constant or ("", "I")
+        if tag != "I":
+            number = rdflib.Literal(text, datatype=rdflib.URIRef(tag)).value
+            is_number = isinstance(number, (int, float)) and not isinstance(number, bool)
+            return str(rdflib.Literal(number if is_number else text).n3())
+        if value.form == "voxel":
+            return None
+        if text.startswith(self._namespace):
+            name = decode(text[len(self._namespace) :]) or text
+            if value.form == "entity" and snake_case(name) in self._words():
+                return None
+        else:
+            name = local_name(text)
+        return str(rdflib.Literal(name).n3())
+
+    def _words(self) -> frozenset[str]:
+        if self._type_words is None:
+            rows = self._execute(_WORDS, {})
+            self._type_words = frozenset(snake_case(word) for row in rows for word in row if word)
+        return self._type_words
+
+    def _solutions(self, query: FieldQuery, parameters: Parameters) -> Rows:
+        answer = self._open_fields().ask(query)
+        self._report(f"fields: {query.text}\n-- {len(answer.rows)} rows, by {answer.by}")
+        if answer.left_out:
+            shown = ", ".join(answer.left_out[:5]) + (", ..." if len(answer.left_out) > 5 else "")
+            self._note(f"unknown, as they have no voxels: {len(answer.left_out)} entities: {shown}")
+        alias = parameters.alias("f")
+        arrays, rows = [], Rows()
+        for number, (name, kind) in enumerate(zip(query.names, query.kinds, strict=True)):
+            values, form, type_ = self._column(answer, number, kind)
+            arrays.append(parameters.bind(values, f"{type_}[]"))
+            tag = "'I'::text" if form == "term" else None
+            rows.variables[name] = Value(form, f"{alias}.c{number}", tag)
+        if query.counts:
+            arrays.append(parameters.bind([row[-1] for row in answer.rows], "bigint[]"))
+        columns = ", ".join(f"c{i}" for i in range(len(arrays)))
+        rows.froms.append(f"unnest({', '.join(arrays)}) {alias} ({columns})")
+        if query.counts:  # a solution as often as fields have it
+            again = parameters.alias("n")
+            rows.froms.append(f"LATERAL generate_series(1, {alias}.c{len(arrays) - 1}) {again}")
+        return rows
+
+    def _column(self, answer: FieldAnswer, number: int, kind: str) -> tuple[list[Any], str, str]:
+        """Return the values of a column, their form, and the type of SQL."""
+        values = [row[number] for row in answer.rows]
+        if kind == "number":
+            return values, "double", "double precision"
+        if kind == "voxel":
+            size = answer.voxel_size
+            keys = [",".join(str(math.floor(x / size)) for x in centre) for centre in values]
+            return keys, "voxel", "text"
+        names = sorted(set(values))
+        entities: dict[str, int] = dict(self._execute(_ENTITIES, {"n": names}))
+        if len(entities) == len(names):
+            return [entities[name] for name in values], "entity", "bigint"
+        # What sources name, and the map does not have: types of detectors, agents.
+        types: dict[str, str | None] = dict(self._execute(_TYPES, {"n": names}))
+        iris = {
+            name: types[name] or f"{TYPE}{encode(name)}"
+            if name in types and name not in entities
+            else f"{self._namespace}{encode(name)}"
+            for name in names
+        }
+        return [iris[name] for name in values], "term", "text"

@@ -1,0 +1,175 @@
+"""The axioms of a map: of the shipped T-Box and of its statements; the rules that they make."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import rdflib
+
+from semmap.ingest.ontology.tbox import ontology_files
+from semmap.knowledge.map_view import MapView, term_of
+from semmap.knowledge.mapping import is_mapped
+from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, Triple
+from semmap.knowledge.reasoning.rules import (
+    AXIOM_CLASSES,
+    AXIOM_PROPERTIES,
+    SUB,
+    Compiled,
+    compile_rules,
+)
+from semmap.knowledge.reasoning.told_facts import COLUMNS, Hierarchy, fact_of
+from semmap.knowledge.sparql.constants import Constants, tag_and_text
+from semmap.knowledge.vocabulary import prefixes, short
+
+__all__ = ["Ontology", "Words", "node_of"]
+
+_EQUALITY = " with equality"
+
+
+@dataclass(frozen=True)
+class Ontology:
+    """The axioms of a map.
+
+    Attributes
+    ----------
+    digest : changes with them
+    hierarchy : of the T-Box
+    axioms : others
+    stated_same : ``owl:sameAs`` is stated of something
+    equality : the rules of equality are among `rules`
+    rules : what the axioms make
+    """
+
+    digest: str
+    hierarchy: Hierarchy
+    axioms: frozenset[Triple]
+    stated_same: bool
+    equality: bool
+    rules: Compiled
+
+    @classmethod
+    def read(cls, view: MapView, state: str = "") -> Ontology:
+        """Return the axioms of a map: of the T-Box and of its statements.
+
+        Parameters
+        ----------
+        state : of the last run, which says whether it had the rules of equality
+        """
+        hierarchy = Hierarchy.read(view)
+        rows = view.session.execute(
+            f"SELECT {COLUMNS} FROM statement WHERE map_id = %(map)s AND graph = '' AND (until IS "
+            "NULL OR until > statement_timestamp()) AND (predicate = ANY (%(properties)s) OR "
+            "predicate = %(type)s AND tag = 'I' AND object = ANY (%(classes)s))",
+            {
+                "map": view.number,
+                "properties": [*AXIOM_PROPERTIES, SAME_AS],
+                "type": TYPE_OF,
+                "classes": list(AXIOM_CLASSES),
+            },
+        ).fetchall()
+        stated = {fact_of(row) for row in rows}
+        same = any(fact[1] == SAME_AS for fact in stated)
+        axioms = frozenset({fact for fact in stated if fact[1] != SAME_AS} | _shipped_axioms())
+        parts = (hierarchy.digest, str(same), *sorted(map(repr, axioms)))
+        digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()
+        equality = same or state == digest + _EQUALITY
+        rules = _compiled(view, digest, hierarchy, axioms, equality)
+        return cls(digest, hierarchy, axioms, same, equality, rules)
+
+    def with_equality(self, view: MapView, equality: bool) -> Ontology:
+        """Return the same axioms with the rules of equality, or without, where none is stated."""
+        equality = equality or self.stated_same
+        rules = _compiled(view, self.digest, self.hierarchy, self.axioms, equality)
+        return replace(self, equality=equality, rules=rules)
+
+    @property
+    def state(self) -> str:
+        """What a run with these rules leaves."""
+        return self.digest + (_EQUALITY if self.equality else "")
+
+    def is_of(self, state: str) -> bool:
+        """Return whether a run that left a state had the same axioms."""
+        return state.removesuffix(_EQUALITY) == self.digest
+
+
+def _compiled(
+    view: MapView, digest: str, hierarchy: Hierarchy, axioms: frozenset[Triple], equality: bool
+) -> Compiled:
+    if (digest, equality) not in _COMPILED:
+        closure = {(c, d) for c, above in hierarchy.supers.items() for d in above}
+        compiled = compile_rules(
+            axioms | {(c, SUB, d) for c, d in hierarchy.parents},
+            Words(view).node,
+            built_in=frozenset(closure),
+            single=is_mapped,
+            same=equality,
+        )
+        while len(_COMPILED) > 3:
+            del _COMPILED[next(iter(_COMPILED))]
+        _COMPILED[digest, equality] = compiled
+    return _COMPILED[digest, equality]
+
+
+_COMPILED: dict[tuple[str, bool], Compiled] = {}
+
+
+@cache
+def _shipped_axioms() -> frozenset[Triple]:
+    """Return the axioms of `schema/ontology/axioms.ttl`.
+
+    The domains and ranges in `fields.ttl` are of what a field represents, not of its subjects.
+    """
+    (path,) = (path for path in ontology_files() if path.name == "axioms.ttl")
+    graph = rdflib.Graph().parse(path, format="turtle")
+    return frozenset((_shipped(s), _shipped(p), _shipped(o)) for s, p, o in graph)
+
+
+def _shipped(term: Any) -> Node:
+    text, tag = tag_and_text(term)
+    return {"B": f"_:{text}", "I": text}.get(tag, (text, tag))
+
+
+def node_of(view: MapView, term: Any, constants: Constants, *, as_type: bool = False) -> Node:
+    """Return a term of a text as rules have it."""
+    text, tag = tag_and_text(term)
+    if tag != "I":
+        return text, tag
+    form, key = constants.node(text, as_type=as_type)
+    if form == "type":
+        row = view.session.execute("SELECT type_iri(%s)", (key,)).fetchone()
+        assert row is not None
+        return str(row[0])
+    return int(key) if form == "entity" else text
+
+
+class Words:
+    """Terms and proofs as text, entities by their names."""
+
+    def __init__(self, view: MapView) -> None:
+        self._view, self._names = view, cache(self._name)
+        self._prefixes = prefixes(view.name)
+
+    def _name(self, entity: int) -> str:
+        row = self._view.session.execute("SELECT entity_iri(%s)", (entity,)).fetchone()
+        return f"entity {entity}" if row is None or row[0] is None else self.node(row[0])
+
+    def node(self, node: Node) -> str:
+        """Return a term; of a string, its text."""
+        if isinstance(node, int):
+            return str(self._names(node))
+        if isinstance(node, str):
+            return short(node, self._prefixes)
+        return node[0]
+
+    def fact(self, fact: Triple) -> str:
+        """Return a triple as Turtle."""
+        subject, verb, node = fact
+        end = self.node(node)
+        if isinstance(node, tuple):
+            literal = term_of(*node)
+            assert literal is not None
+            end = literal.n3()
+        return f"{self.node(subject)} {'a' if verb == TYPE_OF else self.node(verb)} {end}"

@@ -1,0 +1,123 @@
+"""Why a fact is one, and what contradicts an axiom, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import rdflib
+
+from semmap.knowledge.map_view import MapView, Session
+from semmap.knowledge.queries import limited
+from semmap.knowledge.reasoning.axioms import Ontology, Words, node_of
+from semmap.knowledge.reasoning.engine import TYPE_OF, Proof
+from semmap.knowledge.reasoning.rules import CONTRADICTION
+from semmap.knowledge.reasoning.store import StoredFacts
+from semmap.knowledge.vocabulary import prefixes
+from semmap.language.parser import parse_sparql
+
+__all__ = ["Why", "contradictions", "why"]
+
+
+@dataclass(frozen=True)
+class Why:
+    """Why a fact is one, in words.
+
+    Attributes
+    ----------
+    fact : as Turtle
+    axiom : from which it follows; "" where it is told
+    because : the facts that meet the axiom
+    """
+
+    fact: str
+    axiom: str = ""
+    because: tuple[Why, ...] = ()
+
+    def lines(self, indent: str = "") -> Iterator[str]:
+        """Yield the lines of a text."""
+        yield f"{indent}{self.fact}{f', as {self.axiom}:' if self.axiom else ''}"
+        for reason_ in self.because:
+            yield from reason_.lines(f"{indent}  ")
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what JSON writes."""
+        because = [each.as_json() for each in self.because]
+        return {"fact": self.fact, "axiom": self.axiom or None, "because": because}
+
+
+def contradictions(session: Session) -> list[Why]:
+    """Return what is inconsistent: which axiom, and which facts contradict it.
+
+    Raises
+    ------
+    LookupError
+        The map is not reasoned about.
+    """
+    with limited(session, None):
+        view, facts = _facts(session)
+        rules = facts.ontology.rules.rules
+        words = Words(view)
+        found = []
+        for fact in facts.match(None, CONTRADICTION, None):
+            bodies = {frozenset(body): body for _, body in rules.reasons(facts, fact)}
+            for body in bodies.values():
+                proofs = [Proof.of(facts, rules, each) for each in dict.fromkeys(body)]
+                because = tuple(_in_words(words, each) for each in proofs if each is not None)
+                found.append(Why(words.node(fact[0]), words.node(fact[2]), because))
+        return sorted(found, key=lambda each: (each.fact, each.axiom))
+
+
+def why(session: Session, text: str) -> Why:
+    """Return why a fact is one.
+
+    Parameters
+    ----------
+    text : a triple, such as ``:cup1 a semmap:Mug``
+
+    Raises
+    ------
+    QueryError
+        The text is not a triple.
+    LookupError
+        It is not a fact, or the map is not reasoned about.
+    """
+    with limited(session, None):
+        view, facts = _facts(session)
+        parsed = parse_sparql(f"ASK {{ {text} }}", "query", tuple(prefixes(view.name).items()))
+        tree = parsed.algebra
+        while tree.name in ("AskQuery", "Project"):
+            tree = tree.p
+        if getattr(tree, "name", "") != "BGP" or len(tree.triples) != 1:
+            raise parsed.error("this is not one triple: give subject, property and object", 0)
+        terms = tree.triples[0]
+        if not all(isinstance(t, (rdflib.URIRef, rdflib.Literal)) for t in terms):
+            raise parsed.error("a fact has no variables: give subject, property and object", 0)
+        words = Words(view)
+        constants = view.constants(terms)
+        verb = constants.property(str(terms[1]))
+        subject = node_of(view, terms[0], constants)
+        node = node_of(view, terms[2], constants, as_type=verb == TYPE_OF)
+        proof = Proof.of(facts, facts.ontology.rules.rules, (subject, verb, node))
+        if proof is not None:
+            return _in_words(words, proof)
+        if not view.run(view.statement(tree, [], 1)):
+            raise LookupError(f"{text.strip()} is not a fact of the map {view.name}")
+        return Why(words.fact((subject, verb, node)))
+
+
+def _in_words(words: Words, proof: Proof) -> Why:
+    because = tuple(_in_words(words, each) for each in proof.reasons)
+    return Why(words.fact(proof.fact), proof.text, because)
+
+
+def _facts(session: Session) -> tuple[MapView, StoredFacts]:
+    view = MapView.of(session)
+    row = session.execute("SELECT axioms FROM reasoning WHERE map_id = %s", (view.number,))
+    state = row.fetchone()
+    if state is None:
+        raise LookupError(
+            f"nothing is inferred from the map {view.name}: run semmap knowledge reason"
+        )
+    return view, StoredFacts(view, Ontology.read(view, state[0]))

@@ -1,0 +1,229 @@
+"""The facts and inferences of a map in the table `inference`, read where they are needed."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.reasoning.axioms import Ontology
+from semmap.knowledge.reasoning.engine import TYPE_OF, Facts, Node, Triple
+from semmap.knowledge.reasoning.rules import CONTRADICTION
+from semmap.knowledge.reasoning.told_facts import COLUMNS, DIRECT_TYPE, KIND, columns_of, fact_of
+
+__all__ = ["Stored", "StoredFacts"]
+
+
+@dataclass
+class Stored:
+    """What was written.
+
+    Attributes
+    ----------
+    added : numbers of new inferences, by property and class
+    removed : number of inferences
+    clashes : how many contradictions there are more
+    complete : nothing was there before
+    """
+
+    added: Counter[tuple[str, str | None]] = field(default_factory=Counter)
+    removed: int = 0
+    clashes: int = 0
+    complete: bool = False
+
+    def note(self, verb: Node, node: Node, count: int = 1) -> None:
+        """Count new inferences with a property; of types, a class."""
+        self.added[str(verb), str(node) if verb == TYPE_OF else None] += count
+        self.clashes += count if verb == CONTRADICTION else 0
+
+
+class StoredFacts(Facts):
+    """The facts of a map; of entities it is told the types, and those that subsume them.
+
+    Parameters
+    ----------
+    empty : there are none yet
+    """
+
+    def __init__(self, view: MapView, ontology: Ontology, *, empty: bool = False) -> None:
+        super().__init__()
+        self._view, self.ontology, self._empty = view, ontology, empty
+        self._before: dict[Triple, bool] = {}
+        self._touched: dict[Triple, None] = {}
+        self._seen: set[object] = set()
+        self._classes_of: dict[frozenset[Node], frozenset[Node]] = {}
+
+    # Reading
+
+    def need_subject(self, subject: Node) -> None:
+        """Read the facts of a subject."""
+        if subject not in self._seen:
+            self.need_subjects([subject])
+
+    def need_subjects(self, subjects: Iterable[Node]) -> None:
+        """Read the facts of several subjects at once."""
+        new = {s for s in subjects if s not in self._seen}
+        self._seen |= new
+        ids = [s for s in new if isinstance(s, int)]
+        iris = [s for s in new if isinstance(s, str)]
+        if ids:
+            self._read("subject_id = ANY (%(a)s)", a=ids)
+        if iris:
+            self._read("subject = ANY (%(a)s)", a=iris)
+
+    def need_object(self, verb: Node | None, node: Node) -> None:
+        """Read the facts with an object, of a property or of all."""
+        keys = {("object", None, node), ("object", verb, node)}
+        if keys & self._seen:
+            return
+        self._seen.add(("object", verb, node))
+        of = "" if verb is None else " AND predicate = %(verb)s"
+        if isinstance(node, int):
+            self._read(f"object_id = %(a)s{of}", a=node, verb=verb)
+            return
+        text, tag = (node, "I") if isinstance(node, str) else node
+        self._read(
+            f"object IS NOT NULL AND md5(object) = md5(%(a)s) AND object = %(a)s "
+            f"AND tag = %(tag)s{of}",
+            a=text,
+            tag=tag,
+            verb=verb,
+        )
+        if verb in (None, TYPE_OF) and isinstance(node, str):
+            self._read(
+                "object IS NOT NULL AND md5(object) = ANY (%(a)s) AND predicate = ANY (%(verbs)s)",
+                a=[
+                    hashlib.md5(str(c).encode()).hexdigest()
+                    for c in self.ontology.hierarchy.subclasses(node)
+                ],
+                verbs=[DIRECT_TYPE, KIND],
+            )
+
+    def need_verb(self, verb: Node | None) -> None:
+        """Read the facts of a property, or all."""
+        if ("verb", verb) not in self._seen:
+            self._seen.add(("verb", verb))
+            self._read("true" if verb is None else "predicate = %(verb)s", verb=verb)
+
+    def read_told(self, ids: Collection[int], *, others: bool) -> set[Triple]:
+        """Return the facts that were told, of entities and others."""
+        return self._read(
+            "(subject_id = ANY (%(ids)s) OR subject_id IS NOT NULL AND object_id = ANY (%(ids)s)"
+            f"{' OR subject IS NOT NULL' if others else ''}) AND told",
+            ids=list(ids),
+        )
+
+    def _read(self, condition: str, **values: Any) -> set[Triple]:
+        found: set[Triple] = set()
+        if self._empty:
+            return found
+        with self._view.session.cursor() as cursor:
+            sql = f"SELECT {COLUMNS}, told FROM inference WHERE map_id = %(map)s AND {condition}"
+            values["map"] = self._view.number
+            for row in cursor.execute(sql.encode(), values):
+                fact = fact_of(row[:6])
+                found.add(fact)
+                if fact not in self._before:
+                    self._before[fact] = row[6]
+                    self._keep(fact, told=row[6])
+        return found
+
+    # Types
+
+    def types_of(self, entity: Node) -> frozenset[Node]:
+        """Return the classes that an entity is told to be of."""
+        self.need_subject(entity)
+        direct = self._objects.get((entity, DIRECT_TYPE), set())
+        direct_types = frozenset(direct | self._objects.get((entity, KIND), set()))
+        if direct_types not in self._classes_of:
+            self._classes_of[direct_types] = self.ontology.hierarchy.of(direct_types)
+        return self._classes_of[direct_types]
+
+    def is_told(self, fact: Triple) -> bool:
+        """Return whether a fact is stated, or a type that subsumes one."""
+        if fact in self._told:
+            return True
+        return fact[1] == TYPE_OF and isinstance(fact[0], int) and fact[2] in self.types_of(fact[0])
+
+    def __contains__(self, fact: Triple) -> bool:
+        return super().__contains__(fact) or self.is_told(fact)
+
+    # Changing
+
+    def add(self, fact: Triple, *, told: bool = False) -> None:
+        """Add a fact, to be stored."""
+        self.need_subject(fact[0])
+        self._touched[fact] = None
+        self._keep(fact, told=told)
+
+    def remove(self, fact: Triple) -> None:
+        """Remove a fact, here and from the table."""
+        self.need_subject(fact[0])
+        self._touched[fact] = None
+        super().remove(fact)
+
+    def untell(self, fact: Triple) -> None:
+        """Let a fact be no longer stated."""
+        self._touched[fact] = None
+        super().untell(fact)
+
+    def touch(self, fact: Triple) -> None:
+        """Look at a fact again when the changes are stored."""
+        self._touched[fact] = None
+
+    def _keep(self, fact: Triple, *, told: bool) -> None:
+        super().add(fact, told=told)
+        if fact[1] in (DIRECT_TYPE, KIND):
+            for c in self.ontology.hierarchy.of([fact[2]]) & self.ontology.rules.classes:
+                super().add((fact[0], TYPE_OF, c))
+
+    def _state(self, fact: Triple) -> bool | None:
+        """Return whether a fact is told; None where it has no row."""
+        if fact in self._told:
+            return True
+        if self.is_told(fact) or not super().__contains__(fact):
+            return None
+        return False
+
+    def infers(self, verb: Node) -> bool:
+        """Return whether something with a property was inferred."""
+        return any(fact[1] == verb and self._state(fact) is False for fact in self._touched)
+
+    def store(self) -> Stored:
+        """Write what changed."""
+        gone, come = [], []
+        done = Stored(complete=self._empty)
+        for fact in self._touched:
+            before, after = self._before.get(fact), self._state(fact)
+            if before is after:
+                continue
+            if before is not None:
+                gone.append(fact)
+            if before is False:
+                done.removed += 1
+                done.clashes -= fact[1] == CONTRADICTION
+            if after is not None:
+                come.append((self._view.number, *columns_of(fact), after))
+            if after is False:
+                done.note(fact[1], fact[2])
+        with self._view.session.cursor() as cursor:
+            for fact in gone:
+                sql, values = _delete(self._view.number, fact)
+                cursor.execute(sql, values)
+            if come:
+                copy = f"COPY inference (map_id, {COLUMNS}, told) FROM STDIN"
+                with cursor.copy(copy.encode()) as lines:
+                    for row in come:
+                        lines.write_row(row)
+        return done
+
+
+def _delete(number: int, fact: Triple) -> tuple[bytes, tuple[Any, ...]]:
+    names = COLUMNS.split(", ")
+    given = [(n, v) for n, v in zip(names, columns_of(fact), strict=True) if v is not None]
+    where = " AND ".join(f"{name} = %s" for name, _ in given)
+    sql = f"DELETE FROM inference WHERE map_id = %s AND {where}"
+    return sql.encode(), (number, *(value for _, value in given))

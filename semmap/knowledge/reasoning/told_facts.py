@@ -1,0 +1,231 @@
+"""The told facts of a map that rules are about, by the ids of entities."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import STATEMENTS, TRIPLES, WORLD, Column, TripleMap
+from semmap.knowledge.reasoning.engine import TYPE_OF, Node, Triple
+from semmap.knowledge.reasoning.rules import AXIOM_PROPERTIES
+from semmap.knowledge.vocabulary import SEMMAP, XSD, decode
+
+__all__ = [
+    "COLUMNS",
+    "DIRECT_TYPE",
+    "KIND",
+    "TOLD",
+    "Hierarchy",
+    "columns_of",
+    "fact_of",
+    "told_facts",
+]
+
+COLUMNS = "subject_id, subject, predicate, object_id, object, tag"
+"""A triple in the tables `statement` and `inference`."""
+DIRECT_TYPE = f"{SEMMAP}directType"
+KIND = "urn:semmap:reasoning#kind"
+"""Told of an entity whose type does not imply its kind."""
+
+TOLD: tuple[TripleMap, ...] = tuple(
+    triple
+    for triple in TRIPLES
+    if triple.subject.form == "entity"
+    and triple.object.form in ("entity", "iri", "term", "string")
+    and triple.source is not WORLD
+)
+"""The triple maps whose facts rules may be about, besides types and statements: not poses, which
+change all the time."""
+
+_SUBJECTS = {"entity": "{}, NULL::text", "iri": "NULL::bigint, {}"}
+_OBJECTS = {
+    "entity": "{}, NULL::text, NULL::text",
+    "iri": "NULL::bigint, {}, 'I'",
+    "string": f"NULL::bigint, {{}}, '{XSD}string'",
+}
+
+
+@dataclass(frozen=True)
+class Hierarchy:
+    """The semantic types of the database.
+
+    Attributes
+    ----------
+    digest : changes with them
+    supers : the classes that subsume each class, itself included
+    parents : class and direct superclass
+    """
+
+    digest: str
+    supers: Mapping[Node, frozenset[Node]]
+    parents: tuple[tuple[Node, Node], ...]
+
+    def of(self, types: Collection[Node]) -> frozenset[Node]:
+        """Return all classes of an entity with given types."""
+        return frozenset().union(*(self.supers.get(t, frozenset({t})) for t in types))
+
+    def subclasses(self, c: Node) -> list[Node]:
+        """Return the classes that a class subsumes."""
+        return [sub for sub, supers in self.supers.items() if c in supers] or [c]
+
+    @classmethod
+    def read(cls, view: MapView) -> Hierarchy:
+        """Return that of the database; kept while it does not change."""
+        row = view.session.execute(
+            "SELECT md5((SELECT coalesce(string_agg(name || ' ' || coalesce(iri, ''), ',' "
+            "ORDER BY name), '') FROM semantic_type) || (SELECT coalesce(string_agg(type || ' ' || "
+            "parent, ',' ORDER BY type, parent), '') FROM type_parent))"
+        ).fetchone()
+        assert row is not None
+        if _HIERARCHIES.get("last") is None or _HIERARCHIES["last"].digest != row[0]:
+            named = "coalesce({0}.iri, 'urn:semmap:type#' || iri_encode({0}.name))"
+            a, b = named.format("a"), named.format("b")
+            join = "JOIN semantic_type a ON a.name = {} JOIN semantic_type b ON b.name = {}"
+            supers: dict[Node, set[Node]] = {}
+            for sub, above in view.session.execute(
+                f"SELECT {a}, {b} FROM type_closure c {join.format('c.sub', 'c.super')}"
+            ):
+                supers.setdefault(sub, set()).add(above)
+            parents = view.session.execute(
+                f"SELECT {a}, {b} FROM type_parent c {join.format('c.type', 'c.parent')}"
+            ).fetchall()
+            _HIERARCHIES["last"] = cls(
+                row[0],
+                {sub: frozenset(above) for sub, above in supers.items()},
+                tuple((sub, above) for sub, above in parents),
+            )
+        return _HIERARCHIES["last"]
+
+
+_HIERARCHIES: dict[str, Hierarchy] = {}
+
+
+def told_facts(
+    view: MapView,
+    hierarchy: Hierarchy,
+    properties: frozenset[Node] | None,
+    classes: frozenset[Node],
+    ids: Collection[int] | None = None,
+    *,
+    others: bool = True,
+) -> Iterator[Triple]:
+    """Yield the told facts of a map; for types, `DIRECT_TYPE` and `KIND`.
+
+    Parameters
+    ----------
+    properties : that are wanted; None for all
+    classes : that are wanted of other vocabularies, such as bot:Space
+    ids : only facts with these entities, as subject or object
+    others : facts whose subject is not an entity, too
+    """
+    yield from _types(view, hierarchy, ids)
+    parts: list[str] = []
+    values: dict[str, Any] = {"map": view.number, "ids": None if ids is None else list(ids)}
+    for triple in (*TOLD, *STATEMENTS):
+        about = triple.subject.form == "entity"
+        if not about and not others:
+            continue
+        if triple.property == TYPE_OF and triple.object.sql[1:].split("'")[0] not in classes:
+            continue
+        name = f"names{len(parts)}"
+        text, names = _select(triple, properties, ids if about else None, name)
+        if text:
+            parts.append(text)
+            values[name] = names
+    if parts:
+        with view.session.cursor() as cursor:
+            for row in cursor.execute(" UNION ALL ".join(parts).encode(), values):
+                yield fact_of(row)
+
+
+def fact_of(row: tuple[Any, ...]) -> Triple:
+    """Return the triple of a row of `inference`: the columns from `subject_id` to `tag`."""
+    subject_id, subject, verb, object_id, text, tag = row
+    node: Node = object_id if object_id is not None else text if tag == "I" else (text, tag)
+    return (subject if subject_id is None else subject_id), verb, node
+
+
+def columns_of(fact: Triple) -> tuple[Any, ...]:
+    """Return the columns of a triple from `subject_id` to `tag`."""
+    subject, verb, node = fact
+    left = (subject, None) if isinstance(subject, int) else (None, subject)
+    if isinstance(node, int):
+        return (*left, verb, node, None, None)
+    return (*left, verb, None, *((node, "I") if isinstance(node, str) else node))
+
+
+def _types(view: MapView, hierarchy: Hierarchy, ids: Collection[int] | None) -> Iterator[Triple]:
+    named = "coalesce({0}.iri, 'urn:semmap:type#' || iri_encode({0}.name))"
+    chosen = "" if ids is None else " AND e.id = ANY (%(ids)s)"
+    rows = view.session.execute(
+        f"SELECT e.id, {named.format('t')}, {named.format('k')} FROM entity e "
+        "LEFT JOIN semantic_type t ON t.name = e.type JOIN semantic_type k ON k.name = e.kind "
+        f"WHERE e.map_id = %(map)s{chosen}".encode(),
+        {"map": view.number, "ids": None if ids is None else list(ids)},
+    )
+    for entity, type_, kind in rows:
+        if type_ is not None:
+            yield entity, DIRECT_TYPE, type_
+        if type_ is None or kind not in hierarchy.supers.get(type_, ()):
+            yield entity, KIND, kind
+
+
+def _select(
+    triple: TripleMap,
+    properties: frozenset[Node] | None,
+    ids: Collection[int] | None,
+    parameter: str,
+) -> tuple[str, list[str]]:
+    """Return the SELECT of a triple map, and the value of its parameter for names of properties.
+
+    "" where no property is wanted.
+    """
+    letters = {letter: letter for letter, _ in triple.source.tables}
+    where = [condition.format(**letters) for condition in triple.source.where]
+    values: list[str] = []
+    verb = f"'{triple.property}'"
+    if triple.name is not None:
+        local = triple.name.format(**letters)
+        verb = f"'{triple.property}' || iri_encode({local})" if triple.property else local
+        if properties is not None:
+            space = triple.property
+            names = [str(p)[len(space) :] for p in properties if str(p).startswith(space)]
+            values = sorted(str(decode(n)) for n in names) if space else sorted(names)
+            where.append(f"{local} = ANY (%({parameter})s)")
+            if not names:
+                return "", []
+        elif not triple.property:
+            values = sorted(AXIOM_PROPERTIES)
+            where.append(f"{local} <> ALL (%({parameter})s)")
+    elif properties is not None and triple.property not in properties:
+        return "", []
+    if triple in STATEMENTS:
+        where.append("a.graph = ''")
+    subject, object_ = (c.sql.format(**letters) for c in (triple.subject, triple.object))
+    where.append(f"{object_} IS NOT NULL")
+    tables = []
+    for letter, table in triple.source.tables:
+        named = table.format(**letters)
+        tables.append(named if " AS " in named else f"{named} {letter}")
+    if triple.source.map_id is not None:
+        where.append(f"{triple.source.map_id.format(**letters)} = %(map)s")
+    else:
+        tables.append("entity of_map")
+        where.append(f"of_map.id = {subject} AND of_map.map_id = %(map)s")
+    if ids is not None:
+        either = [subject, object_] if triple.object.form == "entity" else [subject]
+        where.append(f"({' OR '.join(f'{sql} = ANY (%(ids)s)' for sql in either)})")
+    columns = ", ".join(
+        (_SUBJECTS[triple.subject.form].format(subject), verb, _object(triple.object, letters))
+    )
+    return f"SELECT {columns} FROM {', '.join(tables)} WHERE {' AND '.join(where)}", values
+
+
+def _object(column: Column, letters: Mapping[str, str]) -> str:
+    sql = column.sql.format(**letters)
+    if column.form == "term":
+        assert column.tag is not None
+        return f"NULL::bigint, {sql}, {column.tag.format(**letters)}"
+    return _OBJECTS[column.form].format(sql)

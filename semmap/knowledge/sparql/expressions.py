@@ -1,0 +1,663 @@
+"""Expressions of SPARQL (1.1, section 17) as SQL. An error of SPARQL is null."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from datetime import UTC
+from typing import Any
+
+import rdflib
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.knowledge.mapping import DATATYPES
+from semmap.knowledge.sparql.constants import tag_and_text
+from semmap.knowledge.sparql.geosparql import FUNCTIONS, geometry_of, within_distance
+from semmap.knowledge.sparql.relation import UNBOUND, in_form, union_form
+from semmap.knowledge.sparql.values import (
+    NUMERIC,
+    Value,
+    are_disjoint,
+    as_term,
+    is_literal,
+    same,
+    tag_of,
+    text_of,
+)
+from semmap.knowledge.vocabulary import XSD
+
+__all__ = ["Environment", "Expressions", "UntranslatedError"]
+
+Environment = Mapping[str, Value]
+"""The value of each variable that an expression sees."""
+
+STRING = DATATYPES["string"]
+
+
+class UntranslatedError(Exception):
+    """A part of SPARQL that has no translation to SQL.
+
+    Attributes
+    ----------
+    reason : what it is
+    part : the part of the algebra
+    """
+
+    def __init__(self, reason: str, part: Any) -> None:
+        super().__init__(reason)
+        self.reason, self.part = reason, part
+
+
+class Expressions:
+    """Translates expressions.
+
+    Parameters
+    ----------
+    bind : makes a parameter of a value, with a type of SQL
+    namespace : the SQL of the map's namespace
+    constant : the value of an IRI
+    exists : the condition of EXISTS, for what a row binds
+    """
+
+    def __init__(
+        self,
+        bind: Callable[..., str],
+        namespace: str,
+        constant: Callable[[Any], Value],
+        exists: Callable[[Any, Environment], str],
+    ) -> None:
+        self.bind = bind
+        self.namespace = namespace
+        self.constant = constant
+        self.exists = exists
+
+    def value(self, tree: Any, seen: Environment) -> Value:
+        """Return the value of an expression.
+
+        Raises
+        ------
+        UntranslatedError
+            It has no translation.
+        """
+        if isinstance(tree, rdflib.Variable):
+            return seen.get(str(tree), UNBOUND)
+        if isinstance(tree, rdflib.Literal):
+            return self._literal(tree)
+        if isinstance(tree, rdflib.term.Identifier):
+            return self.constant(tree)
+        if isinstance(tree, CompValue):
+            name = tree.name.removeprefix("Builtin_")
+            method = getattr(self, f"_of_{name}", None)
+            if method is not None:
+                found: Value = method(tree, seen)
+                return found
+            raise UntranslatedError(f"{name} has no translation to SQL", tree)
+        raise UntranslatedError(f"{type(tree).__name__} has no translation to SQL", tree)
+
+    def condition(self, tree: Any, seen: Environment) -> str:
+        """Return the effective boolean value of an expression (section 17.2.2)."""
+        return self._boolean(self.value(tree, seen))
+
+    # Values
+
+    def _literal(self, literal: rdflib.Literal) -> Value:
+        text, tag = tag_and_text(literal)
+        python = literal.value
+        forms: dict[str, tuple[str, Any]] = {
+            STRING: ("string", text),
+            DATATYPES["integer"]: ("integer", python),
+            DATATYPES["decimal"]: ("decimal", python),
+            DATATYPES["double"]: ("double", python),
+            DATATYPES["boolean"]: ("boolean", python),
+        }
+        form, known = forms.get(tag, ("term", None))
+        if form != "term" and known is not None:
+            return Value(form, self.bind(known, SQL_OF[form]))
+        if tag == DATATYPES["time"] and python is not None:
+            moment = python if python.tzinfo else python.replace(tzinfo=UTC)
+            return Value("time", self.bind(moment, "timestamptz"))
+        if tag == DATATYPES["geometry"]:
+            return Value("geometry", f"text_geometry({self.bind(text)}, {self.bind(tag)})")
+        return Value("term", self.bind(text), self.bind(tag))
+
+    def _text(self, value: Value) -> str:
+        return text_of(value, self.namespace)
+
+    def _term(self, value: Value) -> Value:
+        return as_term(value, self.namespace)
+
+    def _boolean(self, value: Value) -> str:
+        match value.form:
+            case "boolean":
+                return value.sql
+            case "string":
+                return f"({value.sql} <> '')"
+            case "integer" | "decimal":
+                return f"({value.sql} <> 0)"
+            case "double":
+                return f"({value.sql} NOT IN (0, 'NaN'))"
+            case "term":
+                return f"rdf_boolean({value.sql}, {value.tag})"
+        return "NULL::boolean"
+
+    def _string(self, value: Value) -> str:
+        """Return the SQL of a string, with or without language; null for other terms."""
+        if value.form == "string":
+            return value.sql
+        if value.form == "term":
+            return (
+                f"(CASE WHEN {value.tag} = '{STRING}' OR starts_with({value.tag}, '@') "
+                f"THEN {value.sql} END)"
+            )
+        return "NULL::text"
+
+    def _simple(self, value: Value) -> str:
+        """Return the SQL of a string without language; null for other terms."""
+        if value.form == "term":
+            return f"(CASE WHEN {value.tag} = '{STRING}' THEN {value.sql} END)"
+        return self._string(value)
+
+    def _beside(self, a: Value, b: Value, sql: str) -> str:
+        """Return the SQL of a function of two strings; null where their languages do not fit.
+
+        The second has no language, or that of the first (SPARQL 1.1, section 17.4.3.1.2).
+        """
+        if b.form != "term":
+            return sql
+        return f"(CASE WHEN {b.tag} IN ('{STRING}', {tag_of(a)}) THEN {sql} END)"
+
+    def _like(self, value: Value, sql: str) -> Value:
+        """Return a string that was made from another: with the language of that one."""
+        if value.form == "term":
+            return Value("term", sql, value.tag)
+        return Value("string", sql)
+
+    def _number(self, value: Value) -> str:
+        if value.form in NUMERIC:
+            return value.sql
+        if value.form == "term":
+            return f"rdf_number({value.sql}, {value.tag})"
+        return "NULL::double precision"
+
+    def _unify(self, values: list[Value]) -> tuple[str, list[Value]]:
+        form = union_form(values)
+        return form, [in_form(value, form, self.namespace) for value in values]
+
+    def _arguments(self, tree: Any, seen: Environment, *names: str) -> list[Value]:
+        return [self.value(tree[name], seen) for name in names if getattr(tree, name) is not None]
+
+    # Logic
+
+    def _of_ConditionalAndExpression(self, tree: Any, seen: Environment) -> Value:
+        parts = [self.condition(each, seen) for each in (tree.expr, *tree.other)]
+        return Value("boolean", f"({' AND '.join(parts)})")
+
+    def _of_ConditionalOrExpression(self, tree: Any, seen: Environment) -> Value:
+        parts = [self.condition(each, seen) for each in (tree.expr, *tree.other)]
+        return Value("boolean", f"({' OR '.join(parts)})")
+
+    def _of_UnaryNot(self, tree: Any, seen: Environment) -> Value:
+        return Value("boolean", f"(NOT {self.condition(tree.expr, seen)})")
+
+    def _of_TrueFilter(self, tree: Any, seen: Environment) -> Value:
+        return Value("boolean", "true")
+
+    def _of_BOUND(self, tree: Any, seen: Environment) -> Value:
+        return Value("boolean", f"({self.value(tree.arg, seen).sql} IS NOT NULL)")
+
+    def _of_EXISTS(self, tree: Any, seen: Environment) -> Value:
+        return Value("boolean", self.exists(tree.graph, seen))
+
+    def _of_NOTEXISTS(self, tree: Any, seen: Environment) -> Value:
+        return Value("boolean", f"(NOT {self.exists(tree.graph, seen)})")
+
+    def _of_IF(self, tree: Any, seen: Environment) -> Value:
+        test = self.condition(tree.arg1, seen)
+        form, (yes, no) = self._unify(self._arguments(tree, seen, "arg2", "arg3"))
+        pairs = zip(yes.columns(), no.columns(), strict=True)
+        # An error in the condition is an error.
+        columns = [f"(CASE WHEN {test} THEN {y} WHEN NOT {test} THEN {n} END)" for y, n in pairs]
+        return Value.of_columns(form, columns)
+
+    def _of_COALESCE(self, tree: Any, seen: Environment) -> Value:
+        form, values = self._unify([self.value(each, seen) for each in tree.arg])
+        columns = zip(*(value.columns() for value in values), strict=True)
+        if form != "term":
+            return Value.of_columns(form, (f"coalesce({', '.join(column)})" for column in columns))
+        texts, tags = columns
+        cases = " ".join(
+            f"WHEN {text} IS NOT NULL THEN {tag}" for text, tag in zip(texts, tags, strict=True)
+        )
+        return Value("term", f"coalesce({', '.join(texts)})", f"(CASE {cases} END)")
+
+    # Comparisons
+
+    def _of_RelationalExpression(self, tree: Any, seen: Environment) -> Value:
+        if tree.op in ("IN", "NOT IN"):
+            value = self.value(tree.expr, seen)
+            items = [] if tree.other == rdflib.RDF.nil else list(tree.other)
+            each = [self._equal(value, self.value(item, seen)) for item in items]
+            found = f"({' OR '.join(each)})" if each else "false"
+            return Value("boolean", f"(NOT {found})" if tree.op == "NOT IN" else found)
+        left, right = self.value(tree.expr, seen), self.value(tree.other, seen)
+        if tree.op == "=":
+            return Value("boolean", self._equal(left, right))
+        if tree.op == "!=":
+            return Value("boolean", f"(NOT {self._equal(left, right)})")
+        condition = self._ordered(left, tree.op, right)
+        near = within_distance(tree, lambda part: self.value(part, seen), self._number)
+        return Value("boolean", f"({near} AND {condition})" if near else condition)
+
+    def _equal(self, a: Value, b: Value) -> str:
+        if a.form in NUMERIC and b.form in NUMERIC:
+            return f"({a.sql} = {b.sql})"
+        if a.form == b.form and a.form not in ("term", "geometry"):
+            return f"({a.sql} = {b.sql})"
+        if not is_literal(a.form) and not is_literal(b.form) and "term" not in (a.form, b.form):
+            if are_disjoint(a.form, b.form):
+                return f"({a.sql} IS NULL AND {b.sql} IS NULL AND NULL)"
+            return f"({same(a, b, self.namespace)})"
+        x, y = self._term(a), self._term(b)
+        return f"rdf_equal({x.sql}, {x.tag}, {y.sql}, {y.tag})"
+
+    def _ordered(self, a: Value, operator: str, b: Value) -> str:
+        if a.form in NUMERIC and b.form in NUMERIC:
+            return f"({a.sql} {operator} {b.sql})"
+        if a.form == b.form == "string":
+            return f'({a.sql} COLLATE "C" {operator} {b.sql} COLLATE "C")'
+        if a.form == b.form and a.form in ("time", "boolean"):
+            return f"({a.sql} {operator} {b.sql})"
+        numeric, dynamic = {a.form, b.form} & set(NUMERIC), "term" in (a.form, b.form)
+        if numeric and dynamic:
+            return f"({self._number(a)} {operator} {self._number(b)})"
+        x, y = self._term(a), self._term(b)
+        return f"(rdf_order({x.sql}, {x.tag}, {y.sql}, {y.tag}) {operator} 0)"
+
+    def _of_sameTerm(self, tree: Any, seen: Environment) -> Value:
+        a, b = self._arguments(tree, seen, "arg1", "arg2")
+        return Value("boolean", f"({same(a, b, self.namespace)})")
+
+    # Numbers
+
+    def _of_AdditiveExpression(self, tree: Any, seen: Environment) -> Value:
+        found = self.value(tree.expr, seen)
+        for operator, operand in zip(tree.op, tree.other, strict=True):
+            found = self._calculated(found, str(operator), self.value(operand, seen))
+        return found
+
+    _of_MultiplicativeExpression = _of_AdditiveExpression
+
+    def _calculated(self, a: Value, operator: str, b: Value) -> Value:
+        if a.form in NUMERIC and b.form in NUMERIC:
+            form = max(a.form, b.form, key=NUMERIC.index)
+            if operator == "/" and form == "integer":
+                form = "decimal"
+            x, y = (f"({v.sql})::{SQL_OF[form]}" for v in (a, b))
+            if operator == "/":
+                y = f"nullif({y}, 0)"
+            return Value(form, f"({x} {operator} {y})")
+        x_, y_ = self._term(a), self._term(b)
+        call = f"rdf_calculate('{operator}', {x_.sql}, {x_.tag}, {y_.sql}, {y_.tag})"
+        return Value("term", f"({call})[1]", f"({call})[2]")
+
+    def _of_UnaryMinus(self, tree: Any, seen: Environment) -> Value:
+        value = self.value(tree.expr, seen)
+        if value.form in NUMERIC:
+            return Value(value.form, f"(- {value.sql})")
+        return self._calculated(Value("integer", "0::numeric"), "-", value)
+
+    def _of_UnaryPlus(self, tree: Any, seen: Environment) -> Value:
+        value = self.value(tree.expr, seen)
+        if value.form in NUMERIC:
+            return value
+        return self._calculated(Value("integer", "0::numeric"), "+", value)
+
+    def _of_ABS(self, tree: Any, seen: Environment) -> Value:
+        return self._rounded(tree, seen, "abs({0})")
+
+    def _of_CEIL(self, tree: Any, seen: Environment) -> Value:
+        return self._rounded(tree, seen, "ceil({0})")
+
+    def _of_FLOOR(self, tree: Any, seen: Environment) -> Value:
+        return self._rounded(tree, seen, "floor({0})")
+
+    def _of_ROUND(self, tree: Any, seen: Environment) -> Value:
+        return self._rounded(tree, seen, "floor({0} + 0.5)")  # halves towards positive infinity
+
+    def _rounded(self, tree: Any, seen: Environment, sql: str) -> Value:
+        value = self.value(tree.arg, seen)
+        if value.form in NUMERIC:
+            return Value(value.form, f"({sql.format(value.sql)})")
+        number = f"({sql.format(self._number(value))})"
+        double = f"{value.tag} IN ('{XSD}double', '{XSD}float')"
+        if value.form != "term":
+            return UNBOUND
+        text = (
+            f"(CASE WHEN {double} THEN rdf_double({number}) WHEN {value.tag} = '{XSD}decimal' "
+            f"THEN rdf_decimal({number}::numeric) ELSE {number}::numeric::text END)"
+        )
+        return Value("term", text, f"(CASE WHEN {double} THEN '{XSD}double' ELSE {value.tag} END)")
+
+    def _of_RAND(self, tree: Any, seen: Environment) -> Value:
+        return Value("double", "random()")
+
+    # Terms
+
+    def _of_STR(self, tree: Any, seen: Environment) -> Value:
+        return Value("string", self._text(self.value(tree.arg, seen)))
+
+    def _of_LANG(self, tree: Any, seen: Environment) -> Value:
+        term = self._term(self.value(tree.arg, seen))
+        return Value(
+            "string",
+            f"(CASE WHEN starts_with({term.tag}, '@') THEN substr({term.tag}, 2) "
+            f"WHEN {term.tag} NOT IN ('I', 'B') AND {term.sql} IS NOT NULL THEN '' END)",
+        )
+
+    def _of_LANGMATCHES(self, tree: Any, seen: Environment) -> Value:
+        text, range_ = (self._string(v) for v in self._arguments(tree, seen, "arg1", "arg2"))
+        return Value(
+            "boolean",
+            f"(CASE WHEN {range_} = '*' THEN {text} <> '' ELSE lower({text}) = lower({range_}) "
+            f"OR starts_with(lower({text}), lower({range_}) || '-') END)",
+        )
+
+    def _of_DATATYPE(self, tree: Any, seen: Environment) -> Value:
+        value = self.value(tree.arg, seen)
+        if is_literal(value.form):
+            type_ = DATATYPES[value.form]
+            return Value("iri", f"(CASE WHEN {value.sql} IS NOT NULL THEN '{type_}' END)")
+        term = self._term(value)
+        return Value(
+            "iri",
+            f"(CASE WHEN starts_with({term.tag}, '@') THEN '{rdflib.RDF.langString}' "
+            f"WHEN {term.tag} NOT IN ('I', 'B') THEN {term.tag} END)",
+        )
+
+    def _of_IRI(self, tree: Any, seen: Environment) -> Value:
+        value = self.value(tree.arg, seen)
+        if not is_literal(value.form) and value.form != "term":
+            return value
+        if tree.base is not None:
+            if not isinstance(tree.arg, rdflib.Literal):
+                raise UntranslatedError("IRI resolves a computed text against BASE", tree)
+            return self.constant(rdflib.URIRef(str(tree.arg), base=tree.base))
+        text = value.sql if value.form == "term" else self._string(value)
+        return Value("term", text, "'I'::text")
+
+    _of_URI = _of_IRI
+
+    def _of_STRDT(self, tree: Any, seen: Environment) -> Value:
+        text, type_ = self._arguments(tree, seen, "arg1", "arg2")
+        return Value("term", self._simple(text), self._text(type_))
+
+    def _of_STRLANG(self, tree: Any, seen: Environment) -> Value:
+        text, language = self._arguments(tree, seen, "arg1", "arg2")
+        return Value("term", self._simple(text), f"('@' || lower({self._simple(language)}))")
+
+    def _tagged(self, tree: Any, seen: Environment, condition: str) -> Value:
+        tag = tag_of(self.value(tree.arg, seen))
+        known = f"{self.value(tree.arg, seen).sql} IS NOT NULL"
+        return Value("boolean", f"(CASE WHEN {known} THEN {condition.format(tag)} END)")
+
+    def _of_isIRI(self, tree: Any, seen: Environment) -> Value:
+        return self._tagged(tree, seen, "{0} = 'I'")
+
+    _of_isURI = _of_isIRI
+
+    def _of_isBLANK(self, tree: Any, seen: Environment) -> Value:
+        return self._tagged(tree, seen, "{0} = 'B'")
+
+    def _of_isLITERAL(self, tree: Any, seen: Environment) -> Value:
+        return self._tagged(tree, seen, "{0} NOT IN ('I', 'B')")
+
+    def _of_isNUMERIC(self, tree: Any, seen: Environment) -> Value:
+        value = self.value(tree.arg, seen)
+        valid = f"text_number({self._text(value)}) IS NOT NULL" if value.form == "term" else "true"
+        return self._tagged(tree, seen, f"(is_numeric_tag({{0}}) AND {valid})")
+
+    def _of_BNODE(self, tree: Any, seen: Environment) -> Value:
+        if tree.arg is not None:
+            raise UntranslatedError("BNODE with a label has no translation to SQL", tree)
+        return Value("term", "gen_random_uuid()::text", "'B'::text")
+
+    def _of_UUID(self, tree: Any, seen: Environment) -> Value:
+        return Value("term", "('urn:uuid:' || gen_random_uuid())", "'I'::text")
+
+    def _of_STRUUID(self, tree: Any, seen: Environment) -> Value:
+        return Value("string", "gen_random_uuid()::text")
+
+    # Strings
+
+    def _of_STRLEN(self, tree: Any, seen: Environment) -> Value:
+        text = self._string(self.value(tree.arg, seen))
+        return Value("integer", f"length({text})::numeric")
+
+    def _made(self, tree: Any, seen: Environment, sql: str) -> Value:
+        value = self.value(tree.arg, seen)
+        return self._like(value, sql.format(self._string(value)))
+
+    def _of_UCASE(self, tree: Any, seen: Environment) -> Value:
+        return self._made(tree, seen, "upper({0})")
+
+    def _of_LCASE(self, tree: Any, seen: Environment) -> Value:
+        return self._made(tree, seen, "lower({0})")
+
+    def _of_ENCODE_FOR_URI(self, tree: Any, seen: Environment) -> Value:
+        return Value("string", f"iri_encode({self._string(self.value(tree.arg, seen))})")
+
+    def _of_CONCAT(self, tree: Any, seen: Environment) -> Value:
+        values = [self.value(each, seen) for each in tree.arg]
+        joined = " || ".join(self._string(v) for v in values) if values else "''::text"
+        if not values or any(v.form != "term" for v in values):
+            return Value("string", f"({joined})")
+        tags = [v.tag for v in values]
+        alike = " AND ".join(f"{tag} = {tags[0]}" for tag in tags[1:]) or "true"
+        return Value(
+            "term", f"({joined})", f"(CASE WHEN {alike} THEN {tags[0]} ELSE '{STRING}' END)"
+        )
+
+    def _pair(self, tree: Any, seen: Environment, sql: str) -> Value:
+        a, b = self._arguments(tree, seen, "arg1", "arg2")
+        found = sql.format(self._string(a), self._string(b))
+        return Value("boolean", f"({self._beside(a, b, found)})")
+
+    def _of_CONTAINS(self, tree: Any, seen: Environment) -> Value:
+        return self._pair(tree, seen, "strpos({0}, {1}) > 0")
+
+    def _of_STRSTARTS(self, tree: Any, seen: Environment) -> Value:
+        return self._pair(tree, seen, "starts_with({0}, {1})")
+
+    def _of_STRENDS(self, tree: Any, seen: Environment) -> Value:
+        return self._pair(tree, seen, "right({0}, length({1})) = {1}")
+
+    def _around(self, tree: Any, seen: Environment, sql: str) -> Value:
+        a, b = self._arguments(tree, seen, "arg1", "arg2")
+        x, y = self._string(a), self._string(b)
+        found = f"(CASE WHEN strpos({x}, {y}) > 0 THEN {sql.format(x, y)} ELSE '' END)"
+        found = f"(CASE WHEN {x} IS NOT NULL AND {y} IS NOT NULL THEN {found} END)"
+        found = self._beside(a, b, found)
+        if a.form != "term":
+            return Value("string", found)
+        return Value(
+            "term", found, f"(CASE WHEN strpos({x}, {y}) > 0 THEN {a.tag} ELSE '{STRING}' END)"
+        )
+
+    def _of_STRBEFORE(self, tree: Any, seen: Environment) -> Value:
+        return self._around(tree, seen, "left({0}, strpos({0}, {1}) - 1)")
+
+    def _of_STRAFTER(self, tree: Any, seen: Environment) -> Value:
+        return self._around(tree, seen, "substr({0}, strpos({0}, {1}) + length({1}))")
+
+    def _of_SUBSTR(self, tree: Any, seen: Environment) -> Value:
+        text = self.value(tree.arg, seen)
+        start = f"({self._number(self.value(tree.start, seen))})::int"
+        if tree.length is None:
+            return self._like(text, f"substr({self._string(text)}, {start})")
+        length = f"({self._number(self.value(tree.length, seen))})::int"
+        return self._like(text, f"substr({self._string(text)}, {start}, greatest({length}, 0))")
+
+    def _flags(self, tree: Any, seen: Environment) -> str:
+        if tree.flags is None:
+            return "''"
+        if isinstance(tree.flags, rdflib.Literal) and set(str(tree.flags)) - set("imsxq"):
+            raise UntranslatedError("these flags of a regular expression are unknown", tree.flags)
+        flags = self._string(self.value(tree.flags, seen))
+        # XPath: s lets the dot match a newline, m lets ^ and $ match at each line.
+        return f"translate({flags}, 'ms', 'w')"
+
+    def _of_REGEX(self, tree: Any, seen: Environment) -> Value:
+        text, pattern = (self._string(v) for v in self._arguments(tree, seen, "text", "pattern"))
+        return Value("boolean", f"regexp_like({text}, {pattern}, {self._flags(tree, seen)})")
+
+    def _of_REPLACE(self, tree: Any, seen: Environment) -> Value:
+        text = self.value(tree.arg, seen)
+        pattern = self._string(self.value(tree.pattern, seen))
+        by = self._string(self.value(tree.replacement, seen))
+        by = f"regexp_replace({by}, '\\$(\\d)', '\\\\\\1', 'g')"
+        flags = f"{self._flags(tree, seen)} || 'g'"
+        return self._like(text, f"regexp_replace({self._string(text)}, {pattern}, {by}, {flags})")
+
+    def _hash(self, tree: Any, seen: Environment, sql: str) -> Value:
+        return Value("string", sql.format(self._string(self.value(tree.arg, seen))))
+
+    def _of_MD5(self, tree: Any, seen: Environment) -> Value:
+        return self._hash(tree, seen, "md5({0})")
+
+    def _of_SHA256(self, tree: Any, seen: Environment) -> Value:
+        return self._hash(tree, seen, "encode(sha256(convert_to({0}, 'UTF8')), 'hex')")
+
+    def _of_SHA384(self, tree: Any, seen: Environment) -> Value:
+        return self._hash(tree, seen, "encode(sha384(convert_to({0}, 'UTF8')), 'hex')")
+
+    def _of_SHA512(self, tree: Any, seen: Environment) -> Value:
+        return self._hash(tree, seen, "encode(sha512(convert_to({0}, 'UTF8')), 'hex')")
+
+    # Times
+
+    def _of_NOW(self, tree: Any, seen: Environment) -> Value:
+        return Value("time", "now()")
+
+    def _time(self, value: Value) -> str:
+        if value.form == "time":
+            return value.sql
+        if value.form == "term":
+            return f"(CASE WHEN {value.tag} = '{XSD}dateTime' THEN text_time({value.sql}) END)"
+        return "NULL::timestamptz"
+
+    def _field(self, tree: Any, seen: Environment, name: str) -> Value:
+        value = self.value(tree.arg, seen)
+        if value.form == "term":
+            raise UntranslatedError(f"{name.upper()} of a stated time has its own time zone", tree)
+        moment = f"{self._time(value)} AT TIME ZONE 'UTC'"
+        form = "decimal" if name == "seconds" else "integer"
+        name = "second" if name == "seconds" else name
+        return Value(form, f"extract({name} FROM {moment})")
+
+    def _of_YEAR(self, tree: Any, seen: Environment) -> Value:
+        return self._field(tree, seen, "year")
+
+    def _of_MONTH(self, tree: Any, seen: Environment) -> Value:
+        return self._field(tree, seen, "month")
+
+    def _of_DAY(self, tree: Any, seen: Environment) -> Value:
+        return self._field(tree, seen, "day")
+
+    def _of_HOURS(self, tree: Any, seen: Environment) -> Value:
+        return self._field(tree, seen, "hour")
+
+    def _of_MINUTES(self, tree: Any, seen: Environment) -> Value:
+        return self._field(tree, seen, "minute")
+
+    def _of_SECONDS(self, tree: Any, seen: Environment) -> Value:
+        return self._field(tree, seen, "seconds")
+
+    # Casts and functions of GeoSPARQL
+
+    def _of_Function(self, tree: Any, seen: Environment) -> Value:
+        iri = str(tree.iri)
+        arguments = [self.value(each, seen) for each in tree.expr or ()]
+        cast = CASTS.get(iri)
+        if cast is not None and len(arguments) == 1:
+            found = self._cast(arguments[0], *cast)
+            if iri == f"{XSD}float" and found is not UNBOUND:
+                tag = f"(CASE WHEN {found.sql} IS NOT NULL THEN '{XSD}float' END)"
+                return Value("term", f"rdf_double({found.sql})", tag)
+            return found
+        function = FUNCTIONS.get(iri)
+        if function is None:
+            raise UntranslatedError(f"there is no function <{iri}>", tree)
+        if len(arguments) not in function.counts:
+            counts = " or ".join(map(str, function.counts))
+            raise UntranslatedError(
+                f"{function.name} takes {counts} arguments, not {len(arguments)}", tree
+            )
+        texts = []
+        for kind, value in zip(function.arguments, arguments, strict=False):
+            if kind == "geometry":
+                texts.append(geometry_of(value))
+            elif kind == "entity":
+                written = f"entity_of_iri({self._text(value)})"
+                texts.append(value.sql if value.form == "entity" else written)
+            elif kind == "voxel":
+                texts.append(value.sql if value.form == "voxel" else "NULL::text")
+            elif kind == "time":
+                written = f"text_time({self._text(value)})"
+                texts.append(value.sql if value.form == "time" else written)
+            else:
+                texts.append(self._number(value) if kind == "number" else self._text(value))
+        return Value(function.result, f"({function.sql.format(*texts)})")
+
+    def _cast(self, value: Value, form: str, sql: str, kept: tuple[str, ...]) -> Value:
+        if value.form == form:
+            return value
+        if form == "string":
+            return Value("string", self._text(value))
+        if value.form in kept:
+            converted = value.sql
+            if value.form == "boolean":
+                converted = f"({value.sql})::int"
+            if form == "integer":
+                converted = f"trunc(({converted})::numeric)"
+            if form == "boolean":
+                return Value("boolean", self._boolean(value))
+            return Value(form, f"({converted})::{SQL_OF[form]}")
+        if value.form == "term" and form != "time":
+            return Value(form, self._cast_term(value, form, sql))
+        if value.form in ("string", "term"):
+            return Value(form, sql.format(value.sql))
+        return UNBOUND
+
+    def _cast_term(self, value: Value, form: str, sql: str) -> str:
+        """Return the SQL of a number or a boolean of a term, by its datatype."""
+        written, number = sql.format(value.sql), f"rdf_number({value.sql}, {value.tag})"
+        if form == "boolean":
+            ebv = f"rdf_boolean({value.sql}, {value.tag})"
+            return f"(CASE WHEN is_numeric_tag({value.tag}) THEN {ebv} ELSE {written} END)"
+        if form == "integer":
+            number = f"trunc({number})"
+        truth = f"text_boolean({value.sql})::int::{SQL_OF[form]}"
+        return (
+            f"(CASE WHEN {value.tag} = '{XSD}boolean' THEN {truth} "
+            f"ELSE coalesce({written}, {number}::{SQL_OF[form]}) END)"
+        )
+
+
+SQL_OF = {
+    "string": "text",
+    "integer": "numeric",
+    "decimal": "numeric",
+    "double": "double precision",
+    "boolean": "boolean",
+    "time": "timestamptz",
+}
+
+CASTS: Mapping[str, tuple[str, str, tuple[str, ...]]] = {
+    f"{XSD}string": ("string", "{0}", ()),
+    f"{XSD}integer": ("integer", "text_integer({0})", (*NUMERIC, "boolean")),
+    f"{XSD}decimal": ("decimal", "text_decimal({0})", (*NUMERIC, "boolean")),
+    f"{XSD}double": ("double", "text_number({0})", (*NUMERIC, "boolean")),
+    f"{XSD}float": ("double", "text_number({0})", (*NUMERIC, "boolean")),
+    f"{XSD}boolean": ("boolean", "text_boolean({0})", NUMERIC),
+    f"{XSD}dateTime": ("time", "text_time({0})", ()),
+}
+"""The casts (section 17.5): form, SQL from a text, and the forms that are converted."""

@@ -1,0 +1,408 @@
+"""Queries that were asked before: one round trip, with a plan that the server keeps.
+
+A translation follows from the text and from its basis: which map the session sees, what the IRIs
+of the text stand for, and which inferences there are. One message to the server reads the basis and
+runs the statement; the answer is one only if the basis is that of the translation.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from decimal import Decimal
+from functools import lru_cache
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import psycopg
+import rdflib
+from psycopg.pq import ConnStatus, ExecStatus, PipelineStatus, TransactionStatus
+from psycopg.pq.abc import PGconn, PGresult
+
+from semmap.knowledge.sparql.constants import Found, Lookup
+from semmap.knowledge.sparql.scope import Inferred
+from semmap.knowledge.vocabulary import XSD
+
+__all__ = ["PLANNER", "Basis", "KeptQueries", "Prepared", "Row", "Term", "term_of"]
+
+Session = psycopg.Connection[Any]
+Term = rdflib.term.Identifier
+Row = tuple[Term | None, ...]
+
+PLANNER = {"join_collapse_limit": "11", "from_collapse_limit": "11"}
+"""More tables than by default are joined in the best order, up to where that takes long."""
+
+SHORT = 0.02
+"""Seconds: a statement that takes longer is planned each time, for its values."""
+
+SLOWER = 3
+"""So many times in a row slower than when it was planned for its values, and it is planned again.
+
+The server plans a kept statement once, for any values of its parameters.
+"""
+
+STOPPED = 0.25
+"""Seconds after which a kept statement is stopped, and planned for its values."""
+
+_MOST_QUERIES = 1000
+_MOST_STATEMENTS = 100  # of a session; the server keeps the plan of each
+
+_BASIS = (
+    "SELECT 'map', m.name, m.id::text, jsonb_build_array(r.properties, r.classes)::text "
+    "FROM map m LEFT JOIN reasoning r ON r.map_id = m.id "
+    "WHERE m.name = current_setting('semmap.map', true)"
+)
+_LIMITS = ", ".join(
+    ["SELECT set_config('statement_timeout', $1, true)"]
+    + [
+        f"set_config('{name}', '{value}', true)"
+        for name, value in {**PLANNER, "plan_cache_mode": "force_generic_plan"}.items()
+    ]
+).encode()
+"""Is executed first: reading the basis may wait, too."""
+
+_PARAMETER = re.compile(r"(LIMIT |OFFSET )?%\((\w+)\)s::([a-z]+(?:\[\])?)")
+_PLAIN_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+class Unkept(Exception):
+    """A query that is not kept, or whose basis changed."""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What a translation follows from, besides the text.
+
+    Attributes
+    ----------
+    lookup : of the IRIs of the text
+    rows : what it found
+    """
+
+    lookup: Lookup
+    rows: frozenset[Found]
+
+    @classmethod
+    def read(cls, session: Session, lookup: Lookup, map_id: int) -> Basis:
+        """Read the basis of a text in one statement."""
+        parameters = {**lookup.parameters, "map": map_id}
+        rows = session.execute(_basis(lookup).encode(), parameters).fetchall()
+        return cls(lookup, frozenset(rows))
+
+    @property
+    def map(self) -> tuple[str, int] | None:
+        """The name and the number of the map; None where the session names none."""
+        row = self._map_row()
+        return None if row is None else (str(row[1]), int(row[2] or 0))
+
+    @property
+    def inferred(self) -> Inferred | None:
+        """What the map has of inferences."""
+        row = self._map_row()
+        if row is None:
+            return None
+        return Inferred(*(frozenset(each or ()) for each in json.loads(row[3] or "[]")))
+
+    def _map_row(self) -> Found | None:
+        return next((row for row in self.rows if row[0] == "map"), None)
+
+
+def _basis(lookup: Lookup) -> str:
+    return f"{_BASIS} UNION ALL {lookup.sql}"
+
+
+class Prepared:
+    """A statement as the server's protocol has it: numbered parameters, and values as text.
+
+    Values that the plan has to know are in the statement: limits, the number of the map, and types,
+    whose names are letters, digits and underscores.
+
+    Parameters
+    ----------
+    sql, parameters : with psycopg's named parameters
+    types : the names of types
+
+    Raises
+    ------
+    Unkept
+        A value has no text.
+    """
+
+    def __init__(
+        self, sql: str, parameters: dict[str, Any], types: frozenset[str] = frozenset()
+    ) -> None:
+        numbers: dict[str, int] = {}
+
+        def placed(found: re.Match[str]) -> str:
+            count, name, type_ = found.groups()
+            value = parameters[name]
+            if isinstance(value, int) and (count or type_ == "int"):
+                return f"{count or ''}{value:d}::{type_}"
+            if type_ == "text" and value in types and _PLAIN_NAME.fullmatch(value):
+                return f"'{value}'::text"
+            number = numbers.setdefault(name, len(numbers) + 1)
+            return f"{count or ''}${number}::{type_}"
+
+        self.sql = _PARAMETER.sub(placed, sql).replace("%%", "%").encode()
+        self.names = tuple(numbers)
+        self.values: list[bytes | None] = [_as_text(parameters[name]) for name in numbers]
+
+
+def _as_text(value: Any) -> bytes:
+    """Return a value as PostgreSQL reads it."""
+    if isinstance(value, list):
+        quoted = (each.replace("\\", "\\\\").replace('"', '\\"') for each in value)
+        text = "{" + ",".join(f'"{each}"' for each in quoted) + "}"
+    elif isinstance(value, bool):
+        text = "true" if value else "false"
+    elif isinstance(value, str | int | Decimal):
+        text = str(value)
+    elif isinstance(value, float):
+        text = repr(value)
+    elif isinstance(value, datetime):
+        text = value.isoformat()
+    else:
+        raise Unkept
+    if "\0" in text:
+        raise Unkept
+    return text.encode()
+
+
+@dataclass
+class _KeptQuery:
+    """A query, and how to answer it while its basis is the same."""
+
+    basis: Prepared
+    expected: frozenset[Found]
+    statement: Prepared
+    width: int
+    answer: Callable[[list[Row]], Any]
+    seconds: float
+    slower: int = 0
+
+    def has_a_bad_plan(self, seconds: float) -> bool:
+        """Return whether the statement should be planned for its values, as it took so long."""
+        self.slower = self.slower + 1 if seconds > self.seconds else 0
+        return seconds > SHORT or self.slower >= SLOWER
+
+
+class _State:
+    """What is known of a session: the map that it saw last, and what it prepared."""
+
+    def __init__(self) -> None:
+        self.map_name = ""
+        self.names: OrderedDict[bytes, bytes] = OrderedDict()
+        self.made = 0
+
+
+class KeptQueries:
+    """The queries of a process that were translated; the oldest are forgotten."""
+
+    def __init__(self) -> None:
+        self._queries: dict[tuple[Any, ...], _KeptQuery] = {}
+        self._states: WeakKeyDictionary[Session, _State] = WeakKeyDictionary()
+
+    def forget(self) -> None:
+        """Forget all queries."""
+        self._queries.clear()
+
+    def keep(
+        self,
+        session: Session,
+        key: tuple[Any, ...],
+        basis: Basis,
+        sql: str,
+        parameters: dict[str, Any],
+        width: int,
+        answer: Callable[[list[Row]], Any],
+        seconds: float,
+    ) -> None:
+        """Keep a translation.
+
+        Parameters
+        ----------
+        key : the text, and what else changes its meaning, besides the basis
+        sql, parameters : the statement; two columns, text and tag, for each variable
+        width : how many variables
+        answer : makes the answer of the solutions
+        seconds : that it took, planned for its values
+        """
+        found = basis.map
+        if found is None or seconds > SHORT:
+            return
+        lookup = basis.lookup
+        try:
+            kept = _KeptQuery(
+                Prepared(_basis(lookup), {**lookup.parameters, "map": found[1]}),
+                basis.rows,
+                Prepared(sql, parameters, lookup.constants(basis.rows).types()),
+                width,
+                answer,
+                seconds,
+            )
+        except (Unkept, UnicodeError):
+            return
+        if len(self._queries) >= _MOST_QUERIES:
+            self._queries.clear()
+        self._queries[(*key, found[0])] = kept
+        self._state(session).map_name = found[0]
+
+    def _state(self, session: Session) -> _State:
+        state = self._states.get(session)
+        if state is None:
+            state = self._states[session] = _State()
+        return state
+
+    def ask(self, session: Session, key: tuple[Any, ...], seconds: float) -> Any | None:
+        """Return the answer of a query; None if it is not kept, or has to be translated again."""
+        state = self._states.get(session)
+        if state is None:
+            return None
+        key = (*key, state.map_name)
+        kept = self._queries.get(key)
+        if kept is None:
+            return None
+        limit = str(max(1, int(1e3 * min(seconds, STOPPED)))).encode()
+        start = time.perf_counter()
+        with session.lock:
+            if not _is_idle(session):
+                return None
+            results = _run(
+                session.pgconn,
+                state,
+                (
+                    (_LIMITS, [limit]),
+                    (kept.basis.sql, kept.basis.values),
+                    (kept.statement.sql, kept.statement.values),
+                ),
+            )
+        if results is None:
+            self._queries.pop(key, None)
+            return None
+        if frozenset(_texts(results[1])) != kept.expected:
+            return None
+        if kept.has_a_bad_plan(time.perf_counter() - start):
+            self._queries.pop(key, None)
+        return kept.answer(_solutions(results[2], kept.width))
+
+
+def _is_idle(session: Session) -> bool:
+    """Return whether a statement would be a transaction of its own, as psycopg begins it."""
+    pgconn = session.pgconn
+    return (
+        pgconn.transaction_status == TransactionStatus.IDLE
+        and pgconn.pipeline_status == PipelineStatus.OFF
+        and session.isolation_level is None
+        and session.read_only is None
+        and session.deferrable is None
+        and pgconn.parameter_status(b"client_encoding") == b"UTF8"
+    )
+
+
+def _run(
+    pgconn: PGconn, state: _State, statements: Iterable[tuple[bytes, list[bytes | None]]]
+) -> list[PGresult] | None:
+    """Run statements in one round trip and transaction; None if one of them fails."""
+    sent: list[tuple[bytes, bytes] | None] = []
+    pgconn.enter_pipeline_mode()
+    try:
+        for sql, values in statements:
+            name = state.names.get(sql)
+            if name is None:
+                name = f"semmap_{state.made}".encode()
+                state.made += 1
+                pgconn.send_prepare(name, sql)
+                sent.append((sql, name))
+            else:
+                state.names.move_to_end(sql)
+            pgconn.send_query_prepared(name, values)
+            sent.append(None)
+        pgconn.pipeline_sync()
+        results = list(_received(pgconn))
+    except BaseException:
+        list(_received(pgconn))
+        raise
+    finally:
+        pgconn.exit_pipeline_mode()
+    found = []
+    for made, result in zip(sent, results, strict=False):
+        if made is not None and result.status == ExecStatus.COMMAND_OK:
+            state.names[made[0]] = made[1]
+        elif made is None and result.status == ExecStatus.TUPLES_OK:
+            found.append(result)
+    if len(results) < len(sent) or len(found) < sent.count(None):
+        state.names.clear()  # something may have removed them
+        return None
+    while len(state.names) > _MOST_STATEMENTS:
+        _, name = state.names.popitem(last=False)
+        pgconn.exec_(b"DEALLOCATE " + name)
+    return found
+
+
+def _received(pgconn: PGconn) -> Iterable[PGresult]:
+    """Yield the results of a pipeline."""
+    ended = False
+    while pgconn.status == ConnStatus.OK:
+        result = pgconn.get_result()
+        if result is None:
+            if ended:  # there are no more, which only a lost connection has
+                return
+            ended = True
+        elif result.status == ExecStatus.PIPELINE_SYNC:
+            return
+        else:
+            ended = False
+            yield result
+
+
+def _texts(result: PGresult) -> Iterable[Found]:
+    """Yield the rows of a basis."""
+    for i in range(result.ntuples):
+        values = (result.get_value(i, j) for j in range(4))
+        yield tuple(None if v is None else v.decode() for v in values)
+
+
+def _solutions(result: PGresult, width: int) -> list[Row]:
+    columns = [(2 * i, 2 * i + 1) for i in range(width)]
+    value = result.get_value
+    return [
+        tuple(_term(value(i, text), value(i, tag)) for text, tag in columns)
+        for i in range(result.ntuples)
+    ]
+
+
+def _term(text: bytes | None, tag: bytes | None) -> Term | None:
+    if text is None or tag is None:
+        return None
+    return _iri(text) if tag == b"I" else term_of(text.decode(), tag.decode())
+
+
+@lru_cache(maxsize=2**14)
+def _iri(text: bytes) -> rdflib.URIRef:
+    return rdflib.URIRef(text.decode())
+
+
+def term_of(text: str | None, tag: str | None) -> Term | None:
+    """Return the term of a text and a tag.
+
+    Examples
+    --------
+    >>> term_of("1.5", "http://www.w3.org/2001/XMLSchema#double").toPython()
+    1.5
+    """
+    if text is None or tag is None:
+        return None
+    if tag == "I":
+        return rdflib.URIRef(text)
+    if tag == "B":
+        return rdflib.BNode(text)
+    if tag.startswith("@"):
+        return rdflib.Literal(text, lang=tag[1:])
+    if tag == f"{XSD}string":
+        return rdflib.Literal(text)
+    return rdflib.Literal(text, datatype=rdflib.URIRef(tag), normalize=False)

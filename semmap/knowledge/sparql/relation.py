@@ -1,0 +1,169 @@
+"""Solutions as a SELECT that is not yet closed: tables, conditions and the variables they bind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from semmap.knowledge.mapping import Form
+from semmap.knowledge.sparql.values import Parameters, Value, are_disjoint, as_term, is_null, same
+
+__all__ = ["SQL_TYPES", "UNBOUND", "Rows", "can_join", "in_form", "union", "union_form"]
+
+UNBOUND = Value("term", "NULL::text", "NULL::text")
+"""A variable that nothing binds, or an error."""
+
+
+@dataclass
+class Rows:
+    """Solutions: one for each row of the tables that meets the conditions.
+
+    Attributes
+    ----------
+    froms : tables; later ones may refer to earlier ones
+    where : conditions
+    variables : the value of each variable
+    nullable : the variables that may be unbound
+    """
+
+    froms: list[str] = field(default_factory=list)
+    where: list[str] = field(default_factory=list)
+    variables: dict[str, Value] = field(default_factory=dict)
+    nullable: set[str] = field(default_factory=set)
+
+    def select(self, values: Iterable[Value], *, distinct: bool = False) -> str:
+        """Return a SELECT of values as the columns c0, c1 ..., a "term" taking two."""
+        columns = [sql for value in values for sql in value.columns()]
+        named = ", ".join(f"{sql} AS c{i}" for i, sql in enumerate(columns)) or "1 AS c0"
+        return f"SELECT {'DISTINCT ' if distinct else ''}{named}{self.tables()}"
+
+    def tables(self) -> str:
+        """Return FROM and WHERE."""
+        text = f" FROM {', '.join(self.froms)}" if self.froms else ""
+        return text + (f" WHERE {' AND '.join(self.where)}" if self.where else "")
+
+    def sure(self) -> dict[str, Value]:
+        """Return the variables that each solution binds."""
+        return {n: v for n, v in self.variables.items() if n not in self.nullable}
+
+    def closed(
+        self, parameters: Parameters, values: Mapping[str, Value] | None = None, **options: bool
+    ) -> Rows:
+        """Return the same solutions as one subquery, of some values only where they are given."""
+        values = self.variables if values is None else values
+        alias = parameters.alias("q")
+        select = self.select(values.values(), **options)
+        return Rows(
+            [f"LATERAL ({select}) {alias}"],
+            variables=renamed(values, alias),
+            nullable=self.nullable & values.keys(),
+        )
+
+    def bind(self, name: str, value: Value, namespace: str, *, nullable: bool = False) -> None:
+        """Bind a variable, or let the rows be those in which it has this value."""
+        known = self.variables.get(name)
+        if known is None:
+            self.variables[name] = value
+            if nullable:
+                self.nullable.add(name)
+            return
+        condition = same(known, value, namespace)
+        if name in self.nullable or nullable:
+            nulls = [
+                is_null(v) for v, n in ((known, name in self.nullable), (value, nullable)) if n
+            ]
+            condition = f"({' OR '.join([*nulls, condition])})"
+            if name in self.nullable:
+                self.variables[name] = _first(known, value, namespace) if nullable else value
+                if not nullable:
+                    self.nullable.discard(name)
+        elif known.form in ("term", "iri") and value.form != "term":
+            self.variables[name] = value
+        self.where.append(condition)
+
+    def join(self, other: Rows, namespace: str) -> None:
+        """Join other solutions to these; their tables may refer to these tables."""
+        self.froms += other.froms
+        self.where += other.where
+        for name, value in other.variables.items():
+            self.bind(name, value, namespace, nullable=name in other.nullable)
+
+
+def renamed(values: Mapping[str, Value], alias: str) -> dict[str, Value]:
+    """Return values as the columns that `Rows.select` gives them."""
+    found, column = {}, 0
+    for name, value in values.items():
+        tag = f"{alias}.c{column + 1}" if value.tag is not None else None
+        found[name] = Value(value.form, f"{alias}.c{column}", tag)
+        column += len(value.columns())
+    return found
+
+
+def union_form(values: Iterable[Value | None]) -> Form:
+    """Return the form that columns with all these values have."""
+    forms = {v.form for v in values if v is not None and v is not UNBOUND}
+    return forms.pop() if len(forms) == 1 else "term"
+
+
+def in_form(value: Value, form: Form, namespace: str) -> Value:
+    """Return a value in a form that `union_form` found."""
+    if value is UNBOUND and form != "term":
+        return Value(form, f"NULL::{SQL_TYPES.get(form, 'bigint')}")
+    return as_term(value, namespace) if form == "term" else value
+
+
+SQL_TYPES: Mapping[Form, str] = {
+    "string": "text",
+    "iri": "text",
+    "type": "text",
+    "former": "text",
+    "voxel": "text",
+    "gml": "text",
+    "geojson": "text",
+    "integer": "numeric",
+    "decimal": "numeric",
+    "double": "double precision",
+    "boolean": "boolean",
+    "time": "timestamptz",
+    "geometry": "geometry",
+}
+"""The SQL type of each form; others are bigint."""
+
+
+def union(parts: list[Rows], parameters: Parameters, namespace: str) -> Rows:
+    """Return the solutions of all parts as one subquery."""
+    names = list(dict.fromkeys(name for part in parts for name in part.variables))
+    forms = {n: union_form(part.variables.get(n) for part in parts) for n in names}
+    selects = []
+    for part in parts:
+        values = [in_form(part.variables.get(n, UNBOUND), forms[n], namespace) for n in names]
+        selects.append(part.select(_cast(value) for value in values))
+    alias = parameters.alias("u")
+    shown = {n: Value(forms[n], "", "" if forms[n] == "term" else None) for n in names}
+    nullable = {n for n in names for p in parts if n in p.nullable or n not in p.variables}
+    return Rows(
+        [f"LATERAL ({' UNION ALL '.join(selects)}) {alias}"],
+        variables=renamed(shown, alias),
+        nullable=nullable,
+    )
+
+
+def _cast(value: Value) -> Value:
+    """Return a value in the SQL type of its form, so that the parts of a union agree."""
+    type_ = SQL_TYPES.get(value.form, "bigint")
+    if value.form == "term" or value.form not in ("integer", "decimal", "double"):
+        return value
+    return Value(value.form, f"({value.sql})::{type_}", value.tag)
+
+
+def _first(a: Value, b: Value, namespace: str) -> Value:
+    """Return a where it is bound, else b."""
+    if a.form == b.form and a.form != "term":
+        return Value(a.form, f"coalesce({a.sql}, {b.sql})")
+    a, b = as_term(a, namespace), as_term(b, namespace)
+    return Value("term", f"coalesce({a.sql}, {b.sql})", f"coalesce({a.tag}, {b.tag})")
+
+
+def can_join(form: Form, others: Iterable[Form]) -> bool:
+    """Return whether a term of a form may be a term of one of other forms."""
+    return any(not are_disjoint(form, other) for other in others)

@@ -1,0 +1,81 @@
+"""Where a triple pattern stands, and which graphs and inferences it reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from semmap.knowledge.sparql.values import Value
+
+__all__ = ["NOTHING_INFERRED", "Chosen", "Inferred", "Part", "Scope"]
+
+Part = str | Value
+"""A variable by its name, or a constant."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The graphs that FROM or USING choose (SPARQL 1.1, section 13.2): the map is not in them.
+
+    Attributes
+    ----------
+    default : IRIs; the default graph is the union of these graphs
+    named : IRIs of the graphs that GRAPH finds
+    """
+
+    default: tuple[str, ...] = ()
+    named: tuple[str, ...] = ()
+
+    @classmethod
+    def by(cls, clauses: Iterable[Any] | None) -> Chosen | None:
+        """Return what the clauses of a text choose; None where there are none."""
+        clauses = list(clauses or ())
+        if not clauses:
+            return None
+        return cls(
+            tuple(str(each.default) for each in clauses if each.default is not None),
+            tuple(str(each.named) for each in clauses if each.named is not None),
+        )
+
+
+@dataclass(frozen=True)
+class Inferred:
+    """What inferences a map has, so that patterns look for no others.
+
+    Attributes
+    ----------
+    properties : of inferences
+    classes : that are inferred
+    """
+
+    properties: frozenset[str] = frozenset()
+    classes: frozenset[str] = frozenset()
+
+
+NOTHING_INFERRED = Inferred()
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Where a pattern stands.
+
+    Attributes
+    ----------
+    graph : the graph that GRAPH names, a constant or a variable; None for the default graph
+    bindings : values that the solutions will be joined with: a pattern need not have others, and
+        may refer to them
+    outer : for EXISTS, the values that expressions see besides those of the pattern
+    conditions : variable, operator and number of comparisons that all solutions will meet
+    given : bindings of few rows: each table is limited to them by its index
+    """
+
+    graph: Part | None = None
+    bindings: Mapping[str, Value] = field(default_factory=dict)
+    outer: Mapping[str, Value] = field(default_factory=dict)
+    conditions: tuple[tuple[str, str, str], ...] = ()
+    given: Mapping[str, Value] = field(default_factory=dict)
+
+    def joined(self, bindings: Mapping[str, Value]) -> Scope:
+        """Return the scope of a pattern that is joined with more values."""
+        return replace(self, bindings={**self.bindings, **bindings})

@@ -1,0 +1,565 @@
+"""SPARQL's algebra (1.1, section 18) as one statement of SQL."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import rdflib
+from rdflib.paths import Path
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.knowledge.fields.properties import comparisons, count_variables
+from semmap.knowledge.fields.rows import FieldRows
+from semmap.knowledge.sparql.constants import Constants
+from semmap.knowledge.sparql.expressions import Environment, Expressions, UntranslatedError
+from semmap.knowledge.sparql.geosparql import AGGREGATES, geometry_of
+from semmap.knowledge.sparql.relation import UNBOUND, Rows, in_form, union, union_form
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, Scope
+from semmap.knowledge.sparql.triples import TriplePatterns
+from semmap.knowledge.sparql.values import (
+    NUMERIC,
+    Value,
+    as_term,
+    is_null,
+    same,
+    tag_of,
+    text_of,
+)
+from semmap.knowledge.triple_map import Form
+from semmap.knowledge.vocabulary import XSD
+
+__all__ = ["GIVEN", "Statement", "translate", "translate_each"]
+
+GIVEN = "given p"
+"""Stands for the table with the given values; no text of a user is in a statement."""
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of SQL with its parameters; a text and a tag for each variable.
+
+    Attributes
+    ----------
+    sql : with named parameters of psycopg
+    parameters : by name
+    names : the variables of the columns, in order
+    """
+
+    sql: str
+    parameters: dict[str, Any]
+    names: tuple[str, ...]
+
+
+def translate(
+    algebra: Any,
+    names: tuple[str, ...],
+    constants: Constants,
+    namespace: str,
+    map_id: int,
+    *,
+    limit: int | None = None,
+    chosen: Chosen | None = None,
+    fields: FieldRows | None = None,
+    inferred: Inferred = NOTHING_INFERRED,
+) -> Statement:
+    """Translate a pattern with its solution modifiers.
+
+    Parameters
+    ----------
+    algebra : rdflib's
+    names : the variables of the result
+    constants : what the IRIs of the text stand for
+    namespace, map_id : of the map
+    limit : the most rows to read
+    chosen : the graphs to read; None for the map and all graphs
+    fields : answers what fields state
+    inferred : what the map has of inferences
+
+    Raises
+    ------
+    UntranslatedError
+        A part has no translation to SQL.
+    """
+    uses = count_variables(algebra) + Counter(names)
+    translator = _Translator(constants, namespace, map_id, chosen, fields, uses, inferred)
+    sql = translator.result(algebra, names)
+    if limit is not None:
+        sql = f"SELECT * FROM ({sql}) result LIMIT {translator.parameters.bind(limit, 'bigint')}"
+    return Statement(sql, translator.parameters.values, names)
+
+
+def translate_each(
+    algebra: Any,
+    names: tuple[str, ...],
+    constants: Constants,
+    namespace: str,
+    map_id: int,
+    given: Mapping[str, Form],
+) -> Statement:
+    """Translate a pattern that is answered for each row of a table with values of variables.
+
+    Parameters
+    ----------
+    given : the form of each variable with given values, whose columns in the table p are s0,
+        s1 ..., and t0 ... for the tags of a "term"; with them, the pattern is not a SELECT or ASK
+
+    Returns
+    -------
+    a statement with `GIVEN` in it, whose first column is p.n
+
+    Raises
+    ------
+    UntranslatedError
+        A part has no translation to SQL.
+    """
+    uses = count_variables(algebra) + Counter(names)
+    translator = _Translator(constants, namespace, map_id, None, None, uses)
+    if not given:
+        result = translator.result(algebra, names)
+        if not names:
+            result = f"SELECT * FROM ({result}) q LIMIT 1"
+        sql = f"SELECT p.n, r.* FROM {GIVEN}, LATERAL ({result}) r"
+        return Statement(sql, translator.parameters.values, names)
+    values = {
+        name: Value(form, f"p.s{i}", f"p.t{i}" if form == "term" else None)
+        for i, (name, form) in enumerate(given.items())
+    }
+    rows = Rows([GIVEN], variables=dict(values))
+    rows.join(translator.rows(algebra, Scope(bindings=values, given=values)), translator.namespace)
+    sql = f"SELECT {', '.join(['p.n', *translator.columns(rows, names)])}{rows.tables()}"
+    return Statement(sql, translator.parameters.values, names)
+
+
+class _Translator(TriplePatterns):
+    """Translates patterns; each method `_rows_X` those of the algebra's node X."""
+
+    def __init__(
+        self,
+        constants: Constants,
+        namespace: str,
+        map_id: int,
+        chosen: Chosen | None,
+        fields: FieldRows | None,
+        uses: Counter[str],
+        inferred: Inferred = NOTHING_INFERRED,
+    ) -> None:
+        super().__init__(constants, namespace, map_id, chosen, fields, uses, inferred)
+        self._scope = Scope()
+        self.expressions = Expressions(
+            self.parameters.bind, self.namespace, self.constant, self._exists
+        )
+
+    def result(self, node: Any, names: tuple[str, ...]) -> str:
+        """Return a SELECT of the text and the tag of each variable, in order."""
+        rows, order, tail = self._modified(node, Scope())
+        sql = f"SELECT {', '.join(self.columns(rows, names)) or '1 AS v0'}{rows.tables()}"
+        return f"{sql}{order}{tail}"
+
+    def columns(self, rows: Rows, names: tuple[str, ...]) -> list[str]:
+        """Return the text and the tag of each variable, in order."""
+        columns = []
+        for i, name in enumerate(names):
+            value = rows.variables.get(name, UNBOUND)
+            text, tag = text_of(value, self.namespace), tag_of(value)
+            if value.tag is None and not isinstance(value.constant, tuple):
+                tag = f"CASE WHEN {is_null(value)} THEN NULL ELSE {tag} END"
+            columns.append(f"{text} AS v{i}, {tag} AS t{i}")
+        return columns
+
+    # Patterns
+
+    def rows(self, node: Any, scope: Scope) -> Rows:
+        """Return the solutions of a pattern."""
+        method: Callable[[Any, Scope], Rows] | None = getattr(self, f"_rows_{node.name}", None)
+        if method is None:
+            raise UntranslatedError(f"{node.name} has no translation to SQL", node)
+        return method(node, scope)
+
+    def _rows_BGP(self, node: Any, scope: Scope) -> Rows:
+        if not node.triples:
+            return Rows()
+        return self.triples(node.triples, scope)
+
+    def _rows_Join(self, node: Any, scope: Scope) -> Rows:
+        left = self.rows(node.p1, scope)
+        right = self.rows(node.p2, scope.joined(left.sure()))
+        left.join(right, self.namespace)
+        return left
+
+    def _rows_Union(self, node: Any, scope: Scope) -> Rows:
+        parts = [self.rows(p, scope) for p in (node.p1, node.p2)]
+        return union(parts, self.parameters, self.namespace)
+
+    def _rows_Filter(self, node: Any, scope: Scope) -> Rows:
+        conditions = (*scope.conditions, *comparisons(node.expr))
+        rows = self.rows(node.p, replace(scope, conditions=conditions))
+        rows.where.append(self._condition(node.expr, rows, scope))
+        return rows
+
+    def _condition(self, tree: Any, rows: Rows, scope: Scope) -> str:
+        found: str = self._in(scope, partial(self.expressions.condition, tree), rows)
+        return found
+
+    def _in(self, scope: Scope, make: Callable[[Environment], Any], rows: Rows) -> Any:
+        outside, self._scope = self._scope, scope
+        try:
+            return make({**scope.outer, **rows.variables})
+        finally:
+            self._scope = outside
+
+    def _rows_Extend(self, node: Any, scope: Scope) -> Rows:
+        name = str(node.var)
+        bindings = {n: v for n, v in scope.bindings.items() if n != name}
+        rows = self.rows(node.p, replace(scope, bindings=bindings))
+        value = self._in(scope, lambda seen: self.expressions.value(node.expr, seen), rows)
+        if name in rows.variables:
+            return rows  # rdflib extends groups by their keys again
+        rows.variables[name] = value
+        if not isinstance(node.expr, rdflib.Variable) or str(node.expr) not in rows.sure():
+            rows.nullable.add(name)
+        if isinstance(node.expr, rdflib.term.Identifier) and not isinstance(
+            node.expr, rdflib.Variable
+        ):
+            rows.nullable.discard(name)
+        return rows
+
+    def _rows_LeftJoin(self, node: Any, scope: Scope) -> Rows:
+        left = self.rows(node.p1, scope).closed(self.parameters)
+        right = self.rows(node.p2, replace(scope, bindings=left.sure()))
+        right = right.closed(self.parameters)
+        both = Rows(variables=dict(left.variables), nullable=set(left.nullable))
+        both.join(Rows(variables=right.variables, nullable=right.nullable), self.namespace)
+        if getattr(node.expr, "name", "") != "TrueFilter":
+            both.where.append(self._condition(node.expr, both, scope))
+        on = " AND ".join(both.where) or "true"
+        rows = Rows([f"{left.froms[0]} LEFT JOIN {right.froms[0]} ON {on}"])
+        rows.variables = {**both.variables, **left.sure()}
+        rows.nullable = (both.variables.keys() - left.variables.keys()) | left.nullable
+        for name in left.nullable & right.variables.keys():
+            a, b = left.variables[name], right.variables[name]
+            rows.variables[name] = self._either(a, b)
+        return rows
+
+    def _either(self, a: Value, b: Value) -> Value:
+        form = union_form([a, b])
+        x, y = (in_form(v, form, self.namespace) for v in (a, b))
+        columns = zip(x.columns(), y.columns(), strict=True)
+        return Value.of_columns(form, (f"coalesce({p}, {q})" for p, q in columns))
+
+    def _rows_Minus(self, node: Any, scope: Scope) -> Rows:
+        left = self.rows(node.p1, scope)
+        right = self.rows(node.p2, replace(scope, bindings=left.sure(), conditions=()))
+        shared = [n for n in right.variables if n in left.variables]
+        if not shared:
+            return left
+        # Solutions that share no bound variable are not removed.
+        conditions, both = [], []
+        for name in shared:
+            a, b = left.variables[name], right.variables[name]
+            condition = same(a, b, self.namespace)
+            nulls = [is_null(v) for v, rows in ((a, left), (b, right)) if name in rows.nullable]
+            conditions.append(f"({' OR '.join([*nulls, condition])})" if nulls else condition)
+            both.append(f"({a.sql} IS NOT NULL AND {b.sql} IS NOT NULL)")
+        if all(name in left.nullable or name in right.nullable for name in shared):
+            conditions.append(f"({' OR '.join(both)})")
+        right.where += conditions
+        left.where.append(f"NOT EXISTS ({right.select(())})")
+        return left
+
+    def _exists(self, graph: Any, seen: Environment) -> str:
+        """Return the condition that a pattern has a solution with the values of a row."""
+        scope = self._scope
+        inner = Scope(scope.graph, bindings=dict(seen), outer=dict(seen))
+        # What may be unbound outside cannot limit the pattern.
+        rows = self.rows(self._translated(graph), replace(inner, bindings={}))
+        for name in [n for n in rows.variables if n in seen]:
+            value, known = rows.variables[name], seen[name]
+            condition = same(value, known, self.namespace)
+            nulls = [is_null(known)] + ([is_null(value)] if name in rows.nullable else [])
+            rows.where.append(f"({' OR '.join([*nulls, condition])})")
+        return f"EXISTS ({rows.select(())})"
+
+    def _translated(self, graph: Any) -> Any:
+        if graph.name in ("GroupGraphPatternSub", "SubSelect"):
+            raise UntranslatedError("EXISTS is translated in FILTER and BIND only", graph)
+        return graph
+
+    def _rows_Graph(self, node: Any, scope: Scope) -> Rows:
+        graph = self.part(node.term)
+        if isinstance(graph, Value) or _is_of_one_graph(node.p):
+            return self.rows(node.p, replace(scope, graph=graph))
+        # Each graph by itself: the pattern has parts that do not bind its name.
+        rows = self._graphs(graph)
+        name = rows.variables[graph]
+        inner = scope.joined(rows.variables)
+        rows.join(self.rows(node.p, replace(inner, graph=name)), self.namespace)
+        return rows
+
+    def _graphs(self, name: str) -> Rows:
+        """Return the names of all named graphs."""
+        alias, graph = self.parameters.alias("q"), self.parameters.alias()
+        rows = Rows(
+            [f"statement {graph}"], [f"{graph}.map_id = {self.map_id}", _ALIVE.format(graph)]
+        )
+        self._match_graph(rows, graph, name)
+        select = rows.select([rows.variables[name]], distinct=True)
+        return Rows([f"LATERAL ({select}) {alias}"], [], {name: Value("iri", f"{alias}.c0")})
+
+    # VALUES and subqueries
+
+    def _rows_ToMultiSet(self, node: Any, scope: Scope) -> Rows:
+        if isinstance(node.p, list):
+            return Rows(where=["false"] if not node.p else [])
+        if node.p.name == "values":
+            return self._values(node.p.res)
+        rows, order, tail = self._modified(node.p, Scope(scope.graph, outer=scope.outer))
+        if not tail:
+            return rows.closed(self.parameters)
+        return self._sliced(rows, order, tail)
+
+    def _sliced(self, rows: Rows, order: str, tail: str) -> Rows:
+        closed = rows.closed(self.parameters)
+        alias = closed.froms[0].rsplit(" ", 1)[1]
+        return Rows(
+            [f"LATERAL ({rows.select(rows.variables.values())}{order}{tail}) {alias}"],
+            variables=closed.variables,
+            nullable=closed.nullable,
+        )
+
+    def _values(self, solutions: list[dict[Any, Any]]) -> Rows:
+        if not solutions:
+            return Rows(where=["false"])
+        names = [str(name) for name in solutions[0]]
+        columns: list[list[Value | None]] = []
+        for variable in solutions[0]:
+            found: list[Value | None] = []
+            for solution in solutions:
+                term = solution.get(variable)
+                unbound = term is None or not isinstance(term, rdflib.term.Identifier)
+                found.append(None if unbound else self.constant(term))
+            columns.append(found)
+        if not names:
+            return Rows()
+        alias, number, shown = self.parameters.alias("v"), 0, {}
+        lines: list[list[str]] = [[] for _ in solutions]
+        for name, values in zip(names, columns, strict=True):
+            form = union_form(values)
+            width = 2 if form == "term" else 1
+            for line, value in zip(lines, values, strict=True):
+                placed = in_form(UNBOUND if value is None else value, form, self.namespace)
+                line += placed.columns()
+            tag = f"{alias}.c{number + 1}" if width == 2 else None
+            shown[name] = Value(form, f"{alias}.c{number}", tag)
+            number += width
+        text = ", ".join(f"({', '.join(line)})" for line in lines)
+        labels = ", ".join(f"c{i}" for i in range(number))
+        nullable = {n for n, values in zip(names, columns, strict=True) if None in values}
+        return Rows([f"(VALUES {text}) {alias} ({labels})"], [], shown, nullable)
+
+    # Solution modifiers
+
+    def _modified(self, node: Any, scope: Scope) -> tuple[Rows, str, str]:
+        """Return the solutions of a SELECT, ORDER BY, and LIMIT with OFFSET."""
+        tail, distinct, projected, order = "", False, None, []
+        while True:
+            if node.name == "Slice":
+                tail = self._slice(node)
+            elif node.name in ("Distinct", "Reduced"):
+                distinct = distinct or node.name == "Distinct"
+            elif node.name == "Project":
+                projected = [str(name) for name in node.PV]
+            elif node.name == "OrderBy":
+                order = list(node.expr)
+            elif node.name not in ("SelectQuery", "AskQuery", "ConstructQuery", "DescribeQuery"):
+                break
+            node = node.p
+        rows = self.rows(node, scope)
+        whole = rows
+        if projected is not None:
+            rows = Rows(
+                rows.froms,
+                rows.where,
+                {n: rows.variables.get(n, UNBOUND) for n in projected},
+                {n for n in projected if n in rows.nullable or n not in rows.variables},
+            )
+        if distinct:
+            for each in order:
+                names = {str(v) for v in _variables_of(each.expr)}
+                if not names <= rows.variables.keys():
+                    raise UntranslatedError(
+                        "ORDER BY with DISTINCT is translated for variables of the result", each
+                    )
+            whole = rows = rows.closed(self.parameters, distinct=True)
+        keys = [key for each in order for key in self._order(each, whole, scope)]
+        return rows, f" ORDER BY {', '.join(keys)}" if keys else "", tail
+
+    def _slice(self, node: Any) -> str:
+        tail = ""
+        if node.length is not None:
+            tail += f" LIMIT {self.parameters.bind(int(node.length), 'bigint')}"
+        if node.start:
+            tail += f" OFFSET {self.parameters.bind(int(node.start), 'bigint')}"
+        return tail
+
+    def _order(self, each: Any, rows: Rows, scope: Scope) -> list[str]:
+        """Return the keys of an order: unbound, blank nodes, IRIs, literals (section 15.1)."""
+        value = self._in(scope, lambda seen: self.expressions.value(each.expr, seen), rows)
+        end = " DESC NULLS LAST" if each.order == "DESC" else " NULLS FIRST"
+        if value.form in (*NUMERIC, "time", "boolean"):
+            if str(each.expr) in rows.sure():  # in the order of an index
+                end = " DESC" if each.order == "DESC" else ""
+            return [value.sql + end]
+        text = text_of(value, self.namespace)
+        if value.form != "term":
+            return [f'{text} COLLATE "C"{end}']
+        rank = f"CASE {value.tag} WHEN 'B' THEN 1 WHEN 'I' THEN 2 ELSE 3 END"
+        number = f"rdf_number({value.sql}, {value.tag})"
+        return [rank + end, number + end, f'{text} COLLATE "C"{end}']
+
+    # Groups
+
+    def _rows_Group(self, node: Any, scope: Scope) -> Rows:
+        raise UntranslatedError("a group without aggregates has no translation to SQL", node)
+
+    def _rows_AggregateJoin(self, node: Any, scope: Scope) -> Rows:
+        inner_scope = Scope(scope.graph, outer=scope.outer)
+        rows = self.rows(node.p.p, inner_scope)
+        keys: dict[str, Value] = {}
+        for i, key in enumerate(node.p.expr or ()):
+            value = self._in(scope, partial(self.expressions.value, key), rows)
+            keys[str(key) if isinstance(key, rdflib.Variable) else f"*key{i}"] = value
+        found: dict[str, Value] = dict(keys)
+        maybe = {name for name in keys if name in rows.nullable or name.startswith("*")}
+        for each in node.A:
+            name = str(each.res)
+            sample = each.name == "Aggregate_Sample" and isinstance(each.vars, rdflib.Variable)
+            if sample and str(each.vars) in keys:
+                found[name] = keys[str(each.vars)]
+                if str(each.vars) in maybe:
+                    maybe.add(name)
+                continue
+            value, sure = self._in(scope, partial(self._aggregate, each), rows)
+            found[name] = value
+            if not sure:
+                maybe.add(name)
+        group = [sql for value in keys.values() for sql in value.columns()]
+        alias = self.parameters.alias("g")
+        text = rows.select(found.values())
+        if group:
+            text += f" GROUP BY {', '.join(group)}"
+        elif node.p.expr is not None:
+            text += " GROUP BY ()"
+        if not node.A and not group:
+            text += " GROUP BY ()"
+        result = Rows([f"LATERAL ({text}) {alias}"])
+        column = 0
+        for name, value in found.items():
+            tag = f"{alias}.c{column + 1}" if value.tag is not None else None
+            result.variables[name] = Value(value.form, f"{alias}.c{column}", tag)
+            column += len(value.columns())
+        result.nullable = maybe
+        return result
+
+    def _aggregate(self, each: Any, seen: Environment) -> tuple[Value, bool]:
+        """Return an aggregate (section 18.5.1), and whether it has a value for each group."""
+        function = each.name.removeprefix("Aggregate_")
+        distinct = "DISTINCT " if each.distinct else ""
+        if function == "Count" and not isinstance(each.vars, (rdflib.term.Identifier, CompValue)):
+            if not distinct:
+                return Value("integer", "count(*)::numeric"), True
+            columns = [sql for v in seen.values() for sql in v.columns()]
+            return Value("integer", f"count(DISTINCT ({', '.join(columns)}))::numeric"), True
+        value = self.expressions.value(each.vars, seen)
+        if function == "Count":
+            counted = value.sql
+            if distinct and value.form == "term":
+                counted = f"CASE WHEN {value.sql} IS NOT NULL THEN ({value.sql}, {value.tag}) END"
+            return Value("integer", f"count({distinct}{counted})::numeric"), True
+        if function in ("Sum", "Avg"):
+            return self._sum(function, distinct, value)
+        if function in ("Min", "Max"):
+            return self._extreme(function.lower(), value), False
+        if function == "Sample":
+            return self._sample(value), False
+        if function == "GroupConcat":
+            separator = each.separator if each.separator is not None else " "
+            between = self.parameters.bind(str(separator))
+            text = text_of(value, self.namespace)
+            order = f" ORDER BY {text}" if distinct else ""
+            joined = f"string_agg({distinct}{text}, {between}{order})"
+            return Value("string", f"coalesce({joined}, '')"), True
+        if function in AGGREGATES:
+            return Value("geometry", AGGREGATES[function].format(geometry_of(value))), False
+        raise UntranslatedError(f"{function} has no translation to SQL", each)
+
+    def _sum(self, function: str, distinct: str, value: Value) -> tuple[Value, bool]:
+        call = "sum" if function == "Sum" else "avg"
+        if value.form in NUMERIC:
+            form = "decimal" if (function, value.form) == ("Avg", "integer") else value.form
+            return Value(form, f"coalesce({call}({distinct}{value.sql}), 0)"), True
+        if value.form != "term":
+            return Value("integer", f"CASE WHEN count({value.sql}) = 0 THEN 0::numeric END"), False
+        number = f"rdf_number({value.sql}, {value.tag})"
+        total = f"coalesce({call}({distinct}{number}), 0)"
+        wrong = f"bool_or({value.sql} IS NOT NULL AND {number} IS NULL)"
+        double = f"bool_or({value.tag} IN ('{XSD}double', '{XSD}float'))"
+        decimal = f"bool_or({value.tag} = '{XSD}decimal')"
+        if function == "Avg":
+            decimal = f"count({value.sql}) > 0"
+        text = (
+            f"CASE WHEN {wrong} THEN NULL WHEN {double} THEN rdf_double({total}) "
+            f"WHEN {decimal} THEN rdf_decimal(({total})::numeric) ELSE ({total})::numeric::text END"
+        )
+        tag = (
+            f"CASE WHEN {double} THEN '{XSD}double' WHEN {decimal} THEN '{XSD}decimal' "
+            f"ELSE '{XSD}integer' END"
+        )
+        return Value("term", text, tag), False
+
+    def _extreme(self, call: str, value: Value) -> Value:
+        if value.form in (*NUMERIC, "time"):
+            return Value(value.form, f"{call}({value.sql})")
+        if value.form == "string":
+            return Value("string", f'{call}({value.sql} COLLATE "C")')
+        if value.form == "boolean":
+            both = "bool_and" if call == "min" else "bool_or"
+            return Value("boolean", f"{both}({value.sql})")
+        term = as_term(value, self.namespace)
+        end = "DESC NULLS LAST" if call == "max" else "NULLS LAST"
+        rank = f"CASE {term.tag} WHEN 'B' THEN 1 WHEN 'I' THEN 2 ELSE 3 END"
+        keys = (rank, f"rdf_number({term.sql}, {term.tag})", f'{term.sql} COLLATE "C"')
+        order = ", ".join(f"{key} {end}" for key in keys)
+        known = f"FILTER (WHERE {term.sql} IS NOT NULL)"
+        text = f"(array_agg({term.sql} ORDER BY {order}) {known})[1]"
+        return Value("term", text, f"(array_agg({term.tag} ORDER BY {order}) {known})[1]")
+
+    def _sample(self, value: Value) -> Value:
+        known = f"FILTER (WHERE {value.sql} IS NOT NULL)"
+        columns = [f"(array_agg({sql}) {known})[1]" for sql in value.columns()]
+        return Value.of_columns(value.form, columns)
+
+
+_ALIVE = "({0}.until IS NULL OR {0}.until > statement_timestamp())"
+
+
+def _is_of_one_graph(node: Any) -> bool:
+    """Return whether each solution of a pattern binds the name of the graph that it is from."""
+    if node.name in ("Join", "Union"):
+        return all(_is_of_one_graph(part) for part in (node.p1, node.p2))
+    if node.name != "BGP":
+        return False
+    return bool(node.triples) and not any(isinstance(verb, Path) for _, verb, _ in node.triples)
+
+
+def _variables_of(tree: Any) -> list[rdflib.Variable]:
+    if isinstance(tree, rdflib.Variable):
+        return [tree]
+    if isinstance(tree, CompValue):
+        return [v for part in tree.values() for v in _variables_of(part)]
+    if isinstance(tree, (list, tuple)):
+        return [v for part in tree for v in _variables_of(part)]
+    return []

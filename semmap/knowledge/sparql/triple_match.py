@@ -1,0 +1,244 @@
+"""The rows of a table that match a triple pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import rdflib
+
+from semmap.knowledge.mapping import (
+    DATATYPES,
+    INFERENCES,
+    INFERRED_GRAPH,
+    STATEMENTS,
+    Column,
+    Form,
+    TripleMap,
+)
+from semmap.knowledge.sparql.constants import Constants, tag_and_text
+from semmap.knowledge.sparql.relation import Rows
+from semmap.knowledge.sparql.scope import Chosen, Part
+from semmap.knowledge.sparql.values import Parameters, Value, is_literal, same, text_of
+from semmap.knowledge.vocabulary import decode
+
+__all__ = ["Pattern", "TripleMatch"]
+
+_IN_NO_EARLIER = (
+    "NOT EXISTS (SELECT FROM statement d WHERE d.map_id = {a}.map_id "
+    "AND d.predicate = {a}.predicate AND d.graph = ANY ({graphs}) AND d.id < {a}.id "
+    "AND (d.until IS NULL OR d.until > statement_timestamp()) "
+    "AND (d.subject_id, d.subject, d.object_id, d.object, d.tag) "
+    "IS NOT DISTINCT FROM ({a}.subject_id, {a}.subject, {a}.object_id, {a}.object, {a}.tag))"
+)
+"""A union of graphs has a triple once."""
+
+
+@dataclass
+class Pattern:
+    """A triple pattern, and the triple maps that can match it."""
+
+    subject: Part
+    predicate: Part
+    object: Part
+    maps: list[TripleMap]
+
+    def sides(self, triple: TripleMap) -> Iterable[tuple[Part, Form]]:
+        """Yield each side, and the form that it has in a triple map."""
+        yield self.subject, triple.subject.form
+        yield self.predicate, "iri"
+        yield self.object, triple.object.form
+
+
+class TripleMatch:
+    """Matches triple patterns with triple maps.
+
+    Parameters
+    ----------
+    constants : what the IRIs of the text stand for
+    namespace : of the map's entities
+    map_id : the map
+    chosen : the graphs to read; None for the map and all graphs
+    """
+
+    def __init__(
+        self, constants: Constants, namespace: str, map_id: int, chosen: Chosen | None = None
+    ) -> None:
+        self.parameters = Parameters()
+        self._chosen = chosen
+        self.constants = constants
+        self.namespace = self.parameters.bind(namespace)
+        self.map_id = self.parameters.bind(map_id, "int")
+        self._graph: Part | None = None
+
+    # Terms
+
+    def part(self, term: Any) -> Part:
+        """Return a variable's name, or a constant."""
+        if isinstance(term, rdflib.Variable):
+            return str(term)
+        if isinstance(term, rdflib.BNode):
+            return f"_:{term}"
+        return self.constant(term)
+
+    def constant(self, term: Any, *, as_type: bool = False) -> Value:
+        """Return a constant as it is kept in columns."""
+        text, tag = tag_and_text(term)
+        if tag != "I":
+            return Value("term", self._bind(text), self._bind(tag), (text, tag))
+        form, key = self.constants.node(text, as_type=as_type)
+        type_ = {int: "bigint"}.get(type(key), "text")
+        return Value(form, self.parameters.bind(key, type_), None, (text, "I"))
+
+    def _bind(self, text: str) -> str:
+        return self.parameters.bind(text)
+
+    def fresh(self) -> str:
+        """Return the name of a variable that no text has."""
+        return self.parameters.alias("*")
+
+    # Rows
+
+    def _match(
+        self, pattern: Pattern, triple: TripleMap, aliases: dict[tuple[str, Part | str], str]
+    ) -> Rows:
+        """Return the rows of a triple map that match a pattern.
+
+        Patterns with the same subject share the table of which it is the key.
+        """
+        letters: dict[str, str] = {}
+        rows, source = Rows(), triple.source
+        for letter, table in source.tables:
+            key = None
+            if not letters and source.key == triple.subject.sql:
+                side = pattern.subject
+                key = (table, side.sql if isinstance(side, Value) else side)
+            if key is not None and key in aliases:
+                letters[letter] = aliases[key]
+                continue
+            alias = letters[letter] = self.parameters.alias()
+            if key is not None:
+                aliases[key] = alias
+            named = table.format(**letters)
+            lateral = f"LATERAL {named}" if "(" in named else named
+            rows.froms.append(lateral if " AS " in named else f"{lateral} {alias}")
+        rows.where += [condition.format(**letters) for condition in source.where]
+        if source.map_id is not None:
+            rows.where.append(f"{source.map_id.format(**letters)} = {self.map_id}")
+        object_ = _placed(triple.object, letters)
+        for part, value in (
+            (pattern.subject, _placed(triple.subject, letters)),
+            (pattern.object, object_),
+        ):
+            if isinstance(part, str):
+                rows.bind(part, value, self.namespace)
+            else:
+                constant = self._as_column(part, Column(value.form, value.sql, value.tag))
+                assert constant is not None
+                rows.where.append(same(value, constant, self.namespace))
+        if triple.nullable and isinstance(pattern.object, str):
+            rows.where.append(f"{object_.sql} IS NOT NULL")
+        self._match_verb(rows, pattern, triple, letters)
+        if triple.property and triple.name == "{b}.key" and isinstance(pattern.object, Value):
+            self._use_index_of_properties(rows, pattern, letters)
+        if triple in STATEMENTS:
+            self._match_graph(rows, letters["a"], self._graph)
+        elif triple in INFERENCES and isinstance(self._graph, str):
+            graph = Value("iri", f"'{INFERRED_GRAPH}'::text")
+            rows.bind(self._graph, graph, self.namespace)
+        rows.where = list(dict.fromkeys(rows.where))
+        return rows
+
+    def _match_graph(self, rows: Rows, alias: str, graph: Part | None) -> None:
+        if graph is None and self._chosen is None:
+            rows.where.append(f"{alias}.graph = ''")
+        elif graph is None:
+            assert self._chosen is not None
+            graphs = self.parameters.bind(list(self._chosen.default), "text[]")
+            rows.where.append(f"{alias}.graph = ANY ({graphs})")
+            if len(self._chosen.default) > 1:
+                rows.where.append(_IN_NO_EARLIER.format(a=alias, graphs=graphs))
+        elif isinstance(graph, Value):
+            rows.where.append(f"{alias}.graph = {text_of(graph, self.namespace)}")
+            named = None if self._chosen is None else self._chosen.named
+            if named is not None and graph.constant and graph.constant[0] not in named:
+                rows.where.append("false")
+        else:
+            rows.where.append(f"{alias}.graph <> ''")
+            if self._chosen is not None:
+                graphs = self.parameters.bind(list(self._chosen.named), "text[]")
+                rows.where.append(f"{alias}.graph = ANY ({graphs})")
+            rows.bind(graph, Value("iri", f"{alias}.graph"), self.namespace)
+
+    def _match_verb(
+        self, rows: Rows, pattern: Pattern, triple: TripleMap, letters: Mapping[str, str]
+    ) -> None:
+        name = triple.name and triple.name.format(**letters)
+        if isinstance(pattern.predicate, str):
+            sql = f"'{triple.property}'::text"
+            if name is not None:
+                sql = f"('{triple.property}' || iri_encode({name}))" if triple.property else name
+            rows.bind(pattern.predicate, Value("iri", sql), self.namespace)
+        elif name is not None and pattern.predicate.constant:
+            local = pattern.predicate.constant[0][len(triple.property) :]
+            key = decode(local) if triple.property else local
+            rows.where.append("false" if key is None else f"{name} = {self._bind(key)}")
+
+    def _use_index_of_properties(
+        self, rows: Rows, pattern: Pattern, letters: Mapping[str, str]
+    ) -> None:
+        """Add a condition that the index on all properties answers."""
+        assert isinstance(pattern.object, Value)
+        if not isinstance(pattern.predicate, Value) or pattern.predicate.constant is None:
+            return
+        key = decode(pattern.predicate.constant[0].rsplit("#", 1)[-1])
+        text, tag = pattern.object.constant or ("", "")
+        kinds = {"string": "to_jsonb({v}::text)", "boolean": "to_jsonb({v}::boolean)"}
+        kind = next((k for k in kinds if DATATYPES[k] == tag), None)
+        if key is not None and kind is not None and (kind == "string" or text in ("true", "false")):
+            value = kinds[kind].format(v=self._bind(text))
+            rows.where.append(
+                f"{letters['a']}.properties @> jsonb_build_object({self._bind(key)}, {value})"
+            )
+
+    def _as_column(self, constant: Value, column: Column) -> Value | None:
+        """Return a constant in the form of a column; None where no row can have it."""
+        form = column.form
+        text, tag = constant.constant or ("", "I")
+        if form == "iri" and column.sql.startswith("'") and column.sql != f"'{text}'::text":
+            return None
+        if form == "iri" and column.sql.startswith("('"):  # a computed name in a namespace
+            namespace = column.sql[2:].partition("'")[0]
+            return Value("iri", self._bind(text)) if text.startswith(namespace) else None
+        if form == constant.form and constant.tag is None:
+            return constant
+        if constant.form == "type" and form in ("term", "iri") and not column.sql.startswith("'"):
+            # All IRIs of a type stand for that of its ontology, which statements have.
+            tagged = self._bind(tag) if form == "term" else None
+            return Value(form, text_of(constant, self.namespace), tagged)
+        if form == "term":
+            return Value("term", self._bind(text), self._bind(tag))
+        if is_literal(form):
+            if tag != DATATYPES[form]:
+                return None
+            if form in ("string", "gml", "geojson"):
+                return Value(form, self._bind(text))
+            # Terms are the same if they are written the same.
+            return Value("term", self._bind(text), self._bind(tag))
+        if tag != "I" or (form == "iri" and constant.form == "entity"):
+            return None
+        if form == "iri":
+            return Value("iri", self._bind(text))
+        # Of an IRI that is a node of another kind, or none, no row is.
+        return None
+
+    def _equals(self, value: Value, constant: Value) -> str:
+        known = self._as_column(constant, Column(value.form, value.sql, value.tag))
+        return "false" if known is None else same(value, known, self.namespace)
+
+
+def _placed(column: Column, letters: Mapping[str, str]) -> Value:
+    """Return a column of the tables that letters stand for."""
+    tag = None if column.tag is None else column.tag.format(**letters)
+    return Value(column.form, column.sql.format(**letters), tag)

@@ -1,0 +1,442 @@
+"""Triple patterns and property paths as rows of the tables that the mapping names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import rdflib
+from rdflib.paths import AlternativePath, InvPath, MulPath, NegatedPath, SequencePath
+
+from semmap.knowledge.fields.properties import field_property, is_of_fields
+from semmap.knowledge.fields.rows import FieldRows
+from semmap.knowledge.mapping import (
+    COMPUTED,
+    INFERENCES,
+    INFERRED_GRAPH,
+    NODES,
+    REWRITTEN,
+    STATEMENTS,
+    TRIPLES,
+    Computed,
+    Form,
+    TripleMap,
+    is_mapped,
+)
+from semmap.knowledge.sparql.constants import Constants
+from semmap.knowledge.sparql.expressions import UntranslatedError
+from semmap.knowledge.sparql.paths import PropertyPaths
+from semmap.knowledge.sparql.relation import UNBOUND, Rows, can_join, union
+from semmap.knowledge.sparql.row_sharing import share_rows
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, Part, Scope
+from semmap.knowledge.sparql.triple_match import Pattern
+from semmap.knowledge.sparql.values import Value, key_of, same
+from semmap.knowledge.vocabulary import RDF
+
+__all__ = ["TriplePatterns"]
+
+_RDF_TYPE = f"{RDF}type"
+_COMPUTED = {each.property: each for each in COMPUTED}
+
+
+class TriplePatterns(PropertyPaths):
+    """Translates triple patterns.
+
+    Parameters
+    ----------
+    constants : what the IRIs of the text stand for
+    namespace : of the map's entities
+    map_id : the map
+    chosen : the graphs to read; None for the map and all graphs
+    fields : answers what fields state
+    uses : how often each variable occurs in the whole query
+    inferred : the inferences that patterns match, too
+    """
+
+    def __init__(
+        self,
+        constants: Constants,
+        namespace: str,
+        map_id: int,
+        chosen: Chosen | None = None,
+        fields: FieldRows | None = None,
+        uses: Mapping[str, int] | None = None,
+        inferred: Inferred = NOTHING_INFERRED,
+    ) -> None:
+        super().__init__(constants, namespace, map_id, chosen)
+        self._inferred = inferred
+        self.fields = fields
+        self.uses = uses or {}
+
+    # Basic graph patterns
+
+    def sources(self, triple: tuple[Any, Any, Any], graph: Any) -> list[TripleMap] | Computed:
+        """Return what can match a triple pattern: triple maps, or the relation that it computes.
+
+        Parameters
+        ----------
+        graph : the term after GRAPH; None for the default graph
+
+        Raises
+        ------
+        UntranslatedError
+            Fields state the property.
+        """
+        subject, predicate, object_ = triple
+        scope = Scope(None if graph is None else self.part(graph))
+        if isinstance(predicate, rdflib.URIRef):
+            computed = self._computed(predicate, scope)
+            if computed is not None:
+                return computed  # type: ignore[no-any-return]
+        if self._is_of_fields(predicate, scope) or self._may_be_of_fields(predicate, scope):
+            raise UntranslatedError("fields state this", predicate)
+        end = self.part(object_)
+        if str(predicate) == _RDF_TYPE and isinstance(end, Value):
+            end = self.constant(object_, as_type=True)
+        verb = self.part(predicate)
+        if isinstance(verb, Value):
+            verb = self._verb(predicate)
+        start = self.part(subject)
+        return [m for m in self._maps(verb, scope) if self._fits(start, verb, end, m, scope)]
+
+    def triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: Scope) -> Rows:
+        """Return the solutions of triple patterns that must all match."""
+        outside, self._graph = self._graph, scope.graph
+        try:
+            return self._all_triples(triples, scope)
+        finally:
+            self._graph = outside
+
+    def _all_triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: Scope) -> Rows:
+        plain: list[Pattern] = []
+        paths: list[tuple[Part, MulPath, Part]] = []
+        computed: list[tuple[Part, Computed, Part]] = []
+        stated: list[tuple[Part, Any, Part]] = []
+        either: list[tuple[Part, Any, Part]] = []
+        parts: list[list[Rows]] = []
+
+        def add(subject: Part, predicate: Any, object_: Part) -> None:
+            if isinstance(predicate, InvPath):
+                add(object_, predicate.arg, subject)
+            elif isinstance(predicate, SequencePath):
+                stops = [subject, *(self.fresh() for _ in predicate.args[1:]), object_]
+                for start, step, end in zip(stops, predicate.args, stops[1:], strict=False):
+                    add(start, step, end)
+            elif isinstance(predicate, AlternativePath):
+                parts.append([self._one(subject, step, object_, scope) for step in predicate.args])
+            elif isinstance(predicate, NegatedPath):
+                parts.append(list(self._negated(subject, predicate, object_, scope)))
+            elif isinstance(predicate, MulPath):
+                paths.append((subject, predicate, object_))
+            elif isinstance(predicate, rdflib.URIRef) and self._computed(predicate, scope):
+                computed.append((subject, self._computed(predicate, scope), object_))
+            elif self._is_of_fields(predicate, scope):
+                stated.append((subject, predicate, object_))
+            elif self._may_be_of_fields(predicate, scope):
+                either.append((subject, predicate, object_))
+            else:
+                add_fact(subject, predicate, object_)
+
+        def add_fact(subject: Part, predicate: Any, object_: Part) -> None:
+            verb = self.part(predicate)
+            if isinstance(verb, Value):
+                verb = self._verb(predicate)
+            maps = [
+                m for m in self._maps(verb, scope) if self._fits(subject, verb, object_, m, scope)
+            ]
+            plain.append(Pattern(subject, verb, object_, maps))
+
+        for subject, predicate, object_ in triples:
+            end = self.part(object_)
+            if str(predicate) == _RDF_TYPE and isinstance(end, Value):
+                end = self.constant(object_, as_type=True)
+            add(self.part(subject), predicate, end)
+        voxels = {subject for subject, verb, _ in stated if self._field(verb).subject == "voxel"}
+        for subject, predicate, object_ in either:
+            if subject in voxels:
+                stated.append((subject, predicate, object_))
+            else:
+                add_fact(subject, predicate, object_)
+        self._prune(plain, scope)
+        rows = self._joined(plain, scope)
+        if stated:
+            self._join_fields(rows, stated, scope)
+        for part in parts:
+            rows.join(union(part, self.parameters, self.namespace), self.namespace)
+        for start, path, end in paths:
+            self._walk(rows, start, path, end, scope)
+        for a, relation, b in computed:
+            self._relate(rows, a, relation, b, scope)
+        return rows
+
+    def _verb(self, iri: Any) -> Value:
+        text = self.constants.property(str(iri))
+        return Value("iri", self._bind(text), None, (text, "I"))
+
+    # Properties of fields
+
+    def _field(self, iri: Any) -> Any:
+        return field_property(self.constants.property(str(iri)))
+
+    def _is_of_fields(self, predicate: Any, scope: Scope) -> bool:
+        iri = isinstance(predicate, rdflib.URIRef) and self.constants.property(str(predicate))
+        return self._is_map(scope) and bool(iri) and is_of_fields(str(iri))
+
+    def _may_be_of_fields(self, predicate: Any, scope: Scope) -> bool:
+        """Return whether a property is one of voxels and, of other subjects, one of tables."""
+        iri = isinstance(predicate, rdflib.URIRef)
+        found = self._field(predicate) if iri and self._is_map(scope) else None
+        return found is not None and found.subject == "voxel"
+
+    def _join_fields(self, rows: Rows, stated: list[tuple[Part, Any, Part]], scope: Scope) -> None:
+        """Join what fields answer; variables that nothing else needs are counted there."""
+        if self.fields is None:
+            raise UntranslatedError("fields cannot be asked here", stated[0][1])
+
+        def is_needed(name: str, count: int) -> bool:
+            return name.startswith("*") or self.uses.get(name, 0) > count
+
+        found, equal = self.fields.rows(
+            stated, self.constants, self.parameters, is_needed, scope.conditions
+        )
+        for part in found:
+            for name in part.variables.keys() & equal.keys():
+                part.where.append(self._equals(part.variables.pop(name), equal[name]))
+            rows.join(part, self.namespace)
+
+    def _computed(self, iri: Any, scope: Scope) -> Any:
+        if not self._is_map(scope):
+            return None
+        return _COMPUTED.get(self.constants.property(str(iri)))
+
+    def _is_map(self, scope: Scope) -> bool:
+        """Return whether a pattern reads the map, and not only statements of chosen graphs."""
+        return scope.graph is None and self._chosen is None
+
+    def _maps(self, verb: Part, scope: Scope) -> Iterable[TripleMap]:
+        """Yield the triple maps of a property; all facts for a variable."""
+        if not self._is_map(scope):
+            if not _is_inferred_graph(scope.graph):
+                yield from STATEMENTS
+            if self._reads_inferences(scope):
+                yield from self._inferences(verb)
+            return
+        yield from self._inferences(verb)
+        if isinstance(verb, str):
+            yield from TRIPLES
+            yield from STATEMENTS
+            return
+        iri, _ = verb.constant or ("", "")
+        for triple in (*TRIPLES, *REWRITTEN):
+            if triple.property == iri if triple.name is None else iri.startswith(triple.property):
+                yield triple
+        if not is_mapped(iri) and self.constants.is_stated(iri):
+            yield from STATEMENTS
+
+    def _reads_inferences(self, scope: Scope) -> bool:
+        """Return whether graphs that a pattern reads have the inferences among them."""
+        if self._chosen is None:
+            return isinstance(scope.graph, str) or _is_inferred_graph(scope.graph)
+        chosen = self._chosen.default if scope.graph is None else self._chosen.named
+        named = isinstance(scope.graph, Value) and not _is_inferred_graph(scope.graph)
+        return INFERRED_GRAPH in chosen and not named
+
+    def _inferences(self, verb: Part) -> Iterable[TripleMap]:
+        known = self._inferred.properties
+        if known and (isinstance(verb, str) or (verb.constant or ("",))[0] in known):
+            yield from INFERENCES
+
+    def _fits(
+        self, subject: Part, verb: Part, object_: Part, triple: TripleMap, scope: Scope
+    ) -> bool:
+        """Return whether the constants of a pattern can match a triple map."""
+        for part, column in ((subject, triple.subject), (object_, triple.object)):
+            if isinstance(part, Value) and self._as_column(part, column) is None:
+                return False
+        typed = isinstance(verb, Value) and verb.constant == (_RDF_TYPE, "I")
+        # Entities have the types of the T-Box; only statements of named graphs have these, too.
+        own = typed and isinstance(object_, Value) and object_.form == "type"
+        if typed and triple in INFERENCES and isinstance(object_, Value):
+            if object_.form == "type":
+                name = self.constants.node((object_.constant or ("",))[0], as_type=True)[1]
+                return self.constants.class_of(name) in self._inferred.classes
+            return (object_.constant or ("",))[0] in self._inferred.classes
+        own = own and self._is_map(scope)
+        return not (own and triple in STATEMENTS)
+
+    def _prune(self, patterns: list[Pattern], scope: Scope) -> None:
+        """Remove the triple maps whose terms no other pattern can have, until all are needed."""
+        while True:
+            forms: dict[str, list[set[Form]]] = {
+                name: [{value.form}] for name, value in scope.bindings.items()
+            }
+            for pattern in patterns:
+                each: dict[str, set[Form]] = {}
+                for triple in pattern.maps:
+                    for part, form in pattern.sides(triple):
+                        if isinstance(part, str):
+                            each.setdefault(part, set()).add(form)
+                for name, found in each.items():
+                    forms.setdefault(name, []).append(found)
+            changed = False
+            for pattern in patterns:
+                kept = [
+                    triple
+                    for triple in pattern.maps
+                    if all(
+                        can_join(form, others)
+                        for part, form in pattern.sides(triple)
+                        if isinstance(part, str)
+                        for others in forms[part]
+                    )
+                ]
+                changed |= len(kept) < len(pattern.maps)
+                pattern.maps = kept
+            if not changed:
+                return
+
+    def _joined(self, patterns: list[Pattern], scope: Scope) -> Rows:
+        rows = Rows()
+        aliases: dict[tuple[str, Part | str], str] = {}
+        loose: list[tuple[str, Value]] = []
+        anchored: set[str] = set(scope.bindings)
+        together = [
+            {side for side in (p.subject, p.object) if isinstance(side, str)}
+            for p in patterns
+            if len(p.maps) == 1 and p.maps[0].source.one_map
+        ]
+        for pattern in sorted(patterns, key=lambda p: len(p.maps) != 1):
+            if len(pattern.maps) == 1:
+                (triple,) = pattern.maps
+                found = self._match(pattern, triple, aliases)
+                name = pattern.subject
+                if isinstance(name, str) and NODES.get(triple.subject.form):
+                    if triple.source.map_id is not None or _is_anchored(pattern, triple, set()):
+                        anchored.add(name)
+                    else:
+                        loose.append((name, found.variables[name]))
+                rows.join(found, self.namespace)
+            elif pattern.maps:
+                parts = []
+                _spread(anchored, together)
+                for triple in pattern.maps:
+                    part = self._match(pattern, triple, {})
+                    if not _is_anchored(pattern, triple, anchored):
+                        self._anchor(part, pattern.subject, triple)
+                    _use_keys(part, rows.variables)
+                    self._correlate(part, rows)
+                    part.where += [
+                        same(part.variables[name], scope.given[name], self.namespace)
+                        for name in (pattern.subject, pattern.object)
+                        if isinstance(name, str) and name in scope.given
+                    ]
+                    parts.append(part)
+                rows.join(union(parts, self.parameters, self.namespace), self.namespace)
+            else:
+                for name in (pattern.subject, pattern.predicate, pattern.object):
+                    if isinstance(name, str):
+                        rows.variables.setdefault(name, UNBOUND)
+                rows.where.append("false")
+        for name, value in loose:
+            _spread(anchored, together)
+            if name not in anchored:
+                anchored.add(name)
+                self._add_anchor(rows, value)
+        share_rows(rows)
+        return rows
+
+    def _correlate(self, part: Rows, rows: Rows) -> None:
+        """Limit a part of a union to keys that are known before it: then it uses its indexes."""
+        for name, value in part.variables.items():
+            known = rows.variables.get(name)
+            is_node = known is not None and known.form in NODES and known.form == value.form
+            if known is not None and is_node and name not in rows.nullable:
+                part.where.append(same(value, known, self.namespace))
+
+    def _anchor(self, rows: Rows, subject: Part, triple: TripleMap) -> None:
+        if isinstance(subject, str) and triple.source.map_id is None:
+            self._add_anchor(rows, rows.variables[subject])
+
+    def _add_anchor(self, rows: Rows, value: Value) -> None:
+        """Limit an entity, or a node that belongs to one, to the map."""
+        node = NODES.get(value.form)
+        if node is not None and node.of_map:
+            alias = self.parameters.alias()
+            rows.froms.append(f"entity {alias}")
+            rows.where += [f"{alias}.id = {value.sql}", f"{alias}.map_id = {self.map_id}"]
+
+    # Relations that functions compute
+
+    def _relate(self, rows: Rows, a: Part, relation: Computed, b: Part, scope: Scope) -> None:
+        """Join a relation between entities, by its index where one side is known."""
+        known: dict[str, str] = {}
+        for side, part in (("a", a), ("b", b)):
+            value = part if isinstance(part, Value) else rows.variables.get(part)
+            if value is None and isinstance(part, str):
+                value = scope.bindings.get(part)
+                if value is not None:
+                    rows.bind(part, value, self.namespace)
+            if value is not None and value.form not in ("entity", "term"):
+                rows.where.append("false")
+            if value is not None and value.form == "entity":
+                known[side] = value.sql
+        missing = {"a": a, "b": b}
+        if not known:
+            known["a"] = self._any_entity(rows, a)
+        if len(known) == 2:
+            rows.where.append(f"{known['a']} <> {known['b']}")
+            rows.where.append(relation.decide.format(**known))
+            return
+        (side,) = {"a", "b"} - known.keys()
+        part = missing[side]
+        function = relation.converse if side == "b" else relation.members
+        if function is None:
+            known[side] = self._any_entity(rows, part)
+            rows.where.append(f"{known['a']} <> {known['b']}")
+            rows.where.append(relation.decide.format(**known))
+            return
+        alias = self.parameters.alias("f")
+        rows.froms.append(f"LATERAL {function.format(**known)} AS {alias} (member)")
+        found = Value("entity", f"{alias}.member")
+        if isinstance(part, Value):
+            rows.where.append(self._equals(found, part))
+        else:
+            rows.bind(part, found, self.namespace)
+
+    def _any_entity(self, rows: Rows, part: Part) -> str:
+        alias = self.parameters.alias()
+        rows.froms.append(f"entity {alias}")
+        rows.where.append(f"{alias}.map_id = {self.map_id}")
+        value = Value("entity", f"{alias}.id")
+        if isinstance(part, Value):
+            rows.where.append(self._equals(value, part))
+        else:
+            rows.bind(part, value, self.namespace)
+        return value.sql
+
+
+def _is_anchored(pattern: Pattern, triple: TripleMap, anchored: set[str]) -> bool:
+    """Return whether the other end of a triple limits its subject to the map."""
+    end = pattern.object
+    known = end in anchored if isinstance(end, str) else end.form == "entity"
+    return triple.source.one_map and triple.object.form == "entity" and known
+
+
+def _spread(anchored: set[str], together: list[set[str]]) -> None:
+    """Add the variables that are in the map because another one is."""
+    while more := [names for names in together if names & anchored and not names <= anchored]:
+        for names in more:
+            anchored |= names
+
+
+def _use_keys(part: Rows, known: Mapping[str, Value]) -> None:
+    """Compare the IRIs of statements by the keys of nodes that a variable is bound to already."""
+    for name, value in part.variables.items():
+        form = known[name].form if name in known else "iri"
+        node = NODES.get(form)
+        if value.form == "iri" and node is not None and node.prefix and not node.of_map:
+            part.variables[name] = key_of(value, form)
+
+
+def _is_inferred_graph(graph: Part | None) -> bool:
+    return isinstance(graph, Value) and graph.constant == (INFERRED_GRAPH, "I")

@@ -1,0 +1,251 @@
+"""The solutions of parts of standing queries, one statement of SQL for all parts of a shape."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import psycopg
+import rdflib
+
+from semmap.knowledge.map_view import MapView, Row, Term, term_of
+from semmap.knowledge.queries import Answer, errors_of, limited, query
+from semmap.knowledge.sparql.constants import tag_and_text
+from semmap.knowledge.sparql.translator import GIVEN, Statement
+from semmap.knowledge.standing.parts import Part, Solution
+from semmap.knowledge.standing.shapes import parsed_text, translated
+from semmap.knowledge.triple_map import Form
+from semmap.limits import QUERY_SECONDS
+
+__all__ = ["Evaluation", "Job", "Regions"]
+
+_SETTINGS = (
+    "SELECT set_config('plan_cache_mode', '{}', true), "
+    "set_config('statement_timeout', '{}', true), "
+    "set_config('join_collapse_limit', '11', true), set_config('from_collapse_limit', '11', true)"
+)
+_PARAMETER = re.compile(r"%\((\w+)\)s::(\w+)")
+
+
+class Job(NamedTuple):
+    """The solutions of a part with some terms are to be evaluated."""
+
+    part: Part
+    solution: tuple[tuple[str, Term], ...]
+
+    @property
+    def given(self) -> list[tuple[str, Term]]:
+        """The terms that the database is given: those at the ends of patterns."""
+        return [each for each in self.solution if each[0] in self.part.ends]
+
+
+_Group = list[tuple[Job, Statement]]
+"""Jobs of one shape."""
+
+
+class Regions:
+    """The solutions that changes concern: parts, with the terms of some variables.
+
+    Attributes
+    ----------
+    jobs : those to evaluate
+    known : those that are known
+    """
+
+    def __init__(self, parts: Iterable[Part]) -> None:
+        self.jobs: dict[Job, None] = {Job(part, ()): None for part in parts}
+        self.known: dict[Job, set[Row]] = {}
+
+    def evaluate(self, part: Part, solution: Solution) -> None:
+        """The solutions with these terms are to be evaluated."""
+        if Job(part, ()) not in self.jobs:
+            self.jobs[Job(part, tuple(sorted(solution.items())))] = None
+
+    def known_as(self, part: Part, region: Solution, solutions: Iterable[Solution]) -> None:
+        """The solutions with these terms are known."""
+        if Job(part, ()) not in self.jobs:
+            rows: set[Row] = {tuple(each[name] for name in part.names) for each in solutions}
+            self.known[Job(part, tuple(sorted(region.items())))] = rows
+
+
+class Evaluation:
+    """Evaluates jobs."""
+
+    def __init__(self) -> None:
+        self._varying: dict[Any, set[str]] = defaultdict(set)
+
+    def answers(
+        self,
+        view: MapView,
+        jobs: list[Job],
+        nodes: Mapping[Term, tuple[Form, int]],
+        errors: dict[Any, Exception],
+    ) -> dict[Job, set[Row]]:
+        """Return the solutions of parts.
+
+        Parameters
+        ----------
+        nodes : the nodes of entities that the terms of jobs may be, with form and id
+        errors : gets that of each query that fails
+        """
+        same: dict[Any, list[Job]] = defaultdict(list)
+        for job in jobs:
+            same[id(job.part.statements), job.solution].append(job)
+        groups: dict[Any, _Group] = defaultdict(list)
+        alone = []
+        for some in same.values():
+            given = tuple(_given(some[0], nodes))
+            statement = _statement(view, some[0].part, given)
+            if statement is None:
+                alone += some
+            else:
+                forms = tuple(form for _, form in given)
+                groups[statement.sql, forms] += [(job, statement) for job in some]
+        found: dict[Job, set[Row]] = {}
+        try:
+            found = self._run_all(view, groups, nodes)
+        except (psycopg.DataError, psycopg.ProgrammingError, psycopg.errors.QueryCanceled):
+            alone, found = jobs, {}  # each by itself, to find the one that fails
+        for job in alone:
+            try:
+                found[job] = _alone(view, job, nodes)
+            except (ValueError, LookupError, psycopg.DataError) as error:
+                errors[job.part.query] = error
+        return found
+
+    def _run_all(
+        self,
+        view: MapView,
+        groups: Mapping[Any, _Group],
+        nodes: Mapping[Term, tuple[Form, int]],
+    ) -> dict[Job, set[Row]]:
+        """Run the statements of groups in one round trip."""
+        found: dict[Job, set[Row]] = {}
+        if not groups:
+            return found
+        # Plans for a few given terms serve all terms; others may need plans of their own.
+        for of_region, mode in ((True, "force_generic_plan"), (False, "auto")):
+            mine = {k: g for k, g in groups.items() if bool(g[0][0].solution) == of_region}
+            if not mine:
+                continue
+            session = view.session
+            with session.pipeline(), session.transaction():
+                session.execute(_SETTINGS.format(mode, int(1e3 * QUERY_SECONDS.value)).encode())
+                cursors = [
+                    session.execute(*_with_values(group, nodes, self._varying[key]), prepare=True)
+                    for key, group in mine.items()
+                ]
+                rows = [cursor.fetchall() for cursor in cursors]
+            for group, some in zip(mine.values(), rows, strict=True):
+                found |= _solutions(group, some)
+        return found
+
+
+def _with_values(
+    group: _Group, nodes: Mapping[Term, tuple[Form, int]], varying: set[str]
+) -> tuple[bytes, dict[str, Any]]:
+    """Return the statement of jobs of one shape, with their values as columns.
+
+    Parameters
+    ----------
+    varying : the parameters that are columns, which grow: so the statement stays the same
+    """
+    statement = group[0][1]
+    columns: dict[str, tuple[str, list[Any]]] = {"n": ("int", list(range(len(group))))}
+    given = [job.given for job, _ in group] if group[0][0].solution else []
+    for i in range(len(given[0]) if given else 0):
+        terms = [each[i][1] for each in given]
+        ends = [nodes.get(term) for term in terms]
+        if ends[0] is not None:
+            columns[f"s{i}"] = ("bigint", [node[1] for node in ends if node])
+        else:
+            texts = [tag_and_text(term) for term in terms]
+            columns[f"s{i}"] = ("text", [text for text, _ in texts])
+            if _form(terms[0]) == "term":
+                columns[f"t{i}"] = ("text", [tag for _, tag in texts])
+    types = dict(_PARAMETER.findall(statement.sql))
+    for name, kind in types.items():
+        column = [_value(job.part, other, name) for job, other in group]
+        first = column[0]
+        if name in varying or any(v != first or type(v) is not type(first) for v in column):
+            varying.add(name)
+            columns[name] = kind, column
+    sql = _PARAMETER.sub(
+        lambda found: f"p.{found[1]}" if found[1] in varying else found[0], statement.sql
+    )
+    arrays = ", ".join(f"%(given_{name})s::{kind}[]" for name, (kind, _) in columns.items())
+    sql = sql.replace(GIVEN, f"unnest({arrays}) AS p ({', '.join(columns)})")
+    parameters = {name: _value(group[0][0].part, statement, name) for name in statement.parameters}
+    values = parameters | {f"given_{n}": each for n, (_, each) in columns.items()}
+    return sql.encode(), values
+
+
+def _solutions(group: _Group, rows: Iterable[tuple[Any, ...]]) -> dict[Job, set[Row]]:
+    """Return the solutions in the rows of a statement."""
+    found: dict[Job, set[Row]] = {job: set() for job, _ in group}
+    width = range(len(group[0][1].names))
+    # One object for each term: rdflib compares two that are equal slowly.
+    given = {id(term): term for job, _ in group for _, term in job.solution}
+    terms: dict[Any, Term | None] = {
+        (str(term), "I"): term for term in given.values() if isinstance(term, rdflib.URIRef)
+    }
+    places: dict[int, list[int]] = {}
+    for n, *row in rows:
+        job = group[n][0]
+        part = job.part
+        if id(part.statements) not in places:
+            places[id(part.statements)] = [part.names.index(name) for name, _ in job.solution]
+        solution: list[Term | None] = []
+        for i in width:
+            key = row[2 * i], row[2 * i + 1]
+            if key not in terms:
+                terms[key] = term_of(*key)
+            solution.append(terms[key])
+        for i, (_, term) in zip(places[id(part.statements)], job.solution, strict=True):
+            if solution[i] is not term and solution[i] != term:
+                break
+        else:
+            found[job].add(tuple(solution))
+    return found
+
+
+def _statement(view: MapView, part: Part, given: tuple[tuple[str, Form], ...]) -> Statement | None:
+    """Return the statement of a part for given terms; None if it has no translation."""
+    if given not in part.statements:
+        part.statements[given] = translated(view, part, part.constants, dict(given))
+    found: Statement | None = part.statements[given]
+    return found
+
+
+def _alone(view: MapView, job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> set[Row]:
+    text = job.part.query.text
+    statement = _statement(view, job.part, tuple(_given(job, nodes)))
+    if statement is None:
+        return _rows(query(view.session, text, inferred=False))
+    with limited(view.session, None), errors_of(parsed_text(view, text)):
+        group = [(job, statement)]
+        sql, values = _with_values(group, nodes, set())
+        return _solutions(group, view.session.execute(sql, values).fetchall())[job]
+
+
+def _value(part: Part, statement: Statement, name: str) -> Any:
+    """Return a parameter of a statement; that of the part's own where it has one."""
+    value = statement.parameters[name]
+    return part.values.get(value, value) if isinstance(value, (str, int)) else value
+
+
+def _given(job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> list[tuple[str, Form]]:
+    return [(name, nodes.get(term, (_form(term), 0))[0]) for name, term in job.given]
+
+
+def _form(term: Term) -> Form:
+    """Return the form in which the database is given a term that is not a node of an entity."""
+    return "iri" if isinstance(term, rdflib.URIRef) else "term"
+
+
+def _rows(answer: Answer) -> set[Row]:
+    if answer.form == "ASK":
+        return {()} if answer.truth else set()
+    return set(answer.rows)

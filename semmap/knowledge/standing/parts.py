@@ -1,0 +1,446 @@
+"""The parts of a standing query, and which changes of the map can change their solutions.
+
+A part is triple patterns that must all match, with conditions on their values. A solution of a part
+begins or ends only if one of its triples does, and the change log names the entity or the statement
+that each such triple is about. What has no parts, such as a count, is evaluated as a whole.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any, NamedTuple
+
+import rdflib
+from rdflib.paths import InvPath, SequencePath
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.knowledge.map_view import Row, Term
+from semmap.knowledge.mapping import COMPUTED, NODES, STATEMENTS, TOPOLOGICAL
+from semmap.knowledge.queries import plain
+from semmap.knowledge.sparql.relation import can_join
+from semmap.knowledge.triple_map import Computed, Form, TripleMap
+from semmap.knowledge.vocabulary import GEO, SEMMAP
+
+__all__ = ["SIDES", "Part", "Pattern", "Quad", "Solution", "split"]
+
+SIDES = (0, 2)
+"""Where subject and object are in a triple."""
+
+Solution = dict[str, Term]
+"""Terms of variables."""
+
+_KEYS = {
+    "entity": "{a}.id",
+    "object_type": "{a}.id",
+    "world": "{a}.entity_id",
+    "placement": "{a}.entity_id",
+    "connector": "{a}.entity_id",
+    "room": "{a}.entity_id",
+    "storey": "{a}.entity_id",
+    "region": "{a}.entity_id",
+    "link": "{a}.from_id",
+}
+"""Tables of which the change log names the changed rows, by this column."""
+
+_STATIC = frozenset({"semantic_type", "type_parent"})
+"""Tables of the T-Box, whose changes are not in the log."""
+
+_UNLIMITED = frozenset(f"{GEO}{name}" for name in TOPOLOGICAL if name.endswith(("joint", "8dc")))
+"""Relations that an entity has to almost all others."""
+
+_NOT_LOCAL = frozenset({f"{SEMMAP}reachableFrom"})
+"""Relations that depend on other entities than the two."""
+
+_VOLATILE = frozenset(
+    f"Builtin_{name}" for name in ("NOW", "RAND", "UUID", "STRUUID", "BNODE", "EXISTS", "NOTEXISTS")
+)
+"""Functions whose value depends on more than those of the variables."""
+
+
+class Quad(NamedTuple):
+    """A triple and its graph; None for the default graph."""
+
+    subject: Term
+    property: Term
+    object: Term
+    graph: Term | None = None
+
+
+class WholeError(Exception):
+    """A query has a part that cannot be evaluated by itself."""
+
+
+@dataclass(eq=False)
+class Pattern:
+    """A triple pattern of a part.
+
+    Attributes
+    ----------
+    terms : subject, property and object; a variable, or the IRI that solutions have
+    graph : a variable, the IRI of a named graph, or None for the default graph
+    keys : side and form of the nodes whose change can begin or end a triple of tables
+    listed : an index lists the triples of such a node
+    stated : statements can match
+    exact : a triple with these terms matches; else its literal is compared by the database
+    """
+
+    terms: tuple[Term, Term, Term]
+    graph: Term | None
+    keys: frozenset[tuple[int, Form]]
+    listed: bool
+    stated: bool
+    exact: bool
+
+    @property
+    def index_key(self) -> tuple[Term | None, ...]:
+        """Property, subject and object, as far as the index of patterns has them."""
+        subject, verb, object_ = (None if is_variable(t) else t for t in self.terms)
+        return verb, subject, object_ if isinstance(object_, rdflib.URIRef) else None
+
+    @property
+    def property(self) -> str:
+        """The IRI of the property, or the name of its variable."""
+        return str(self.terms[1])
+
+    def sides(self, name: str, form: Form) -> list[int]:
+        """Return where a variable is a key, with nodes of a form."""
+        return [
+            side
+            for side in SIDES
+            if (side, form) in self.keys
+            and is_variable(self.terms[side])
+            and name_of_variable(self.terms[side]) == name
+        ]
+
+    def match(self, quad: Quad) -> Solution | None:
+        """Return the terms of the variables with which a quad matches; None if it does not."""
+        found: Solution = {}
+        for term, value in zip((*self.terms, self.graph), quad, strict=True):
+            if term is None or value is None:
+                if term is not value:
+                    return None
+            elif is_variable(term):
+                if found.setdefault(name_of_variable(term), value) != value:
+                    return None
+            elif term != value and isinstance(term, rdflib.URIRef):
+                return None
+        return found
+
+
+@dataclass(eq=False)
+class Part:
+    """A part of a query, and its solutions.
+
+    Attributes
+    ----------
+    tree : of the algebra
+    names : all variables
+    patterns : none where the part is a whole query, of which nothing else is known
+    direct : the only pattern and nothing else: a triple that matches is a solution
+    projected : the places of the variables of the query in the solutions; None for those unbound
+    properties : of a whole query: the properties of its statements; None for any
+    of_tables : of a whole query: it has more than statements
+    iris : of the text
+    constants : what the IRIs of the tree stand for
+    values : of the query's own: what replaces some values of parameters
+    statements : by the forms of given terms, of all parts that differ in their values only
+    rows : the solutions
+    ends : the variables that are subject or object of a pattern
+    keyed : the patterns that a variable with a node of some form is a key of, and that are listed
+    unlisted : the variables that are keys of patterns that are not listed
+    """
+
+    tree: Any
+    names: tuple[str, ...]
+    patterns: list[Pattern]
+    direct: bool = False
+    projected: tuple[int | None, ...] = ()
+    properties: frozenset[str] | None = None
+    of_tables: bool = True
+    iris: frozenset[str] = frozenset()
+    query: Any = None
+    constants: Any = None
+    values: Mapping[Any, Any] = field(default_factory=dict)
+    statements: dict[Any, Any] = field(default_factory=dict)
+    rows: set[Row] = field(default_factory=set)
+    _by_term: dict[tuple[int, Term], set[Row]] = field(default_factory=lambda: defaultdict(set))
+
+    def __post_init__(self) -> None:
+        """Find which variables the patterns have at their ends, and where changes are named."""
+        self.ends = frozenset(
+            name_of_variable(p.terms[side])
+            for p in self.patterns
+            for side in SIDES
+            if is_variable(p.terms[side])
+        )
+        self._indexed = tuple(i for i, name in enumerate(self.names) if name in self.ends)
+        self.keyed: dict[tuple[str, Form], set[int]] = defaultdict(set)
+        self.unlisted: set[str] = set()
+        for number, pattern in enumerate(self.patterns):
+            for side, form in pattern.keys:
+                term = pattern.terms[side]
+                if is_variable(term) and pattern.listed:
+                    self.keyed[name_of_variable(term), form].add(number)
+                elif is_variable(term):
+                    self.unlisted.add(name_of_variable(term))
+
+    def having(self, solution: Iterable[tuple[str, Term]]) -> set[Row]:
+        """Return the solutions with some terms."""
+        if not self.rows:
+            return set()
+        wanted = [(self.names.index(name), term) for name, term in solution]
+        if not wanted:
+            return set(self.rows)
+        indexed = [each for each in wanted if each[0] in self._indexed]
+        found = self._by_term.get(indexed[0], set()) if indexed else self.rows
+        return {row for row in found if all(row[i] is t or row[i] == t for i, t in wanted)}
+
+    def terms(self, row: Row) -> Iterator[tuple[str, Term]]:
+        """Yield the variables at the ends of patterns, with their terms in a solution."""
+        for i in self._indexed:
+            term = row[i]
+            if term is not None:
+                yield self.names[i], term
+
+    def add(self, row: Row) -> None:
+        """Add a solution."""
+        self.rows.add(row)
+        for i in self._indexed:
+            self._by_term[i, row[i]].add(row)  # type: ignore[index]
+
+    def remove(self, row: Row) -> None:
+        """Remove a solution."""
+        self.rows.remove(row)
+        for i in self._indexed:
+            having = self._by_term[i, row[i]]  # type: ignore[index]
+            having.discard(row)
+            if not having:
+                del self._by_term[i, row[i]]  # type: ignore[arg-type]
+
+    def shown(self, row: Row) -> Row:
+        """Return the variables of the query in a solution."""
+        return tuple(None if i is None else row[i] for i in self.projected)
+
+
+def is_variable(term: Any) -> bool:
+    """Return whether a term of a pattern is a variable."""
+    return isinstance(term, (rdflib.Variable, rdflib.BNode))
+
+
+def name_of_variable(term: Any) -> str:
+    """Return the name by which the translator knows a variable."""
+    return str(term) if isinstance(term, rdflib.Variable) else f"_:{term}"
+
+
+Sources = Callable[[tuple[Any, Any, Any], Any], list[TripleMap] | Computed]
+Canonical = Callable[[Any, str], Term]
+
+
+def split(
+    tree: Any, names: tuple[str, ...], sources: Sources, canonical: Canonical
+) -> list[Part] | None:
+    """Return the parts of a query; None where it has to be evaluated as a whole.
+
+    Parameters
+    ----------
+    tree : of the algebra
+    names : the variables of its solutions
+    sources : what can match a triple pattern with a graph
+    canonical : the term that solutions have for a "node", "class" or "property" of the text
+    """
+    node = tree
+    while node.name in ("SelectQuery", "AskQuery", "Project", "Distinct", "Reduced", "OrderBy"):
+        node = node.p
+    try:
+        return [_part(each, names, sources, canonical) for each in _alternatives(node)]
+    except WholeError:
+        return None
+
+
+def _alternatives(node: Any) -> Iterator[Any]:
+    if node.name == "Union":
+        yield from _alternatives(node.p1)
+        yield from _alternatives(node.p2)
+    else:
+        yield node
+
+
+def _part(node: Any, names: tuple[str, ...], sources: Sources, canonical: Canonical) -> Part:
+    found = _Found()
+    tree = found.rewritten(node, None)
+    if not found.triples:
+        raise WholeError
+    matching = _pruned(found.triples, [sources(*each) for each in found.triples])
+    patterns = [
+        _pattern(triple, graph, each, canonical)
+        for (triple, graph), each in zip(found.triples, matching, strict=True)
+    ]
+    known = dict.fromkeys(
+        name_of_variable(term)
+        for triple, graph in found.triples
+        for term in (*triple, graph)
+        if is_variable(term)
+    ) | dict.fromkeys(found.variables)
+    variables = tuple(known)
+    return Part(
+        tree,
+        variables,
+        patterns,
+        direct=len(patterns) == 1 and found.plain and patterns[0].exact,
+        projected=tuple(variables.index(n) if n in known else None for n in names),
+    )
+
+
+class _Found:
+    """The triple patterns of a part."""
+
+    def __init__(self) -> None:
+        self.triples: list[tuple[tuple[Any, Any, Any], Any]] = []
+        self.variables: list[str] = []
+        self.plain = True
+        self._number = count()
+
+    def rewritten(self, node: Any, graph: Any) -> CompValue:
+        """Return the tree with sequences of properties as patterns of their own."""
+        if node.name == "BGP":
+            triples = [each for triple in node.triples for each in self._steps(*triple)]
+            self.triples += [(triple, graph) for triple in triples]
+            return CompValue("BGP", triples=triples)
+        if node.name == "Graph":
+            return CompValue("Graph", term=node.term, p=self.rewritten(node.p, node.term))
+        if node.name == "Join":
+            parts = {key: self.rewritten(node[key], graph) for key in ("p1", "p2")}
+            return CompValue("Join", **parts)
+        self.plain = False
+        if node.name == "Filter" and not _is_volatile(node.expr):
+            return CompValue("Filter", expr=node.expr, p=self.rewritten(node.p, graph))
+        if node.name == "Extend" and not _is_volatile(node.expr):
+            self.variables.append(str(node.var))
+            inner = self.rewritten(node.p, graph)
+            return CompValue("Extend", p=inner, expr=node.expr, var=node.var)
+        if node.name == "ToMultiSet" and getattr(node.p, "name", "") == "values":
+            self.variables += [str(name) for solution in node.p.res for name in solution]
+            return node  # type: ignore[no-any-return]
+        raise WholeError
+
+    def _steps(self, subject: Any, verb: Any, object_: Any) -> Iterator[tuple[Any, Any, Any]]:
+        if isinstance(verb, InvPath):
+            yield from self._steps(object_, verb.arg, subject)
+        elif isinstance(verb, SequencePath):
+            between = [rdflib.BNode(f"step{next(self._number)}") for _ in verb.args[1:]]
+            stops = [subject, *between, object_]
+            for start, step, end in zip(stops, verb.args, stops[1:], strict=False):
+                yield from self._steps(start, step, end)
+        elif isinstance(verb, rdflib.term.Identifier):
+            yield subject, verb, object_
+        else:
+            raise WholeError
+
+
+def _pruned(
+    triples: list[tuple[tuple[Any, Any, Any], Any]], found: list[list[TripleMap] | Computed]
+) -> list[list[TripleMap] | Computed]:
+    """Return what can match triples, without what no other triple of the same terms can match."""
+    while True:
+        forms: dict[Any, list[set[Form]]] = defaultdict(list)
+        for (triple, _), each in zip(triples, found, strict=True):
+            for i, side in enumerate(SIDES):
+                if is_variable(triple[side]):
+                    maps = each if isinstance(each, list) else None
+                    these = {"entity"} if maps is None else {_ends(m)[i] for m in maps}
+                    forms[triple[side]].append(these)
+        kept: list[list[TripleMap] | Computed] = []
+        for (triple, _), each in zip(triples, found, strict=True):
+            if isinstance(each, list):
+                others = [forms.get(triple[side], ()) for side in SIDES]
+                each = [
+                    m
+                    for m in each
+                    if all(
+                        can_join(form, some)
+                        for form, sets in zip(_ends(m), others, strict=True)
+                        for some in sets
+                    )
+                ]
+            kept.append(each)
+        if kept == found:
+            return found
+        found = kept
+
+
+def _ends(triple: TripleMap) -> tuple[Form, Form]:
+    return triple.subject.form, triple.object.form
+
+
+def _is_volatile(tree: Any) -> bool:
+    if isinstance(tree, CompValue):
+        if tree.name in _VOLATILE:
+            return True
+        if tree.name == "Function" and str(tree.iri).startswith(SEMMAP):
+            return True  # reads the geometry of entities
+        return any(_is_volatile(each) for each in tree.values())
+    return isinstance(tree, (list, tuple)) and any(map(_is_volatile, tree))
+
+
+def _pattern(
+    triple: tuple[Any, Any, Any],
+    graph: Any,
+    found: list[TripleMap] | Computed,
+    canonical: Canonical,
+) -> Pattern:
+    subject, verb, object_ = triple
+    of_class = str(verb) == str(rdflib.RDF.type)
+    terms = (
+        subject if is_variable(subject) else canonical(subject, "node"),
+        verb if is_variable(verb) else canonical(verb, "property"),
+        object_ if is_variable(object_) else canonical(object_, "class" if of_class else "node"),
+    )
+    named = graph if graph is None or is_variable(graph) else plain(graph)
+    if isinstance(found, Computed):
+        if found.property in _NOT_LOCAL:
+            raise WholeError
+        both = frozenset((side, "entity") for side in SIDES)
+        listed = found.members is not None and found.converse is not None
+        terms = (terms[0], rdflib.URIRef(found.property), terms[2])
+        return Pattern(terms, None, both, listed, stated=False, exact=True)
+    tables = [each for each in found if each not in STATEMENTS]
+    if is_variable(verb) and (graph is None or tables):
+        raise WholeError  # all properties of the map
+    keys = frozenset(key for each in tables for key in _keys(each))
+    return Pattern(
+        terms,
+        named,
+        keys,
+        listed=not any(each.property in _UNLIMITED for each in tables),
+        stated=len(tables) < len(found),
+        exact=is_variable(object_) or isinstance(object_, rdflib.URIRef),
+    )
+
+
+def _keys(triple: TripleMap) -> Iterator[tuple[int, Form]]:
+    """Yield the sides whose nodes the change log names."""
+    letters = dict(triple.source.tables)
+    first = next(iter(letters.values()))
+    if first in _STATIC:
+        return
+    sides = []
+    for letter, table in triple.source.tables:
+        key = _KEYS.get(table)
+        if key is None and "(" not in table:
+            raise WholeError
+        if key is not None:
+            column = key.format(a=f"{{{letter}}}")
+            sides += [
+                (side, term.form)
+                for side, term in ((0, triple.subject), (2, triple.object))
+                if term.sql == column and NODES.get(term.form) and NODES[term.form].of_map
+            ]
+    if not sides:
+        raise WholeError
+    yield from sides
+
+
+assert {c.property for c in COMPUTED} >= _NOT_LOCAL

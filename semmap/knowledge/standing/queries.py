@@ -1,0 +1,476 @@
+"""Standing queries on a map: what begins and ceases to be an answer when the map changes.
+
+An index of triple patterns finds the parts of queries that a change concerns; only their solutions
+with the changed entity or statement are evaluated again. Parts of the same shape are evaluated by
+one statement of SQL. The method is that of Rete's alpha memories, with the database as the memory
+of all joins.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import rdflib
+
+from semmap.knowledge.map_view import MapView, Row, Term
+from semmap.knowledge.queries import plain
+from semmap.knowledge.sparql.constants import Constants, resolve
+from semmap.knowledge.standing.changes import Changes, Touched
+from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
+from semmap.knowledge.standing.index import COSTLY, PatternIndex, Triples
+from semmap.knowledge.standing.parts import (
+    Part,
+    Pattern,
+    Quad,
+    Solution,
+    is_variable,
+    name_of_variable,
+)
+from semmap.knowledge.standing.shapes import (
+    Filled,
+    Node,
+    Nodes,
+    Shape,
+    Template,
+    Templates,
+    parsed_text,
+)
+from semmap.knowledge.standing.triples import TripleLists
+from semmap.knowledge.standing.whole import concerns
+from semmap.knowledge.triple_map import Form
+from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, encode
+from semmap.language.terms import local_name
+
+__all__ = ["Difference", "StandingQueries", "StandingQuery"]
+
+MANY = 200
+"""More changed entities or statements than this, and all queries are evaluated again."""
+
+
+class Difference(NamedTuple):
+    """Answers of a query that ceased and began, or why it cannot be answered any more."""
+
+    query: StandingQuery
+    gone: list[Row]
+    come: list[Row]
+    error: Exception | None = None
+
+
+@dataclass(eq=False)
+class StandingQuery:
+    """A query, its parts, and how many solutions of parts each answer has."""
+
+    text: str
+    template: Template
+    filling: tuple[str, ...]
+    names: tuple[str, ...]
+    parts: list[Part] = field(default_factory=list)
+    counts: Counter[Row] = field(default_factory=Counter)
+
+    @property
+    def rows(self) -> frozenset[Row]:
+        """The answers."""
+        return frozenset(self.counts)
+
+
+class StandingQueries:
+    """The standing queries on one map."""
+
+    def __init__(self) -> None:
+        self.queries: dict[str, StandingQuery] = {}
+        self._templates = Templates()
+        self._shapes: dict[Any, Shape] = {}
+        self._known: dict[str, Node] = {}
+        self._types: dict[str, str] = {}
+        self._resolved: dict[str, Nodes] = {}
+        self._type_iris: dict[str, str] = {}
+        self._constants = Constants(self._known, self._types, self._type_iris)
+        self._index = PatternIndex()
+        self._lists = TripleLists()
+        self._evaluation = Evaluation()
+        self._named: dict[str, set[Part]] = defaultdict(set)
+        self._whole: set[Part] = set()
+        self._having: dict[Term, dict[tuple[Part, str], int]] = defaultdict(dict)
+        self._names: dict[int, str] = {}  # of entities that had another name
+
+    # Queries come and go
+
+    def add(self, view: MapView, texts: Iterable[str]) -> list[StandingQuery]:
+        """Evaluate queries, and keep all or, if one is wrong, none.
+
+        Raises
+        ------
+        QueryError, KnowledgeError
+            As of `semmap.knowledge.query`.
+        ValueError
+            One is neither SELECT nor ASK.
+        """
+        texts = list(texts)
+        new: dict[str, StandingQuery] = {}
+        for text in texts:
+            if text not in self.queries and text not in new:
+                new[text] = _query_of(text, *self._templates.of(view, text))
+        try:
+            self._compile(view, list(new.values()))
+            jobs = [Job(part, ()) for found in new.values() for part in found.parts]
+            for difference in self._evaluated(view, jobs, new.values()):
+                if difference.error is not None:
+                    raise difference.error
+        except BaseException:
+            for found in new.values():
+                self._forget(found)
+            raise
+        self.queries |= new
+        return [self.queries[text] for text in texts]
+
+    def remove(self, found: StandingQuery) -> None:
+        """Forget a query."""
+        if self.queries.pop(found.text, None) is not None:
+            self._forget(found)
+
+    def _compile(self, view: MapView, queries: list[StandingQuery]) -> None:
+        """Split queries into parts, and put their patterns into the index."""
+        iris = [frozenset((*found.template.iris, *found.filling)) for found in queries]
+        self._resolve(view, frozenset().union(*iris) - self._resolved.keys())
+        for found, each in zip(queries, iris, strict=True):
+            found.parts = self._parts(view, found, each)
+            for part in found.parts:
+                self._insert(part)
+
+    def _parts(self, view: MapView, found: StandingQuery, iris: frozenset[str]) -> list[Part]:
+        def canonical(term: Any, role: str) -> Term:
+            return self._canonical(view, term, role)
+
+        template, filling = found.template, found.filling
+        if filling:
+            nodes = tuple(self._resolved[iri] for iri in filling)
+            forms = tuple((node[0], as_class[0]) for node, as_class in nodes)
+            constants = self._constants.only(template.iris)
+            key = template.parsed.text.sparql, forms, constants.key
+            if key not in self._shapes:
+                self._shapes[key] = Shape(view, template, constants, canonical, nodes)
+            if not self._shapes[key].is_open:
+                return self._shapes[key].filled(
+                    found, iris, Filled(filling, nodes, canonical, constants.class_of)
+                )
+            template = Template(parsed_text(view, found.text), iris)
+        shape = Shape(view, template, self._constants.only(iris), canonical)
+        return shape.filled(found, iris, None)
+
+    def _insert(self, part: Part) -> None:
+        for iri in part.iris:
+            self._named[iri].add(part)
+        if not part.patterns:
+            self._whole.add(part)
+        self._index.insert(part)
+
+    def _forget(self, found: StandingQuery) -> None:
+        for part in found.parts:
+            for row in list(part.rows):
+                self._remove(part, row)
+            self._whole.discard(part)
+            self._index.remove(part)
+            for iri in part.iris:
+                self._named[iri].discard(part)
+        found.parts = []
+
+    # Terms
+
+    def _resolve(self, view: MapView, iris: Iterable[str]) -> list[str]:
+        """Look up IRIs; return those that stand for another node than before."""
+        wanted = set(iris)
+        if not wanted:
+            return []
+        found = resolve(view.session, wanted, view.namespace, view.number)
+        changed = []
+        for iri in wanted:
+            node, as_class = nodes = found.node(iri), found.node(iri, as_type=True)
+            if self._resolved.get(iri, nodes) != nodes:
+                changed.append(iri)
+            self._resolved[iri] = nodes
+            self._known.pop(iri, None)
+            self._types.pop(iri, None)
+            if node[0] != "iri":
+                self._known[iri] = node
+            if as_class[0] == "type":
+                self._types[iri] = str(as_class[1])
+        names = [name for name in self._types.values() if name not in self._type_iris]
+        if names:
+            rows = view.session.execute(
+                "SELECT n, type_iri(n) FROM unnest(%s::text[]) n", (names,)
+            ).fetchall()
+            self._type_iris |= dict(rows)
+        return changed
+
+    def _canonical(self, view: MapView, term: Any, role: str) -> Term:
+        """Return the term that solutions have for a term of the text."""
+        if not isinstance(term, rdflib.URIRef):
+            return plain(term)  # type: ignore[no-any-return]
+        if role == "property":
+            return rdflib.URIRef(self._constants.property(str(term)))
+        form, key = self._constants.node(str(term), as_type=role == "class")
+        if form == "type":
+            return rdflib.URIRef(self._type_iris[key])
+        if form == "entity" and not term.startswith(view.namespace):  # of KnowledgeCore's namespace
+            return rdflib.URIRef(f"{view.namespace}{encode(local_name(str(term)))}")
+        return plain(term)  # type: ignore[no-any-return]
+
+    # Changes
+
+    def update(self, view: MapView, changes: Changes) -> list[Difference]:
+        """Return what begins and ceases to be an answer, by query."""
+        if changes.all or max(len(changes.entities), len(changes.facts)) > MANY:
+            return self.update_all(view)
+        touched = Touched(view, changes)
+        renamed = {n: touched.names[n] for n in touched.renamed}
+        if not renamed.items() <= self._names.items():
+            self._names |= renamed
+            return self.update_all(view)
+        again = self._renewed(view, touched)
+        regions = Regions(part for found in again for part in found.parts)
+        for part in self._whole:
+            if concerns(part, changes):
+                regions.evaluate(part, {})
+        known = self._lists.of(view, touched, self._index, self._constants)
+        self._of_entities(touched, known, regions)
+        self._of_facts(touched, known, regions)
+        return self._evaluated(view, list(regions.jobs), again, regions.known, touched.nodes)
+
+    def update_all(self, view: MapView) -> list[Difference]:
+        """Evaluate all queries again, as after the server was away."""
+        for kept in (self._known, self._types, self._resolved, self._type_iris, self._shapes):
+            kept.clear()
+        found = list(self.queries.values())
+        self._compile_again(view, found)
+        jobs = [Job(part, ()) for each in found for part in each.parts]
+        return self._evaluated(view, jobs, found)
+
+    def _renewed(self, view: MapView, touched: Touched) -> list[StandingQuery]:
+        """Compile the queries again whose constants stand for other nodes now."""
+        iris = {str(node) for node in touched.changed}
+        iris |= {space + name for name in touched.every_name for space in KNOWLEDGE_CORE}
+        mine = [iri for iri in iris if iri in self._resolved]
+        stale = {
+            part.query for iri in self._resolve(view, mine) for part in self._named.get(iri, ())
+        }
+        self._compile_again(view, list(stale))
+        return list(stale)
+
+    def _compile_again(self, view: MapView, queries: list[StandingQuery]) -> None:
+        for found in queries:
+            self._forget(found)
+        self._compile(view, queries)
+
+    # Which solutions changes concern
+
+    def _of_entities(self, touched: Touched, known: Triples, regions: Regions) -> None:
+        """Find the solutions with nodes of changed entities."""
+        met: set[tuple[Part, str, Term]] = set()
+        for (verb, side, term), quads in known.items():
+            form = touched.changed.get(term)
+            if form is None:
+                continue
+            for quad in quads:
+                for part, name, number in self._index.keyed(quad, side, form):
+                    if (part, name, term) in met:
+                        continue
+                    pattern = part.patterns[number]
+                    if pattern.match(quad) is None:
+                        continue
+                    met.add((part, name, term))
+                    if part.direct:
+                        same = (pattern.match(each) for each in known[verb, side, term])
+                        found = [each for each in same if each is not None]
+                        regions.known_as(part, {name: term}, found)
+                    elif _has_all(part, name, form, term, known):
+                        regions.evaluate(part, {name: term})
+                    elif (part, name) in self._having.get(term, ()):
+                        regions.known_as(part, {name: term}, [])
+        for node, form in touched.changed.items():
+            for part in self._index.fixed.get(node, ()):
+                regions.evaluate(part, {})
+            for part, name in self._having.get(node, ()):
+                if (part, name, node) not in met and (
+                    (name, form) in part.keyed or node not in touched.nodes
+                ):
+                    regions.known_as(part, {name: node}, [])
+            if node in touched.nodes and form == "entity":
+                for part in self._index.unlisted:
+                    for name in part.unlisted:
+                        if (name, form) not in part.keyed:
+                            regions.evaluate(part, {name: node})
+
+    def _of_facts(self, touched: Touched, known: Triples, regions: Regions) -> None:
+        """Find the solutions with changed statements."""
+        for quad, alive in touched.quads.items():
+            if alive:
+                self._of_new_fact(quad, touched, known, regions)
+            else:
+                self._of_ended_fact(quad, regions)
+
+    def _of_new_fact(self, quad: Quad, touched: Touched, known: Triples, regions: Regions) -> None:
+        matches = _Matches(quad)
+        for part, number in self._index.stated(quad, known, touched.nodes):
+            pattern = part.patterns[number]
+            solution = matches.of(pattern)
+            if solution is None:
+                continue
+            if len(part.patterns) > 1 and not _may_match(part, number, solution, known, touched):
+                if part.having(tuple(solution.items())):
+                    regions.known_as(part, solution, [])
+            elif part.direct and not pattern.keys:
+                regions.known_as(part, solution, [solution])
+            else:
+                regions.evaluate(part, solution)
+
+    def _of_ended_fact(self, quad: Quad, regions: Regions) -> None:
+        """Find the solutions that there are with a statement that ended."""
+        ends = (quad.subject, quad.object)
+        parts = {part for term in ends for part, _ in self._having.get(term, ())}
+        members = [(part, n) for part in parts for n in range(len(part.patterns))]
+        matches = _Matches(quad)
+        for part, number in {*members, *self._index.ground(quad)}:
+            pattern = part.patterns[number]
+            solution = matches.of(pattern) if pattern.stated else None
+            if solution is None or not part.having(tuple(solution.items())):
+                continue
+            if pattern.keys or not pattern.exact:
+                regions.evaluate(part, solution)  # it may be true by other rows, too
+            else:
+                regions.known_as(part, solution, [])
+
+    # Evaluation
+
+    def _evaluated(
+        self,
+        view: MapView,
+        jobs: list[Job],
+        again: Iterable[StandingQuery] = (),
+        known: Mapping[Job, set[Row]] | None = None,
+        nodes: Mapping[Term, tuple[Form, int]] | None = None,
+    ) -> list[Difference]:
+        """Return the differences that the solutions of some parts make now.
+
+        Parameters
+        ----------
+        jobs : evaluated by the database
+        again : queries whose former solutions are forgotten: only their answers are compared
+        known : solutions that are known already
+        nodes : the nodes of entities in the terms of jobs
+        """
+        deltas: dict[StandingQuery, dict[Row, int]] = {}
+        for found in again:
+            deltas[found] = {row: -n for row, n in found.counts.items()}
+        errors: dict[StandingQuery, Exception] = {}
+        answers = self._evaluation.answers(view, jobs, nodes or {}, errors)
+        results = {**(known or {}), **answers}
+        for job, now in results.items():
+            part = job.part
+            former = part.having(job.solution)
+            if not former and not now:
+                continue
+            delta = deltas.get(part.query)
+            if delta is None:
+                delta = deltas[part.query] = {}
+            for row in former - now:
+                self._remove(part, row)
+                shown = part.shown(row)
+                delta[shown] = delta.get(shown, 0) - 1
+            for row in now - former:
+                self._add(part, row)
+                shown = part.shown(row)
+                delta[shown] = delta.get(shown, 0) + 1
+        differences = [Difference(found, [], [], error) for found, error in errors.items()]
+        for found, delta in deltas.items():
+            if found in errors:
+                continue
+            gone, come = [], []
+            for row, n in delta.items():
+                before = found.counts[row]
+                found.counts[row] = before + n
+                if not found.counts[row]:
+                    del found.counts[row]
+                if before and not before + n:
+                    gone.append(row)
+                elif n and not before:
+                    come.append(row)
+            differences.append(Difference(found, gone, come))
+        return differences
+
+    def _add(self, part: Part, row: Row) -> None:
+        part.add(row)
+        for name, term in part.terms(row):
+            counts = self._having[term]
+            counts[part, name] = counts.get((part, name), 0) + 1
+
+    def _remove(self, part: Part, row: Row) -> None:
+        part.remove(row)
+        for name, term in part.terms(row):
+            counts = self._having[term]
+            counts[part, name] -= 1
+            if not counts[part, name]:
+                del counts[part, name]
+                if not counts:
+                    del self._having[term]
+
+
+class _Matches:
+    """The solutions of patterns with a quad: many parts have the same pattern."""
+
+    def __init__(self, quad: Quad) -> None:
+        self._quad = quad
+        self._found: dict[Pattern, Solution | None] = {}
+
+    def of(self, pattern: Pattern) -> Solution | None:
+        """Return the terms of the variables with which the quad matches; None if it does not."""
+        if pattern not in self._found:
+            self._found[pattern] = pattern.match(self._quad)
+        return self._found[pattern]
+
+
+def _has_all(part: Part, name: str, form: Form, term: Term, known: Triples) -> bool:
+    """Return whether a node has a listed triple for each pattern that needs one."""
+    for number in part.keyed[name, form]:
+        pattern = part.patterns[number]
+        found = (
+            pattern.match(quad)
+            for side in pattern.sides(name, form)
+            for quad in known.get((pattern.property, side, term), ())
+        )
+        if all(match is None for match in found):
+            return False
+    return True
+
+
+def _may_match(
+    part: Part, number: int, solution: Solution, known: Triples, touched: Touched
+) -> bool:
+    """Return whether the other patterns may match, by what is known of the touched entities."""
+    for other, pattern in enumerate(part.patterns):
+        verb = str(pattern.terms[1])
+        if other == number or not pattern.listed or verb in COSTLY:
+            continue
+        for side, form in pattern.keys:
+            end = pattern.terms[side]
+            term = solution.get(name_of_variable(end)) if is_variable(end) else None
+            if term is None or touched.nodes.get(term, ("", 0))[0] != form:
+                continue
+            found = (pattern.match(quad) for quad in known.get((verb, side, term), ()))
+            if not any(
+                match is not None and all(solution.get(n, t) == t for n, t in match.items())
+                for match in found
+            ):
+                return False
+    return True
+
+
+def _query_of(text: str, template: Template, filling: tuple[str, ...]) -> StandingQuery:
+    parsed = template.parsed
+    if parsed.form not in ("SelectQuery", "AskQuery"):
+        form = parsed.form.removesuffix("Query").upper()
+        raise ValueError(f"{form} has no answers to follow: use SELECT or ASK")
+    names = parsed.names if parsed.form == "SelectQuery" else ()
+    return StandingQuery(text, template, filling, tuple(map(str, names)))

@@ -1,0 +1,326 @@
+"""Shapes of standing queries: those equal but for the entities and types that they name.
+
+A text has holes for these names. A shape is parsed, split and translated once; a query of the shape
+fills its holes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import rdflib
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.knowledge.map_view import MapView, Term
+from semmap.knowledge.sparql.constants import Constants, iris_in, parts_of
+from semmap.knowledge.sparql.expressions import UntranslatedError
+from semmap.knowledge.sparql.translator import Statement, translate_each
+from semmap.knowledge.sparql.triples import TriplePatterns
+from semmap.knowledge.standing.parts import Part, Pattern, split
+from semmap.knowledge.standing.whole import whole_part
+from semmap.knowledge.triple_map import Form
+from semmap.knowledge.vocabulary import TYPE, prefixes
+from semmap.language.error import QueryError
+from semmap.language.normalise import normalise, tokens
+from semmap.language.parser import ParsedText, parse_sparql
+
+__all__ = ["Filled", "Nodes", "Shape", "Template", "Templates", "parsed_text", "translated"]
+
+_HOLE = "urn:semmap:hole:"
+_PLAIN = re.compile(r"[A-Za-z0-9_-]+")
+_ROLES = ("node", "class")
+
+Node = tuple[Form, Any]
+"""Form and key of what an IRI stands for."""
+
+Nodes = tuple[Node, Node]
+"""What an IRI stands for, as a node and as a class."""
+
+Canonical = Callable[[Any, str], Term]
+"""The term that solutions have for a "node", "class" or "property" of the text."""
+
+
+@dataclass(frozen=True)
+class Template:
+    """A query with holes.
+
+    Attributes
+    ----------
+    parsed : with an IRI for each hole
+    iris : that the text has besides those of the holes
+    """
+
+    parsed: ParsedText
+    iris: frozenset[str]
+
+
+def parsed_text(view: MapView, text: str) -> ParsedText:
+    """Parse a query on a map."""
+    return parse_sparql(text, "query", tuple(prefixes(view.name).items()))
+
+
+@dataclass
+class Templates:
+    """The templates of texts, each parsed once."""
+
+    _kept: dict[str, Template | None] = field(default_factory=dict)
+
+    def of(self, view: MapView, text: str) -> tuple[Template, tuple[str, ...]]:
+        """Return the template of a text, and the IRIs that fill its holes.
+
+        Raises
+        ------
+        QueryError
+            The text is wrong; with line and column.
+        """
+        holed, filling = _with_holes(text, {"": view.namespace, "type": TYPE})
+        if filling:
+            if holed not in self._kept:
+                self._kept[holed] = _template(view, holed)
+            found = self._kept[holed]
+            if found is not None:
+                return found, filling
+        parsed = parsed_text(view, text)
+        return Template(parsed, frozenset(iris_in(parsed.algebra))), ()
+
+
+def _template(view: MapView, holed: str) -> Template | None:
+    """Return the template of a text with holes; None if they are not all nodes."""
+    try:
+        parsed = parsed_text(view, holed)
+    except QueryError:
+        return None
+    if parsed.dataset or any(map(_is_hole, _properties(parsed.algebra))):
+        return None
+    return Template(parsed, frozenset(i for i in iris_in(parsed.algebra) if not _is_hole(i)))
+
+
+def _with_holes(text: str, spaces: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
+    """Return a text with holes for the plain names in some prefixes, and the IRIs of these."""
+    sparql = normalise(text).sparql
+    if _HOLE in sparql:
+        return text, ()
+    parts: list[str] = []
+    holes: dict[str, int] = {}
+    declares = False
+    done = 0
+    for kind, begin, end in tokens(sparql):
+        if kind in ("space", "comment"):
+            continue
+        token = sparql[begin:end]
+        if kind == "prefixed":
+            prefix, _, local = token.partition(":")
+            if declares and prefix in spaces:
+                return text, ()
+            if prefix in spaces and _PLAIN.fullmatch(local):
+                number = holes.setdefault(spaces[prefix] + local, len(holes))
+                parts += [sparql[done:begin], f"<{_HOLE}{number}>"]
+                done = end
+        declares = kind == "word" and token.upper() == "PREFIX"
+    return "".join([*parts, sparql[done:]]), tuple(holes)
+
+
+def _is_hole(iri: str) -> bool:
+    return iri.startswith(_HOLE)
+
+
+def _properties(tree: Any) -> Iterator[str]:
+    """Yield the IRIs of a part of the algebra that are properties or functions."""
+    if isinstance(tree, CompValue):
+        if tree.name == "Function":
+            yield str(tree.iri)
+        for triple in tree.get("triples") or ():
+            # The syntax of EXISTS has triples in a row.
+            yield from iris_in(triple[1::3])
+        for _, part in parts_of(tree):
+            yield from _properties(part)
+    elif isinstance(tree, (list, tuple)):
+        for part in tree:
+            yield from _properties(part)
+
+
+class Shape:
+    """The parts of queries of one template, whose names stand for nodes of the same forms.
+
+    Parameters
+    ----------
+    known : what the IRIs of the template stand for
+    filling : what those in the holes stand for
+
+    Attributes
+    ----------
+    is_open : the translation depends on more than the nodes: each text by itself needs a shape
+    """
+
+    def __init__(
+        self,
+        view: MapView,
+        template: Template,
+        known: Constants,
+        canonical: Canonical,
+        filling: tuple[Nodes, ...] = (),
+    ) -> None:
+        self._constants = _with_holes_filled(known, filling)
+        algebra, names = template.parsed.algebra, tuple(map(str, template.parsed.names))
+        if template.parsed.form == "AskQuery":
+            names = ()
+        translator = TriplePatterns(self._constants, view.namespace, view.number)
+        parts = None
+        if not template.parsed.dataset:
+            try:
+                parts = split(
+                    algebra, names, translator.sources, lambda t, r: _canonical(t, r, canonical)
+                )
+            except UntranslatedError:
+                parts = None
+        if parts is None:
+            parts = [whole_part(algebra, names, self._constants, translator)]
+        self._parts = parts
+        self._statements: list[dict[Any, Statement | None]] = [{} for _ in parts]
+        self.is_open = False
+        for part, kept in zip(parts, self._statements, strict=True):
+            kept[()] = None
+            if not template.parsed.dataset:
+                kept[()] = translated(view, part, self._constants, {})
+            self.is_open |= bool(filling) and not _is_closed(kept[()], filling)
+
+    def filled(self, query: Any, iris: frozenset[str], filling: Filled | None) -> list[Part]:
+        """Return the parts of a query, with its terms in the holes.
+
+        Parameters
+        ----------
+        query : that they are of
+        iris : of its text
+        filling : None where there are no holes
+        """
+        parts = []
+        for part, kept in zip(self._parts, self._statements, strict=True):
+            made = Part(
+                part.tree,
+                part.names,
+                [_filled(each, filling) if filling else each for each in part.patterns],
+                direct=part.direct,
+                projected=part.projected,
+                properties=part.properties,
+                of_tables=part.of_tables,
+                iris=iris,
+                query=query,
+                constants=self._constants,
+                values={} if filling is None else filling.values,
+                statements=kept,
+            )
+            parts.append(made)
+        return parts
+
+
+class Filled:
+    """The terms and values in the holes of a query.
+
+    Parameters
+    ----------
+    iris : in the holes
+    nodes : what these stand for
+    class_of : the IRI of a type
+    """
+
+    def __init__(
+        self,
+        iris: tuple[str, ...],
+        nodes: tuple[Nodes, ...],
+        canonical: Canonical,
+        class_of: Callable[[str], str],
+    ) -> None:
+        self.values: dict[Any, Any] = {}
+        self.terms: dict[Term, Term] = {}
+        for i, (iri, (node, as_class)) in enumerate(zip(iris, nodes, strict=True)):
+            self.values[_hole(i)] = iri
+            if node[0] == "entity":
+                self.values[_id(i)] = node[1]
+            if as_class[0] == "type":
+                self.values[_name_in(i)] = as_class[1]
+                self.values[_class_in(i)] = class_of(as_class[1])
+            for role in _ROLES:
+                self.terms[_marked(_hole(i), role)] = canonical(rdflib.URIRef(iri), role)
+
+
+def translated(
+    view: MapView, part: Part, constants: Constants, given: Mapping[str, Form]
+) -> Statement | None:
+    """Return the statement of a part; None if it has no translation."""
+    try:
+        return translate_each(part.tree, part.names, constants, view.namespace, view.number, given)
+    except UntranslatedError:
+        return None
+
+
+def _hole(number: int) -> str:
+    return f"{_HOLE}{number}"
+
+
+def _id(number: int) -> int:
+    return -(10**15) - number
+
+
+def _name_in(number: int) -> str:
+    return f"{_HOLE}{number}#name"
+
+
+def _class_in(number: int) -> str:
+    return f"{_HOLE}{number}#type"
+
+
+def _marked(iri: str, role: str) -> Term:
+    return rdflib.URIRef(f"{iri}#{role}")
+
+
+def _with_holes_filled(known: Constants, filling: tuple[Nodes, ...]) -> Constants:
+    """Return constants in which each hole is a node that there is not."""
+    nodes: dict[str, Node] = {}
+    types: dict[str, str] = {}
+    classes: dict[str, str] = {}
+    for i, (node, as_class) in enumerate(filling):
+        if node[0] == "entity":
+            nodes[_hole(i)] = ("entity", _id(i))
+        if as_class[0] == "type":
+            types[_hole(i)] = _name_in(i)
+            classes[_name_in(i)] = _class_in(i)
+    return known.and_also(nodes, types, classes)
+
+
+def _is_closed(statement: Statement | None, filling: tuple[Nodes, ...]) -> bool:
+    """Return whether the holes of a statement are whole values of parameters."""
+    holes = range(len(filling))
+    whole = {text for i in holes for text in (_hole(i), _name_in(i), _class_in(i))}
+    return (
+        statement is not None
+        and _HOLE not in statement.sql
+        and not any(
+            _HOLE in str(value) and value not in whole for value in statement.parameters.values()
+        )
+    )
+
+
+def _canonical(term: Any, role: str, canonical: Canonical) -> Term:
+    is_hole = isinstance(term, rdflib.URIRef) and _is_hole(term)
+    return _marked(str(term), role) if is_hole else canonical(term, role)
+
+
+def _filled(pattern: Pattern, filling: Filled) -> Pattern:
+    """Return a pattern with its holes filled; one without holes is the same for all queries."""
+    subject, verb, object_ = (filling.terms.get(term, term) for term in pattern.terms)
+    graph = pattern.graph
+    if (subject, verb, object_) == pattern.terms and not (graph is not None and _is_hole(graph)):
+        return pattern
+    if graph is not None and isinstance(graph, rdflib.URIRef) and _is_hole(graph):
+        graph = rdflib.URIRef(filling.values[str(graph)])
+    return Pattern(
+        (subject, verb, object_),
+        graph,
+        pattern.keys,
+        listed=pattern.listed,
+        stated=pattern.stated,
+        exact=pattern.exact,
+    )

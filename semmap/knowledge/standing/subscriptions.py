@@ -1,0 +1,308 @@
+"""Standing queries: what begins and ceases to be an answer, as the map changes.
+
+One follower of the change feed evaluates what a change, or the end of a statement, concerns
+(`semmap.knowledge.standing.queries`), and compares the answers with the former ones.
+"""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import psycopg
+from sqlalchemy import Engine
+
+from semmap.knowledge.map_view import MapView, Row
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED
+from semmap.knowledge.standing.changes import Changes
+from semmap.knowledge.standing.queries import (
+    Difference,
+    StandingQueries,
+    StandingQuery,
+)
+from semmap.query.change_feed import ChangeFeed, Look
+
+__all__ = ["Event", "Subscriptions"]
+
+PATIENCE = 0.1
+"""Seconds by which the end of a statement may be reported late."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """An answer of a standing query that is new, or that is one no more.
+
+    Attributes
+    ----------
+    subscription : its number
+    what : "appeared" or "disappeared"
+    bindings : the terms of the variables that are bound; none where the query is ASK
+    """
+
+    subscription: int
+    what: str
+    bindings: dict[str, Any]
+
+
+@dataclass
+class _Subscriber:
+    query: StandingQuery
+    one_shot: bool
+    callback: Callable[[Event], Any] | None
+
+
+_News = tuple[Callable[[Event], Any] | None, Event | Exception]
+
+
+class Subscriptions:
+    """Standing queries on a map, with one thread that follows it.
+
+    Parameters
+    ----------
+    engine : of the database
+    map_name : the current map if not given
+
+    Examples
+    --------
+    >>> with Subscriptions(engine, "house") as standing:  # doctest: +SKIP
+    ...     standing.add("SELECT ?x { ?x semmap:heldBy :kitchen }")
+    ...     for event in standing.events():
+    ...         print(event.what, event.bindings)
+    """
+
+    def __init__(self, engine: Engine, map_name: str | None = None) -> None:
+        self._feed = ChangeFeed(engine, map_name, durable=False)
+        self._queries = StandingQueries()
+        self._subscribers: dict[int, _Subscriber] = {}
+        self._numbers: dict[StandingQuery, list[int]] = defaultdict(list)
+        self._news: list[_News] = []
+        self._count = 0
+        self._due = math.inf
+        self._ended_until: datetime | None = None
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._events: queue.SimpleQueue[Event | Exception | None] = queue.SimpleQueue()
+
+    def __enter__(self) -> Subscriptions:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread, and all loops over events."""
+        self._stop.set()
+        if self._thread not in (None, threading.current_thread()):
+            self._thread.join()
+        self._events.put(None)
+
+    def add(
+        self,
+        text: str,
+        *,
+        one_shot: bool = False,
+        callback: Callable[[Event], Any] | None = None,
+    ) -> tuple[int, int]:
+        """Subscribe to a query; answers that it has now are no events.
+
+        Parameters, Returns, Raises
+        ---------------------------
+        See `add_all`, which is faster for many queries.
+        """
+        return self.add_all([text], one_shot=one_shot, callback=callback)[0]
+
+    def add_all(
+        self,
+        texts: Iterable[str],
+        *,
+        one_shot: bool = False,
+        callback: Callable[[Event], Any] | None = None,
+    ) -> list[tuple[int, int]]:
+        """Subscribe to queries, to all or, if one is wrong, to none.
+
+        Parameters
+        ----------
+        texts : each SELECT or ASK
+        one_shot : end each with the first answer that appears; it alone is reported
+        callback : gets the events, in the thread that follows the map; else `events` yields them
+
+        Returns
+        -------
+        for each, the number of the subscription, and how many answers there are now
+
+        Raises
+        ------
+        QueryError, KnowledgeError
+            As of `semmap.knowledge.query`.
+        ValueError
+            A query is neither SELECT nor ASK, or the subscriptions are closed.
+        LookupError
+            There is no such map.
+        """
+        if self._stop.is_set():
+            raise ValueError("these subscriptions are closed: make new ones")
+        with self._lock:
+            with self._feed.look(entities=False) as look:
+                view, due = self._catch_up(look)
+                queries = self._queries.add(view, texts)
+            self._take_in(look, due)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._follow, daemon=True)
+                self._thread.start()
+            return [self._subscribe(found, one_shot, callback) for found in queries]
+
+    def _subscribe(
+        self, found: StandingQuery, one_shot: bool, callback: Callable[[Event], Any] | None
+    ) -> tuple[int, int]:
+        self._count += 1
+        self._subscribers[self._count] = _Subscriber(found, one_shot, callback)
+        self._numbers[found].append(self._count)
+        return self._count, len(found.counts)
+
+    def remove(self, number: int) -> None:
+        """End a subscription; nothing happens where it has ended."""
+        with self._lock:
+            self._remove(number)
+
+    def _remove(self, number: int) -> None:
+        subscriber = self._subscribers.pop(number, None)
+        if subscriber is not None:
+            numbers = self._numbers[subscriber.query]
+            numbers.remove(number)
+            if not numbers:
+                del self._numbers[subscriber.query]
+                self._queries.remove(subscriber.query)
+
+    def events(self, timeout: float | None = None) -> Iterator[Event]:
+        """Yield the events of subscriptions without a callback.
+
+        Parameters
+        ----------
+        timeout : seconds without an event after which the loop ends; by default never
+
+        Raises
+        ------
+        ValueError, LookupError
+            A query failed, which ends its subscription; or the map is gone.
+        """
+        while True:
+            try:
+                event = self._events.get(timeout=timeout)
+            except queue.Empty:
+                return
+            if event is None:
+                return
+            if isinstance(event, Exception):
+                raise event
+            yield event
+
+    def _follow(self) -> None:
+        try:
+            self._feed.follow(self._stop, self._wake, patience=PATIENCE)
+        except Exception as error:  # nothing else reports what ends a thread
+            self._events.put(error)
+
+    def _wake(self, payloads: tuple[str, ...] | None) -> None:
+        if payloads == () and time.monotonic() < self._due and not self._news:
+            return
+        with self._lock:
+            with self._feed.look(entities=False) as look:
+                _, due = self._catch_up(look)
+            self._take_in(look, due)
+            news, self._news = self._news, []
+        for callback, event in news:
+            if callback is None or isinstance(event, Exception):
+                self._events.put(event)
+                continue
+            try:
+                callback(event)
+            except Exception as error:  # of the user's code: one event must not end the others
+                self._events.put(error)
+
+    def _take_in(self, look: Look, due: float) -> None:
+        # Only now: a look that fails is repeated.
+        self._due, self._ended_until = due, look.moment
+        self._feed.take_in(look)
+
+    def _catch_up(self, look: Look) -> tuple[MapView, float]:
+        """Find the events since the last look; return the map, and when the next statement ends."""
+        view, changes, due = self._changes(look)
+        if self._queries.queries and changes != Changes():
+            # At once: a look that is repeated because its end fails finds no difference again.
+            for difference in self._queries.update(view, changes):
+                self._news += self._events_of(difference)
+        return view, due
+
+    def _changes(self, look: Look) -> tuple[MapView, Changes, float]:
+        """Return the map, what changed or ended since the last look, and when the next one ends."""
+        session = look.connection.connection.driver_connection
+        assert isinstance(session, psycopg.Connection)
+        values = {"since": self._feed.cursor, "ended_until": self._ended_until}
+        (row,) = session.execute(_NEWS, values, prepare=True).fetchall()
+        number, reaches, changed, ended, left = row
+        assert self._feed.map_name is not None
+        view = MapView(session, self._feed.map_name, number) if number else MapView.of(session)
+        view.inferred = NOTHING_INFERRED
+        due = math.inf if left is None else time.monotonic() + left
+        changed = changed or []
+        if not reaches or any(what == "statement" and not facts for what, _, facts in changed):
+            return view, Changes(all=True), due
+        facts = [fact for _, _, some in changed for fact in some or ()]
+        entities = {n for what, ids, _ in changed if what not in _NO_ENTITIES for n in ids}
+        others = any(what in _OTHERS for what, _, _ in changed)
+        stated = dict.fromkeys(tuple(fact) for fact in (*facts, *(ended or ())))
+        return view, Changes(frozenset(entities), tuple(stated), others), due
+
+    def _events_of(self, difference: Difference) -> Iterator[_News]:
+        """Yield the events of the subscribers of a query, each with what gets it."""
+        found, gone, come, error = difference
+        for number in list(self._numbers.get(found, ())):
+            subscriber = self._subscribers[number]
+            if error is not None:
+                self._remove(number)
+                yield None, error
+                continue
+            disappeared, appeared = _sorted(gone), _sorted(come)
+            if subscriber.one_shot:
+                disappeared, appeared = [], appeared[:1]
+                if appeared:
+                    self._remove(number)
+            for what, rows in (("disappeared", disappeared), ("appeared", appeared)):
+                for row in rows:
+                    bound = zip(found.names, row, strict=True)
+                    event = Event(number, what, {n: t for n, t in bound if t is not None})
+                    yield subscriber.callback, event
+
+
+def _sorted(rows: list[Row]) -> list[Row]:
+    return rows if len(rows) < 2 else sorted(rows, key=str)
+
+
+_OTHERS = frozenset({"belief", "field"})
+_NO_ENTITIES = _OTHERS | {"statement"}
+
+_NEWS = """
+SELECT m.id, reaches_back(%(since)s), CASE WHEN reaches_back(%(since)s) THEN (
+           SELECT jsonb_agg(jsonb_build_array(c.what, c.entities, c.facts))
+           FROM changes_since(%(since)s) c WHERE c.map_id = m.id) END,
+       (SELECT jsonb_agg(jsonb_build_array(
+                   s.graph, coalesce(to_jsonb(s.subject), to_jsonb(s.subject_id)),
+                   s.predicate, coalesce(to_jsonb(s.object), to_jsonb(s.object_id)), s.tag))
+        FROM statement s
+        WHERE s.map_id = m.id AND s.until > %(ended_until)s AND s.until <= statement_timestamp()),
+       (SELECT extract(epoch FROM min(s.until) - clock_timestamp())::float8 FROM statement s
+        WHERE s.map_id = m.id AND s.until > now())
+FROM (SELECT current_map(), set_config('plan_cache_mode', 'force_generic_plan', true)) n (id)
+LEFT JOIN map m USING (id)
+"""
+"""The map, whether all changes are kept, which there are, which statements ended, and the seconds
+to the next end: from the begin of the transaction on, as queries of it may have seen it end. Plans
+are made once: to plan a list of triples takes longer than to read it."""

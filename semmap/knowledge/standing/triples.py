@@ -1,0 +1,137 @@
+"""The triples of touched entities that standing queries have patterns of, in one or two statements.
+
+Facts of tables are read first. Relations of surfaces are computed only for the entities that have
+what else the queries need, and only to the entities that the queries name.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import rdflib
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.knowledge.map_view import MapView, Term, term_of
+from semmap.knowledge.mapping import COMPUTED
+from semmap.knowledge.sparql.constants import Constants
+from semmap.knowledge.sparql.translator import GIVEN, translate_each
+from semmap.knowledge.standing.changes import Touched
+from semmap.knowledge.standing.index import COSTLY, Key, PatternIndex, Triples
+from semmap.knowledge.standing.parts import Quad
+
+__all__ = ["TripleLists"]
+
+_COMPUTED = {each.property: each for each in COMPUTED}
+
+
+class TripleLists:
+    """Lists triples of entities; the statements are kept."""
+
+    def __init__(self) -> None:
+        self._statements: dict[Any, tuple[bytes, dict[str, Any]]] = {}
+
+    def of(
+        self, view: MapView, touched: Touched, index: PatternIndex, constants: Constants
+    ) -> Triples:
+        """Return what is true of the touched entities, of all properties that patterns have."""
+        known: Triples = defaultdict(list)
+        if not touched.names:
+            return known
+        facts = [key for key in index.listed if key[0] not in COSTLY]
+        everyone = list(touched.names)
+        self._read(view, touched, dict.fromkeys(sorted(facts), (everyone, None)), known)
+        costly = {}
+        for key in sorted(index.listed.keys() - set(facts)):
+            wanted = _wanted(key, index, touched, known, constants)
+            if wanted[0]:
+                costly[key] = wanted
+        self._read(view, touched, costly, known)
+        return known
+
+    def _read(
+        self,
+        view: MapView,
+        touched: Touched,
+        lists: Mapping[Key, tuple[list[int], list[int] | None]],
+        known: Triples,
+    ) -> None:
+        """Read lists of triples of some entities, with some other ends, or any."""
+        if not lists:
+            return
+        shape = tuple((key, others is None) for key, (_, others) in lists.items())
+        if shape not in self._statements:
+            self._statements[shape] = _statement(view, shape)
+        sql, values = self._statements[shape]
+        values = dict(values)
+        for i, (ids, others) in enumerate(lists.values()):
+            values |= {f"ids{i}": ids, f"others{i}": others}
+        keys = list(lists)
+        rows = view.session.execute(sql, values, prepare=True).fetchall()
+        for k, number, text, tag in rows:
+            verb, side, form = keys[k]
+            term, other = touched.node(number, form), term_of(text, tag)
+            if other is not None:
+                ends = (term, other) if side == 0 else (other, term)
+                known[verb, side, term].append(Quad(ends[0], rdflib.URIRef(verb), ends[1]))
+
+
+def _wanted(
+    key: Key, index: PatternIndex, touched: Touched, known: Triples, constants: Constants
+) -> tuple[list[int], list[int] | None]:
+    """Return of which changed entities a costly list matters, and which other ends; None: any."""
+    _, _, form = key
+    ids: list[int] = []
+    others: set[Term | None] = set()
+    for number in sorted(touched.ids & touched.names.keys()):
+        term = touched.node(number, form)
+        for needed, ends in index.listed[key].items():
+            if all(
+                _has(known.get((verb, side, term), ()), side, end) for verb, side, end in needed
+            ):
+                ids.append(number)
+                others |= ends.keys()
+    nodes = (constants.node(str(each)) for each in others if each is not None)
+    numbers = sorted({number for kind, number in nodes if kind == "entity"})
+    return list(dict.fromkeys(ids)), None if None in others else numbers
+
+
+def _has(quads: Iterable[Quad], side: int, end: Term | None) -> bool:
+    """Return whether there is a triple with an other end; None for any."""
+    return any(end is None or quad[2 - side] == end for quad in quads)
+
+
+def _statement(view: MapView, lists: Iterable[tuple[Key, bool]]) -> tuple[bytes, dict[str, Any]]:
+    """Return the statement of lists, each with or without any other end, and its parameters."""
+    parts: list[str] = []
+    values: dict[str, Any] = {}
+    for i, ((verb, side, form), any_end) in enumerate(lists):
+        ids = f"%(ids{i})s::bigint[]"
+        computed = _COMPUTED.get(verb)
+        if computed is not None:
+            function = computed.converse if side == 0 else computed.members
+            assert function is not None
+            values["namespace"] = view.namespace
+            limit = "" if any_end else f" WHERE f.member = ANY (%(others{i})s::bigint[])"
+            parts.append(
+                f"SELECT {i}, p.n, %(namespace)s::text || iri_encode(e.name), 'I'::text "
+                f"FROM unnest({ids}) p (n), LATERAL {function.format(a='p.n', b='p.n')} f (member) "
+                f"JOIN entity e ON e.id = f.member{limit}"
+            )
+            continue
+        ends = ("key", "other") if side == 0 else ("other", "key")
+        triple = (rdflib.Variable(ends[0]), rdflib.URIRef(verb), rdflib.Variable(ends[1]))
+        statement = translate_each(
+            CompValue("BGP", triples=[triple]),
+            ("other",),
+            Constants({}),
+            view.namespace,
+            view.number,
+            {"key": form},
+        )
+        sql = statement.sql.replace("%(", f"%(k{i}")
+        sql = sql.replace(GIVEN, f"unnest({ids}, {ids}) AS p (n, s0)")
+        parts.append(f"SELECT {i}, q.* FROM ({sql}) q")
+        values |= {f"k{i}{name}": value for name, value in statement.parameters.items()}
+    return " UNION ALL ".join(parts).encode(), values
