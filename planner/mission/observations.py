@@ -210,12 +210,14 @@ SELECT ST_AsBinary(w.footprint) FROM placement p JOIN world w ON w.entity_id = p
 WHERE p.holder_id = :target AND w.footprint IS NOT NULL AND p.entity_id <> entity_id(:item)
 """
 
-# What stands on the floor, or less than a metre above it, except carpets and the building.
+# What stands on the floor, or less than a metre above it, except carpets and the building; the leaves
+# of doors count.
 _ON_FLOOR = """
 SELECT ST_AsBinary(w.footprint) FROM room r
      JOIN world h ON h.entity_id = r.entity_id
      JOIN world w ON w.map_id = h.map_id AND w.box && h.box AND w.footprint IS NOT NULL
-     JOIN entity e ON e.id = w.entity_id AND e.kind = 'object' AND NOT is_building_part(e.type)
+     JOIN entity e ON e.id = w.entity_id AND e.kind = 'object'
+          AND (NOT is_building_part(e.type) OR e.type = ANY (subtypes('door_leaf')))
 WHERE r.entity_id = :target AND e.name <> :item
   AND ST_ZMin(w.box) < h.pose[3] + r.floor + 1.0 AND ST_ZMax(w.box) > h.pose[3] + r.floor + 0.03
 """

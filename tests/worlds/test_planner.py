@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from planner.demo.choices import DemoChoices, choose, figure_3
 from planner.live_topology import LiveTopology
 from planner.mission import Command, MissionResult, MissionStore, Runner
 from planner.mission.map_connection import MissionError
+from planner.mission.observations import find_placement
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
 from planner.mission.sim_world import SimWorld
@@ -42,6 +44,8 @@ from planner.task_planner import TaskPlanner
 from planner.tasks import parse_goal
 from planner.tasks.reader import read_world
 from planner.topology import OUTSIDE, UnknownPlaceError
+from semmap.geometry.pose import Pose
+from semmap.query.maps import see_map
 from semmap.query.sql_statement import run_sql
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
@@ -325,6 +329,49 @@ def test_tiago_fetches_a_mug_from_any_room_to_any_table_of_the_small_house(
     assert house.world.robot("robot")[0] == "kitchen"
     assert state_of(engine, "house") == before, "a simulated run changes no map"
     assert house.contradictions() == []
+
+
+def test_placing_keeps_the_doors_of_the_small_house_and_their_ways_free(engine: Engine) -> None:
+    """Put down before, in and behind a doorway, an object stands beside the way and its leaves."""
+    put_down = 0
+    with engine.connect() as connection:
+        see_map(connection, "house")
+        rows = connection.execute(text(_ON_FLOORS)).all()
+        bodies = {row.name: shapely.from_wkb(bytes(row.footprint)) for row in rows}
+        assert "FoldingDoor_02_002" in bodies
+        connectors = read_topology(connection).connectors.values()
+        sides = [(c, place, side) for c in connectors for side, place in enumerate(c.places)]
+        for (connector, place, side), item in product(sides, ("Trash_01_001", "Ball_01_001")):
+            if place == OUTSIDE:
+                continue
+            here, there = (shapely.Point(connector.poses[k][:2]) for k in (side, 1 - side))
+            way = shapely.LineString([here, there])
+            yaw = math.atan2(there.y - here.y, there.x - here.x)
+            radius = connection.execute(text(_RADIUS), {"name": item}).scalar_one() / 2
+            others = [body for name, body in bodies.items() if name != item]
+            for ahead in (-0.5, 0.0, 0.5):
+                robot = Pose.planar(here.x, here.y, yaw) @ Pose(ahead)
+                spot = find_placement(connection, item, place, robot)
+                assert spot is not None
+                body = shapely.Point(spot.x, spot.y).buffer(radius - 1e-3)
+                assert shapely.distance(way, body) > 0.6, (connector.name, item)
+                assert not shapely.intersects(body, others).any(), (connector.name, item)
+                put_down += 1
+    assert put_down == 7 * 2 * 3
+
+
+_ON_FLOORS = """
+SELECT e.name, ST_AsBinary(w.footprint) AS footprint
+FROM entity e JOIN world w ON w.entity_id = e.id
+WHERE e.map_id = current_map() AND e.kind = 'object' AND e.type NOT IN ('wall', 'floor', 'window')
+  AND ST_ZMin(w.box) < 0.9 AND ST_ZMax(w.box) > 0.05
+"""
+
+_RADIUS = """
+SELECT diagonal FROM world w, LATERAL sqrt((ST_XMax(w.box) - ST_XMin(w.box)) ^ 2
+                                        + (ST_YMax(w.box) - ST_YMin(w.box)) ^ 2) AS diagonal
+WHERE w.entity_id = entity_id(:name)
+"""
 
 
 def test_tiago_carries_a_mug_through_the_storeys_of_the_hotel(
