@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+import yaml
 from numpy.typing import NDArray
 from sqlalchemy import Engine, text
 
 from navgrid.costmap import Costmap
-from navgrid.grid import scene_grid
+from navgrid.free_space import NoFreeCellError, check_free
+from navgrid.grid import Grid, scene_grid
 from navgrid.nav2 import write_nav2
 from navgrid.occupancy_grid import storey_grid
 from planner.live_topology import LiveTopology
@@ -121,6 +123,47 @@ def test_tiago_in_the_small_house(house: Engine, tmp_path: Path) -> None:
     y = made.grid.origin[1] + (row + 0.5) * 0.05
     assert made.explain(x, y)[0].cost == 254
     assert made.explain(x, y)[0].entities
+    check_parameters(tmp_path, {"master", "localisation"})
+
+
+def check_parameters(folder: Path, maps: set[str]) -> None:
+    """The rules of rcl's parser, on the events that it gets from YAML; and the files named."""
+    file = folder / "nav2_params.yaml"
+    assert not any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(file.read_text()))
+    params = yaml.safe_load(file.read_text())
+
+    def check_node(node: object, path: str) -> None:
+        assert isinstance(node, dict), f"{path} has a value above ros__parameters"
+        for key, value in node.items():
+            if key == "ros__parameters":
+                assert path, "parameters belong to a node"
+                check_value(value, path)
+            else:
+                check_node(value, f"{path}/{key}")
+
+    def check_value(value: object, path: str) -> None:
+        if isinstance(value, dict):
+            assert value, f"{path} is empty"
+            assert "ros__parameters" not in value, path
+            for key, inner in value.items():
+                check_value(inner, f"{path}.{key}")
+        elif isinstance(value, list):
+            assert len({type(item) for item in value}) == 1, f"{path} is of one type"
+            check_value(value[0], path)
+            assert not isinstance(value[0], dict | list), path
+        else:
+            assert isinstance(value, bool | int | float | str), path
+
+    check_node(params, "")
+    named = {
+        Path(inner["yaml_filename"])
+        for node in params.values()
+        if "yaml_filename" in (inner := node.get("ros__parameters", {}))
+    }
+    assert {path.stem for path in named} == maps
+    for path in named:  # Nav2 does not start in this folder
+        assert path.is_absolute()
+        assert (path.parent / yaml.safe_load(path.read_text())["image"]).is_file()
 
 
 @pytest.mark.parametrize("level", ["L1", "L2", "L3"])
@@ -131,6 +174,7 @@ def test_stretch_in_the_hotel(level: str, hotel: Engine, tmp_path: Path) -> None
     assert 0.3 < (made.master[inside] < 253).mean() < 0.98
     assert (made.master == 255).any()
     write_nav2(made, tmp_path)
+    check_parameters(tmp_path, {"master", "localisation"})
 
 
 def test_typical_sizes_of_furniture_in_the_hotel(hotel: Engine) -> None:
@@ -236,6 +280,41 @@ def test_grid_and_costmap_agree_slab_by_slab(world: str, request: pytest.Fixture
             assert occupied.any()
             np.testing.assert_array_equal(grid.cells == 100, occupied)
             np.testing.assert_array_equal(grid.cells == -1, made.unknown & ~occupied)
+
+
+@pytest.mark.parametrize(
+    ("change", "half", "cause"),
+    [
+        (
+            "WITH ground AS (UPDATE entity SET type = 'furniture' WHERE id = "
+            "entity_id('FloorB_01_001')) UPDATE room SET floor = -0.05 WHERE entity_id IN "
+            "(SELECT id FROM entity WHERE map_id = current_map())",
+            0.2,
+            r"FloorB_01_001 .*its top is 0\.050 m above the floor at z = -0\.050 m",
+        ),
+        (
+            "INSERT INTO gis_region (map, storey, name, type, geom) VALUES ('house', "
+            "'ground-floor', 'wet floor', 'blocked_region', "
+            "ST_Multi(ST_MakeEnvelope(-12, -9, 12, 9, 0)))",
+            0.2,
+            "wet floor .*covers 100%.*check its type",
+        ),
+        ("SELECT 1", 3.0, r"part base keeps 3\.00 m from them; take a smaller robot"),
+    ],
+    ids=["floor-of-another-type-above-that-of-the-rooms", "blocked-region", "too-wide"],
+)
+def test_a_small_house_without_a_free_cell_names_the_cause(
+    change: str, half: float, cause: str, house: Engine
+) -> None:
+    with house.connect() as connection:
+        see_map(connection, "house")
+        connection.execute(text(change))
+        scene = read_scene(connection, "ground-floor")
+        connection.rollback()
+    inside = Grid((-9.2, -5.4), 0.1, (80, 180))  # without the ground before the front door
+    made = Costmap(scene, [part("base", 0.0, 0.3, square(half))], inside)
+    with pytest.raises(NoFreeCellError, match=f"ground-floor: no cell.*{cause}"):
+        check_free(made)
 
 
 WORLD = """<sdf version="1.7"><world name="yard">
