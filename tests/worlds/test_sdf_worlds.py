@@ -1,4 +1,7 @@
-"""The small house, the bookstore and the YCB objects, as their parser gives them."""
+"""The small house, the bookstore and the YCB objects, as their parser gives them.
+
+And files of the small house from which nothing can be taken.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sqlalchemy import Engine, text
 
+import semmap
 from semmap.ingest.sdf import read_sdf
-from semmap.ingest.world import World
+from semmap.ingest.world import World, WorldError
+from tests.command_line import semmap as semmap_command
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +104,51 @@ def test_small_house_as_other_tools_write_it(small_house: World, tmp_path: Path)
         assert entry.pose is not None
         np.testing.assert_allclose(other.pose, entry.pose, atol=1e-9)
     assert len({id(s.mesh) for e in house.entries for s in e.shapes}) == 63
+
+
+@pytest.mark.parametrize(
+    ("removed", "options", "problem"),
+    [
+        ("<model name=.*</model>", (), "has nothing that a map can hold"),
+        ("(?<=model://)aws_", ("--strict",), "robomaker_.* is not found"),
+    ],
+    ids=["models", "files"],
+)
+def test_an_import_that_brings_nothing_of_the_small_house_leaves_no_map(
+    removed: str,
+    options: tuple[str, ...],
+    problem: str,
+    bare_house: Engine,
+    small_house: World,
+    tmp_path: Path,
+) -> None:
+    """Neither a new map, nor a change of the one that has the whole house."""
+    url = bare_house.url.render_as_string(hide_password=False)
+    path = tmp_path / "small_house.world"
+    whole = small_house.source.read_text()
+    path.write_text(re.sub(removed, "", whole, flags=re.DOTALL))
+    before = everything(bare_house)
+    assert len(before) == 87
+    for name in ("empty", "house"):
+        with pytest.raises(WorldError, match=problem):
+            semmap_command(url, "import", path, "--map", name, *options)
+        with semmap.connect(url) as database:
+            assert database.maps == ["house"]
+        assert everything(bare_house) == before
+
+
+def everything(engine: Engine) -> list[object]:
+    """The rows of all objects of all maps, with their places."""
+    with engine.connect() as connection:
+        return [
+            *connection.execute(
+                text(
+                    "SELECT m.name, e.*, p.*, w.* FROM entity e JOIN map m ON m.id = e.map_id "
+                    "JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id "
+                    "ORDER BY e.id"
+                )
+            ).all()
+        ]
 
 
 def test_small_house_types(small_house: World) -> None:
