@@ -210,8 +210,8 @@ SELECT ST_AsBinary(w.footprint) FROM placement p JOIN world w ON w.entity_id = p
 WHERE p.holder_id = :target AND w.footprint IS NOT NULL AND p.entity_id <> entity_id(:item)
 """
 
-# What stands on the floor, or less than a metre above it, except carpets and the building; the leaves
-# of doors count.
+# What stands on the floor, or less than a metre above it: leaves of doors too, but not carpets and
+# other parts of the building.
 _ON_FLOOR = """
 SELECT ST_AsBinary(w.footprint) FROM room r
      JOIN world h ON h.entity_id = r.entity_id
