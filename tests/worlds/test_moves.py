@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from pathlib import Path
 
@@ -94,3 +95,18 @@ def test_all_objects_of_the_hotel_moved_in_one_statement(hotel: Engine) -> None:
     url = hotel.url.render_as_string(hide_password=False)
     done = semmap_command(url, "check", "--map", "hotel")
     assert done.exit_code == 0, done.output
+
+
+def test_check_lists_a_holder_that_the_geometry_contradicts(hotel: Engine) -> None:
+    """A pose written past the derivation, as only a damaged map has it, is listed."""
+    url = hotel.url.render_as_string(hide_password=False)
+    words = ("check", "--map", "hotel", "--json")
+    assert json.loads(semmap_command(url, *words).stdout) == []
+    move = "SELECT move_to(entity_id('DigitalKiosk'), 0, 0, 50)"
+    with hotel.begin() as connection:
+        see_map(connection, "hotel")
+        connection.execute(text("SELECT set_config('semmap.deriving', 'off', true)"))
+        connection.execute(text(move))
+    done = semmap_command(url, *words)
+    assert done.exit_code == 1
+    assert [row["name"] for row in json.loads(done.stdout)] == ["DigitalKiosk"]

@@ -22,6 +22,7 @@ import yaml
 from shapely import LineString, Point
 from sqlalchemy import Engine, text
 
+from navgrid.nav2 import frame_name
 from planner.exchange.nav2_route import nav2_graph
 from planner.exchange.reader import read_building_outline
 from planner.exchange.rmf_nav import rmf_nav_graph
@@ -217,6 +218,17 @@ def test_the_route_graph_leads_through_no_wall(building: Building) -> None:
     graph = nav2_graph(graph, building=building.building)["features"]
     nodes = [f["properties"] for f in graph if f["geometry"]["type"] == "Point"]
     at = {node["id"]: node["metadata"] for node in nodes}
+    assert {(n["frame"], n["metadata"]["storey"]) for n in nodes} == {
+        (frame_name(storey), storey) for storey in building.lanes.building["levels"]
+    }  # the frames of nav2_params.yaml
+    edges = [f["properties"] for f in graph if "startid" in f["properties"]]
+    doors = [edge for edge in edges if edge["metadata"].get("behaviour") == "pass_door"]
+    places = building.topology.places
+    for door in doors:
+        name = door["metadata"]["connector"]
+        if not any(places[p].elevator for p in building.topology.connectors[name].places):
+            assert door["operations"]["open_door"]["metadata"]["connector"] == name
+    assert len(doors) > 10
     solid = {storey: walls.buffer(-GRAZED) for storey, walls in building.walls.items()}
     driven = nx.DiGraph()
     for said, line in ((f["properties"], f["geometry"]["coordinates"]) for f in graph):
