@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -280,6 +281,30 @@ def test_grid_and_costmap_agree_slab_by_slab(world: str, request: pytest.Fixture
             assert occupied.any()
             np.testing.assert_array_equal(grid.cells == 100, occupied)
             np.testing.assert_array_equal(grid.cells == -1, made.unknown & ~occupied)
+
+
+def test_the_interval_of_a_grid_is_given_as_its_help_shows_it(
+    house: Engine, tmp_path: Path
+) -> None:
+    url = house.url.render_as_string(hide_password=False)
+    (shown,) = re.findall(r"--interval\s+(\S+)", semmap(url, "grid", "--help").output)
+    assert shown == "LOW,HIGH"
+    with house.connect() as connection:
+        see_map(connection, "house")
+        (scene,) = read_storeys(connection)
+    words = ("grid", "--resolution", "0.1", "--no-picture", "--json", "--map", "house")
+    occupied = set()
+    for low, high in ((0.05, 0.3), (1.2, 1.8)):
+        given = shown.replace("LOW", str(low)).replace("HIGH", str(high))
+        done = semmap(url, *words, "-o", tmp_path / given, "--interval", given)
+        (row,) = json.loads(done.stdout)
+        cells = storey_grid(scene, (low, high), 0.1).cells
+        assert row["occupied"] == (cells == 100).sum()
+        occupied.add(row["occupied"])
+    assert len(occupied) == 2
+    with pytest.raises(ValueError, match="--interval LOW,HIGH"):
+        semmap(url, *words, "-o", tmp_path / "none", "--interval", "0.05")
+    assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.parametrize(
