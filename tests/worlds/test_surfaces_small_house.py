@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
+import shapely
+from sqlalchemy import Engine, text
+from typer.testing import Result
 
 from semmap.geometry.surfaces import support_surfaces
 from semmap.ingest.sdf import read_sdf
+from semmap.query.maps import see_map
+from tests.command_line import semmap
+from tests.ingest.regions.test_extraction import HAIRLINE
 
 # Read off where vertical lines through the pieces meet them, metres above the floor.
 LABELLED = {
@@ -74,3 +82,33 @@ def test_nothing_spurious(surfaces: dict[str, list[float]]) -> None:
         if name not in ALSO and all(abs(height - h) >= 0.01 for h in LABELLED.get(name, ()))
     }
     assert spurious == set()
+
+
+def test_slivers_of_surfaces_do_not_end_the_search_of_the_house(house: Engine) -> None:
+    """The coffee table gets an outline that is all but a line, and one with a hairline neck."""
+    url = house.url.render_as_string(hide_password=False)
+    words = ("regions", "find", "surfaces", "--type", "table", "--map", "house", "--json")
+    before = found(semmap(url, *words))
+    assert {"CoffeeTable_01_001", "KitchenTable_01_001"} <= {*before}
+    with house.begin() as connection:
+        see_map(connection, "house")
+        for number, corners in enumerate(([(0, 0), (1, 0), (1, 1e-6)], HAIRLINE)):
+            outline = shapely.to_wkb(shapely.Polygon(corners))
+            connection.execute(_MORE, {"number": 1000 + number, "outline": outline})
+    after = found(semmap(url, *words))
+    assert after.pop("CoffeeTable_01_001") == before.pop("CoffeeTable_01_001") + 1
+    assert after == before
+
+
+def found(said: Result) -> dict[str, int]:
+    """How many surfaces `semmap regions find` printed for each object."""
+    assert said.exit_code == 0, said.output
+    assert "left out" not in said.output
+    return Counter(row["of"] for row in json.loads(said.stdout))
+
+
+_MORE = text("""
+INSERT INTO support_surface (model_id, number, height, outline, faces)
+SELECT model_id, :number, 0.2, ST_GeomFromWKB(:outline, 0), '{0}'
+FROM entity_model WHERE entity_id = entity_id('CoffeeTable_01_001')
+""")
