@@ -33,6 +33,7 @@ from planner.mission.simulation_map import simulation_map
 from planner.readers.robot_class import store_robot_class
 from planner.readers.topology import read_topology
 from planner.robot_class import RobotClass
+from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
@@ -54,6 +55,15 @@ from tests.robot.robots import real_robot
 from tests.schema.test_roles import as_role
 
 SEMMAP = Path(sys.executable).parent / "semmap"
+FOLDED = {
+    "arm_1_joint": 0.2,
+    "arm_2_joint": -1.34,
+    "arm_3_joint": -0.2,
+    "arm_4_joint": 1.94,
+    "arm_5_joint": -1.57,
+    "arm_6_joint": 1.37,
+}
+"""Joint angles with which TIAGo's arm is within its base, radians."""
 
 
 @pytest.fixture(scope="module")
@@ -153,6 +163,53 @@ def test_deleted_furniture_leaves_its_contents_in_the_room(engine: Engine) -> No
         ).scalar()
         assert holder == "kitchen"
         connection.rollback()
+
+
+def test_an_arm_that_does_not_fit_is_told_of_the_state_that_folds_it(
+    engine: Engine, tiago: RobotClass
+) -> None:
+    """A kitchen door 0.9 m wide is too narrow for the stretched arm; one of 0.5 m for the base."""
+    with engine.connect() as connection:
+        see_map(connection, "house")
+        topology = read_topology(connection)
+
+    def ways(robot: RobotClass, width: float) -> list[str | None]:
+        door = replace(topology.connectors["kitchen-door"], width=width)
+        topology.connectors["kitchen-door"] = door
+        route = RoutePlanner(RoutingGraph(topology, robot)).route("living-room", "kitchen")
+        return [step.connector and step.connector.name for step in route.steps]
+
+    hint = "through kitchen-door: it is 1.09 m wide, .* add the robot again with --state"
+    with pytest.raises(NoRouteError, match=f"the arm does not fit {hint}"):
+        ways(tiago, 0.9)
+    folded = replace(tiago, parts=tuple(robot_parts(load_robot(real_robot("tiago")), FOLDED)))
+    assert "kitchen-door" in ways(folded, 0.9)
+    with pytest.raises(NoRouteError, match="the base does not fit") as refused:
+        ways(folded, 0.5)
+    assert "--state" not in str(refused.value)  # no state makes a base narrower
+
+
+def test_home_is_a_goal_in_the_small_house(engine: Engine, url: str, tmp_path: Path) -> None:
+    corners = "-6.2,-4.6 -5.2,-4.6 -5.2,-3.6 -6.2,-3.6"
+    words = ("--polygon", corners, "--type", "home_region", "--holder", "bedroom")
+    assert semmap_command(url, "regions", "draw", "home", *words, "--map", "house").exit_code == 0
+    try:
+        goal = ("in(robot, home)", "--map", "house", "--from", "kitchen")
+        planned = semmap_command(url, "plan", *goal, "--json")
+        assert planned.exit_code == 0, planned.output
+        assert "bedroom-door" in planned.stdout
+        world = tmp_path / "world"
+        own = ("--simulate", "--speed", "100000", "--world", world)
+        done = semmap_command(url, "run", *goal, *own)
+        assert done.exit_code == 0, done.output
+        with closing(SimWorld(world)) as seen:
+            place, pose = seen.robot("robot")
+        assert place == "bedroom"
+        assert shapely.box(-6.2, -4.6, -5.2, -3.6).covers(shapely.Point(pose.x, pose.y))
+    finally:
+        with engine.begin() as connection:
+            see_map(connection, "house")
+            connection.execute(text("DELETE FROM entity WHERE id = entity_id('home')"))
 
 
 def test_an_elevator_can_be_avoided(engine: Engine) -> None:
@@ -267,14 +324,6 @@ class Building:
 @pytest.fixture
 def building(engine: Engine, tmp_path: Path) -> Iterator[Callable[..., Building]]:
     """Opens a copy of a map with a mug, and with tables in rooms of buildings without shapes."""
-    FOLDED = {
-        "arm_1_joint": 0.2,
-        "arm_2_joint": -1.34,
-        "arm_3_joint": -0.2,
-        "arm_4_joint": 1.94,
-        "arm_5_joint": -1.57,
-        "arm_6_joint": 1.37,
-    }
     parts = robot_parts(load_robot(real_robot("tiago")), FOLDED)
     with engine.begin() as connection:
         store_robot_class(connection, RobotClass("folded", tuple(parts), speed=0.5))
