@@ -118,18 +118,28 @@ class Watcher:
         raise AssertionError(f"{wanted} was not reported: {self.events}")
 
 
+def human_sees(url: str) -> bool:
+    """Whether human1 sees the tableware; while no look was read, the query is an error."""
+    try:
+        return "human1" in str(fields(url, "query", WHO))
+    except ValueError as error:
+        if "no source provides :inFieldOfView" not in str(error):
+            raise
+        return False
+
+
 def test_a_recorded_look_is_announced(url: str, tmp_path: Path) -> None:
     """A bag of ROS 2: a robot drives on, and its camera sees where a person looks."""
     look = look_at([6.5, -1.0, 1.6], [7.153, 0.983, 0.85])
     messages: list[Message] = [(0.0, "/tf_static", transforms(("base_link", "eye", np.eye(4))))]
-    for step in range(40):
-        base = Pose.planar(5 + step / 40, -2, 0.1 * step).matrix
+    for step in range(300):
+        base = Pose.planar(5 + step / 300, -2, 0.1 * step).matrix
         chain = ("map", "base_link", base), ("eye", "gaze_human1", np.linalg.inv(base) @ look)
         messages.append((0.5 + step / 10, "/tf", transforms(*chain)))
     recorded = bag(tmp_path / "walk", messages)
     server = Server(url, "--source", f"gaze=mcap:{recorded}")
     try:
-        eventually(lambda: "human1" in str(fields(url, "query", WHO)), True)
+        eventually(lambda: human_sees(url), True)
         sees = fields(url, "query", PREFIX + "ASK { :human1 :sees :Tableware_01_001 }")
         assert sees is True
     finally:
