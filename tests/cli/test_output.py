@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
+from semmap.cli import output
 from semmap.cli.output import _width, show_rows
 
 
@@ -19,6 +20,7 @@ def test_a_pipe_gets_one_line_a_row_however_long(capsys: pytest.CaptureFixture[s
 
 
 def test_a_narrow_terminal_folds(capsys: pytest.CaptureFixture[str]) -> None:
+    assert output.out is not None  # made here, so that it has no styles in the tests that follow
     with patch("sys.stdout.isatty", return_value=True):
         show_rows(["name", "text"], [("a", "x" * 500)], False)
     lines = capsys.readouterr().out.splitlines()
