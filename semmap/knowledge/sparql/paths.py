@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -18,12 +19,12 @@ from semmap.knowledge.sparql.values import Value, as_term
 __all__ = ["PropertyPaths"]
 
 
-class PropertyPaths(TripleMatch):
+class PropertyPaths(TripleMatch, ABC):
     """Translates paths; each step is a triple pattern."""
 
+    @abstractmethod
     def triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: Scope) -> Rows:
         """Return the solutions of triple patterns that must all match."""
-        raise NotImplementedError
 
     def _one(self, subject: Part, predicate: Any, object_: Part, scope: Scope) -> Rows:
         """Return the solutions of one pattern whose sides are parts already."""

@@ -233,6 +233,13 @@ class TripleMatch:
         # Of an IRI that is a node of another kind, or none, no row is.
         return None
 
+    def _be(self, rows: Rows, part: Part, value: Value) -> None:
+        """Let a side of a pattern be this value: a variable is bound, a constant must equal it."""
+        if isinstance(part, Value):
+            rows.where.append(self._equals(value, part))
+        else:
+            rows.bind(part, value, self.namespace)
+
     def _equals(self, value: Value, constant: Value) -> str:
         known = self._as_column(constant, Column(value.form, value.sql, value.tag))
         return "false" if known is None else same(value, known, self.namespace)

@@ -397,21 +397,14 @@ class TriplePatterns(PropertyPaths):
             return
         alias = self.parameters.alias("f")
         rows.froms.append(f"LATERAL {function.format(**known)} AS {alias} (member)")
-        found = Value("entity", f"{alias}.member")
-        if isinstance(part, Value):
-            rows.where.append(self._equals(found, part))
-        else:
-            rows.bind(part, found, self.namespace)
+        self._be(rows, part, Value("entity", f"{alias}.member"))
 
     def _any_entity(self, rows: Rows, part: Part) -> str:
         alias = self.parameters.alias()
         rows.froms.append(f"entity {alias}")
         rows.where.append(f"{alias}.map_id = {self.map_id}")
         value = Value("entity", f"{alias}.id")
-        if isinstance(part, Value):
-            rows.where.append(self._equals(value, part))
-        else:
-            rows.bind(part, value, self.namespace)
+        self._be(rows, part, value)
         return value.sql
 
 
