@@ -7,6 +7,7 @@ for `BUFFER` seconds has no pose.
 from __future__ import annotations
 
 import importlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -323,11 +324,11 @@ def _pose_of(message: Any) -> Any:
     return getattr(pose, "pose", pose)
 
 
-class _GazeReader:
-    """Gazes; by default, those of the frames gaze_NAME, as in ROS4HRI (REP 155)."""
+class _PosesReader(ABC):
+    """A percept whenever a pose changes."""
 
-    def __init__(self, agents: Mapping[str, str] | None = None) -> None:
-        self._poses = _Poses(agents or {}, "gaze_")
+    def __init__(self, agents: Mapping[str, str], prefix: str = "") -> None:
+        self._poses = _Poses(agents, prefix)
         self.topics = self._poses.topics
 
     def on_transforms(self, frames: _Frames, time: float) -> Make | None:
@@ -335,26 +336,29 @@ class _GazeReader:
 
     def on_message(self, topic: str, message: Any, frames: _Frames, time: float) -> Make | None:
         return self._percept() if self._poses.on_message(topic, message, frames, time) else None
+
+    @abstractmethod
+    def _percept(self) -> Make | None: ...
+
+
+class _GazeReader(_PosesReader):
+    """Gazes; by default, those of the frames gaze_NAME, as in ROS4HRI (REP 155)."""
+
+    def __init__(self, agents: Mapping[str, str] | None = None) -> None:
+        super().__init__(agents or {}, "gaze_")
 
     def _percept(self) -> Make:
         poses = {name: pose for name, (pose, _) in self._poses.now.items()}
         return lambda when: Gaze(poses, when)
 
 
-class _PeopleReader:
+class _PeopleReader(_PosesReader):
     """People, who stand on the floor; by default, those of the frames body_NAME (REP 155)."""
 
     def __init__(self, agents: Mapping[str, str] | None = None, floor: float = 0.0) -> None:
-        self._poses = _Poses(agents or {}, "body_")
+        super().__init__(agents or {}, "body_")
         self._floor = float(floor)
         self._before: dict[str, tuple[Matrix, float]] = {}
-        self.topics = self._poses.topics
-
-    def on_transforms(self, frames: _Frames, time: float) -> Make | None:
-        return self._percept() if self._poses.on_transforms(frames, time) else None
-
-    def on_message(self, topic: str, message: Any, frames: _Frames, time: float) -> Make | None:
-        return self._percept() if self._poses.on_message(topic, message, frames, time) else None
 
     def _percept(self) -> Make:
         people = {name: self._motion(name, *now) for name, now in self._poses.now.items()}
@@ -371,22 +375,19 @@ class _PeopleReader:
         return Motion(x, y, yaw, float(velocity[0]), float(velocity[1]), self._floor)
 
 
-class _RobotReader:
+class _RobotReader(_PosesReader):
     """A robot's base, and the positions of its joints."""
 
     def __init__(self, base: str = "base_link", joints: str = "/joint_states") -> None:
-        self._poses = _Poses({"robot": base})
+        super().__init__({"robot": base})
         self._joints_topic, self._joints = joints, dict[str, float]()
-        self.topics = {**self._poses.topics, joints: "joints"}
-
-    def on_transforms(self, frames: _Frames, time: float) -> Make | None:
-        return self._percept() if self._poses.on_transforms(frames, time) else None
+        self.topics = {**self.topics, joints: "joints"}
 
     def on_message(self, topic: str, message: Any, frames: _Frames, time: float) -> Make | None:
         if topic == self._joints_topic:
             self._joints.update(zip(message.name, map(float, message.position), strict=False))
             return self._percept()
-        return self._percept() if self._poses.on_message(topic, message, frames, time) else None
+        return super().on_message(topic, message, frames, time)
 
     def _percept(self) -> Make | None:
         if "robot" not in self._poses.now:
