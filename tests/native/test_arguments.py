@@ -7,8 +7,9 @@ from itertools import chain
 import pytest
 
 from tests.native.arguments import Call, native_calls, vdb_calls
+from tests.native.shape_arguments import shape_calls
 
-CALLS = dict(chain(native_calls(), vdb_calls()))
+CALLS = dict(chain(native_calls(), shape_calls(), vdb_calls()))
 
 
 @pytest.mark.parametrize("name", CALLS)
