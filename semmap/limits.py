@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -112,6 +113,7 @@ class Limit:
 
     def text(self, number: float) -> str:
         """A number with the unit, thousands separated; whole mebibytes as such."""
+        number = min(number, sys.float_info.max)  # a file may state an integer of 400 digits
         if self.unit == "bytes" and number % 2**20 == 0:
             return f"{number / 2**20:,.0f} MiB"
         plain = f"{number:,.0f}" if 1000 <= abs(number) < 1e15 else f"{number:g}"
