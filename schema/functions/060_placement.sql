@@ -24,7 +24,8 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
     SELECT p.entity_id, e.map_id, CASE e.kind WHEN 'storey' THEN e.id ELSE t.storey_id END,
            pose_compose(t.pose, p.pose), t.depth + 1
     FROM tree t
-    JOIN placement p ON p.holder_id = t.entity_id
+    -- for each entity of its own, since a join of all would read every placement of a small map
+    CROSS JOIN LATERAL (SELECT q.* FROM placement q WHERE q.holder_id = t.entity_id OFFSET 0) p
     JOIN entity e ON e.id = p.entity_id
 ), placed AS (
     SELECT DISTINCT ON (entity_id) entity_id, map_id, storey_id, pose
@@ -89,7 +90,8 @@ BEGIN
             WITH RECURSIVE up (id) AS (
                 SELECT unnest(holders)
               UNION
-                SELECT p.holder_id FROM up JOIN placement p ON p.entity_id = up.id)
+                -- no join: its plan would read all placements of a small map
+                SELECT (SELECT p.holder_id FROM placement p WHERE p.entity_id = up.id) FROM up)
             SELECT id FROM up WHERE id IS NOT NULL);
         EXIT WHEN chain <@ locked;  -- another transaction may have moved a holder while this one waited
         PERFORM FROM placement WHERE entity_id = ANY (chain) ORDER BY entity_id FOR SHARE;

@@ -101,6 +101,6 @@ RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
 WITH RECURSIVE up (id) AS (
     SELECT holder_id FROM semmap.placement WHERE entity_id = a
   UNION
-    SELECT p.holder_id FROM up JOIN semmap.placement p ON p.entity_id = up.id)
+    SELECT (SELECT p.holder_id FROM semmap.placement p WHERE p.entity_id = up.id) FROM up)
 SELECT EXISTS (SELECT FROM up WHERE id = b)
 $$;
