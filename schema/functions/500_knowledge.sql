@@ -296,3 +296,29 @@ CREATE TRIGGER statement_edited AFTER UPDATE ON statement REFERENCING OLD TABLE 
     FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
 CREATE TRIGGER statement_removed AFTER DELETE ON statement REFERENCING OLD TABLE AS touched
     FOR EACH STATEMENT EXECUTE FUNCTION statement_changed();
+
+CREATE FUNCTION inference_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- The change log has the inferences, as it has statements. Copies of what was told are no news.
+BEGIN
+    IF coalesce(current_setting('semmap.dropping', true), '') <> ''
+       OR NOT EXISTS (SELECT FROM touched WHERE NOT told) THEN
+        RETURN NULL;
+    END IF;
+    IF (SELECT count(*) FROM (SELECT FROM touched WHERE NOT told LIMIT 201) first) > 200 THEN
+        INSERT INTO change (map_id, what, entities)
+            SELECT m.id, 'inferred', '{}' FROM map m WHERE m.id IN (SELECT map_id FROM touched WHERE NOT told);
+        RETURN NULL;
+    END IF;
+    INSERT INTO change (map_id, what, entities, facts)
+        SELECT t.map_id, 'inferred', '{}', jsonb_agg(jsonb_build_array('urn:semmap:inferred',
+            coalesce(to_jsonb(t.subject), to_jsonb(t.subject_id)), t.predicate,
+            coalesce(to_jsonb(t.object), to_jsonb(t.object_id)), t.tag))
+        FROM touched t JOIN map m ON m.id = t.map_id WHERE NOT t.told GROUP BY t.map_id;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER inference_added AFTER INSERT ON inference REFERENCING NEW TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION inference_changed();
+CREATE TRIGGER inference_removed AFTER DELETE ON inference REFERENCING OLD TABLE AS touched
+    FOR EACH STATEMENT EXECUTE FUNCTION inference_changed();

@@ -35,6 +35,7 @@ from semmap.knowledge.vocabulary import (
 __all__ = [
     "COMPUTED",
     "DATATYPES",
+    "FACTS",
     "INFERENCES",
     "INFERRED_GRAPH",
     "NODES",
@@ -160,17 +161,28 @@ def _geometries() -> Iterator[TripleMap]:
         yield TripleMap(f"{GEO}hasMetric{name}", SHAPED, _OF, size)
 
 
-def _facts_of(table: str, condition: str) -> Iterator[TripleMap]:
-    """Yield the facts of a table of triples, by the forms of subject and object."""
+def _facts_of(table: str, condition: str, of_entity: str = "") -> Iterator[TripleMap]:
+    """Yield the facts of a table of triples, by the forms of subject and object.
+
+    Parameters
+    ----------
+    of_entity : the condition of a column with the id of an entity
+    """
     for of, subject in (
-        ("{a}.subject_id IS NOT NULL", Column("entity", "{a}.subject_id")),
-        ("{a}.subject IS NOT NULL", Column("iri", "{a}.subject")),
+        ("{a}.subject_id", Column("entity", "{a}.subject_id")),
+        ("{a}.subject", Column("iri", "{a}.subject")),
     ):
         for to, object_ in (
-            ("{a}.object_id IS NOT NULL", Column("entity", "{a}.object_id")),
-            ("{a}.object IS NOT NULL", Column("term", "{a}.object", "{a}.tag")),
+            ("{a}.object_id", Column("entity", "{a}.object_id")),
+            ("{a}.object", Column("term", "{a}.object", "{a}.tag")),
         ):
-            source = Source((("a", table),), (of, to, condition), "{a}.map_id")
+            ids = [c.sql for c in (subject, object_) if c.form == "entity"]
+            where = (
+                *(f"{column} IS NOT NULL" for column in (of, to)),
+                *(of_entity.replace("{id}", each) for each in ids if of_entity),
+                condition,
+            )
+            source = Source((("a", table),), where, "{a}.map_id")
             yield TripleMap("", source, subject, object_, name="{a}.predicate")
 
 
@@ -182,8 +194,14 @@ STATEMENTS: tuple[TripleMap, ...] = tuple(
 INFERRED_GRAPH = "urn:semmap:inferred"
 """The named graph of what rules infer; it cannot be written."""
 
-INFERENCES: tuple[TripleMap, ...] = tuple(_facts_of("inference", "NOT {a}.told"))
-"""The inferences of the table `inference`, by the forms of subject and object."""
+INFERENCES: tuple[TripleMap, ...] = tuple(
+    _facts_of("inference", "NOT {a}.told", "EXISTS (SELECT FROM entity WHERE id = {id})")
+)
+"""The inferences of the table `inference`, by the forms of subject and object: those of a deleted
+entity stay there until the next run of the reasoner."""
+
+FACTS = STATEMENTS + INFERENCES
+"""What the tables of triples have: single facts, each of which begins and ends by itself."""
 
 TRIPLES: tuple[TripleMap, ...] = (
     # Entities: types with all that subsume them (section 3.5 of Deeken et al.), names, properties

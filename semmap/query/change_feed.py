@@ -154,8 +154,8 @@ def cursor(connection: Connection) -> str:
 def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
     """The entities of the current map that changed after a cursor, deleted ones included.
 
-    Those of which only a belief, a statement or a link changed are left out: their geometry and
-    types are as before.
+    Those of which only a belief, a statement, an inference or a link changed are left out: their
+    geometry and types are as before.
     None where the changes after the cursor are not all kept: read the whole map again.
     """
     if not reaches_back(connection, since):
@@ -163,7 +163,8 @@ def changed_since(connection: Connection, since: str) -> frozenset[int] | None:
     rows = connection.execute(
         text(
             "SELECT entities FROM changes_since(:since) "
-            "WHERE map_id = current_map() AND what NOT IN ('belief', 'statement', 'linked')"
+            "WHERE map_id = current_map() "
+            "AND what NOT IN ('belief', 'statement', 'inferred', 'linked')"
         ),
         {"since": since},
     )

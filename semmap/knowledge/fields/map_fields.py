@@ -37,7 +37,7 @@ _MOST = 4
 _UNSEEN = """
 SELECT EXISTS (SELECT FROM change WHERE map_id = (SELECT current_map())
                AND xid = pg_current_xact_id_if_assigned()::text::bigint
-               AND what NOT IN ('belief', 'statement', 'field'))
+               AND what NOT IN ('belief', 'statement', 'inferred', 'field'))
 """
 
 _MESSAGE = re.compile(r"(?:line \d+, column \d+: )?([^\n]*)")

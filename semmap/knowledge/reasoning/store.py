@@ -210,9 +210,10 @@ class StoredFacts(Facts):
             if after is False:
                 done.note(fact[1], fact[2])
         with self._view.session.cursor() as cursor:
-            for fact in gone:
-                sql, values = _delete(self._view.number, fact)
-                cursor.execute(sql, values)
+            for by in ("subject_id", "subject"):
+                values = _columns(gone, by)
+                if values[0]:
+                    cursor.execute(_DELETE.format(by=by).encode(), (*values, self._view.number))
             if come:
                 copy = f"COPY inference (map_id, {COLUMNS}, told) FROM STDIN"
                 with cursor.copy(copy.encode()) as lines:
@@ -221,9 +222,16 @@ class StoredFacts(Facts):
         return done
 
 
-def _delete(number: int, fact: Triple) -> tuple[bytes, tuple[Any, ...]]:
-    names = COLUMNS.split(", ")
-    given = [(n, v) for n, v in zip(names, columns_of(fact), strict=True) if v is not None]
-    where = " AND ".join(f"{name} = %s" for name, _ in given)
-    sql = f"DELETE FROM inference WHERE map_id = %s AND {where}"
-    return sql.encode(), (number, *(value for _, value in given))
+_DELETE = (
+    "DELETE FROM inference i USING unnest(%s::bigint[], %s::text[], %s::text[], %s::bigint[], "
+    f"%s::text[], %s::text[]) f ({COLUMNS}) WHERE i.map_id = %s AND i.{{by}} = f.{{by}} "
+    "AND i.predicate = f.predicate AND i.object_id IS NOT DISTINCT FROM f.object_id "
+    "AND (i.object, i.tag) IS NOT DISTINCT FROM (f.object, f.tag)"
+)
+
+
+def _columns(facts: Iterable[Triple], by: str) -> list[list[Any]]:
+    """Return the columns of the facts whose subject is an entity or, by "subject", an IRI."""
+    is_entity = by == "subject_id"
+    rows = [columns_of(fact) for fact in facts if isinstance(fact[0], int) == is_entity]
+    return [list(column) for column in zip(*rows, strict=True)] or [[]]

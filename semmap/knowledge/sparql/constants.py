@@ -44,8 +44,8 @@ class Constants:
         stated: frozenset[str] | None = None,
     ) -> None:
         self._known = known
-        self._types = types or {}
-        self._classes = classes or {}
+        self._types = {} if types is None else types
+        self._classes = {} if classes is None else classes
         self._stated = stated
 
     @property

@@ -99,6 +99,8 @@ def translate_each(
     namespace: str,
     map_id: int,
     given: Mapping[str, Form],
+    *,
+    inferred: Inferred = NOTHING_INFERRED,
 ) -> Statement:
     """Translate a pattern that is answered for each row of a table with values of variables.
 
@@ -106,6 +108,7 @@ def translate_each(
     ----------
     given : the form of each variable with given values, whose columns in the table p are s0,
         s1 ..., and t0 ... for the tags of a "term"; with them, the pattern is not a SELECT or ASK
+    inferred : what the map has of inferences
 
     Returns
     -------
@@ -117,7 +120,7 @@ def translate_each(
         A part has no translation to SQL.
     """
     uses = count_variables(algebra) + Counter(names)
-    translator = _Translator(constants, namespace, map_id, None, None, uses)
+    translator = _Translator(constants, namespace, map_id, None, None, uses, inferred)
     if not given:
         result = translator.result(algebra, names)
         if not names:

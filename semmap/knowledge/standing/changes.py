@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import rdflib
 
 from semmap.knowledge.map_view import MapView, Term, term_of
-from semmap.knowledge.mapping import NODES
+from semmap.knowledge.mapping import INFERRED_GRAPH, NODES
 from semmap.knowledge.standing.parts import Quad
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import encode
@@ -24,13 +25,16 @@ class Changes(NamedTuple):
     Attributes
     ----------
     entities : ids of the entities of which rows of tables changed
-    facts : the statements that were added, removed, or ended, as the table `change` has them
+    facts : the statements and inferences that were added, removed, or ended, as the table `change`
+        has them
+    removed : entities were deleted, and with them what was inferred about them
     others : something else changed that only queries as a whole can depend on, such as a belief
     all : anything may have changed
     """
 
     entities: frozenset[int] = frozenset()
     facts: tuple[tuple[Any, ...], ...] = ()
+    removed: bool = False
     others: bool = False
     all: bool = False
 
@@ -46,7 +50,8 @@ class Touched:
     renamed : ids of changed entities that had another name
     changed : the nodes of changed entities, with their forms; under former names, too
     nodes : the nodes that there are, with form and id
-    quads : the statements, and whether they hold now
+    quads : the statements and inferences, and whether they hold now; the default graph has all that
+        was inferred, too
     """
 
     def __init__(self, view: MapView, changes: Changes) -> None:
@@ -76,10 +81,15 @@ class Touched:
                     self.nodes[node] = (form, number)
         last = {**dict(former), **self.names}
         self.quads: dict[Quad, bool] = {}
-        for fact, alive in zip(changes.facts, _alive(view, changes.facts), strict=True):
+        alive = _alive(view, changes.facts)
+        for fact, (is_stated, is_inferred) in zip(changes.facts, alive, strict=True):
             quad = self._quad(fact, last)
-            if quad is not None:
-                self.quads[quad] = alive or self.quads.get(quad, False)
+            if quad is None:
+                continue
+            if fact[0] == INFERRED_GRAPH:
+                self.quads[quad] = is_inferred
+                quad = quad._replace(graph=None)
+            self.quads[quad] = is_stated or is_inferred or self.quads.get(quad, False)
 
     def node(self, number: int, form: Form) -> Term:
         """Return the IRI of a node of an entity."""
@@ -102,29 +112,49 @@ class Touched:
         return Quad(ends[0], rdflib.URIRef(verb), ends[1], named)
 
 
-def _alive(view: MapView, facts: Iterable[tuple[Any, ...]]) -> list[bool]:
-    """Return which statements hold now."""
-    columns: list[list[Any]] = [[], [], [], [], [], [], []]
+_SAME = (
+    "i.predicate = f.predicate AND i.object_id IS NOT DISTINCT FROM f.object_id "
+    "AND (i.object, i.tag) IS NOT DISTINCT FROM (f.object, f.tag) AND NOT i.told "
+    "AND (i.object_id IS NULL OR EXISTS (SELECT FROM entity WHERE id = i.object_id))"
+)
+_INFERRED = (
+    "f.graph = '' AND CASE WHEN f.subject_id IS NOT NULL "
+    f"THEN EXISTS (SELECT FROM inference i WHERE i.subject_id = f.subject_id AND {_SAME} "
+    "AND EXISTS (SELECT FROM entity WHERE id = f.subject_id)) "
+    "ELSE EXISTS (SELECT FROM inference i WHERE i.map_id = %(map)s AND i.subject = f.subject "
+    f"AND {_SAME}) END"
+)
+_STATED = (
+    "EXISTS (SELECT FROM statement s WHERE s.map_id = %(map)s AND s.predicate = f.predicate "
+    "AND s.graph = f.graph AND coalesce(s.subject_id, 0) = coalesce(f.subject_id, 0) "
+    "AND coalesce(s.subject, '') = coalesce(f.subject, '') "
+    "AND coalesce(s.object_id, 0) = coalesce(f.object_id, 0) "
+    "AND md5(coalesce(s.object, '')) = md5(coalesce(f.object, '')) "
+    "AND coalesce(s.tag, '') = coalesce(f.tag, '') "
+    "AND (s.until IS NULL OR s.until > statement_timestamp()))"
+)
+_ALIVE = (
+    f"SELECT {_STATED}, {{}} "
+    "FROM unnest(%(graph)s::text[], %(subject_id)s::bigint[], %(subject)s::text[], "
+    "%(predicate)s::text[], %(object_id)s::bigint[], %(object)s::text[], %(tag)s::text[]) "
+    "WITH ORDINALITY f (graph, subject_id, subject, predicate, object_id, object, tag, n) "
+    "ORDER BY f.n"
+)
+
+
+def _alive(view: MapView, facts: Iterable[tuple[Any, ...]]) -> list[tuple[bool, bool]]:
+    """Return which facts are stated now, and which are inferred."""
+    columns: dict[str, list[Any]] = defaultdict(list)
     for graph, subject, verb, object_, tag in facts:
-        ids = [end if isinstance(end, int) else None for end in (subject, object_)]
-        texts = [None if isinstance(end, int) else end for end in (subject, object_)]
-        for column, value in zip(
-            columns, (graph, verb, ids[0], texts[0], ids[1], texts[1], tag), strict=True
-        ):
-            column.append(value)
-    if not columns[0]:
+        columns["graph"].append("" if graph == INFERRED_GRAPH else graph)
+        columns["predicate"].append(verb)
+        columns["tag"].append(tag)
+        for side, end in (("subject", subject), ("object", object_)):
+            is_entity = isinstance(end, int)
+            columns[f"{side}_id"].append(end if is_entity else None)
+            columns[side].append(None if is_entity else end)
+    if not columns:
         return []
-    rows = view.session.execute(
-        "SELECT EXISTS (SELECT FROM statement s WHERE s.map_id = %s AND s.predicate = f.verb "
-        "AND s.graph = f.graph AND coalesce(s.subject_id, 0) = coalesce(f.subject_id, 0) "
-        "AND coalesce(s.subject, '') = coalesce(f.subject, '') "
-        "AND coalesce(s.object_id, 0) = coalesce(f.object_id, 0) "
-        "AND md5(coalesce(s.object, '')) = md5(coalesce(f.object, '')) "
-        "AND coalesce(s.tag, '') = coalesce(f.tag, '') "
-        "AND (s.until IS NULL OR s.until > statement_timestamp())) "
-        "FROM unnest(%s::text[], %s::text[], %s::bigint[], %s::text[], %s::bigint[], %s::text[], "
-        "%s::text[]) WITH ORDINALITY "
-        "f (graph, verb, subject_id, subject, object_id, object, tag, n) ORDER BY f.n",
-        (view.number, *columns),
-    ).fetchall()
-    return [bool(row[0]) for row in rows]
+    sql = _ALIVE.format(_INFERRED if view.inferred.properties else "false")
+    rows = view.session.execute(sql.encode(), {"map": view.number, **columns}).fetchall()
+    return [(bool(stated), bool(inferred)) for stated, inferred in rows]

@@ -223,7 +223,7 @@ def _alone(view: MapView, job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> s
     text = job.part.query.text
     statement = _statement(view, job.part, tuple(_given(job, nodes)))
     if statement is None:
-        return _rows(query(view.session, text, inferred=False))
+        return _rows(query(view.session, text))
     with limited(view.session, None), errors_of(parsed_text(view, text)):
         group = [(job, statement)]
         sql, values = _with_values(group, nodes, set())

@@ -18,7 +18,7 @@ from rdflib.paths import InvPath, SequencePath
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.map_view import Row, Term
-from semmap.knowledge.mapping import COMPUTED, NODES, STATEMENTS, TOPOLOGICAL
+from semmap.knowledge.mapping import COMPUTED, FACTS, INFERENCES, NODES, STATEMENTS, TOPOLOGICAL
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.relation import can_join
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
@@ -83,8 +83,9 @@ class Pattern:
     graph : a variable, the IRI of a named graph, or None for the default graph
     keys : side and form of the nodes whose change can begin or end a triple of tables
     listed : an index lists the triples of such a node
-    stated : statements can match
-    exact : a triple with these terms matches; else its literal is compared by the database
+    stated : statements and inferences can match
+    exact : a triple with these terms matches; else the database decides: it compares literals, and
+        knows whether a triple is stated or inferred
     """
 
     terms: tuple[Term, Term, Term]
@@ -406,7 +407,8 @@ def _pattern(
         listed = found.members is not None and found.converse is not None
         terms = (terms[0], rdflib.URIRef(found.property), terms[2])
         return Pattern(terms, None, both, listed, stated=False, exact=True)
-    tables = [each for each in found if each not in STATEMENTS]
+    tables = [each for each in found if each not in FACTS]
+    only_inferred = graph is None and not any(each in STATEMENTS for each in found)
     if is_variable(verb) and (graph is None or tables):
         raise WholeError  # all properties of the map
     keys = frozenset(key for each in tables for key in _keys(each))
@@ -416,7 +418,8 @@ def _pattern(
         keys,
         listed=not any(each.property in _UNLIMITED for each in tables),
         stated=len(tables) < len(found),
-        exact=is_variable(object_) or isinstance(object_, rdflib.URIRef),
+        exact=(is_variable(object_) or isinstance(object_, rdflib.URIRef))
+        and not (only_inferred and any(each in INFERENCES for each in found)),
     )
 
 

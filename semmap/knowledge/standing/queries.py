@@ -18,6 +18,7 @@ import rdflib
 from semmap.knowledge.map_view import MapView, Row, Term
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.constants import Constants, resolve
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED
 from semmap.knowledge.standing.changes import Changes, Touched
 from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
 from semmap.knowledge.standing.index import COSTLY, PatternIndex, Triples
@@ -95,6 +96,7 @@ class StandingQueries:
         self._whole: set[Part] = set()
         self._having: dict[Term, dict[tuple[Part, str], int]] = defaultdict(dict)
         self._names: dict[int, str] = {}  # of entities that had another name
+        self._inferred = NOTHING_INFERRED
 
     # Queries come and go
 
@@ -109,6 +111,8 @@ class StandingQueries:
             One is neither SELECT nor ASK.
         """
         texts = list(texts)
+        if not self.queries:
+            self._inferred = view.inferred
         new: dict[str, StandingQuery] = {}
         for text in texts:
             if text not in self.queries and text not in new:
@@ -149,7 +153,7 @@ class StandingQueries:
             nodes = tuple(self._resolved[iri] for iri in filling)
             forms = tuple((node[0], as_class[0]) for node, as_class in nodes)
             constants = self._constants.only(template.iris)
-            key = template.parsed.text.sparql, forms, constants.key
+            key = template.parsed.text.sparql, forms, constants.key, view.inferred
             if key not in self._shapes:
                 self._shapes[key] = Shape(view, template, constants, canonical, nodes)
             if not self._shapes[key].is_open:
@@ -222,7 +226,8 @@ class StandingQueries:
 
     def update(self, view: MapView, changes: Changes) -> list[Difference]:
         """Return what begins and ceases to be an answer, by query."""
-        if changes.all or max(len(changes.entities), len(changes.facts)) > MANY:
+        many = max(len(changes.entities), len(changes.facts)) > MANY
+        if changes.all or many or view.inferred != self._inferred:
             return self.update_all(view)
         touched = Touched(view, changes)
         renamed = {n: touched.names[n] for n in touched.renamed}
@@ -243,6 +248,7 @@ class StandingQueries:
         """Evaluate all queries again, as after the server was away."""
         for kept in (self._known, self._types, self._resolved, self._type_iris, self._shapes):
             kept.clear()
+        self._inferred = view.inferred
         found = list(self.queries.values())
         self._compile_again(view, found)
         jobs = [Job(part, ()) for each in found for part in each.parts]

@@ -167,7 +167,9 @@ class Shape:
         algebra, names = template.parsed.algebra, tuple(map(str, template.parsed.names))
         if template.parsed.form == "AskQuery":
             names = ()
-        translator = TriplePatterns(self._constants, view.namespace, view.number)
+        translator = TriplePatterns(
+            self._constants, view.namespace, view.number, inferred=view.inferred
+        )
         parts = None
         if not template.parsed.dataset:
             try:
@@ -251,7 +253,15 @@ def translated(
 ) -> Statement | None:
     """Return the statement of a part; None if it has no translation."""
     try:
-        return translate_each(part.tree, part.names, constants, view.namespace, view.number, given)
+        return translate_each(
+            part.tree,
+            part.names,
+            constants,
+            view.namespace,
+            view.number,
+            given,
+            inferred=view.inferred,
+        )
     except UntranslatedError:
         return None
 

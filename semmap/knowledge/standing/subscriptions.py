@@ -20,7 +20,7 @@ import psycopg
 from sqlalchemy import Engine
 
 from semmap.knowledge.map_view import MapView, Row
-from semmap.knowledge.sparql.scope import NOTHING_INFERRED
+from semmap.knowledge.sparql.scope import Inferred
 from semmap.knowledge.standing.changes import Changes
 from semmap.knowledge.standing.queries import (
     Difference,
@@ -247,19 +247,23 @@ class Subscriptions:
         assert isinstance(session, psycopg.Connection)
         values = {"since": self._feed.cursor, "ended_until": self._ended_until}
         (row,) = session.execute(_NEWS, values, prepare=True).fetchall()
-        number, reaches, changed, ended, left = row
+        number, properties, classes, reaches, changed, ended, left = row
         assert self._feed.map_name is not None
         view = MapView(session, self._feed.map_name, number) if number else MapView.of(session)
-        view.inferred = NOTHING_INFERRED
+        view.inferred = Inferred(frozenset(properties or ()), frozenset(classes or ()))
         due = math.inf if left is None else time.monotonic() + left
         changed = changed or []
-        if not reaches or any(what == "statement" and not facts for what, _, facts in changed):
+        if not reaches or any(what in _FACTS and not facts for what, _, facts in changed):
             return view, Changes(all=True), due
         facts = [fact for _, _, some in changed for fact in some or ()]
         entities = {n for what, ids, _ in changed if what not in _NO_ENTITIES for n in ids}
-        others = any(what in _OTHERS for what, _, _ in changed)
+        kinds = {what for what, _, _ in changed}
         stated = dict.fromkeys(tuple(fact) for fact in (*facts, *(ended or ())))
-        return view, Changes(frozenset(entities), tuple(stated), others), due
+        return (
+            view,
+            Changes(frozenset(entities), tuple(stated), "removed" in kinds, bool(kinds & _OTHERS)),
+            due,
+        )
 
     def _events_of(self, difference: Difference) -> Iterator[_News]:
         """Yield the events of the subscribers of a query, each with what gets it."""
@@ -287,10 +291,12 @@ def _sorted(rows: list[Row]) -> list[Row]:
 
 
 _OTHERS = frozenset({"belief", "field"})
-_NO_ENTITIES = _OTHERS | {"statement"}
+_FACTS = frozenset({"statement", "inferred"})
+_NO_ENTITIES = _OTHERS | _FACTS
 
 _NEWS = """
-SELECT m.id, reaches_back(%(since)s), CASE WHEN reaches_back(%(since)s) THEN (
+SELECT m.id, r.properties, r.classes, reaches_back(%(since)s),
+       CASE WHEN reaches_back(%(since)s) THEN (
            SELECT jsonb_agg(jsonb_build_array(c.what, c.entities, c.facts))
            FROM changes_since(%(since)s) c WHERE c.map_id = m.id) END,
        (SELECT jsonb_agg(jsonb_build_array(
@@ -301,8 +307,9 @@ SELECT m.id, reaches_back(%(since)s), CASE WHEN reaches_back(%(since)s) THEN (
        (SELECT extract(epoch FROM min(s.until) - clock_timestamp())::float8 FROM statement s
         WHERE s.map_id = m.id AND s.until > now())
 FROM (SELECT current_map(), set_config('plan_cache_mode', 'force_generic_plan', true)) n (id)
-LEFT JOIN map m USING (id)
+LEFT JOIN map m USING (id) LEFT JOIN reasoning r ON r.map_id = m.id
 """
-"""The map, whether all changes are kept, which there are, which statements ended, and the seconds
-to the next end: from the begin of the transaction on, as queries of it may have seen it end. Plans
-are made once: to plan a list of triples takes longer than to read it."""
+"""The map, what it has of inferences, whether all changes are kept, which there are, which
+statements ended, and the seconds to the next end: from the begin of the transaction on, as queries
+of it may have seen it end. Plans are made once: to plan a list of triples takes longer than to read
+it."""

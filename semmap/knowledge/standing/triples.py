@@ -60,9 +60,10 @@ class TripleLists:
         """Read lists of triples of some entities, with some other ends, or any."""
         if not lists:
             return
-        shape = tuple((key, others is None) for key, (_, others) in lists.items())
+        lists_of = tuple((key, others is None) for key, (_, others) in lists.items())
+        shape = lists_of, view.inferred
         if shape not in self._statements:
-            self._statements[shape] = _statement(view, shape)
+            self._statements[shape] = _statement(view, lists_of)
         sql, values = self._statements[shape]
         values = dict(values)
         for i, (ids, others) in enumerate(lists.values()):
@@ -129,6 +130,7 @@ def _statement(view: MapView, lists: Iterable[tuple[Key, bool]]) -> tuple[bytes,
             view.namespace,
             view.number,
             {"key": form},
+            inferred=view.inferred,
         )
         sql = statement.sql.replace("%(", f"%(k{i}")
         sql = sql.replace(GIVEN, f"unnest({ids}, {ids}) AS p (n, s0)")

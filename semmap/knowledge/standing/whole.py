@@ -8,7 +8,7 @@ import rdflib
 from rdflib.paths import MulPath, NegatedPath, Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
-from semmap.knowledge.mapping import STATEMENTS
+from semmap.knowledge.mapping import FACTS
 from semmap.knowledge.sparql.constants import Constants, iris_in
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.triples import TriplePatterns
@@ -35,7 +35,7 @@ def whole_part(
 
 def concerns(part: Part, changes: Changes) -> bool:
     """Return whether changes can concern a whole query."""
-    if (changes.others or changes.entities) and part.of_tables:
+    if changes.removed or ((changes.others or changes.entities) and part.of_tables):
         return True
     if part.properties is None:
         return bool(changes.facts)
@@ -61,7 +61,7 @@ def _has_any_property(tree: Any) -> bool:
 
 
 def _has_tables(tree: Any, translator: TriplePatterns) -> bool:
-    """Return whether anything but statements may match a pattern of a query."""
+    """Return whether anything but single facts may match a pattern of a query."""
     if isinstance(tree, CompValue):
         if tree.name == "TriplesBlock":
             return True
@@ -72,7 +72,7 @@ def _has_tables(tree: Any, translator: TriplePatterns) -> bool:
                 found = None if isinstance(triple[1], Path) else translator.sources(triple, None)
             except UntranslatedError:
                 return True
-            if not isinstance(found, list) or any(each not in STATEMENTS for each in found):
+            if not isinstance(found, list) or any(each not in FACTS for each in found):
                 return True
         return any(_has_tables(each, translator) for each in tree.values())
     return isinstance(tree, (list, tuple)) and any(_has_tables(t, translator) for t in tree)

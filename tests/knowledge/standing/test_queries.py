@@ -18,6 +18,7 @@ from semmap import Database, SemanticMap
 from semmap.knowledge import query, update
 from semmap.knowledge.facts import Fact, FactWriter
 from semmap.knowledge.map_view import MapView
+from semmap.knowledge.reasoning.runs import forget, reason
 from semmap.knowledge.standing.subscriptions import Subscriptions
 from semmap.language.error import QueryError
 
@@ -106,6 +107,36 @@ WHOLE = (
 )
 """Queries that are evaluated as a whole."""
 
+AXIOMS = """INSERT DATA {
+    semmap:Furniture rdfs:subClassOf ex:Heavy . ex:Heavy rdfs:subClassOf ex:Solid .
+    ex:looksAt rdfs:range ex:Seen ; owl:inverseOf ex:seenBy . ex:age rdfs:domain semmap:Tool .
+    ex:near a owl:SymmetricProperty, owl:TransitiveProperty . ex:Seen owl:disjointWith ex:Heavy .
+    rel:beside rdfs:subPropertyOf ex:near . semmap:placedOn rdfs:subPropertyOf ex:near
+}"""
+INFERRED = (
+    "SELECT ?x { ?x a ex:Solid }",
+    "ASK { :saw a ex:Seen }",
+    "SELECT ?t { :cart a ?t }",
+    "SELECT ?x { ?x a semmap:Tool }",
+    "SELECT ?x ?y { ?x ex:seenBy ?y }",
+    "SELECT ?x { :saw ex:near ?x }",
+    "ASK { :glue ex:near :saw }",
+    "SELECT ?x ?y { ?x ex:near ?y . ?y a ex:Heavy }",
+    "SELECT ?x { ?x ex:seenBy :mia ; semmap:heldBy :bench }",
+    "SELECT ?x { ?x a ex:Seen, semmap:Furniture }",
+    "SELECT ?x ?y { ?x ex:near ?y FILTER(?y != :bench) }",
+    "SELECT ?x ?p { GRAPH <urn:semmap:inferred> { ?x ?p :saw } }",
+    "SELECT ?g ?x { GRAPH ?g { ?x a ex:Seen } }",
+    "SELECT ?x { ?x ex:looksAt ?y . ?y a ex:Seen }",
+    "SELECT ?x ?why { ?x semmap:contradiction ?why }",
+    # As a whole
+    "SELECT (COUNT(?x) AS ?n) { ?x a ex:Solid }",
+    "SELECT ?x { ?x semmap:heldBy ?y MINUS { ?x a ex:Seen } }",
+    "SELECT ?x { ?x ex:near+ :bench }",
+    "SELECT ?x FROM <urn:semmap:inferred> { ?x a ex:Seen }",
+)
+"""Queries of which inferences are answers, too."""
+
 PREFIX = "PREFIX ex: <http://example.org/> "
 ENDS = (":mia", ":saw", ":glue", ":bench", ":cart", ":new", "ex:moon")
 
@@ -178,18 +209,36 @@ CHANGES = st.one_of(
         ]
     ),
 )
+THOUGHTS = st.one_of(
+    CHANGES,
+    spoken("INSERT DATA {{ {a} ex:near {b} }}"),
+    spoken("DELETE DATA {{ {a} ex:near {b} }}"),
+    spoken("INSERT DATA {{ {a} ex:seenBy {b} }}"),
+    st.sampled_from(
+        [
+            "reason",
+            "reason",
+            "forget",
+            PREFIX + "DELETE DATA { ex:Heavy rdfs:subClassOf ex:Solid }",
+            PREFIX + "INSERT DATA { ex:Heavy rdfs:subClassOf ex:Solid }",
+            PREFIX + "INSERT DATA { ex:age rdfs:range ex:Solid . ex:near rdfs:domain ex:Seen }",
+            PREFIX + "DELETE DATA { ex:near rdfs:domain ex:Seen }",
+        ]
+    ),
+)
+"""Changes of a map that is reasoned about."""
 
 
 @pytest.fixture(scope="module")
 def workshop(module_engine: Engine) -> Iterator[SemanticMap]:
     url = module_engine.url.render_as_string(hide_password=False)
     with semmap.connect(url) as database:
-        make_workshop(database)
+        make_workshop(database, "workshop")
         yield database.map("workshop")
 
 
-def make_workshop(database: Database) -> None:
-    made = database.create_map("workshop")
+def make_workshop(database: Database, name: str) -> SemanticMap:
+    made = database.create_map(name)
     made.add_room("hall", [(0, 0), (5, 0), (5, 4), (0, 4)], floor=0, ceiling=3)
     made.add_room("store", [(5.2, 0), (9, 0), (9, 4), (5.2, 4)], floor=0, ceiling=3)
     made.add_door("gate", "hall", "store", [(5.1, 1), (5.1, 2)])
@@ -198,6 +247,7 @@ def make_workshop(database: Database) -> None:
     made.add_object("saw", type="sawhorse", size=(0.3, 0.1, 0.1), pose=(2, 2, 0.8))
     made.add_object("glue", type="bottle", size=(0.1, 0.1, 0.2), pose=(8, 1, 0.4))
     made.add_agent("mia", type="person", size=(0.5, 0.5, 1.7), pose=(1, 1, 0))
+    return made
 
 
 class Watched:
@@ -245,6 +295,10 @@ class Watched:
         try:
             if change == "pause":
                 time.sleep(0.03)
+            elif change == "reason":
+                reason(self.session)
+            elif change == "forget":
+                forget(self.session)
             elif change == "brief":
                 with self.session.transaction():
                     view = MapView.of(self.session)
@@ -345,3 +399,46 @@ def test_events_are_the_differences_of_whole_evaluations(
 ) -> None:
     for changes in transactions:
         watched.check(changes)
+
+
+@pytest.fixture(scope="module")
+def thinking(workshop: SemanticMap) -> Watched:
+    """A second workshop, which is reasoned about."""
+    made = make_workshop(workshop.database, "thinking")
+    session = made.session_of_map()
+    update(session, PREFIX + AXIOMS)
+    reason(session)
+    return Watched(made, LOCAL[::4] + INFERRED)
+
+
+def test_inferences_are_answers(thinking: Watched) -> None:
+    number = {text.removeprefix(PREFIX): n for n, text in thinking.texts.items()}
+    seen = number["ASK { :saw a ex:Seen }"]
+    for change, now in (("INSERT", {()}), ("DELETE", set())):
+        thinking.check([f"{PREFIX} {change} DATA {{ :mia ex:looksAt :saw }}"])
+        assert thinking.rows[seen] == now
+    heavy = number["SELECT ?x { ?x a ex:Solid }"]
+    before = len(thinking.rows[heavy])
+    thinking.check(["UPDATE entity SET type = 'table' WHERE name = 'glue'"])
+    assert len(thinking.rows[heavy]) == before, "nothing was inferred yet"
+    thinking.check(["reason"])
+    assert len(thinking.rows[heavy]) == before + 1
+    thinking.check(["UPDATE entity SET type = 'bottle' WHERE name = 'glue'", "reason"])
+    assert len(thinking.rows[heavy]) == before
+    thinking.check([PREFIX + "INSERT DATA { :desk a semmap:Desk }"])
+    assert len(thinking.rows[heavy]) == before + 1
+    thinking.check(["DELETE FROM entity WHERE name = 'desk'"])
+    assert len(thinking.rows[heavy]) == before, "it is gone before the reasoner runs"
+    assert () not in thinking.evaluated(thinking.texts[heavy])
+
+
+@settings(
+    max_examples=5,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(transactions=st.lists(st.lists(THOUGHTS, min_size=1, max_size=3), min_size=1, max_size=6))
+def test_events_of_inferences_are_the_differences_of_whole_evaluations(
+    thinking: Watched, transactions: list[list[str]]
+) -> None:
+    for changes in transactions:
+        thinking.check(changes)
