@@ -29,6 +29,7 @@ from sqlalchemy.pool import NullPool
 from semmap.database import Cluster, connect
 from semmap.ingest.importer import import_file
 from tests.cluster_folder import cluster_folder, remove_abandoned
+from tests.consistency import contradictions
 
 hypothesis.settings.register_profile("same", derandomize=True, deadline=None, max_examples=50)
 hypothesis.settings.register_profile("explore", deadline=None)
@@ -158,15 +159,24 @@ def administrator(server: URL) -> Iterator[Callable[[str], None]]:
 
 
 @pytest.fixture(scope="session")
-def make_database(cluster: URL) -> Iterator[MakeDatabase]:
-    """Fresh databases for fixtures of any scope; they are dropped when the tests end."""
+def databases() -> dict[str, str]:
+    """The databases of tests that are there, each with the test that needed it first."""
+    return {}
+
+
+@pytest.fixture(scope="session")
+def make_database(cluster: URL, databases: dict[str, str]) -> Iterator[MakeDatabase]:
+    """Fresh databases for fixtures of any scope; they are dropped when the tests end.
+
+    `semmap check` must be clean on each of them, whatever the tests did.
+    """
     worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
     prefix = f"semmap_test_{worker}_{os.getpid()}"
     template = f"{prefix}_template"
-    made = [template]
     numbers = count(1)
     with administrator(cluster) as run:
         run(f"CREATE DATABASE {template}")
+        databases[template] = "the empty schema"
         connect(cluster.set(database=template)).dispose()
 
         def make(of: URL | None = None) -> URL:
@@ -174,20 +184,36 @@ def make_database(cluster: URL) -> Iterator[MakeDatabase]:
             copied = template if of is None else of.database
             # Copying files takes a third of the time of writing them to the log.
             run(f"CREATE DATABASE {name} TEMPLATE {copied} STRATEGY FILE_COPY")
-            made.append(name)
+            databases[name] = os.environ["PYTEST_CURRENT_TEST"]
             return cluster.set(database=name)
 
         yield make
+        found = {
+            test: rows
+            for name, test in databases.items()
+            if (rows := contradictions(cluster.set(database=name)))
+        }
         if "SEMMAP_TEST_DB" in os.environ:  # the folder of an embedded cluster goes as a whole
-            for name in made:
+            for name in databases:
                 run(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)")
+        assert not found
 
 
 @pytest.fixture(scope="session")
-def drop_database(cluster: URL) -> Iterator[Callable[[URL], None]]:
-    """Drops a database when its tests have ended, so that its files need never be written."""
+def drop_database(cluster: URL, databases: dict[str, str]) -> Iterator[Callable[[URL], None]]:
+    """Drops a database when its tests have ended, so that its files need never be written.
+
+    `semmap check` must be clean on it, whatever its tests did.
+    """
     with administrator(cluster) as run:
-        yield lambda url: run(f"DROP DATABASE IF EXISTS {url.database} WITH (FORCE)")
+
+        def drop(url: URL) -> None:
+            found = contradictions(url)
+            run(f"DROP DATABASE {url.database} WITH (FORCE)")
+            del databases[str(url.database)]
+            assert not found
+
+        yield drop
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,7 @@ RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publ
 DECLARE
     touched text[];
     circular text;
+    parts text[] := building_parts();
 BEGIN
     WITH RECURSIVE up (sub, super) AS (
         SELECT name, name FROM semantic_type
@@ -41,6 +42,8 @@ BEGIN
     IF touched IS NOT NULL THEN
         PERFORM refresh_object_type(ARRAY(
             SELECT id FROM entity WHERE type = ANY (touched) OR kind = ANY (touched)));
+        PERFORM follow_change(ARRAY(
+            SELECT id FROM entity WHERE type = ANY (touched) AND (type = ANY (parts)) <> is_building_part(type)));
     END IF;
     RETURN NULL;
 END $$;

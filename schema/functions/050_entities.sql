@@ -52,6 +52,9 @@ BEGIN
         WHERE h.entity_id = o.id AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for;
     IF retyped IS NOT NULL THEN
         PERFORM refresh_object_type(retyped);
+        PERFORM follow_change(ARRAY(
+            SELECT n.id FROM former o FULL JOIN fresh n USING (id)
+            WHERE o.type IS DISTINCT FROM n.type AND is_building_part(o.type) <> is_building_part(n.type)));
     END IF;
     PERFORM record_change('changed', changed);
     RETURN NULL;
@@ -119,6 +122,14 @@ BEGIN
     RETURN NULL;
 END $$;
 
+CREATE FUNCTION heights_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- A room's floor and ceiling, and which storeys there are, decide what holds an object.
+BEGIN
+    PERFORM follow_change(ARRAY(SELECT entity_id FROM fresh));
+    RETURN NULL;
+END $$;
+
 CREATE FUNCTION links_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A link is a change of the entities that it joins.
@@ -141,6 +152,12 @@ CREATE TRIGGER entity_empties BEFORE DELETE ON entity
     FOR EACH ROW EXECUTE FUNCTION entity_empties();
 CREATE TRIGGER room_changed AFTER UPDATE ON room REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
+CREATE TRIGGER room_heights_changed AFTER UPDATE ON room REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION heights_changed();
+CREATE TRIGGER room_added AFTER INSERT ON room REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION heights_changed();
+CREATE TRIGGER storey_added AFTER INSERT ON storey REFERENCING NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION heights_changed();
 CREATE TRIGGER storey_changed AFTER UPDATE ON storey REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
 CREATE TRIGGER region_changed AFTER UPDATE ON region REFERENCING NEW TABLE AS fresh

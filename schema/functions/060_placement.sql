@@ -285,6 +285,11 @@ BEGIN
                tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond'))
         FROM former;
     PERFORM record_change('moved', ARRAY(SELECT entity_id FROM former));
+    IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
+        -- The contents of what has no place any more stay where they are.
+        UPDATE placement p SET holder_id = NULL, relation = 'in', confidence = NULL, pose = w.pose
+        FROM world w WHERE w.entity_id = p.entity_id AND p.holder_id IN (SELECT entity_id FROM former);
+    END IF;
     RETURN NULL;
 END $$;
 

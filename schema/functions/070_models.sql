@@ -20,6 +20,21 @@ BEGIN
     RETURN NULL;
 END $$;
 
+CREATE FUNCTION models_exchanged()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+DECLARE
+    ids bigint[] := ARRAY(SELECT entity_id FROM former UNION SELECT entity_id FROM fresh);
+BEGIN
+    DELETE FROM entity_chunk WHERE entity_id = ANY (ids);
+    INSERT INTO entity_chunk (entity_id, chunk_id)
+        SELECT em.entity_id, c.id FROM entity_model em JOIN chunk c ON c.model_id = em.model_id
+        WHERE em.entity_id = ANY (ids)
+          AND (em.role = 'visual'
+               OR NOT EXISTS (SELECT FROM entity_model v WHERE v.entity_id = em.entity_id AND v.role = 'visual'));
+    PERFORM reshape(ids);
+    RETURN NULL;
+END $$;
+
 CREATE FUNCTION reshape(ids bigint[])
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Updates the world box and footprint of placed entities whose models changed.
@@ -27,6 +42,12 @@ DECLARE
     placed bigint[];
     holders bigint[];
 BEGIN
+    IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off'
+       AND EXISTS (SELECT FROM placement WHERE holder_id = ANY (ids)) THEN
+        -- The contents can get other holders: they are locked before what holds them.
+        PERFORM queue_writer();
+        PERFORM FROM placement WHERE holder_id = ANY (ids) ORDER BY entity_id FOR NO KEY UPDATE;
+    END IF;
     SELECT array_agg(entity_id), array_agg(DISTINCT holder_id) INTO placed, holders
         FROM (SELECT entity_id, holder_id FROM placement WHERE entity_id = ANY (ids)
               ORDER BY entity_id FOR NO KEY UPDATE) locked;
@@ -34,11 +55,13 @@ BEGIN
     IF placed IS NOT NULL THEN
         PERFORM refresh_world(placed);
         PERFORM record_change('reshaped', placed);
-        PERFORM follow_geometry(placed, '{}');
+        PERFORM follow_change(placed);
     END IF;
 END $$;
 
 CREATE TRIGGER models_given AFTER INSERT ON entity_model REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION models_given();
+CREATE TRIGGER models_exchanged AFTER UPDATE ON entity_model REFERENCING OLD TABLE AS former NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION models_exchanged();
 CREATE TRIGGER models_taken AFTER DELETE ON entity_model REFERENCING OLD TABLE AS former
     FOR EACH STATEMENT EXECUTE FUNCTION models_taken();

@@ -15,6 +15,16 @@ RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
 SELECT (of_type = ANY (semmap.building_parts())) IS TRUE
 $$;
 
+CREATE FUNCTION is_stated_in(a bigint, b bigint)
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+-- Whether b is above a in the chain of holders, and one of those between them is stated.
+WITH RECURSIVE up (id, stated) AS (
+    SELECT holder_id, confidence IS NULL FROM semmap.placement WHERE entity_id = a
+  UNION
+    SELECT p.holder_id, up.stated OR p.confidence IS NULL FROM up JOIN semmap.placement p ON p.entity_id = up.id)
+SELECT EXISTS (SELECT FROM up WHERE id = b AND stated)
+$$;
+
 CREATE FUNCTION derived_holders(ids bigint[])
 RETURNS TABLE (entity_id bigint, holder_id bigint, relation text, confidence double precision)
 LANGUAGE plpgsql STABLE ROWS 10 SET search_path = semmap, public, pg_temp
@@ -23,10 +33,11 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- 1. on an object: a support surface within 3 cm of its bottom bears at least half of its footprint. What is
 --    flatter than 3 cm and larger than half a square metre, such as a carpet, is not a holder. The holder's
 --    bottom is below that of its contents. For a model without known support surfaces: is_on.
--- 2. in an object of less than 4 square metres that encloses it: is_in.
+-- 2. in an object of less than 4 square metres that encloses it, is larger and does not begin above it: is_in.
 -- 3. in the room with most of its footprint, at least half, between whose floor and ceiling its middle is.
 -- 4. in the highest storey whose floor is at most half a metre above its bottom, else the lowest.
 -- Agents are in rooms and storeys alone, parts of the building in storeys. Null: none of them.
+-- A holder begins lower, or as low and is larger: derived holders are no cycle.
 -- The rules meet in a sort, and NOT IN becomes a lookup in a hash table: the plan is made for few entities, where joins
 -- would be nested loops, which are quadratic when a file is imported.
 DECLARE
@@ -38,7 +49,7 @@ BEGIN
         SELECT e.id, w.map_id, w.box, ground_of(w) AS ground, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
                e.kind = 'object' AND (e.type = ANY (parts)) IS NOT TRUE AS movable,
                e.kind = 'agent' OR (e.type = ANY (parts)) IS NOT TRUE AS inside
-        FROM unnest(ids) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent')
+        FROM (SELECT DISTINCT unnest(ids)) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent')
         JOIN world w ON w.entity_id = e.id
     ), below AS MATERIALIZED (
         -- objects that reach beneath an item
@@ -68,7 +79,7 @@ BEGIN
         SELECT DISTINCT ON (s.id) s.id, s.owner, s.share, s.gap
         FROM (SELECT id, owner, least(sum(share), 1) AS share, min(gap) AS gap FROM surface GROUP BY 1, 2) s
         WHERE s.share >= 0.5 - 1e-9
-          AND NOT (EXISTS (SELECT FROM placement p WHERE p.holder_id = s.id) AND is_held_by(s.owner, s.id))
+          AND NOT (EXISTS (SELECT FROM placement p WHERE p.holder_id = s.id) AND is_stated_in(s.owner, s.id))
         ORDER BY s.id, s.share DESC, s.gap, s.owner
     ), enclosed AS (
         SELECT DISTINCT ON (i.id) i.id, o.entity_id AS owner
@@ -78,9 +89,10 @@ BEGIN
         WHERE i.movable AND o.footprint IS NOT NULL AND ST_Area(o.footprint) < 4
           AND ST_Area(o.footprint) > ST_Area(i.ground)
           AND (i.low + i.high) / 2 BETWEEN ST_ZMin(o.box) AND ST_ZMax(o.box)
+          AND round(ST_ZMin(o.box)::numeric, 6) <= round(i.low::numeric, 6)
           AND ST_Intersects(o.footprint, ST_Centroid(i.ground))
           AND i.id NOT IN (SELECT id FROM resting)
-          AND is_in(i.id, o.entity_id) AND NOT is_held_by(o.entity_id, i.id)
+          AND is_in(i.id, o.entity_id) AND NOT is_stated_in(o.entity_id, i.id)
         ORDER BY i.id, ST_Area(o.footprint), o.entity_id
     ), roofed AS MATERIALIZED (
         -- rooms at the height of an item; materialised, so that no shares of other entities are computed
@@ -231,8 +243,9 @@ END $$;
 CREATE FUNCTION neighbours_of(moved bigint[])
 RETURNS bigint[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
--- The entities whose derived holders a move of the given ones can change: the moved entities, those at the
--- place to or from which a possible holder moved, and the contents of a holder that is tilted now.
+-- The entities whose holders a move of the given ones can change: the moved entities, those at the place to or
+-- from which a possible holder moved, the contents of a holder that is tilted now, and what no room or object
+-- holds where a storey moved.
 BEGIN
     RETURN ARRAY(
         WITH holding AS MATERIALIZED (
@@ -248,12 +261,26 @@ BEGIN
         SELECT n.entity_id FROM holding h
         JOIN world n ON n.map_id = h.map_id AND n.box && h.box AND n.entity_id <> h.entity_id
              AND ST_ZMin(n.box) <= h.high + 0.03 AND ST_ZMax(n.box) >= h.low - 0.03
-        JOIN placement p ON p.entity_id = n.entity_id AND (p.confidence IS NOT NULL OR p.holder_id IS NULL)
-             AND p.holder_id IS DISTINCT FROM h.entity_id
+        JOIN placement p ON p.entity_id = n.entity_id AND p.holder_id IS DISTINCT FROM h.entity_id
       UNION
         SELECT p.entity_id FROM unnest(moved) given (id) JOIN world w ON w.entity_id = given.id
         JOIN placement p ON p.holder_id = given.id
-        WHERE abs(w.pose[4]) >= 1e-3 OR abs(w.pose[5]) >= 1e-3);
+        WHERE abs(w.pose[4]) >= 1e-3 OR abs(w.pose[5]) >= 1e-3
+      UNION
+        SELECT p.entity_id FROM entity s JOIN entity e ON e.map_id = s.map_id AND e.kind IN ('object', 'agent')
+        JOIN placement p ON p.entity_id = e.id
+        WHERE s.id = ANY (moved) AND s.kind = 'storey'
+          AND (p.holder_id IS NULL OR EXISTS (SELECT FROM storey WHERE entity_id = p.holder_id)));
+END $$;
+
+CREATE FUNCTION follow_change(changed bigint[])
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- After a change of the shape, the heights or the type of entities: derives the holders that it changes, those
+-- of their contents too. Does nothing if the setting `semmap.deriving` is off.
+BEGIN
+    IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN
+        PERFORM derive_again(neighbours_of(changed) || ARRAY(SELECT entity_id FROM placement WHERE holder_id = ANY (changed)));
+    END IF;
 END $$;
 
 -- Each entity whose pose in the world is not its holder's pose times its placement; `semmap check` lists it.

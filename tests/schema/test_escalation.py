@@ -13,6 +13,7 @@ ROLES = ("public", "semmap_reader", "semmap_robot", "semmap_admin")
 
 EXECUTABLE = {
     "derive_again": {"semmap_admin"},
+    "follow_change": {"semmap_admin"},
     "copy_map": {"semmap_admin"},
     "drop_map": {"semmap_admin"},
     "drop_unused_models": {"semmap_admin"},

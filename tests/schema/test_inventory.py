@@ -262,6 +262,62 @@ def test_a_table_pushed_under_an_object_becomes_its_holder(
     assert no_contradictions(engine)
 
 
+def test_two_objects_that_change_places_in_one_statement_change_holders(
+    engine: Engine,
+) -> None:
+    crates = World("crates", None, [])  # type: ignore[arg-type]
+    crates.entries = [
+        thing("red", block(1, 1, 0.5), 0, 0, 0, holder=None),
+        thing("blue", block(1, 1, 0.5), 0, 0, 0.5, holder=None),
+    ]
+    ids = store(engine, "crates", crates)
+    assert holders(engine) == {"red": None, "blue": "on red"}
+    run(
+        engine,
+        "UPDATE placement p SET holder_id = NULL, pose = planar_pose(0, 0, 0, t.z) "
+        "FROM (VALUES (:red, 0.5), (:blue, 0)) t (id, z) WHERE p.entity_id = t.id",
+        red=ids["red"],
+        blue=ids["blue"],
+    )
+    assert holders(engine) == {"red": "on blue", "blue": None}
+    assert no_contradictions(engine)
+
+
+def test_of_two_objects_in_and_on_each_other_one_is_the_holder(
+    engine: Engine, ids: dict[str, int]
+) -> None:
+    """The larger one begins 2 cm above the other's bottom, encloses it, and is on its base."""
+    world = World("pair", None, [])  # type: ignore[arg-type]
+    world.entries = [
+        thing("case", block(1, 1, 0.9), 20, 20, 0.02, holder=None),
+        thing("core", block(0.96, 0.96, 0.93), 20, 20, 0, holder=None),
+    ]
+    store(engine, "pair", world)
+    assert no_contradictions(engine)
+
+
+def test_shape_given_to_a_holder_ends_what_was_stated(engine: Engine, ids: dict[str, int]) -> None:
+    """A lamp is stated to be on a shelf without a shape; the shape turns out to be far below."""
+    by_function(engine, ids["ball"], 2, 2, 2)
+    run(
+        engine,
+        "WITH made AS (INSERT INTO entity (map_id, kind, name) "
+        "SELECT map_id, 'object', 'shelf' FROM entity WHERE id = :ball RETURNING id) "
+        "INSERT INTO placement (entity_id, pose) SELECT id, planar_pose(2, 2, 0, 1) FROM made",
+        ball=ids["ball"],
+    )
+    run(engine, "SELECT put(:ball, (SELECT id FROM entity WHERE name = 'shelf'))", ball=ids["ball"])
+    assert holders(engine)["ball"] == "in shelf"
+    run(
+        engine,
+        "INSERT INTO entity_model SELECT s.id, em.model_id FROM entity s, entity_model em "
+        "WHERE s.name = 'shelf' AND em.entity_id = :tray",
+        tray=ids["tray"],
+    )
+    assert holders(engine)["ball"] == "in kitchen"
+    assert no_contradictions(engine)
+
+
 def test_a_room_drawn_later_becomes_the_holder_of_its_contents(
     engine: Engine, ids: dict[str, int]
 ) -> None:

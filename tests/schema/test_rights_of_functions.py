@@ -42,6 +42,7 @@ CALLS: dict[str, set[str]] = {
     "drop_map((SELECT name FROM semmap.map WHERE id = {map}))": {"admin"},
     "drop_unused_models()": {"admin"},
     "find_objects('{{{mug}}}')": set(),
+    "follow_change('{{{mug}}}')": {"admin"},
     "follow_geometry('{{{mug}}}', '{{}}')": set(),
     "hold_still({mug}, {room})": WRITERS,
     "lock_holders('{{{mug}}}')": set(),

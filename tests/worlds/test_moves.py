@@ -110,3 +110,43 @@ def test_check_lists_a_holder_that_the_geometry_contradicts(hotel: Engine) -> No
     done = semmap_command(url, *words)
     assert done.exit_code == 1
     assert [row["name"] for row in json.loads(done.stdout)] == ["DigitalKiosk"]
+    with hotel.begin() as connection:
+        see_map(connection, "hotel")
+        connection.execute(text("SELECT derive_again(ARRAY[entity_id('DigitalKiosk')])"))
+    assert json.loads(semmap_command(url, *words).stdout) == []
+
+
+EDITS = {
+    "lower ceilings": "UPDATE room SET ceiling = 0.5",
+    "higher floors": "UPDATE room SET floor = 1",
+    "rooms drawn elsewhere": "UPDATE gis_room SET geom = ST_Translate(geom, 4, 0)",
+    "rooms without a shape": "DELETE FROM entity_model em USING room r "
+    "WHERE r.entity_id = em.entity_id",
+    "rooms without a place": "DELETE FROM placement p USING room r WHERE r.entity_id = p.entity_id",
+    "rooms deleted": "DELETE FROM entity WHERE kind = 'room'",
+    "tables become walls": "UPDATE entity SET type = 'wall' WHERE type = ANY (subtypes('table'))",
+    "every table is a wall": "INSERT INTO type_parent VALUES ('table', 'wall')",
+    "tables without a shape": "DELETE FROM entity_model em USING entity e "
+    "WHERE e.id = em.entity_id AND e.type = ANY (subtypes('table'))",
+    "tables of another shape": "UPDATE entity_model em SET model_id = "
+    "(SELECT b.model_id FROM entity_model b WHERE b.entity_id = entity_id('Ball_01_001')) "
+    "FROM entity e WHERE e.id = em.entity_id AND e.type = ANY (subtypes('table'))",
+    "a storey between": "WITH made AS (INSERT INTO entity (map_id, kind, name) "
+    "VALUES (current_map(), 'storey', 'loft') RETURNING id), placed AS ("
+    "INSERT INTO placement (entity_id, pose) SELECT id, planar_pose(0, 0, 0, 1) FROM made) "
+    "INSERT INTO storey (entity_id) SELECT id FROM made",
+}
+"""Changes of rooms, types, shapes and storeys, by SQL, the ORM or QGIS."""
+
+
+@pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
+def test_inventory_follows_each_edit_of_the_small_house(house: Engine, edit: str) -> None:
+    """After each edit, some holders are others, and all are as the geometry shows."""
+    holders = "SELECT entity_id, holder_id FROM placement ORDER BY entity_id"
+    with house.connect() as connection:  # rolled back at the end
+        see_map(connection, "house")
+        before = connection.execute(text(holders)).all()
+        connection.execute(text(edit))
+        assert connection.execute(text("SELECT * FROM inventory_contradiction")).all() == []
+        assert connection.execute(text("SELECT * FROM world_mismatch")).all() == []
+        assert connection.execute(text(holders)).all() != before

@@ -38,7 +38,7 @@ def derive_inventories(connection: psycopg.Connection[Any], map_id: int) -> int:
 
 
 def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
-    """Store the support surfaces of the map's models; each model is searched once."""
+    """Store the support surfaces of the map's models, each searched once, and what they hold."""
     with connection.cursor() as cursor:
         cursor.execute(
             "SELECT DISTINCT m.id FROM model m JOIN entity_model em ON em.model_id = m.id "
@@ -48,7 +48,8 @@ def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
             "(SELECT FROM support_surface s WHERE s.model_id = m.id) ORDER BY m.id",
             (map_id, SURFACE_TRIANGLES.value),
         )
-        for (model_id,) in cursor.fetchall():
+        models = [row[0] for row in cursor.fetchall()]
+        for model_id in models:
             found = support_surfaces(to_mesh(model_triangles(connection, model_id)))
             for number, surface in enumerate(found):
                 cursor.execute(
@@ -66,3 +67,8 @@ def find_surfaces(connection: psycopg.Connection[Any], map_id: int) -> None:
                 cursor.execute(
                     "INSERT INTO support_surface (model_id, number) VALUES (%s, 0)", (model_id,)
                 )
+        cursor.execute(
+            "SELECT follow_change(ARRAY(SELECT entity_id FROM entity_model "
+            "WHERE model_id = ANY(%s)))",
+            (models,),
+        )
