@@ -1,9 +1,9 @@
-"""Notifications of a channel, through restarts of the server."""
+"""Notifications of channels, through restarts of the server."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 
 import psycopg
 from sqlalchemy import Engine
@@ -13,9 +13,9 @@ __all__ = ["notifications"]
 
 
 def notifications(
-    engine: Engine, channel: str, stop: threading.Event, *, patience: float = 0.2
+    engine: Engine, channels: Sequence[str], stop: threading.Event, *, patience: float = 0.2
 ) -> Generator[tuple[str, ...] | None]:
-    """Listen on a channel of `NOTIFY` until `stop` is set, or the generator is closed.
+    """Listen on channels of `NOTIFY` until `stop` is set, or the generator is closed.
 
     The connection is the generator's own. It connects again where the server was away.
 
@@ -36,7 +36,8 @@ def notifications(
                 connection.detach()  # closed at the end: no other user of the pool listens
                 assert isinstance(driver, psycopg.Connection)
                 driver.autocommit = True
-                driver.execute(psycopg.sql.SQL("LISTEN {}").format(psycopg.sql.Identifier(channel)))
+                for name in map(psycopg.sql.Identifier, channels):
+                    driver.execute(psycopg.sql.SQL("LISTEN {}").format(name))
                 yield None
                 while not stop.is_set():
                     sent = driver.notifies(timeout=patience, stop_after=1)

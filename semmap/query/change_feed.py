@@ -6,9 +6,10 @@ snapshot: no change is skipped, whenever its transaction was committed.
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -19,10 +20,25 @@ from sqlalchemy.exc import DBAPIError
 from semmap.database.notifications import notifications
 from semmap.query.maps import see_map, snapshot
 
-__all__ = ["CHANNEL", "ChangeFeed", "Look", "changed_since", "cursor", "reaches_back", "settle"]
+__all__ = [
+    "CHANNEL",
+    "FIELDS",
+    "ChangeFeed",
+    "Look",
+    "announce_fields",
+    "changed_since",
+    "cursor",
+    "reaches_back",
+    "settle",
+    "shows_fields",
+]
 
 CHANNEL = "semmap"
 """Where each transaction that changes a map announces it."""
+
+FIELDS = "semmap_fields"
+"""Where a service announces that what its fields state has changed: by sources, or as it has read a
+change of the map."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +137,7 @@ class ChangeFeed:
         wake: Callable[[tuple[str, ...] | None], None],
         *,
         patience: float = 0.2,
+        fields: bool = False,
     ) -> None:
         """Call `wake` whenever there may be something new, until `stop` is set.
 
@@ -129,9 +146,11 @@ class ChangeFeed:
         wake : gets the payloads that were sent on the channel, none every `patience` seconds, and
             None where anything may have changed. Where it loses the server, it is called again
         patience : seconds between calls, and before another attempt to connect
+        fields : call it when fields have changed, too (`shows_fields`)
         """
         again = False
-        with closing(notifications(self._engine, CHANNEL, stop, patience=patience)) as sent:
+        channels = (CHANNEL, FIELDS) if fields else (CHANNEL,)
+        with closing(notifications(self._engine, channels, stop, patience=patience)) as sent:
             for payloads in sent:
                 try:
                     wake(None if again else payloads)
@@ -144,6 +163,29 @@ class ChangeFeed:
     def _server_was_away(self) -> None:
         if not self._durable:
             self.cursor = None
+
+
+def announce_fields(engine: Engine, map_name: str) -> None:
+    """Tell the followers of a map that what fields state has changed."""
+    with engine.begin() as connection:
+        connection.execute(
+            text("SELECT pg_notify(:channel, :message)"),
+            {"channel": FIELDS, "message": json.dumps({"fields": map_name})},
+        )
+
+
+def shows_fields(payload: str, map_name: str | None) -> bool:
+    """Return whether a payload says that fields of a map have changed.
+
+    Examples
+    --------
+    >>> shows_fields('{"fields": "house"}', "house"), shows_fields('{"moved": [7]}', "house")
+    (True, False)
+    """
+    with suppress(ValueError, RecursionError):
+        message = json.loads(payload)
+        return isinstance(message, dict) and "fields" in message and message["fields"] == map_name
+    return False
 
 
 def cursor(connection: Connection) -> str:

@@ -10,18 +10,23 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import rdflib
 from sqlalchemy import Engine, text
 
+import semmap as semmap_api
 from semmap.draw.depth_camera import look_at
 from semmap.fields.queries import QueryError
 from semmap.fields.service.client import ServiceConnection, find_service
 from semmap.geometry.pose import Pose
+from semmap.knowledge import query
+from semmap.knowledge.standing.subscriptions import Subscriptions
 from tests.command_line import semmap
 from tests.fields.service.ros_recordings import Message, bag, transforms
 
@@ -29,6 +34,7 @@ PREFIX = "PREFIX : <urn:semmap:ontology#> "
 WHO = PREFIX + "SELECT ?who { ?who :sees :Tableware_01_001 }"
 LOOK = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [7.153, 0.983, 0.85]}}}
 AWAY = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [6.5, -1.0, 4.0]}}}
+BEHIND = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [6.5, -5.0, 0.5]}}}
 MAIN = "from semmap.cli import main; main()"
 SEEN = ("sees", "human1", "Tableware_01_001")
 
@@ -178,6 +184,66 @@ def test_queries_ask_the_service_and_say_so(url: str, service: ServiceConnection
     assert {"human1_view", "kitchen", "Tableware_01_001"} <= found
     with pytest.raises(ValueError, match="no source provides :containsPerson"):
         semmap(url, "fields", "query", PREFIX + "SELECT ?v { ?v :distanceToPerson ?d }")
+
+
+ASKED = (
+    "SELECT ?who { ?who semmap:sees :Tableware_01_001 }",
+    "SELECT ?x { ?v semmap:inFieldOfView :human1 ; semmap:occupiedBy ?x . ?x a semmap:Drinkware }",
+    "SELECT ?x { :human1 semmap:sees ?x . ?x a semmap:Furniture }",
+)
+
+
+def test_standing_queries_follow_fields_that_change(
+    url: str, house: Engine, service: ServiceConnection
+) -> None:
+    """Nothing in the database changes: the events are the differences of whole evaluations."""
+    eyes = {"name": "eyes", "source": "gaze", "timeout": 0}
+    with (
+        semmap_api.connect(url) as database,
+        Subscriptions(house, "house") as standing,
+    ):
+        session = database.map("house").session_of_map()
+        service.ask("stop", name="gaze")
+        service.ask("start", **eyes)
+        service.ask("percept", name="eyes", percept=AWAY)
+        eventually(lambda: is_known(session), True)
+        rows = [answers(session, text) for text in ASKED]
+        assert [count for _, count in standing.add_all(ASKED)] == list(map(len, rows))
+        assert not rows[0]
+
+        def follow(now: list[set[Any]]) -> None:
+            end = time.monotonic() + 20
+            while rows != now and time.monotonic() < end:
+                for event in standing.events(timeout=0.1):
+                    found = rows[event.subscription - 1]
+                    row = tuple(sorted(event.bindings.items()))
+                    assert (row in found) == (event.what == "disappeared")
+                    found ^= {row}
+            assert rows == now
+
+        for percept in (LOOK, BEHIND):
+            service.ask("percept", name="eyes", percept=percept)
+            eventually(lambda percept=percept: bool(answers(session, ASKED[0])), percept is LOOK)
+            follow([answers(session, text) for text in ASKED])
+        service.ask("stop", name="eyes")
+        follow([set(), set(), set()])  # nobody knows what human1 sees
+        service.ask("start", **(eyes | {"name": "gaze", "timeout": 30}))
+        service.ask("percept", name="gaze", percept=LOOK)
+        eventually(lambda: is_known(session), True)
+        follow([answers(session, text) for text in ASKED])
+        assert rows[0] == {(("who", rdflib.URIRef("urn:semmap:map:house#human1")),)}
+
+
+def answers(session: Any, text: str) -> set[tuple[Any, ...]]:
+    found = query(session, text)
+    return {tuple(sorted(zip(found.names, row, strict=True))) for row in found.rows}
+
+
+def is_known(session: Any) -> bool:
+    with suppress(QueryError):
+        answers(session, ASKED[0])
+        return True
+    return False
 
 
 def test_watch_ends_after_its_time(url: str, service: ServiceConnection) -> None:

@@ -36,12 +36,16 @@ from semmap.fields.store.source_history import SourceHistory
 from semmap.fields.store.statements import run
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.language.names import NameIndex
+from semmap.query.change_feed import announce_fields
 from semmap.query.maps import see_map
 
 __all__ = ["FieldService"]
 
 KEPT = "kept"
 """The source of the fields that users stored."""
+
+ANNOUNCED_EVERY = 0.05
+"""The least seconds between two announcements that fields have changed."""
 
 _log = logging.getLogger(__name__)
 
@@ -86,6 +90,7 @@ class FieldService:
         self._names: NameIndex | None = None
         self._kept: list[Any] = []
         self._wake = threading.Event()
+        self._news = threading.Event()
         self._stop = threading.Event()
         self._began = datetime.now(UTC)
         mirror.maps.on_put(self._wake.set)
@@ -97,7 +102,13 @@ class FieldService:
         """Run the sources and follow the map while the context lasts."""
         threads = [
             threading.Thread(target=each, name=each.__name__, daemon=True)
-            for each in (self._follow, self._show_sources, self._publish, self._keep)
+            for each in (
+                self._follow,
+                self._show_sources,
+                self._publish,
+                self._announce,
+                self._keep,
+            )
         ]
         for thread in threads:
             thread.start()
@@ -118,19 +129,22 @@ class FieldService:
         def on_change(changed: set[int]) -> None:
             self._names = None
             self.bus.publish(self.tracker.update(changed))
+            self._news.set()
 
         self.mirror.follow(self._stop, on_change, save_every=self.settings.save_every)
 
     def _show_sources(self) -> None:
         """Put what sources see on the grid, and publish the relations that begin and end."""
         while not self._stop.is_set():
-            self._wake.wait(0.2)
+            came = self._wake.wait(0.2)
             self._wake.clear()
             try:
                 changed = self._live.update(self.mirror.maps.now())
                 if changed:
                     self.bus.publish(self.tracker.update(changed))
                     self._live.forget(changed)
+                if came:
+                    self._news.set()
             except ValueError:  # a region beyond the limits
                 _log.exception("the maps of the sources cannot be shown on the grid")
 
@@ -142,6 +156,16 @@ class FieldService:
                 event = stream.get(0.2)
                 with suppress(DBAPIError):  # the next call sends what waits
                     publisher.publish([event] if event else [])
+
+    def _announce(self) -> None:
+        """Tell the followers of the map that fields have changed, some times a second at most."""
+        while not self._stop.wait(ANNOUNCED_EVERY):
+            if self._news.wait(0.2):
+                self._news.clear()
+                try:
+                    announce_fields(self._engine, self.map_name)
+                except DBAPIError:
+                    self._news.set()  # while the server is away
 
     def _keep(self) -> None:
         while not self._stop.wait(self.settings.keep_every):

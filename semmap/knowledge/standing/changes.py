@@ -29,6 +29,7 @@ class Changes(NamedTuple):
         has them
     removed : entities were deleted, and with them what was inferred about them
     others : something else changed that only queries as a whole can depend on, such as a belief
+    fields : what fields state changed
     all : anything may have changed
     """
 
@@ -36,6 +37,7 @@ class Changes(NamedTuple):
     facts: tuple[tuple[Any, ...], ...] = ()
     removed: bool = False
     others: bool = False
+    fields: bool = False
     all: bool = False
 
 

@@ -144,6 +144,7 @@ class Part:
     projected : the places of the variables of the query in the solutions; None for those unbound
     properties : of a whole query: the properties of its statements; None for any
     of_tables : of a whole query: it has more than statements
+    of_fields : of a whole query: fields answer some of it
     iris : of the text
     constants : what the IRIs of the tree stand for
     values : of the query's own: what replaces some values of parameters
@@ -161,6 +162,7 @@ class Part:
     projected: tuple[int | None, ...] = ()
     properties: frozenset[str] | None = None
     of_tables: bool = True
+    of_fields: bool = False
     iris: frozenset[str] = frozenset()
     query: Any = None
     constants: Any = None

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import rdflib
 
+from semmap.knowledge.fields.properties import FieldError
 from semmap.knowledge.map_view import MapView, Row, Term
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.constants import Constants, resolve
@@ -97,6 +98,11 @@ class StandingQueries:
         self._having: dict[Term, dict[tuple[Part, str], int]] = defaultdict(dict)
         self._names: dict[int, str] = {}  # of entities that had another name
         self._inferred = NOTHING_INFERRED
+
+    @property
+    def ask_fields(self) -> bool:
+        """Whether fields answer some of the queries."""
+        return any(part.of_fields for part in list(self._whole))
 
     # Queries come and go
 
@@ -372,6 +378,10 @@ class StandingQueries:
             deltas[found] = {row: -n for row, n in found.counts.items()}
         errors: dict[StandingQuery, Exception] = {}
         answers = self._evaluation.answers(view, jobs, nodes or {}, errors)
+        unknown = {found for found, error in errors.items() if self._is_unknown(found, error)}
+        for found in unknown:
+            del errors[found]
+        answers |= {job: set() for job in jobs if job.part.query in unknown}
         results = {**(known or {}), **answers}
         for job, now in results.items():
             part = job.part
@@ -405,6 +415,10 @@ class StandingQueries:
                     come.append(row)
             differences.append(Difference(found, gone, come))
         return differences
+
+    def _is_unknown(self, found: StandingQuery, error: Exception) -> bool:
+        """Return whether fields state no more what a query asks, such as a source that ended."""
+        return found.text in self.queries and isinstance(error.__cause__, FieldError)
 
     def _add(self, part: Part, row: Row) -> None:
         part.add(row)

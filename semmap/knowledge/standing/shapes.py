@@ -208,6 +208,7 @@ class Shape:
                 projected=part.projected,
                 properties=part.properties,
                 of_tables=part.of_tables,
+                of_fields=part.of_fields,
                 iris=iris,
                 query=query,
                 constants=self._constants,

@@ -27,7 +27,7 @@ from semmap.knowledge.standing.queries import (
     StandingQueries,
     StandingQuery,
 )
-from semmap.query.change_feed import ChangeFeed, Look
+from semmap.query.change_feed import ChangeFeed, Look, shows_fields
 
 __all__ = ["Event", "Subscriptions"]
 
@@ -86,6 +86,7 @@ class Subscriptions:
         self._count = 0
         self._due = math.inf
         self._ended_until: datetime | None = None
+        self._fields_changed = False
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -206,12 +207,16 @@ class Subscriptions:
 
     def _follow(self) -> None:
         try:
-            self._feed.follow(self._stop, self._wake, patience=PATIENCE)
+            self._feed.follow(self._stop, self._wake, patience=PATIENCE, fields=True)
         except Exception as error:  # nothing else reports what ends a thread
             self._events.put(error)
 
     def _wake(self, payloads: tuple[str, ...] | None) -> None:
-        if payloads == () and time.monotonic() < self._due and not self._news:
+        of_fields = [shows_fields(each, self._feed.map_name) for each in payloads or ()]
+        fields = payloads is None or any(of_fields)
+        self._fields_changed |= fields and self._queries.ask_fields
+        no_news = all(of_fields) and payloads is not None and not self._fields_changed
+        if no_news and time.monotonic() < self._due and not self._news:
             return
         with self._lock:
             with self._feed.look(entities=False) as look:
@@ -229,7 +234,7 @@ class Subscriptions:
 
     def _take_in(self, look: Look, due: float) -> None:
         # Only now: a look that fails is repeated.
-        self._due, self._ended_until = due, look.moment
+        self._due, self._ended_until, self._fields_changed = due, look.moment, False
         self._feed.take_in(look)
 
     def _catch_up(self, look: Look) -> tuple[MapView, float]:
@@ -259,11 +264,14 @@ class Subscriptions:
         entities = {n for what, ids, _ in changed if what not in _NO_ENTITIES for n in ids}
         kinds = {what for what, _, _ in changed}
         stated = dict.fromkeys(tuple(fact) for fact in (*facts, *(ended or ())))
-        return (
-            view,
-            Changes(frozenset(entities), tuple(stated), "removed" in kinds, bool(kinds & _OTHERS)),
-            due,
+        changes = Changes(
+            frozenset(entities),
+            tuple(stated),
+            removed="removed" in kinds,
+            others=bool(kinds & _OTHERS),
+            fields=self._fields_changed,
         )
+        return view, changes, due
 
     def _events_of(self, difference: Difference) -> Iterator[_News]:
         """Yield the events of the subscribers of a query, each with what gets it."""

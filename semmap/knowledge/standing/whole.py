@@ -8,6 +8,7 @@ import rdflib
 from rdflib.paths import MulPath, NegatedPath, Path
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.knowledge.fields.properties import field_property, is_of_fields
 from semmap.knowledge.mapping import FACTS
 from semmap.knowledge.sparql.constants import Constants, iris_in
 from semmap.knowledge.sparql.expressions import UntranslatedError
@@ -30,12 +31,15 @@ def whole_part(
         projected=tuple(range(len(names))),
         properties=_properties(tree, constants),
         of_tables=_has_tables(tree, translator),
+        of_fields=any(_may_be_of_fields(constants.property(iri)) for iri in iris_in(tree)),
     )
 
 
 def concerns(part: Part, changes: Changes) -> bool:
     """Return whether changes can concern a whole query."""
     if changes.removed or ((changes.others or changes.entities) and part.of_tables):
+        return True
+    if changes.fields and part.of_fields:
         return True
     if part.properties is None:
         return bool(changes.facts)
@@ -47,6 +51,11 @@ def _properties(tree: Any, constants: Constants) -> frozenset[str] | None:
     if _has_any_property(tree):
         return None
     return frozenset(constants.property(iri) for iri in iris_in(tree))
+
+
+def _may_be_of_fields(iri: str) -> bool:
+    found = field_property(iri)
+    return found is not None and (found.subject == "voxel" or is_of_fields(iri))
 
 
 def _has_any_property(tree: Any) -> bool:
