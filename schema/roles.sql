@@ -52,7 +52,7 @@ GRANT INSERT ON device, gripper, automaton, object_model, object_mesh, action_st
 GRANT UPDATE (shape, size, shape_pose, inliers, deviation) ON object_model TO semmap_robot;
 GRANT INSERT (key, kind, object_id, gripper_id, pose, pre_pose, post_pose, motion, approach, family, width, posture, pre_posture, quality),
     UPDATE (replaced_by) ON action TO semmap_robot;
-GRANT INSERT (map_id, robot_id, kind, entity_id, action_id, start, goal, deadline, outcome, message),
+GRANT INSERT (map_id, robot_id, kind, entity_id, action_id, start, goal, deadline, outcome, message, created_at),
     UPDATE (action_id, start, goal, outcome, message) ON task TO semmap_robot;
 -- It states facts that no other table has a column for, and takes them back.
 GRANT INSERT, UPDATE, DELETE ON statement TO semmap_robot;

@@ -29,14 +29,18 @@ def run_command(
     put: options.Put = None,
     gripper: Annotated[
         str | None,
-        typer.Option(help="Pick with stored or generated grasps of it; the preferred one if any."),
+        typer.Option(help="Gripper of the robot; by default its own or the preferred one."),
     ] = None,
     world: options.WorldFile = None,
     apply: options.Apply = False,
     try_grasps: Annotated[
-        bool,
-        typer.Option("--try-grasps", help="Simulate each grasp; learn by trial and error."),
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--try-grasps/--assume-grasps",
+            help="Try each grasp in simulation, by default where MuJoCo is installed; or assume "
+            "that it succeeds and learn nothing.",
+        ),
+    ] = None,
     assume_sizes: AssumeSizes = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue a mission whose process has ended.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -48,7 +48,7 @@ class SimulatedRun:
     gripper: str | None = None
     sight: Sight | None = None
     detector: Detector | None = None
-    try_grasps: bool = False
+    try_grasps: bool | None = None
     assume_sizes: bool = False
     answers: dict[str, Answer] = field(default_factory=dict)
 
@@ -62,7 +62,6 @@ class SimulatedRun:
         """
         from planner.live_topology import LiveTopology
         from planner.mission.failures import FailureRule
-        from planner.mission.grasp_memory import GraspMemory, has_gripper
         from planner.mission.mission_list import MissionList
         from planner.mission.mission_store import MissionStore
         from planner.mission.runner import Runner
@@ -76,8 +75,8 @@ class SimulatedRun:
         from planner.task_planner import TaskPlanner
         from planner.tasks.domain_file import read_domain
         from planner.tasks.goal import parse_goal
-        from semmap.manipulation.device_store import gripper_id
 
+        grasps = self._grasps()
         rules = [FailureRule.parse(text) for text in self.fail]
         domain = None if self.domain_file is None else read_domain(self.domain_file)
         relations = ((FOUND, 1), *(() if domain is None else domain.relations))
@@ -86,9 +85,6 @@ class SimulatedRun:
         process = f"{socket.gethostname()} {os.getpid()}"
         robot = self.robot
         with cli.database() as engine, ExitStack() as opened_here:
-            if self.gripper is not None:
-                with engine.connect() as connection:
-                    gripper_id(connection, self.gripper)
             with MissionList(engine, self.map_name) as missions:
                 original = happens_in = missions.map_name
                 number = _resumed(missions, mission) if resume else None
@@ -97,10 +93,9 @@ class SimulatedRun:
                     goal = missions.goal_of(number)
             if not (self.apply or resume):
                 happens_in = opened_here.enter_context(simulation_map(engine, original, self.world))
-            grasps = None
-            named = (robot, self.robot_class)
-            if not self.try_grasps and (self.gripper is not None or has_gripper(engine, *named)):
-                grasps = GraspMemory(self.gripper, simulated=True)
+            with engine.connect() as connection:
+                cli.choose_map(connection, happens_in)
+                grasps.check(connection, robot, self.robot_class)
             store = opened_here.enter_context(MissionStore(engine, happens_in, process, grasps))
             live = LiveTopology(
                 engine, happens_in, self.robot_class, assume_sizes=self.assume_sizes
@@ -109,17 +104,22 @@ class SimulatedRun:
             assert goal is not None
             with live.snapshot() as connection:
                 names = objects_to_find(connection, parse_goal(goal, relations))
-            if self.start is not None:
-                if number is not None:
-                    raise typer.BadParameter(
-                        "a mission resumes where its robot is: leave out --from"
-                    )
-                live.topology.place(self.start)
-                pose = entry_pose(live.topology, self.start)
-                store.add_robot(robot, self.start, pose, self.robot_class)
+            start = self.start
+            if start is not None and number is not None:
+                raise typer.BadParameter("a mission resumes where its robot is: leave out --from")
+            if start is None and number is None and store.robot(robot) is None:
+                start = store.home()
+                if start is not None:
+                    self._say(f"{robot} starts in {start}, where the map has a home region")
+            if start is not None:
+                live.topology.place(start)
+                pose = entry_pose(live.topology, start)
+                store.add_robot(robot, start, pose, self.robot_class)
             if number is None:
                 number = store.add(robot, goal)
             file = self.world or _WORLDS / f"{original}-{number}.sqlite"
+            if self.world is None and not resume:
+                file.unlink(missing_ok=True)  # of a mission of another database
             opened = open_world(file, store, live.topology, robot, rules, resume=resume)
             with closing(opened) as sim_world:
                 put_objects(sim_world, store, live, self.put)
@@ -141,14 +141,7 @@ class SimulatedRun:
                     )
                     self.answers = search.answers
                 else:
-                    grasp = (
-                        self._grasp(engine, original)
-                        if self.try_grasps
-                        else _reach(engine, happens_in, grasps, robot)
-                    )
-                    body = simulated_robot(
-                        live, sim_world, robot, speed=self.speed, seed=self.seed, grasp=grasp
-                    )
+                    body = simulated_robot(live, sim_world, robot, speed=self.speed, seed=self.seed)
                 runner = Runner(
                     store,
                     body,
@@ -163,31 +156,24 @@ class SimulatedRun:
         if result.state != "done":
             raise typer.Exit(1)
 
-    def _grasp(self, engine: Any, map_name: str) -> Callable[[str], str | None]:
-        """Return a function that tries grasps in simulation and stores what is learned.
-
-        What is learned belongs to models of objects: it stays, whether the run changes the map or
-        not.
-        """
+    def _grasps(self) -> GraspMemory:
+        """Chooses grasps and places; tries them in simulation, as far as that is possible."""
+        from planner.mission.grasp_memory import GraspMemory
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.extra import library
-        from semmap.manipulation.practice import practise
 
-        library("mujoco")
-
-        def grasp(item: str) -> str | None:
-            try:
-                with engine.begin() as connection:
-                    cli.choose_map(connection, map_name)
-                    attempts = practise(connection, item, self.gripper)
-            except ManipulationError as error:
-                return str(error)
-            last = attempts[-1]
-            tried = "1 grasp" if len(attempts) == 1 else f"{len(attempts)} grasps"
-            self._say(f"{item}: {tried} tried; {last['family']}: {last['outcome']}")
-            return None if last["outcome"] == "completed" else str(last["outcome"])
-
-        return grasp
+        trial = self.try_grasps is not False
+        try:
+            if trial:
+                library("mujoco")
+        except ManipulationError as error:
+            if self.try_grasps:
+                raise
+            self._say(f"grasps are not tried: {error}")
+            trial = False
+        return GraspMemory(
+            self.gripper, simulated=True, trial=trial, lenient=self.try_grasps is not True
+        )
 
     def _say(self, text: str) -> None:
         if not self.json_:
@@ -226,21 +212,6 @@ class SimulatedRun:
             cli.out.print(
                 f"in {happens_in}; {original} is unchanged (--apply changes it)", style="dim"
             )
-
-
-def _reach(
-    engine: Any, map_name: str, grasps: GraspMemory | None, robot: str
-) -> Callable[[str], str | None]:
-    """Return a function that says why the robot's arm cannot grasp an object, if it cannot."""
-
-    def grasp(item: str) -> str | None:
-        if grasps is None:
-            return None
-        with engine.connect() as connection:
-            cli.choose_map(connection, map_name)
-            return grasps.refusal(connection, robot, item)
-
-    return grasp
 
 
 def _show_event(event: MissionEvent) -> None:

@@ -32,7 +32,7 @@ Cause = Literal[
 - absent: the elevator does not come.
 - missed, dropped, gone, full: the grasp missed, the object fell or is not there, no space is free.
 - misplaced: the robot is not where the behaviour begins.
-- unable: the robot does not have the behaviour.
+- unable: the robot does not have the behaviour, or its gripper and arm cannot do it there.
 - interrupted, cancelled: its process ended, or it was stopped.
 """
 

@@ -15,6 +15,7 @@ from sqlalchemy import Connection, Engine, text
 
 from planner.mission.behaviours import Observation, Outcome
 from planner.mission.command import Command
+from planner.mission.grasp_choice import Choice
 from planner.mission.grasp_memory import KINDS, GraspMemory
 from planner.mission.map_connection import MissionError
 from planner.mission.mission_list import MissionList, read_mission
@@ -40,7 +41,7 @@ from planner.mission.reservations import (
     release_claims,
     renew_claims,
 )
-from planner.mission.robot_placement import read_robot, write_robot
+from planner.mission.robot_placement import read_home, read_robot, write_robot
 from planner.readers.topology import read_topology
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
@@ -137,6 +138,11 @@ class MissionStore(MissionList):
         with self._begin() as connection:
             return read_robot(connection, name)
 
+    def home(self) -> str | None:
+        """The room of a home region, where the map has no agent yet; None without one."""
+        with self._begin() as connection:
+            return read_home(connection)
+
     # -- missions -------------------------------------------------------------------------------
 
     def take(self, mission: int, wait: float = 5.0) -> TakenMission:
@@ -197,14 +203,20 @@ class MissionStore(MissionList):
             self._own(connection, mission)
             return replace_planned(connection, mission, commands)
 
-    def start(self, mission: int, number: int, command: Command) -> None:
-        """Store that a step begins; to be called before the robot acts."""
+    def start(self, mission: int, number: int, command: Command) -> Choice:
+        """Store that a step begins; to be called before the robot acts.
+
+        Returns
+        -------
+        Of a pickup or a place, how the robot does it, or why it cannot; else an empty choice.
+        """
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)
             start_step(connection, mission, number, command)
-            if self.grasps is not None and command.behaviour in KINDS:
-                target = read_target(connection, mission, command.arguments[0])
-                self.grasps.begin(connection, robot, command, target)
+            if self.grasps is None or command.behaviour not in KINDS:
+                return Choice()
+            target = read_target(connection, mission, command.arguments[0])
+            return self.grasps.begin(connection, robot, command, target)
 
     def end(
         self,

@@ -7,7 +7,7 @@ from sqlalchemy import Connection, text
 from planner.mission.map_connection import MissionError
 from semmap.geometry.pose import Pose
 
-__all__ = ["read_robot", "write_robot"]
+__all__ = ["read_home", "read_robot", "write_robot"]
 
 
 def write_robot(
@@ -38,6 +38,15 @@ def read_robot(connection: Connection, name: str) -> tuple[str, Pose] | None:
     return None if row is None else (row.place, Pose(*row.pose))
 
 
+def read_home(connection: Connection) -> str | None:
+    """The room of the first region of the type ``home_region``, by name; None without one.
+
+    None, too, where the map has an agent: a name that it does not have may be a typing error.
+    """
+    found = connection.execute(text(_HOME)).scalar()
+    return None if found is None else str(found)
+
+
 _KIND = "SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"
 
 _ADD_AGENT = "INSERT INTO entity (map_id, kind, name) VALUES (current_map(), 'agent', :name)"
@@ -59,4 +68,12 @@ SELECT r.name AS place, w.pose
 FROM entity e JOIN placement p ON p.entity_id = e.id JOIN world w ON w.entity_id = e.id
      JOIN entity r ON r.id = p.holder_id AND r.kind = 'room'
 WHERE e.map_id = current_map() AND e.name = :name AND e.kind = 'agent'
+"""
+
+_HOME = """
+SELECT r.name FROM entity e JOIN placement p ON p.entity_id = e.id
+JOIN entity r ON r.id = p.holder_id AND r.kind = 'room'
+WHERE e.map_id = current_map() AND e.kind = 'region' AND e.type = ANY (subtypes('home_region'))
+  AND NOT EXISTS (SELECT FROM entity a WHERE a.map_id = e.map_id AND a.kind = 'agent')
+ORDER BY e.name LIMIT 1
 """

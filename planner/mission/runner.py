@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from py_trees.common import Status
@@ -239,6 +239,7 @@ class _Attempt:
         self._waits_since: float | None = None
         self.cancelled = False
         self.busy: str | None = None
+        self._note = ""
         self.failed: Outcome | None = None
 
     def work(self) -> None:
@@ -304,10 +305,13 @@ class _Attempt:
             if spot is not None:
                 command = self._commands[index] = with_spot(command, spot)
         self._runner._on_event(MissionEvent("starts", number, command))
-        self._store.start(self._mission, number, command)
+        choice = self._store.start(self._mission, number, command)
+        self._note = choice.note
         self._runner._on_event(MissionEvent("started", number, command))
         act = getattr(behaviours, command.behaviour, None)
-        if command.behaviour == "place" and command.spot is None:
+        if choice.refusal is not None:
+            self.end(index, choice.refusal)
+        elif command.behaviour == "place" and command.spot is None:
             self.end(index, Outcome("full", f"nothing is free on {command.arguments[-1]}"))
         elif act is None:
             self.end(index, Outcome("unable", f"the robot has no behaviour {command.behaviour}"))
@@ -318,6 +322,8 @@ class _Attempt:
 
     def end(self, index: int, outcome: Outcome) -> None:
         number, command = self._numbers[index], self._commands[index]
+        if outcome.succeeded and not outcome.message:
+            outcome = replace(outcome, message=self._note)
         self._runner._on_event(MissionEvent("acted", number, command))
         release = []
         following = self._claims[index + 1] if index + 1 < len(self._claims) else None

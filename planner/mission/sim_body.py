@@ -39,8 +39,6 @@ class SimBody:
         Of random failures.
     wait
         Seconds, by its clock, that it waits for an elevator that another robot uses.
-    grasp
-        Grasps an object by name, and returns why that failed; by default, all grasps succeed.
     """
 
     name: str
@@ -50,7 +48,6 @@ class SimBody:
     velocity: float
     seed: int
     wait: float
-    grasp: Callable[[str], str | None] = lambda item: None
 
     def fails(self, what: str) -> bool:
         """Whether a behaviour fails this time."""

@@ -24,13 +24,6 @@ def pickup(body: SimBody, command: Command) -> Work:
     yield from _half_of(command)
     with world.change():
         missing = _not_in_reach(body, item)
-    if missing is not None:
-        return missing
-    reason = body.grasp(item)  # may take seconds
-    if reason is not None:
-        return "missed", f"the grasp of {item} failed: {reason}"
-    with world.change():
-        missing = _not_in_reach(body, item)
         if missing is not None:
             return missing
         if body.fails("pickup"):

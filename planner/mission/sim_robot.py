@@ -84,8 +84,6 @@ class SimulatedRobot:
         Of random failures.
     wait
         Seconds, by its clock, that it waits for an elevator that another robot uses.
-    grasp
-        Grasps an object by name, and returns why that failed; by default, all grasps succeed.
     """
 
     navigate = _behaviour(navigate)
@@ -111,7 +109,6 @@ class SimulatedRobot:
         velocity: float = 1.0,
         seed: int = 0,
         wait: float = 60.0,
-        grasp: Callable[[str], str | None] = lambda item: None,
     ) -> None:
         if not (speed > 0 and 0 < velocity < math.inf):
             raise ValueError(f"speed is {speed} and velocity {velocity} m/s; give numbers above 0")
@@ -119,7 +116,7 @@ class SimulatedRobot:
         self.speed = speed
         straight: PathFinder = lambda place, a, b: np.array([a[:2], b[:2]])  # noqa: E731
         self._body = SimBody(
-            name, world, cabin_doors(topology), path or straight, velocity, seed, wait, grasp
+            name, world, cabin_doors(topology), path or straight, velocity, seed, wait
         )
         self._approach_poses = {c.name: c.poses for c in topology.connectors.values()}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,11 +76,10 @@ def simulated_robot(
     *,
     speed: float,
     seed: int = 0,
-    grasp: Callable[[str], str | None] = lambda item: None,
 ) -> SimulatedRobot:
     """A robot of the class of a live topology, on its costmaps; `speed` is that of its clock."""
     options = body_options(live, speed=speed, seed=seed)
-    return SimulatedRobot(name, world, live.topology, grasp=grasp, **options)
+    return SimulatedRobot(name, world, live.topology, **options)
 
 
 def body_options(live: LiveTopology, *, speed: float, seed: int = 0) -> dict[str, Any]:

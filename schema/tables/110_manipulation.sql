@@ -9,7 +9,7 @@ CREATE TABLE contributor (
     trust double precision NOT NULL DEFAULT 1 CONSTRAINT contributor_trust_is_a_share CHECK (trust >= 0 AND trust <= 1),
     latest timestamptz                                         -- when its newest imported bundle was signed
 );
-INSERT INTO contributor (id, name, trust) VALUES (1, 'own', 1), (2, 'simulation', 0.5);
+INSERT INTO contributor (id, name, trust) VALUES (1, 'own', 1), (2, 'simulation', 0.5), (3, 'assumed', 0);
 ALTER TABLE contributor ALTER COLUMN id RESTART WITH 10;
 
 -- Components of automata: the kinematic model is a URDF, capabilities are those of the ontology.
@@ -180,7 +180,7 @@ CREATE TABLE task (
     outcome        text NOT NULL DEFAULT 'to run'
                    CONSTRAINT task_outcome_is_known CHECK (outcome IN ('to run', 'running', 'completed', 'error')),
     message        text,                                       -- why it failed
-    contributor_id integer NOT NULL DEFAULT 1 REFERENCES contributor,  -- simulation, for simulated robots
+    contributor_id integer NOT NULL DEFAULT 1 REFERENCES contributor,  -- simulation, for trials; assumed, where a simulated robot tried nothing
     created_at     timestamptz NOT NULL DEFAULT clock_timestamp(),
     ended_at       timestamptz,
     CHECK ((ended_at IS NOT NULL) = (outcome IN ('completed', 'error'))),

@@ -37,7 +37,7 @@ FORMAT = "semmap manipulation knowledge"
 VERSION = 1
 """Of the format; other versions are refused."""
 
-RESERVED = ("own", "simulation")
+RESERVED = ("own", "simulation", "assumed")
 
 POSES = ("pose", "pre_pose", "post_pose")
 COLUMNS = ("motion", "approach", "family", "width", "posture", "pre_posture", "quality")

@@ -92,7 +92,7 @@ def add_gripper(
     ----------
     form : parallel or multi-finger
     opening, depth : the widest object that it closes on, and how deep its fingers are, metres
-    preferred : meant where a query names no gripper; by default, the first one is
+    preferred : meant where a query names no gripper; by default, if none is yet
 
     Raises
     ------
@@ -106,9 +106,9 @@ def add_gripper(
         raise ManipulationError(f"gripper {name}: its depth is {depth}: give metres, at least 0")
     with refusals(), session.transaction():
         id_ = add_device(session, name, "gripper", urdf=urdf, source=source, joints=joints)
-        first = session.execute("SELECT NOT EXISTS (SELECT FROM gripper)").fetchone()
         if preferred is None:
-            preferred = bool(first and first[0])
+            found = session.execute("SELECT FROM gripper WHERE preferred").fetchone()
+            preferred = found is None
         if preferred:
             session.execute("UPDATE gripper SET preferred = false WHERE preferred")
         session.execute(

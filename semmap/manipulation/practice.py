@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,16 +21,19 @@ from semmap.manipulation.pushing import Push
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.shape_store import model_mesh
-from semmap.manipulation.task_store import record_task
+from semmap.manipulation.task_store import record_task, replace_action
 from semmap.manipulation.trial import HEIGHT, Rest, Trial, body_of
 
-__all__ = ["practise", "practise_places", "practise_pushes"]
+__all__ = ["NOT_HELD", "practise", "practise_places", "practise_pushes", "try_place"]
 
 GRASPS = 100
 """The most grasps of an object that are considered."""
 
 STORED = 1000
 """The most stored grasps among which those of places are looked up."""
+
+NOT_HELD = "not held"
+"""What happens at a place whose grasp fails."""
 
 STRAY = 0.3
 """Share of the way of a push by which the object may be off at its end."""
@@ -43,12 +47,22 @@ def practise(
     tries: int = 12,
     mass: float | None = None,
     friction: float = 0.5,
+    rows: Sequence[dict[str, Any]] | None = None,
+    robot: str | None = None,
+    counted: bool = True,
 ) -> list[dict[str, Any]]:
     """Try grasps of an object until one succeeds; store each outcome and what worked.
 
     The stored grasps come first, the best before others; where there is none, they are generated.
     The object stands on a table as it does in the map. A corrected grasp that succeeds is stored
     and replaces the one that failed (Tosello et al., section IV-C).
+
+    Parameters
+    ----------
+    rows : the grasps to try, as `semmap.manipulation.retrieval.find_grasps` returns them; by
+        default, the best ones
+    robot : name of the agent that tries them
+    counted : store the outcome of the success, too; else the caller does
 
     Returns
     -------
@@ -64,10 +78,11 @@ def practise(
         The object has no mesh with a volume, or no grasp is free.
     """
     session = driver(connection)
-    found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
-    rows = [row for row in found.rows if row["entity"] == entity]
-    if not rows:
-        raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free grasp")
+    if rows is None:
+        found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
+        rows = [row for row in found.rows if row["entity"] == entity]
+        if not rows:
+            raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free grasp")
     name = gripper_name(session, gripper)
     trial = _trial(session, entity, name, mass, friction)
     grasps = [_grasp(row, trial.gripper.opening) for row in rows]
@@ -78,7 +93,7 @@ def practise(
         tries=tries,
     )
     with session.transaction():
-        return _store(session, entity, name, rows, lesson)
+        return _store(session, entity, name, rows, lesson, robot=robot, counted=counted)
 
 
 def practise_places(
@@ -121,18 +136,72 @@ def practise_places(
     for row in found.rows:
         if row["action_id"] in tried:
             continue  # at another spot of an even surface, the same happens
-        grasp = _grasp(known[row["grasp_id"]], trial.gripper.opening)
         to_model = np.linalg.inv(row["spot"].matrix)
-        before, after = (to_model @ row[pose].matrix for pose in ("pre_pose", "post_pose"))
-        rest = trial.put(grasp, before, after)
-        held = rest.lifted > HEIGHT / 2
-        cause = ExpectedRest().mismatch(rest) if held else "not held"
+        rest, cause = _put(trial, known[row["grasp_id"]], row, to_model)
         tried[row["action_id"]] = told = _told(row, rest, np.zeros(3), cause)
-        if held:
+        if cause != NOT_HELD:
             _record(session, entity, "place", told)
         if cause is None:
             break
     return list(tried.values())
+
+
+def try_place(
+    connection: MapConnection,
+    entity: str,
+    gripper: str | None,
+    grasp: int,
+    place: int,
+    *,
+    stands: Pose,
+    mass: float | None = None,
+    friction: float = 0.5,
+) -> str | None:
+    """Return how a place fails in simulation after a grasp, None for a success; store nothing.
+
+    Parameters
+    ----------
+    grasp, place : ids of the stored actions
+    stands : pose of the object before it is taken, in the map's frame
+
+    Returns
+    -------
+    str or None
+        ``toppled``, ``strayed``, or `NOT_HELD`: the grasp failed, which says nothing of the place.
+
+    Raises
+    ------
+    LookupError
+        There is no such entity, gripper or action.
+    ManipulationError
+        The object has no mesh with a volume.
+    """
+    session = driver(connection)
+    name = gripper_name(session, gripper)
+    found = {}
+    for kind, number in (("grasp", grasp), ("place", place)):
+        rows = actions_on(session, name=entity, gripper=name, kind=kind, limit=STORED)
+        known = {row["action_id"]: row for row in rows if row["entity"] == entity}
+        if number not in known:
+            raise LookupError(f"{entity}: there is no {kind} {number} of it by gripper {name}")
+        found[kind] = known[number]
+    trial = _trial(session, entity, name, mass, friction, stands)
+    row = found["place"]
+    to_model = row["model_pose"].matrix @ np.linalg.inv(row["pose"].matrix)
+    return _put(trial, found["grasp"], row, to_model)[1]
+
+
+def _put(
+    trial: Trial, grasp: dict[str, Any], place: dict[str, Any], to_model: NDArray[np.float64]
+) -> tuple[Rest, str | None]:
+    """Where an object rests that was taken and put down, and how that differs from its place.
+
+    `to_model` leads from the frame of the poses of the place to that of the model.
+    """
+    before, after = (to_model @ place[pose].matrix for pose in ("pre_pose", "post_pose"))
+    rest = trial.put(_grasp(grasp, trial.gripper.opening), before, after)
+    held = rest.lifted > HEIGHT / 2
+    return rest, ExpectedRest().mismatch(rest) if held else NOT_HELD
 
 
 def practise_pushes(
@@ -176,8 +245,15 @@ def practise_pushes(
     return tried
 
 
-def _trial(session: Any, entity: str, gripper: str, mass: float | None, friction: float) -> Trial:
-    """A trial of an object as it stands in the map."""
+def _trial(
+    session: Any,
+    entity: str,
+    gripper: str,
+    mass: float | None,
+    friction: float,
+    stands: Pose | None = None,
+) -> Trial:
+    """A trial of an object as it stands in the map, or at a pose."""
     mesh = model_mesh(session, entity)
     ((weight, pose),) = session.execute(
         "SELECT (e.properties->>'mass')::float8, w.pose FROM entity e "
@@ -188,7 +264,7 @@ def _trial(session: Any, entity: str, gripper: str, mass: float | None, friction
     surface = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32))
     body = body_of(surface, mass=mass if mass is not None else weight or None, friction=friction)
     standing = np.eye(4)
-    standing[:3, :3] = Pose(*pose).matrix[:3, :3]
+    standing[:3, :3] = (stands or Pose(*pose)).matrix[:3, :3]
     standing[2, 3] = 5e-4 - (surface.vertices @ standing[:3, :3].T)[:, 2].min()
     return Trial(stored_gripper(session, gripper), body, standing)
 
@@ -239,7 +315,14 @@ def _grasp(row: dict[str, Any], opening: float) -> Grasp:
 
 
 def _store(
-    session: Any, entity: str, gripper: str, rows: list[dict[str, Any]], lesson: Lesson
+    session: Any,
+    entity: str,
+    gripper: str,
+    rows: Sequence[dict[str, Any]],
+    lesson: Lesson,
+    *,
+    robot: str | None,
+    counted: bool,
 ) -> list[dict[str, Any]]:
     """Store the attempts of a lesson; failures of corrected grasps count for none."""
     told: list[dict[str, Any]] = []
@@ -255,19 +338,19 @@ def _store(
         action = rows[tried]["action_id"]
         outcome = "completed" if attempt.cause is None else "error"
         stored = None
-        if moved == 0:
+        counts = counted or attempt.cause is not None
+        if moved > 0 and attempt.cause is None:
+            stored = add_actions(session, entity, gripper, [attempt.grasp])[0]
+            replace_action(session, action, stored)
+        if counts and (moved == 0 or stored is not None):
             record_task(
                 session,
                 entity,
-                action=action,
+                action=stored or action,
                 outcome=outcome,
+                robot=robot,
                 simulated=True,
                 message=attempt.cause,
-            )
-        elif attempt.cause is None:
-            stored = add_actions(session, entity, gripper, [attempt.grasp])[0]
-            record_task(
-                session, entity, action=stored, outcome=outcome, simulated=True, instead_of=action
             )
         told.append(
             {

@@ -276,7 +276,7 @@ def _read(path: str, palm: str) -> Gripper:
 def gripper_name(session: Any, name: str | None) -> str:
     """Return the name of the gripper meant; where there is none at all, the default is stored."""
     if name is None and not session.execute("SELECT 1 FROM gripper LIMIT 1").fetchone():
-        return register_gripper(session, DEFAULT_GRIPPER)
+        return register_gripper(session, DEFAULT_GRIPPER, preferred=False)
     row = session.execute(
         "SELECT name FROM device WHERE id = %s", (gripper_id(session, name),)
     ).fetchone()

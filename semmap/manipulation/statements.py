@@ -12,10 +12,11 @@ from psycopg import errors
 from semmap.manipulation.error import ManipulationError
 from semmap.suggestions import suggestion
 
-__all__ = ["OWN", "SIMULATION", "column", "contributor_id", "number", "refusals"]
+__all__ = ["ASSUMED", "OWN", "SIMULATION", "column", "contributor_id", "number", "refusals"]
 
-OWN, SIMULATION = "own", "simulation"
-"""Contributors that each database has: its own robots, and simulated ones."""
+OWN, SIMULATION, ASSUMED = "own", "simulation", "assumed"
+"""Contributors that each database has: its own robots, trials in simulation, and actions of
+simulated robots whose outcome nobody tried, which count for nothing."""
 
 
 @contextmanager

@@ -8,10 +8,10 @@ from typing import Any
 from semmap.belief.store import MapConnection, driver
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.statements import SIMULATION, contributor_id, number, refusals
+from semmap.manipulation.statements import ASSUMED, SIMULATION, contributor_id, number, refusals
 from semmap.query.entity_query import entity_id
 
-__all__ = ["add_task", "end_task", "record_task"]
+__all__ = ["add_task", "end_task", "record_task", "replace_action"]
 
 
 def add_task(
@@ -27,6 +27,7 @@ def add_task(
     outcome: str = "to run",
     message: str | None = None,
     simulated: bool = False,
+    assumed: bool = False,
 ) -> int:
     """Store a task, or an attempt that has ended; return its id.
 
@@ -38,6 +39,8 @@ def add_task(
     deadline : with a time zone
     outcome : to run, running, completed or error; the last two count for the action
     simulated : the outcome counts for the contributor ``simulation``, which is trusted less
+    assumed : the outcome is that of a simulated robot, and nothing was tried: it is stored for the
+        contributor ``assumed`` and counts for nothing
 
     Raises
     ------
@@ -52,7 +55,8 @@ def add_task(
     of_entity = entity_id(session, entity)
     begins = None if start is None else pose_of(start, "start").row
     ends = None if goal is None else pose_of(goal, "goal").row
-    source = contributor_id(session, SIMULATION) if simulated else None
+    made_by = ASSUMED if assumed else SIMULATION if simulated else None
+    source = None if made_by is None else contributor_id(session, made_by)
     with refusals():
         return number(
             session.execute(
@@ -129,16 +133,28 @@ def record_task(
     with refusals(), session.transaction():
         task = add_task(session, entity, kind, action=action, outcome=outcome, **values)
         if instead_of is not None and outcome == "completed":
-            session.execute("UPDATE action SET replaced_by = NULL WHERE id = %s", (action,))
-            found = session.execute(
-                "UPDATE action old SET replaced_by = new.id FROM action new "
-                "WHERE old.id = %s AND new.id = %s AND (old.kind, old.object_id, old.gripper_id) = "
-                "(new.kind, new.object_id, new.gripper_id) RETURNING old.id",
-                (instead_of, action),
-            ).fetchone()
-            if found is None:
-                raise ManipulationError(
-                    f"action {action} cannot replace {instead_of}: they are not of the same kind, "
-                    "object model and gripper"
-                )
+            replace_action(session, instead_of, action)
     return task
+
+
+def replace_action(connection: MapConnection, failed: int, action: int | None) -> None:
+    """Store that an action is proposed in place of one that failed.
+
+    Raises
+    ------
+    ManipulationError
+        The two actions are not of the same kind, object model and gripper.
+    """
+    session = driver(connection)
+    session.execute("UPDATE action SET replaced_by = NULL WHERE id = %s", (action,))
+    found = session.execute(
+        "UPDATE action old SET replaced_by = new.id FROM action new "
+        "WHERE old.id = %s AND new.id = %s AND (old.kind, old.object_id, old.gripper_id) = "
+        "(new.kind, new.object_id, new.gripper_id) RETURNING old.id",
+        (failed, action),
+    ).fetchone()
+    if found is None:
+        raise ManipulationError(
+            f"action {action} cannot replace {failed}: they are not of the same kind, "
+            "object model and gripper"
+        )

@@ -121,14 +121,14 @@ def test_a_mission_takes_what_the_arm_of_its_robot_reaches(cup_map):
         )
         robot = connection.execute(text("SELECT entity_id('robot')")).scalar_one()
         memory = GraspMemory()
-        assert memory.begin(connection, robot, pickup) is None
-        assert "within reach of panda" in memory.refusal(connection, "robot", "cup1")
+        refused = memory.begin(connection, robot, pickup).refusal
+        assert refused.cause == "unable"
+        assert "within reach of panda" in refused.message
         connection.execute(
             text("UPDATE placement SET holder_id = NULL, pose = :pose WHERE entity_id = :id"),
             {"pose": BASE.row, "id": robot},
         )
-        action = memory.begin(connection, robot, pickup)
-        assert memory.refusal(connection, "robot", "cup1") is None
+        action = memory.begin(connection, robot, pickup).action
         _, near = reached(session, limit=24)
         assert action in {row["action_id"] for row in near}
         connection.rollback()

@@ -220,7 +220,8 @@ def test_the_commands_from_a_query_to_a_shared_outcome(url: str, tmp_path: Path)
     semmap(url, "manipulation", "trust", "myself", public, "--level", "0.5")
     assert "0 actions, 1 outcomes" in semmap(url, "manipulation", "import", bundle).stdout
     assert "myself" in semmap(url, "manipulation", "contributors").stdout
-    assert json.loads(semmap(url, "manipulation", "grippers", "--json").stdout)[0]["preferred"]
+    (default,) = json.loads(semmap(url, "manipulation", "grippers", "--json").stdout)
+    assert not default["preferred"]  # the next one that is added is
     assert "cuboid" in semmap(url, "manipulation", "shapes").stdout
     at = semmap(url, "grasp", "--at", "1.5,1.5,0.8", "--stored", "--limit", "1")
     assert "mug" in at.stdout

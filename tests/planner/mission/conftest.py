@@ -37,6 +37,9 @@ AS_IT_WAS = (
     "DELETE FROM reservation",
     "DELETE FROM execution",
     "DELETE FROM mission",
+    "DELETE FROM task",
+    "DELETE FROM automaton",
+    "DELETE FROM device",  # with grippers and what is known of them
     "DELETE FROM entity WHERE kind = 'agent' OR name = 'muffin2'",
     "UPDATE placement p SET holder_id = k.holder_id, relation = k.relation, pose = k.pose "
     "FROM public.was_placement k WHERE k.entity_id = p.entity_id "

@@ -12,7 +12,7 @@ from sqlalchemy import Connection, text
 import semmap
 from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
-from planner.mission.grasp_memory import GraspMemory, has_gripper
+from planner.mission.grasp_memory import GraspMemory
 from semmap.geometry.pose import Pose
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper
 from semmap.query.maps import see_map
@@ -31,9 +31,8 @@ def flat(make_database: MakeDatabase) -> Iterator[semmap.SemanticMap]:
         made.add_object("mug", type="mug", size=(0.07, 0.07, 0.1), pose=(1.5, 1.5, 0.75))
         made.add_object("board", type="shelf", size=(2, 1, 0.02), pose=(1.5, 1.5, 1.5))
         made.add_agent("tiago", type="robot", size=(0.5, 0.5, 1.2), pose=(3, 1, 0))
-        assert not has_gripper(db.engine)
+        made.add_object("ghost", type="mug", pose=(1.8, 1.5, 0.75))
         register_gripper(db.session, DEFAULT_GRIPPER)
-        assert has_gripper(db.engine)
         yield made
 
 
@@ -73,38 +72,116 @@ def tried(connection: Connection) -> dict[int, tuple[float, float]]:
     return {id_: (a, s) for id_, a, s in connection.execute(text(statement))}
 
 
+def begin(memory: GraspMemory, connection: Connection, robot: int, *more: object) -> int:
+    """The action with which a pickup or place begins, which is not refused."""
+    choice = memory.begin(connection, robot, *more)  # type: ignore[arg-type]
+    assert choice.refusal is None
+    assert choice.action is not None
+    return choice.action
+
+
 def test_a_failed_grasp_is_not_tried_again_before_better_ones(
     connection: Connection, robot: int
 ) -> None:
-    memory = GraspMemory(simulated=True)
-    first = memory.begin(connection, robot, MUG)
+    memory = GraspMemory()
+    first = begin(memory, connection, robot, MUG)
     assert tasks(connection) == [("running", None, first)]
     memory.end(connection, robot, MUG, Outcome("missed", "it slipped"))
-    second = memory.begin(connection, robot, MUG)
+    second = begin(memory, connection, robot, MUG)
     memory.end(connection, robot, MUG, Outcome())
     assert tasks(connection) == [("error", "it slipped", first), ("completed", None, second)]
-    assert tried(connection) == {first: (0.5, 0.0), second: (0.5, 0.5)}
-    assert memory.begin(connection, robot, MUG) == second
+    assert tried(connection) == {first: (1, 0), second: (1, 1)}
+    assert begin(memory, connection, robot, MUG) == second
+
+
+@pytest.mark.parametrize(
+    ("trial", "counts", "by"), [(False, (0, 0), "assumed"), (True, (0.5, 0.5), "simulation")]
+)
+def test_a_simulated_pickup_counts_only_if_it_was_tried(
+    connection: Connection, robot: int, trial: bool, counts: tuple[float, float], by: str
+) -> None:
+    memory = GraspMemory(simulated=True, trial=trial)
+    choice = memory.begin(connection, robot, MUG)
+    assert choice.action is not None
+    assert ("1 grasp tried in simulation" if trial else "not tried") in choice.note
+    memory.end(connection, robot, MUG, Outcome())
+    assert connection.execute(text(BY)).all() == [("completed", by, choice.action, *counts)]
+
+
+BY = """
+SELECT t.outcome, c.name, a.id, a.attempts, a.successes FROM task t
+JOIN contributor c ON c.id = t.contributor_id JOIN action a ON a.id = t.action_id ORDER BY t.id
+"""
+
+
+def test_a_grasp_that_fails_in_simulation_is_not_used(connection: Connection, robot: int) -> None:
+    """A mug of 40 kg is too heavy: the trials are stored, and the pickup does not begin."""
+    heavy = "UPDATE entity SET properties = '{\"mass\": 40}' WHERE id = entity_id('mug')"
+    connection.execute(text(heavy))
+    memory = GraspMemory(simulated=True, trial=True)
+    choice = memory.begin(connection, robot, MUG)
+    assert choice.action is None
+    assert choice.refusal is not None
+    assert "tried in simulation" in choice.refusal.message
+    memory.end(connection, robot, MUG, choice.refusal)
+    *trials, last = tasks(connection)
+    assert trials
+    assert {outcome for outcome, _, _ in trials} == {"error"}
+    assert last == ("error", choice.refusal.message, None)
+    assert all(successes == 0 < attempts for attempts, successes in tried(connection).values())
 
 
 def test_own_outcomes_count_fully_and_an_object_that_is_gone_says_nothing(
     connection: Connection, robot: int
 ) -> None:
     memory = GraspMemory("parallel_gripper")
-    action = memory.begin(connection, robot, MUG)
+    action = begin(memory, connection, robot, MUG)
     memory.end(connection, robot, MUG, Outcome("gone", "mug is not there"))
     assert tasks(connection) == [("error", "mug is not there", None)]
     assert tried(connection) == {}
-    assert memory.begin(connection, robot, MUG) == action
+    assert begin(memory, connection, robot, MUG) == action
     memory.end(connection, robot, MUG, Outcome())
     assert tried(connection) == {action: (1.0, 1.0)}
 
 
-def test_what_does_not_fit_is_picked_without_a_grasp(connection: Connection, robot: int) -> None:
+def test_what_does_not_fit_is_refused_unless_the_gripper_is_assumed(
+    connection: Connection, robot: int
+) -> None:
     table = Command("pickup", ("table",))
-    assert GraspMemory().begin(connection, robot, table) is None
-    GraspMemory().end(connection, robot, table, Outcome())
-    assert tasks(connection) == []
+    refused = GraspMemory(lenient=True).begin(connection, robot, table)
+    assert refused.action is None
+    assert refused.refusal is not None
+    assert refused.refusal.cause == "unable"
+    assert "gripper parallel_gripper opens 0.09 m" in refused.refusal.message
+    GraspMemory().end(connection, robot, table, refused.refusal)
+    assert tasks(connection) == [("error", refused.refusal.message, None)]
+    connection.execute(text("UPDATE gripper SET preferred = false"))  # as where none is stored
+    assert GraspMemory().begin(connection, robot, table).refusal == refused.refusal
+    accepted = GraspMemory(lenient=True).begin(connection, robot, table)
+    assert (accepted.action, accepted.refusal) == (None, None)
+    assert accepted.note.startswith("without a grasp: table: no grasp fits its shape")
+    assert "parallel_gripper is assumed" in accepted.note
+
+
+def test_what_has_no_mesh_is_picked_without_a_grasp(connection: Connection, robot: int) -> None:
+    choice = GraspMemory(trial=True).begin(connection, robot, Command("pickup", ("ghost",)))
+    assert (choice.action, choice.refusal) == (None, None)
+    assert choice.note.startswith("without a grasp: ghost: has no mesh")
+
+
+def test_which_gripper_is_checked_before_a_mission(connection: Connection, robot: int) -> None:
+    GraspMemory().check(connection, "tiago")
+    with pytest.raises(LookupError, match="no gripper claw"):
+        GraspMemory("claw").check(connection, "tiago")
+    register_gripper(connection.connection.driver_connection, DEFAULT_GRIPPER, "second")
+    connection.execute(text("UPDATE gripper SET preferred = false"))
+    with (
+        pytest.raises(LookupError, match="several grippers, and none is preferred"),
+        connection.begin_nested(),
+    ):
+        GraspMemory().check(connection, "tiago")
+    connection.execute(text("DELETE FROM gripper"))
+    GraspMemory().check(connection, "tiago")
 
 
 def test_an_unknown_gripper_is_an_error(connection: Connection, robot: int) -> None:
@@ -113,15 +190,18 @@ def test_an_unknown_gripper_is_an_error(connection: Connection, robot: int) -> N
 
 
 def test_what_was_taken_is_put_down_and_both_are_a_put(connection: Connection, robot: int) -> None:
+    """With the rights of a robot."""
+    connection.execute(text("CREATE ROLE tiago IN ROLE semmap_robot"))
+    connection.execute(text("SET LOCAL ROLE tiago"))
     memory = GraspMemory()
-    grasp = memory.begin(connection, robot, MUG, "table")
+    grasp = begin(memory, connection, robot, MUG, "table")
     memory.end(connection, robot, MUG, Outcome())
     take(connection, robot)
     (spot,) = memory.spots(connection, robot, "mug", "table", Pose(2.2, 1.5)) or ()
     assert math.dist(spot[:2], (2.2, 1.5)) < 0.2
     assert 0.75 < spot.z < 0.76
     put = replace(PUT, spot=spot)
-    place = memory.begin(connection, robot, put)
+    place = begin(memory, connection, robot, put)
     memory.end(connection, robot, put, Outcome())
     statement = "SELECT kind, outcome, action_id, goal FROM task ORDER BY id"
     rows = [tuple(row) for row in connection.execute(text(statement))]
@@ -134,14 +214,29 @@ def test_what_was_taken_is_put_down_and_both_are_a_put(connection: Connection, r
     assert tried(connection) == {grasp: (1, 1), place: (1, 1), whole: (1, 1)}  # each once
 
 
-def test_a_dropped_object_counts_against_the_place(connection: Connection, robot: int) -> None:
-    memory = GraspMemory()
-    grasp = memory.begin(connection, robot, MUG)
+def test_a_place_is_tried_in_simulation(connection: Connection, robot: int) -> None:
+    """The mug is taken, put down and released, and it stays there."""
+    memory = GraspMemory(simulated=True, trial=True)
+    begin(memory, connection, robot, MUG, "table")
     memory.end(connection, robot, MUG, Outcome())
     take(connection, robot)
     (spot,) = memory.spots(connection, robot, "mug", "table", Pose(2.2, 1.5)) or ()
     put = replace(PUT, spot=spot)
-    place = memory.begin(connection, robot, put)
+    choice = memory.begin(connection, robot, put)
+    assert choice.tried
+    assert choice.refusal is None
+    memory.end(connection, robot, put, Outcome())
+    assert set(tried(connection).values()) == {(0.5, 0.5)}  # grasp, place and put
+
+
+def test_a_dropped_object_counts_against_the_place(connection: Connection, robot: int) -> None:
+    memory = GraspMemory()
+    grasp = begin(memory, connection, robot, MUG)
+    memory.end(connection, robot, MUG, Outcome())
+    take(connection, robot)
+    (spot,) = memory.spots(connection, robot, "mug", "table", Pose(2.2, 1.5)) or ()
+    put = replace(PUT, spot=spot)
+    place = begin(memory, connection, robot, put)
     memory.end(connection, robot, put, Outcome("dropped", "it fell"))
     counts = tried(connection)
     assert counts[grasp] == (1, 1)
@@ -158,7 +253,7 @@ def test_spots_are_not_known_for_floors_and_for_what_was_taken_without_a_grasp(
     memory.begin(connection, robot, MUG, "room")
     memory.end(connection, robot, MUG, Outcome())
     assert memory.spots(connection, robot, "mug", "room", Pose()) is None
-    assert memory.begin(connection, robot, PUT) is None
+    assert memory.begin(connection, robot, PUT).action is None
 
 
 def test_where_the_gripper_fits_nowhere_there_are_no_spots(
