@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from navgrid.area import area_cells
 from navgrid.grid import Grid
+from semmap.finite_number import is_finite_number
 from semmap.query.storey_scene import SceneEntity
 
 __all__ = ["Mask", "keepout_mask", "speed_mask"]
@@ -106,7 +107,7 @@ def _limit(region: SceneEntity) -> tuple[float, bool, SceneEntity]:
         value = region.properties.get(key)
         if value is None:
             continue
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
+        if not is_finite_number(value) or not 0 < value <= most:
             unit = "m/s" if is_absolute else "percent, at most 100"
             raise ValueError(
                 f"speed zone {region.name}: {key} is {value!r}; give a number above 0 in {unit}"

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from semmap.finite_number import is_finite_number
+
 if TYPE_CHECKING:
     from navgrid.field_layer import FieldVoxels
     from semmap.geometry.voxels import Voxels
@@ -162,8 +164,6 @@ def joints_of(robot: Path, state: str | None) -> dict[str, float]:
         joints = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f'--state: is not JSON ({error}); give {{"joint": number}}') from None
-    if not isinstance(joints, dict) or not all(
-        isinstance(v, int | float) and not isinstance(v, bool) for v in joints.values()
-    ):
+    if not isinstance(joints, dict) or not all(map(is_finite_number, joints.values())):
         raise ValueError('--state: give joint positions as {"joint": number}')
     return joints

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -10,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, get_args
 
+from semmap.finite_number import is_finite_number
 from semmap.query.storey_scene import EntityKind, SceneEntity
 from semmap.yaml_file import parse_yaml, read_text
 
@@ -210,8 +210,7 @@ def _layer(name: str, value: object, file: str) -> Layer:
         raise PolicyError(f"{file}: layer {name}: this name is reserved; give a different one")
     fields = _mapping({} if value is None else value, file, f"layer {name}", {"padding"})
     padding = fields.get("padding", 0.0)
-    is_number = isinstance(padding, int | float) and not isinstance(padding, bool)
-    if not (is_number and 0 <= padding <= sys.float_info.max):
+    if not (is_finite_number(padding) and padding >= 0):
         raise PolicyError(f"{file}: layer {name}: padding is {padding!r}; give 0 or more metres")
     return Layer(name, float(padding))
 

@@ -15,6 +15,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from semmap.finite_number import is_finite_number
 from semmap.yaml_file import parse_yaml, read_text
 
 __all__ = ["CostRule", "CostRules", "CostRulesError", "avoiding"]
@@ -152,7 +153,11 @@ def _rule(value: object, where: str) -> CostRule:
     if kind not in (None, *get_args(Kind)):
         raise CostRulesError(f"{where}: kind {kind!r} is not one of {', '.join(get_args(Kind))}")
     forbid, seconds = value.get("forbid", False), value.get("seconds", 0.0)
-    if not isinstance(forbid, bool) or not _is_seconds(seconds) or forbid == bool(seconds):
+    if (
+        not isinstance(forbid, bool)
+        or not (is_finite_number(seconds) and seconds >= 0)
+        or forbid == bool(seconds)
+    ):
         raise CostRulesError(f"{where}: give seconds above 0, or forbid: true")
     if not any(value.get(key) for key in ("kind", "name", "type", "properties")):
         raise CostRulesError(f"{where}: selects everything; give a kind, name, type or properties")
@@ -190,7 +195,3 @@ def _hours(rule: dict[str, Any], where: str) -> tuple[time, time] | None:
             f'{where}: the hours are invalid; write from: "22:00" and until: "06:00", in quotes'
         )
     return begin, end
-
-
-def _is_seconds(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf

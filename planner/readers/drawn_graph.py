@@ -9,6 +9,7 @@ from sqlalchemy import Connection, text
 
 from planner.drawn_graph import DrawnEdge, DrawnGraph, DrawnNode
 from planner.topology import Topology
+from semmap.finite_number import is_finite_number
 
 __all__ = ["read_drawn_graph"]
 
@@ -65,5 +66,4 @@ def _edges(row: Any) -> Iterator[DrawnEdge]:
 
 
 def _positive(value: Any) -> float | None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return float(value) if is_number and value > 0 else None
+    return float(value) if is_finite_number(value) and value > 0 else None

@@ -6,7 +6,6 @@ observation, it updates the rows of the object in the table ``belief`` and annou
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, TypeAlias, cast
@@ -17,6 +16,7 @@ from psycopg.rows import dict_row
 from sqlalchemy import Connection
 
 from semmap.belief.error import BeliefError
+from semmap.finite_number import is_finite_number
 from semmap.query.entity_query import entity_id
 
 __all__ = [
@@ -223,24 +223,18 @@ def _checked(row: Mapping[str, Any], number: int) -> Row:
         raise BeliefError(f"{where}: an object is not its own place: name what it is on or in")
     found["at"] = _moment(found["at"], where)
     visible = found["visible"]
-    if not (_is_number(visible) and 0 < visible <= 1):
+    if not (is_finite_number(visible) and 0 < visible <= 1):
         raise BeliefError(f"{where}: visible is {visible!r}: give the share in view, in (0, 1]")
     for key in RATES:
         rate = found[key]
-        if rate is not None and not (_is_number(rate) and 0 < rate < 1):
+        if rate is not None and not (is_finite_number(rate) and 0 < rate < 1):
             raise BeliefError(f"{where}: {key} is {rate!r}: give a probability between 0 and 1")
     spot = found["position"]
     if spot is not None and not (
-        isinstance(spot, list | tuple)
-        and len(spot) == 3
-        and all(_is_number(v) and math.isfinite(v) for v in spot)
+        isinstance(spot, list | tuple) and len(spot) == 3 and all(map(is_finite_number, spot))
     ):
         raise BeliefError(f"{where}: position is {spot!r}: give x, y, z in metres")
     return found
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _moment(given: Any, where: str) -> datetime | None:

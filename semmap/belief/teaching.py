@@ -6,7 +6,6 @@ The parts are those of the thesis's teaching topic (appendix B.1), by its names 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from semmap.belief.error import BeliefError
+from semmap.finite_number import is_finite_number
 from semmap.limits import TEXT_BYTES
 from semmap.snake_case import snake_case
 
@@ -321,10 +321,10 @@ def _properties(row: Row, where: str) -> Row:
 def _number(value: Any, key: str, where: str) -> float:
     """A finite number; the thesis writes numbers as text."""
     try:
-        number = float(value) if isinstance(value, int | float | str) else math.nan
+        number = float(value) if isinstance(value, str) else value
     except ValueError:
-        number = math.nan
-    if isinstance(value, bool) or not math.isfinite(number):
+        number = None
+    if not is_finite_number(number):
         raise BeliefError(f"{where}: {key} is {value!r}: give a number")
     return number
 

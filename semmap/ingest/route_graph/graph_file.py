@@ -7,11 +7,11 @@ stands before a connector has a link `stands_before` to that connector.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from semmap.finite_number import is_finite_number
 from semmap.geometry.pose import Pose
 from semmap.ingest.annotation.feature_file import checked_property, parse_json
 from semmap.ingest.naming import unique_name
@@ -128,7 +128,7 @@ class _Reader:
             raise Refused(f"its frame is {frame!r}", "Give a name, or leave it out.")
         x, y, *z = _position(feature["geometry"].get("coordinates"))
         yaw = metadata.get("yaw", 0.0)
-        if isinstance(yaw, bool) or not isinstance(yaw, int | float):
+        if not is_finite_number(yaw):
             raise Refused(f"its yaw is {yaw!r}", "Give radians, or leave it out.")
         name = next((n for n in (metadata.get("name"), given.get("name")) if n is not None), None)
         if name is not None and (not isinstance(name, str) or not name.strip()):
@@ -185,18 +185,17 @@ def _id_of(feature: Any) -> Any:
 
 def _id(given: Mapping[str, Any], key: str) -> int:
     value = given.get(key)
-    whole = isinstance(value, int | float) and not isinstance(value, bool) and value == value // 1
-    if not whole or not 0 <= value <= MOST_IDS:  # type: ignore[operator]
+    if not is_finite_number(value) or value % 1 or not 0 <= value <= MOST_IDS:
         problem = f"has no {key}" if value is None else f"its {key} is {value!r}"
         raise Refused(problem, f"Give a whole number from 0 to {MOST_IDS}.")
-    return int(value)  # type: ignore[arg-type]
+    return int(value)
 
 
 def _position(coordinates: Any) -> list[float]:
     numbers = [
         float(c)
         for c in (coordinates if isinstance(coordinates, list) else [])
-        if isinstance(c, int | float) and not isinstance(c, bool) and not EXTENT.exceeded_by(abs(c))
+        if is_finite_number(c) and not EXTENT.exceeded_by(abs(c))
     ]
     if len(numbers) < 2 or len(numbers) != len(coordinates):
         raise Refused(
@@ -209,7 +208,7 @@ def _position(coordinates: Any) -> list[float]:
 
 def _cost(given: Mapping[str, Any]) -> float:
     cost = given.get("cost", 0.0)
-    if isinstance(cost, bool) or not isinstance(cost, int | float) or not 0 <= cost < math.inf:
+    if not is_finite_number(cost) or cost < 0:
         raise Refused(f"its cost is {cost!r}", "Give a number from zero up, or leave it out.")
     return float(cost)
 
