@@ -1,4 +1,7 @@
-"""`make bench`: all the speed tables, or those named: ``python -m benchmarks database``."""
+"""`make bench`: all the speed tables, or those named: ``python -m benchmarks database``.
+
+``grasp_experiment`` takes long, and runs only if it is named.
+"""
 
 from __future__ import annotations
 

@@ -6,10 +6,10 @@ python examples/grasp_pictures.py FOLDER
 from __future__ import annotations
 
 import argparse
+import importlib.metadata
 from pathlib import Path
 
 import numpy as np
-from grasp_experiment import Item, urdf
 from numpy.typing import NDArray
 
 from semmap.draw.grasps import grasps_picture
@@ -17,6 +17,7 @@ from semmap.geometry.mesh import Mesh, box_mesh
 from semmap.manipulation.candidates import Grasps, grasp_candidates
 from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.gripper import Gripper, read_gripper
+from semmap.manipulation.shape_store import StoredShape
 from semmap.manipulation.solids import solid_of
 
 SHAPES = (
@@ -30,16 +31,18 @@ SHOWN = 14
 """Grasps of a shape that are drawn."""
 
 
-def item(kind: str, size: tuple[float, ...]) -> Item:
-    """A shape in its own frame."""
-    return Item(kind, size, np.eye(4), 0.1, 0.5, (0.0, 0.0, 0.0))
+def urdf(name: str) -> Path:
+    """The URDF of a robot, from the package example-robot-data."""
+    files = importlib.metadata.files("example-robot-data") or []
+    end = f"{name}_description/urdf/{name}.urdf"
+    return Path(str(next(file.locate() for file in files if str(file).endswith(end))))
 
 
 def free(gripper: Gripper, kind: str, size: tuple[float, ...], standing: NDArray) -> Grasps:
     """The grasps that touch neither the table nor, before the fingers close, the object."""
     mesh = solid_of(kind, size).mesh()
     table = box_mesh((-1, -1, -0.05), (1, 1, 0)).triangles
-    grasps = grasp_candidates(item(kind, size), gripper)
+    grasps = grasp_candidates(StoredShape(kind, size, np.eye(4)), gripper)
     seen = mesh.triangles + standing[:3, 3]
     local = Obstacles(table + np.array([standing[0, 3], 0, 0]))
     return grasps[free_grasps(grasps, standing, local, item=seen)]

@@ -50,7 +50,7 @@ GRANT INSERT ON taught_relation, taught_action TO semmap_robot;
 -- It stores what it knows and learns of manipulation; triggers count outcomes, and an admin decides whom to trust.
 GRANT INSERT ON device, gripper, automaton, object_model, object_mesh, action_step, path TO semmap_robot;
 GRANT UPDATE (shape, size, shape_pose, inliers, deviation) ON object_model TO semmap_robot;
-GRANT INSERT (key, kind, object_id, gripper_id, pose, pre_pose, post_pose, motion, approach, family, width, posture, pre_posture, quality),
+GRANT INSERT (key, kind, object_id, gripper_id, pose, pre_pose, post_pose, motion, approach, family, width, posture, pre_posture, quality, shift),
     UPDATE (replaced_by) ON action TO semmap_robot;
 GRANT INSERT (map_id, robot_id, kind, entity_id, action_id, start, goal, deadline, outcome, message, created_at),
     UPDATE (action_id, start, goal, outcome, message) ON task TO semmap_robot;

@@ -153,7 +153,7 @@ CREATE FUNCTION actions_on(entities bigint[], gripper text DEFAULT NULL, of_kind
 RETURNS TABLE (entity text, action_id bigint, object_id bigint, kind text, approach text, family text, expected double precision,
                attempts double precision, successes double precision, pose double precision[], pre_pose double precision[],
                post_pose double precision[], motion double precision[], width double precision, posture jsonb, pre_posture jsonb,
-               model_pose double precision[], contributor text)
+               model_pose double precision[], contributor text, shift double precision[])
 LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
 -- The best stored actions on entities of a map; `pose`, `pre_pose` and `post_pose` are in the map's frame, `model_pose` and
 -- `motion` in that of the object model. "Grasp a cup!" is actions_on(entities_named('cup')), "grasp something suitable for
@@ -169,7 +169,7 @@ BEGIN
     )
     SELECT e.name, a.id, a.object_id, a.kind, a.approach, a.family, a.expected, a.attempts, a.successes,
            semmap.pose_compose(w.pose, a.pose), semmap.pose_compose(w.pose, a.pre_pose), semmap.pose_compose(w.pose, a.post_pose),
-           a.motion, a.width, a.posture, a.pre_posture, a.pose, c.name
+           a.motion, a.width, a.posture, a.pre_posture, a.pose, c.name, a.shift
     FROM best b JOIN found f ON f.object = b.object_id JOIN semmap.entity e ON e.id = f.id
     JOIN semmap.action a ON a.id = b.action_id
     JOIN semmap.contributor c ON c.id = a.contributor_id LEFT JOIN semmap.world w ON w.entity_id = f.id
@@ -269,15 +269,39 @@ SELECT a.approach, sum(a.attempts), sum(a.successes) FROM semmap.action a
 WHERE a.object_id = object AND a.kind = of_kind AND a.attempts > 0 AND a.approach IS NOT NULL GROUP BY 1
 $$;
 
-CREATE FUNCTION family_outcomes(of_shape text, of_size double precision[], tolerance double precision, gripper text,
-                                of_kind text DEFAULT 'grasp')
-RETURNS TABLE (family text, attempts double precision, successes double precision) LANGUAGE sql STABLE ROWS 10 AS $$
--- How often each family of actions succeeded on shapes that differ by at most the tolerance, metres: what was learned
--- from one cylinder is a prior for the next. Outcomes of other grippers count half.
-SELECT a.family, sum(w.weight * a.attempts), sum(w.weight * a.successes)
-FROM semmap.objects_like(of_shape, of_size, tolerance) o JOIN semmap.action a ON a.object_id = o.object_id AND a.attempts > 0,
-     LATERAL (SELECT CASE WHEN a.gripper_id = semmap.gripper_named(gripper) THEN 1 ELSE 0.5 END AS weight) w
-WHERE a.kind = of_kind AND a.family IS NOT NULL GROUP BY 1
+CREATE FUNCTION similar_outcomes(object bigint, gripper text, of_kind text DEFAULT 'grasp')
+RETURNS TABLE (family text, own boolean, attempts double precision, successes double precision, shift double precision[],
+               pose double precision[], extent double precision) LANGUAGE sql STABLE ROWS 100 AS $$
+-- How often actions succeeded on an object model (`own`) and on those of a similar shape: what was learned from one cylinder is
+-- a prior for the next. Outcomes count by the likeness of sizes (their logarithms) and of the axis' uprightness, and half
+-- where another gripper made them. One row for each family; and one for each action that trial and error moved, with its
+-- `shift`, its pose in the frame of the shape, and the largest size of that.
+WITH meant AS MATERIALIZED (
+    SELECT o.id, o.shape, o.size, abs(1 - 2 * (o.shape_pose[4] ^ 2 + o.shape_pose[5] ^ 2)) AS upright,
+           semmap.gripper_named(similar_outcomes.gripper) AS hand
+    FROM semmap.object_model o WHERE o.id = similar_outcomes.object
+), compared AS (
+    SELECT o.id, o.shape_pose, (SELECT max(v) FROM unnest(o.size) v) AS extent,
+           (SELECT sqrt(sum(ln(s.theirs / s.ours) ^ 2)) FROM unnest(o.size, m.size) s (theirs, ours))
+               + abs(abs(1 - 2 * (o.shape_pose[4] ^ 2 + o.shape_pose[5] ^ 2)) - m.upright) / 0.3 AS apart
+    FROM meant m JOIN semmap.object_model o ON o.shape = m.shape AND o.id <> m.id
+         AND o.size[1] BETWEEN m.size[1] / 12 AND m.size[1] * 12
+    WHERE EXISTS (SELECT FROM semmap.action t WHERE t.object_id = o.id AND t.kind = of_kind AND t.attempts > 0)
+), alike AS (
+    (SELECT c.id, c.shape_pose, c.extent, exp(-c.apart ^ 2 / 2) AS likeness FROM compared c WHERE c.apart < 2.4
+     ORDER BY c.apart, c.id LIMIT 200)
+    UNION ALL SELECT o.id, o.shape_pose, (SELECT max(v) FROM unnest(o.size) v), 1 FROM meant m JOIN semmap.object_model o ON o.id = m.id
+), tried AS (
+    SELECT a.id, a.family, a.object_id = m.id AS own, a.attempts, a.successes, a.shift, a.pose, l.shape_pose, l.extent,
+           l.likeness * CASE WHEN a.gripper_id = m.hand THEN 1 ELSE 0.5 END AS weight
+    FROM meant m, alike l JOIN semmap.action a ON a.object_id = l.id AND a.attempts > 0 AND a.kind = of_kind AND a.family IS NOT NULL
+)
+SELECT t.family, t.own, sum(t.weight * t.attempts), sum(t.weight * t.successes), NULL, NULL, NULL FROM tried t
+WHERE t.shift IS NULL GROUP BY 1, 2
+UNION ALL
+SELECT t.family, t.own, t.weight * t.attempts, t.weight * t.successes, t.shift,
+       semmap.pose_compose(semmap.pose_inverse(t.shape_pose), t.pose), t.extent FROM tried t
+WHERE t.shift IS NOT NULL
 $$;
 
 -- Capabilities ------------------------------------------------------------------------------------

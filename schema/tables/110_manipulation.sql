@@ -101,6 +101,7 @@ CREATE TABLE action (
     expected       double precision NOT NULL GENERATED ALWAYS AS  -- the quality counts as two attempts
                    ((successes + 2 * quality) / (attempts + 2)) STORED,
     replaced_by    bigint REFERENCES action ON DELETE SET NULL,   -- what worked instead
+    shift          double precision[],                         -- x, y, z by which trial and error moved it, in its own frame; null: not at all
     contributor_id integer NOT NULL DEFAULT 1 REFERENCES contributor,
     created_at     timestamptz NOT NULL DEFAULT clock_timestamp(),
     CONSTRAINT action_kind_is_known CHECK (kind IN ('grasp', 'place', 'push', 'turn', 'open', 'put')),
@@ -116,11 +117,15 @@ CREATE TABLE action (
         coalesce(cardinality(motion), 0) = CASE kind WHEN 'push' THEN 3 WHEN 'turn' THEN 7 WHEN 'open' THEN 7 ELSE 0 END
         AND coalesce(array_position(motion, NULL) IS NULL AND 'NaN' <> ALL (motion) AND 'Infinity' > ALL (motion)
                      AND '-Infinity' < ALL (motion), true)),
-    CONSTRAINT action_does_not_replace_itself CHECK (replaced_by <> id)
+    CONSTRAINT action_does_not_replace_itself CHECK (replaced_by <> id),
+    CONSTRAINT action_shift_has_three_finite_numbers CHECK (
+        cardinality(shift) = 3 AND array_position(shift, NULL) IS NULL
+        AND 'NaN' <> ALL (shift) AND 'Infinity' > ALL (shift) AND '-Infinity' < ALL (shift))
 ) WITH (fillfactor = 90);
 CREATE INDEX action_best ON action (object_id, gripper_id, kind, expected DESC, id) WHERE replaced_by IS NULL;
 CREATE INDEX action_ranked ON action (gripper_id, kind, expected DESC, id) INCLUDE (object_id, replaced_by);
 CREATE INDEX action_replaced_by ON action (replaced_by) WHERE replaced_by IS NOT NULL;
+CREATE INDEX action_tried ON action (object_id, kind) WHERE attempts > 0;
 
 -- The steps of a composed action: put = grasp, then place.
 CREATE TABLE action_step (

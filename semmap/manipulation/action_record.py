@@ -44,6 +44,7 @@ class ActionRecord:
     posture, pre_posture : positions of joints, radians or metres, at contact and before; of a
         place, at contact and after
     quality : predicted share of successes
+    shift : metres (x, y, z) by which trial and error moved it, in its own frame; None: not at all
     """
 
     kind: str
@@ -57,6 +58,7 @@ class ActionRecord:
     posture: Mapping[str, float] = field(default_factory=dict)
     pre_posture: Mapping[str, float] = field(default_factory=dict)
     quality: float = 0.5
+    shift: tuple[float, ...] | None = None
 
     @classmethod
     def of(cls, given: Any, kind: str, where: str) -> ActionRecord:
@@ -70,7 +72,7 @@ class ActionRecord:
         if isinstance(given, cls):
             return given.checked(where)
         before, after = getattr(given, "pre_grasp", None), getattr(given, "retreat", None)
-        motion = getattr(given, "motion", None)
+        motion, shift = getattr(given, "motion", None), getattr(given, "shift", None)
         return cls(
             kind=getattr(given, "kind", kind),
             pose=pose_of(given.pose, f"{where}: pose"),
@@ -83,6 +85,7 @@ class ActionRecord:
             posture=dict(getattr(given, "posture", {})),
             pre_posture=dict(getattr(given, "pre_posture", {})),
             quality=float(getattr(given, "quality", 0.5)),
+            shift=None if shift is None else tuple(float(v) for v in np.ravel(shift)),
         ).checked(where)
 
     def checked(self, where: str) -> ActionRecord:
@@ -111,6 +114,10 @@ class ActionRecord:
         joints = [*self.posture.items(), *self.pre_posture.items()]
         if not all(math.isfinite(v) for v in self.motion or ()):
             raise ManipulationError(f"{where}: motion is not finite: give {count} finite numbers")
+        if self.shift is not None and not (
+            len(self.shift) == 3 and all(math.isfinite(v) for v in self.shift)
+        ):
+            raise ManipulationError(f"{where}: shift is {self.shift}: give metres x, y, z")
         for name, position in joints:
             if not math.isfinite(position):
                 raise ManipulationError(f"{where}: joint {name} is at {position}: give a number")

@@ -84,8 +84,9 @@ def add_actions(
 
 INSERT = """
 INSERT INTO action (key, kind, object_id, gripper_id, pose, pre_pose, post_pose, motion, approach,
-                    family, width, posture, pre_posture, quality{column})
-VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s{value}) ON CONFLICT (key) DO NOTHING
+                    family, width, posture, pre_posture, quality, shift{column})
+VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s, %s{value})
+ON CONFLICT (key) DO NOTHING
 """
 
 
@@ -118,6 +119,7 @@ def insert_actions(
             Jsonb(dict(record.posture)),
             Jsonb(dict(record.pre_posture)),
             record.quality,
+            None if record.shift is None else list(record.shift),
             *(() if source is None else (source,)),
         )
         for key, record in zip(keys, records, strict=True)

@@ -40,7 +40,7 @@ VERSION = 1
 RESERVED = ("own", "simulation", "assumed")
 
 POSES = ("pose", "pre_pose", "post_pose")
-COLUMNS = ("motion", "approach", "family", "width", "posture", "pre_posture", "quality")
+COLUMNS = ("motion", "approach", "family", "width", "posture", "pre_posture", "quality", "shift")
 
 # -- export ---------------------------------------------------------------------------------------
 
@@ -59,7 +59,7 @@ FROM object_model o WHERE o.id = ANY (%s) ORDER BY o.key
 ACTIONS = """
 SELECT a.id, a.key, a.kind, a.object_id, a.gripper_id, o.key AS object, d.name AS gripper,
        a.pose, a.pre_pose, a.post_pose, a.motion, a.approach, a.family, a.width, a.posture,
-       a.pre_posture, a.quality, coalesce(e.attempts, 0) AS attempts,
+       a.pre_posture, a.quality, a.shift, coalesce(e.attempts, 0) AS attempts,
        coalesce(e.successes, 0) AS successes, r.key AS replaced_by,
        ARRAY(SELECT p.key FROM action_step s JOIN action p ON p.id = s.step_id
              WHERE s.whole_id = a.id ORDER BY s.number) AS steps

@@ -118,6 +118,7 @@ OPTIONAL: dict[str, dict[str, _Form]] = {
         "posture": _by_name(NUMBER),
         "pre_posture": _by_name(NUMBER),
         "replaced_by": KEY,
+        "shift": NUMBERS,
         "steps": _list(KEY),
     },
 }

@@ -76,6 +76,8 @@ class Grasp:
     quality : 0 to 1
     posture, pre_posture : dict
         Positions of the finger joints, at the grasp and before.
+    shift : (3,), optional
+        Metres by which it was moved from the candidate, in its own frame.
     """
 
     pose: Floats
@@ -86,6 +88,7 @@ class Grasp:
     quality: float
     posture: dict[str, float]
     pre_posture: dict[str, float]
+    shift: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)

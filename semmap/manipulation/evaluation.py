@@ -24,6 +24,7 @@ __all__ = [
     "corrected",
     "group_of",
     "learn_grasp",
+    "shifted",
 ]
 
 Floats = NDArray[np.float64]
@@ -119,10 +120,10 @@ class Lesson:
         return last if last is not None and last.cause is None else None
 
 
-def group_of(grasp: Grasp) -> str:
+def group_of(family: str) -> str:
     """Return what grasps have in common that fail alike: approach, closing axis, offset."""
-    words = grasp.family.split()
-    return " ".join((*words[:2], words[3])) if len(words) == 5 else grasp.family
+    words = family.split()
+    return " ".join((*words[:2], words[3])) if len(words) == 5 else family
 
 
 def corrected(grasp: Grasp, outcome: Outcome, cause: Cause, down: Floats) -> Floats | None:
@@ -168,7 +169,7 @@ def learn_grasp(
     failed: dict[str, int] = {}
     made: list[Attempt] = []
     for grasp in grasps:
-        group = group_of(grasp)
+        group = group_of(grasp.family)
         if failed.get(group, 0) > 1:
             continue
         moved, shift = grasp, np.zeros(3)
@@ -193,4 +194,7 @@ def shifted(grasp: Grasp, shift: Floats) -> Grasp:
     """Return a grasp that is moved in its own frame, (3,) metres, without turning."""
     move = np.eye(4)
     move[:3, 3] = grasp.pose[:3, :3] @ shift
-    return replace(grasp, pose=move @ grasp.pose, pre_grasp=move @ grasp.pre_grasp)
+    before = np.zeros(3) if grasp.shift is None else grasp.shift
+    return replace(
+        grasp, pose=move @ grasp.pose, pre_grasp=move @ grasp.pre_grasp, shift=before + shift
+    )

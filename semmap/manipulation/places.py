@@ -21,11 +21,10 @@ from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.placing import Place, place_candidates, stability
+from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import (
     Found,
-    expected,
-    family_outcomes,
     find_grasps,
     gripper_name,
     stored_gripper,
@@ -168,7 +167,7 @@ def _grasps(
         found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
         return found.rows, found.problems
     rows = actions_on(session, name=entity, gripper=gripper, limit=STORED)
-    held = [row for row in rows if row["action_id"] in chosen]
+    held = ranked(session, [row for row in rows if row["action_id"] in chosen], gripper)
     if not held:
         ids = ", ".join(map(str, chosen))
         raise LookupError(f"{entity}: there is no grasp {ids} of it by gripper {gripper}")
@@ -193,7 +192,6 @@ def _places(
     shape = shape_of(session, entity)
     side = _side(shape.kind, shape.pose[:3, :3].T @ up)
     firm = stability(vertices, upright)
-    learned = family_outcomes(session, shape, gripper, "place")
     records = []
     for row in missing:
         pose = row["model_pose"].matrix
@@ -211,7 +209,7 @@ def _places(
                 width=row["width"],
                 posture=row["posture"],
                 pre_posture=row["pre_posture"],
-                quality=expected(firm, learned.get(family)),
+                quality=firm,
             )
         )
     add_actions(session, entity, gripper, records)
@@ -223,6 +221,7 @@ def _stored(
 ) -> list[dict[str, Any]]:
     """The stored places of an object that stands on this side and is held by one of the grasps."""
     rows = actions_on(session, name=entity, gripper=gripper, kind="place", limit=STORED)
+    rows = ranked(session, rows, gripper, "place")
     held = np.array([row["model_pose"].matrix for row in grasps]).reshape(-1, 4, 4)
     found = []
     for row in rows:

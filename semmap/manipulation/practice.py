@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,11 +18,12 @@ from semmap.manipulation.evaluation import ExpectedRest, Lesson, learn_grasp
 from semmap.manipulation.places import find_places
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.pushing import Push
+from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.shape_store import model_mesh
 from semmap.manipulation.task_store import record_task, replace_action
-from semmap.manipulation.trial import HEIGHT, Rest, Trial, body_of
+from semmap.manipulation.trial import HEIGHT, Outcome, Rest, Trial, body_of
 
 __all__ = ["NOT_HELD", "practise", "practise_places", "practise_pushes", "try_place"]
 
@@ -50,19 +51,26 @@ def practise(
     rows: Sequence[dict[str, Any]] | None = None,
     robot: str | None = None,
     counted: bool = True,
+    attempt: Callable[[Grasp], Outcome] | None = None,
+    simulated: bool = True,
 ) -> list[dict[str, Any]]:
     """Try grasps of an object until one succeeds; store each outcome and what worked.
 
     The stored grasps come first, the best before others; where there is none, they are generated.
-    The object stands on a table as it does in the map. A corrected grasp that succeeds is stored
-    and replaces the one that failed (Tosello et al., section IV-C).
+    A corrected grasp that succeeds is stored and replaces the one that failed (Tosello et al.,
+    section IV-C).
 
     Parameters
     ----------
+    tries : attempts, at most
+    mass, friction : kg, and the coefficient between pads and object, in simulation
     rows : the grasps to try, as `semmap.manipulation.retrieval.find_grasps` returns them; by
         default, the best ones
     robot : name of the agent that tries them
     counted : store the outcome of the success, too; else the caller does
+    attempt : executes a grasp, given in the frame of the object's model, such as with a robot; by
+        default in simulation, where the object stands on a table as it does in the map
+    simulated : whether outcomes count for the contributor ``simulation``
 
     Returns
     -------
@@ -84,16 +92,27 @@ def practise(
         if not rows:
             raise ManipulationError("; ".join(found.problems) or f"{entity}: has no free grasp")
     name = gripper_name(session, gripper)
-    trial = _trial(session, entity, name, mass, friction)
-    grasps = [_grasp(row, trial.gripper.opening) for row in rows]
+    standing = _standing(session, entity)
+    if attempt is None:
+        attempt = _trial(session, entity, name, mass, friction).run
+    opening = stored_gripper(session, name).opening
     lesson = learn_grasp(
-        grasps,
-        trial.run,
-        lambda grasp: (trial.standing @ grasp.pose)[:3, :3].T @ np.array([0.0, 0.0, -1.0]),
+        [grasp_of_row(row, opening) for row in rows],
+        attempt,
+        lambda grasp: (standing @ grasp.pose[:3, :3]).T @ np.array([0.0, 0.0, -1.0]),
         tries=tries,
     )
     with session.transaction():
-        return _store(session, entity, name, rows, lesson, robot=robot, counted=counted)
+        return _store(
+            session,
+            entity,
+            name,
+            rows,
+            lesson,
+            counted=counted,
+            robot=robot,
+            simulated=simulated,
+        )
 
 
 def practise_places(
@@ -199,7 +218,7 @@ def _put(
     `to_model` leads from the frame of the poses of the place to that of the model.
     """
     before, after = (to_model @ place[pose].matrix for pose in ("pre_pose", "post_pose"))
-    rest = trial.put(_grasp(grasp, trial.gripper.opening), before, after)
+    rest = trial.put(grasp_of_row(grasp, trial.gripper.opening), before, after)
     held = rest.lifted > HEIGHT / 2
     return rest, ExpectedRest().mismatch(rest) if held else NOT_HELD
 
@@ -255,18 +274,24 @@ def _trial(
 ) -> Trial:
     """A trial of an object as it stands in the map, or at a pose."""
     mesh = model_mesh(session, entity)
-    ((weight, pose),) = session.execute(
-        "SELECT (e.properties->>'mass')::float8, w.pose FROM entity e "
-        "JOIN world w ON w.entity_id = e.id "
-        "WHERE e.map_id = (SELECT current_map()) AND e.name = %s",
-        (entity,),
+    ((weight,),) = session.execute(
+        "SELECT (properties->>'mass')::float8 FROM entity WHERE id = entity_id(%s)", (entity,)
     ).fetchall()
     surface = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32))
     body = body_of(surface, mass=mass if mass is not None else weight or None, friction=friction)
     standing = np.eye(4)
-    standing[:3, :3] = (stands or Pose(*pose)).matrix[:3, :3]
+    standing[:3, :3] = _standing(session, entity) if stands is None else stands.rotation
     standing[2, 3] = 5e-4 - (surface.vertices @ standing[:3, :3].T)[:, 2].min()
     return Trial(stored_gripper(session, gripper), body, standing)
+
+
+def _standing(session: Any, entity: str) -> NDArray[np.float64]:
+    """The rotation (3, 3) of an object in the map."""
+    row = session.execute("SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,))
+    ((pose,),) = row.fetchall() or ((None,),)
+    if pose is None:
+        raise ManipulationError(f"{entity}: has no pose in the map: semmap put gives it one")
+    return Pose(*pose).rotation
 
 
 def _told(
@@ -296,24 +321,6 @@ def _record(session: Any, entity: str, kind: str, told: dict[str, Any]) -> None:
     )
 
 
-def _grasp(row: dict[str, Any], opening: float) -> Grasp:
-    """A stored grasp in the frame of the model."""
-    pose = row["model_pose"].matrix
-    before = pose.copy()
-    if row["pre_pose"] is not None:
-        before = pose @ np.linalg.inv(row["pose"].matrix) @ row["pre_pose"].matrix
-    return Grasp(
-        pose,
-        before,
-        opening if row["width"] is None else row["width"],
-        row["approach"] or "",
-        row["family"] or "",
-        row["expected"],
-        row["posture"],
-        row["pre_posture"],
-    )
-
-
 def _store(
     session: Any,
     entity: str,
@@ -321,8 +328,8 @@ def _store(
     rows: Sequence[dict[str, Any]],
     lesson: Lesson,
     *,
-    robot: str | None,
     counted: bool,
+    **values: Any,
 ) -> list[dict[str, Any]]:
     """Store the attempts of a lesson; failures of corrected grasps count for none."""
     told: list[dict[str, Any]] = []
@@ -348,9 +355,8 @@ def _store(
                 entity,
                 action=stored or action,
                 outcome=outcome,
-                robot=robot,
-                simulated=True,
                 message=attempt.cause,
+                **values,
             )
         told.append(
             {

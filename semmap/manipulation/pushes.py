@@ -19,14 +19,9 @@ from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.pushing import Push, free_pushes, push_candidates
+from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
-from semmap.manipulation.retrieval import (
-    Found,
-    expected,
-    family_outcomes,
-    gripper_name,
-    stored_gripper,
-)
+from semmap.manipulation.retrieval import Found, gripper_name, stored_gripper
 from semmap.manipulation.shape_store import model_mesh, shape_of
 from semmap.manipulation.surroundings import obstacles_around
 from semmap.query.entity_query import entity_id
@@ -125,7 +120,7 @@ def _stored(session: Any, entity: str, gripper: str, distance: float) -> list[di
     """The stored pushes that are level for the object as it stands, with their `push`."""
     rows = actions_on(session, name=entity, gripper=gripper, kind="push", limit=STORED)
     found = []
-    for row in rows:
+    for row in ranked(session, rows, gripper, "push"):
         turn = row["pose"].rotation @ row["model_pose"].rotation.T
         way = turn @ np.array(row["motion"])
         length = float(np.linalg.norm(way))
@@ -141,13 +136,12 @@ def _stored(session: Any, entity: str, gripper: str, distance: float) -> list[di
 
 
 def _generate(session: Any, entity: str, gripper: str, pushes: Sequence[Push]) -> None:
-    """Store pushes, weighed with outcomes of their family on similar shapes."""
+    """Store pushes."""
     shape = shape_of(session, entity)
     ((pose,),) = session.execute(
         "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,)
     ).fetchall()
     turned = (Pose(*pose).rotation @ shape.pose[:3, :3]).T
-    learned = family_outcomes(session, shape, gripper, "push")
     records = []
     for push in pushes:
         along = np.append(push.direction, 0)
@@ -162,7 +156,7 @@ def _generate(session: Any, entity: str, gripper: str, pushes: Sequence[Push]) -
                 family=family,
                 posture=push.posture,
                 pre_posture=push.posture,
-                quality=expected(push.quality, learned.get(family)),
+                quality=push.quality,
             )
         )
     add_actions(session, entity, gripper, records, frame="map")

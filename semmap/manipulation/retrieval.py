@@ -1,7 +1,7 @@
 """Retrieval before generation: stored grasps, else candidates, which are then stored.
 
-Candidates of a shape are ranked by what was learned from similar shapes and from other grippers
-(Tosello et al., section IV-B: the Action Generator works where the knowledge base has nothing).
+They are ranked by what was learned from them, from similar shapes and from other grippers (Tosello
+et al., section IV-B: the Action Generator works where the knowledge base has nothing).
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from semmap.belief.store import MapConnection, driver
 from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.device_store import add_gripper, gripper_id
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.ranking import moved_alike, ranked
 from semmap.manipulation.reader import actions_on, entities_meant
-from semmap.manipulation.shape_store import StoredShape, shape_of
+from semmap.manipulation.shape_store import shape_of
 from semmap.manipulation.surroundings import free_rows
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 __all__ = [
     "DEFAULT_GRIPPER",
     "Found",
-    "expected",
-    "family_outcomes",
     "find_grasps",
     "generate",
     "gripper_name",
@@ -41,11 +40,8 @@ DEFAULT_GRIPPER = Path(__file__).with_name("parallel_gripper.urdf")
 MODELS = 20
 """The most object models of one query for which candidates are generated."""
 
-CHECKED = 1000
-"""The most grasps of one query that are checked for collisions."""
-
-SIMILAR = 0.02
-"""The most by which sizes of shapes differ that share their outcomes, metres."""
+RANKED = 1000
+"""The most grasps of one query that are ranked and checked for collisions."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +73,9 @@ def find_grasps(
 ) -> Found:
     """Return the best grasps of objects; those of models without any are generated and stored.
 
+    The expected share of successes is that of `semmap.manipulation.ranking.ranked`. Where it is
+    higher for grasps that are moved as those of similar shapes were, these are stored, too.
+
     Parameters
     ----------
     name, function, point, tolerance, gripper, limit : as `semmap.manipulation.reader.actions_on`
@@ -104,9 +103,13 @@ def find_grasps(
                 problems.append(_misfit(session, entity, chosen))
         except ManipulationError as error:
             problems.append(str(error))
-    most = CHECKED if check else limit
-    rows = actions_on(session, **asked, gripper=chosen, limit=most)  # type: ignore[arg-type]
-    if check and rows:
+    rows = actions_on(session, **asked, gripper=chosen, limit=RANKED)  # type: ignore[arg-type]
+    if _move_alike(session, rows, chosen):
+        rows = actions_on(session, **asked, gripper=chosen, limit=RANKED)  # type: ignore[arg-type]
+    rows = ranked(session, rows, chosen)
+    if not check:
+        rows = rows[:limit]
+    elif rows:
         stored = rows
         try:
             rows = free_rows(session, stored, stored_gripper(session, chosen), limit)
@@ -150,8 +153,6 @@ def _misfit(session: Any, entity: str, gripper: str) -> str:
 def generate(connection: MapConnection, entity: str, gripper: str | None = None) -> list[int]:
     """Store all candidates for the model of an entity; return their ids.
 
-    The quality of each is weighed with outcomes of its family on similar shapes.
-
     Raises
     ------
     LookupError
@@ -159,8 +160,6 @@ def generate(connection: MapConnection, entity: str, gripper: str | None = None)
     ManipulationError
         The entity has no mesh with a volume, or the gripper's URDF is not known.
     """
-    from dataclasses import replace
-
     from semmap.manipulation.candidates import grasp_candidates
 
     session = driver(connection)
@@ -168,36 +167,25 @@ def generate(connection: MapConnection, entity: str, gripper: str | None = None)
     with session.transaction():
         shape = shape_of(session, entity)
         grasps = list(grasp_candidates(shape, stored_gripper(session, chosen)))
-        if not grasps:
-            return []
-        learned = family_outcomes(session, shape, chosen)
-        weighed = [
-            replace(grasp, quality=expected(grasp.quality, learned.get(grasp.family)))
-            for grasp in grasps
-        ]
-        return add_actions(session, entity, chosen, weighed)
+        return add_actions(session, entity, chosen, grasps) if grasps else []
 
 
-def expected(quality: float, outcomes: tuple[float, float] | None) -> float:
-    """Return the expected share of successes; the predicted quality counts as two attempts.
-
-    Parameters
-    ----------
-    outcomes : attempts and successes
-    """
-    attempts, successes = outcomes or (0.0, 0.0)
-    return (successes + 2 * quality) / (attempts + 2)
+MAY_STORE = "SELECT has_column_privilege('action', 'pose', 'INSERT')"
 
 
-def family_outcomes(
-    session: Any, shape: StoredShape, gripper: str, kind: str = "grasp"
-) -> dict[str, tuple[float, float]]:
-    """Return attempts and successes by family on similar shapes; other grippers count half."""
-    rows = session.execute(
-        "SELECT family, attempts, successes FROM family_outcomes(%s, %s::float8[], %s, %s, %s)",
-        (shape.kind, list(shape.size), SIMILAR, gripper, kind),
+def _move_alike(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> int:
+    """Store grasps that are moved as those of similar shapes were; return how many there are."""
+    if not rows or not session.execute(MAY_STORE).fetchone()[0]:
+        return 0
+    ((opening,),) = session.execute(
+        "SELECT opening FROM gripper WHERE device_id = %s", (gripper_id(session, gripper),)
     ).fetchall()
-    return {family: (attempts, successes) for family, attempts, successes in rows}
+    count = 0
+    for number in dict.fromkeys(row["object_id"] for row in rows):
+        of_model = {row["action_id"]: row for row in rows if row["object_id"] == number}
+        grasps = moved_alike(session, list(of_model.values()), gripper, opening)
+        count += len(add_actions(session, number, gripper, grasps) if grasps else ())
+    return count
 
 
 # -- grippers -------------------------------------------------------------------------------------

@@ -86,7 +86,7 @@ def free_rows(
 
     Parameters
     ----------
-    rows : as `semmap.manipulation.reader.actions_on` returns them
+    rows : as `semmap.manipulation.reader.actions_on` returns them; their order is kept
     limit : the most rows
 
     Raises
@@ -123,4 +123,5 @@ def free_rows(
             found += [row for row, is_free in zip(some, free, strict=True) if is_free]
         if len(found) >= limit:
             break
-    return sorted(found, key=lambda row: (-row["expected"], row["action_id"]))[:limit]
+    order = {(row["entity"], row["action_id"]): number for number, row in enumerate(rows)}
+    return sorted(found, key=lambda row: order[row["entity"], row["action_id"]])[:limit]

@@ -196,6 +196,7 @@ class Action(Base):
             "replaced_by",
             postgresql_where=text("replaced_by IS NOT NULL"),
         ),
+        Index("action_tried", "object_id", "kind", postgresql_where=text("attempts > 0")),
     )
 
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
@@ -221,6 +222,7 @@ class Action(Base):
     replaced_by: Mapped[int | None] = mapped_column(
         ForeignKey("semmap.action.id", ondelete="SET NULL")
     )
+    shift: Mapped[list[float] | None] = mapped_column(ARRAY(DOUBLE_PRECISION()))
     contributor_id: Mapped[int] = mapped_column(ForeignKey(Contributor.id), server_default=OWN)
     created_at: Mapped[datetime] = mapped_column(server_default=NOW)
 

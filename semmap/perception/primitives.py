@@ -42,6 +42,9 @@ CLOSE = 0.05
 SAME = 0.002
 """Hypotheses of one kind whose costs differ less are one shape that was found twice."""
 
+LEVEL = 1e-3
+"""Of the unit axis of a shape, a component that counts as none."""
+
 PRICE = 0.004
 """Of each bound of a shape, as a share of the points."""
 
@@ -242,8 +245,8 @@ def primitive_of(fit: Fit, points: Floats, mean: Floats, within: float) -> Primi
     centre = mean + origin + rotation @ middle
     if kind == "sphere":
         rotation = np.eye(3)
-    elif kind == "cylinder" and rotation[2, 2] < 0:
-        rotation = rotation @ np.diag([1.0, -1, -1])
+    elif kind in ("cylinder", "cone"):
+        rotation = _about_axis(rotation[:, 2], either_way=kind == "cylinder")
     elif kind == "cuboid":
         z = int(np.abs(rotation[2]).argmax())
         x = max((z + 1) % 3, (z + 2) % 3, key=lambda i: abs(rotation[0, i]))
@@ -272,3 +275,19 @@ def _bounds_of(kind: str, size: tuple[float, ...]) -> Floats:
     if kind == "cone":
         return np.array([size[0] / size[1], 0.0, size[1]])
     return np.array(size)
+
+
+def _about_axis(axis: Floats, *, either_way: bool) -> Floats:
+    """The rotation (3, 3) of a round shape about its axis: equal for equal axes.
+
+    Its x axis is nearest to that of the outer frame. An axis without a direction points up; if it
+    is level, along x or y.
+    """
+    if either_way:
+        first = next(i for i in (2, 0, 1) if abs(axis[i]) > LEVEL)
+        axis = axis * np.sign(axis[first])
+    x = np.eye(3)[0 if abs(axis[0]) < 0.9 else 1]
+    x = x - axis * (x @ axis)
+    x /= np.linalg.norm(x)
+    found: Floats = np.stack([x, np.cross(axis, x), axis], axis=1)
+    return found

@@ -40,8 +40,22 @@ def shapes(draw):
 
 @pytest.mark.parametrize("gripper", ["panda", "pr2", "tiago_pro", "allegro"])
 def test_a_block_has_at_least_the_grasps_of_the_tool_that_the_paper_extends(gripper):
-    """Two axes x 17 angles x up and down x two approaches, though no two of ours are equal."""
-    assert len(grasp_candidates(SHAPES[0], real_gripper(gripper))) >= 2 * ANGLES * 2 * 2
+    """136 are two axes x 17 angles x up and down x two approaches; no two of ours are equal."""
+    hand = real_gripper(gripper)
+    grasps = grasp_candidates(SHAPES[0], hand)
+    flips = [np.eye(4), np.diag([-1.0, -1, 1, 1])][: 1 + hand.is_symmetric]
+    different = set()
+    for pose, before in zip(grasps.poses, grasps.pre_grasps, strict=True):
+        turns = [(pose @ flip, before @ flip) for flip in flips]
+        different.add(min(tuple(np.round(turn, 4).ravel() + 0.0) for turn in turns))
+    assert len(different) == len(grasps) >= 2 * ANGLES * 2 * 2
+    families = [str(family).split() for family in grasps.families]
+    for closing in "xyz":
+        angles = [float(f[2]) for f in families if f[1:2] + f[3:] == [closing, "0", "own"]]
+        # 17 in each half turn, of which the halves share both ends
+        assert len(angles) == 2 * (ANGLES - 1) * (1 if hand.is_symmetric else 2)
+        if closing != "z":
+            assert sorted(set(angles)) == [round(v) for v in np.linspace(-90, 90, ANGLES)]
 
 
 @settings(max_examples=8)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import grasp_candidates
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.evaluation import Attempt, Expected, ExpectedRest, Lesson, learn_grasp
-from semmap.manipulation.experience import Experience
+from semmap.manipulation.evaluation import Expected, ExpectedRest, learn_grasp
 from semmap.manipulation.pushing import push_candidates
 from semmap.manipulation.solids import solid_of
 from semmap.manipulation.trial import HEIGHT, Trial, body_of
@@ -86,33 +83,8 @@ def test_trial_and_error_moves_the_grasp_to_the_heavy_end(way):
     assert lesson.attempts[0].cause in ("turned", "dropped", "missed")
     assert lesson.learned is not None
     assert lesson.learned.grasp.pose[0, 3] * way > 0.02
+    assert lesson.learned.grasp.shift == pytest.approx(lesson.learned.correction)
     assert Expected().mismatch(trial.run(lesson.learned.grasp)) is None  # at once
-    # A longer bar that is alike: the first attempt begins where the last one ended.
-    experience = Experience()
-    experience.add(shape, gripper.name, lesson)
-    other = Shape("cuboid", (0.26, 0.04, 0.05))
-    grasps = [g for g in grasp_candidates(other, gripper) if g.family == "top y 90 0 own"]
-    assert experience.ranked(other, gripper.name, grasps)[0].pose[0, 3] * way > 0.02
-
-
-def test_experience_prefers_what_succeeded_and_forgets_other_shapes():
-    gripper = real_gripper("panda")
-    shape = Shape("cuboid", (0.05, 0.05, 0.1))
-    grasps = list(grasp_candidates(shape, gripper))
-    side, top = grasp_of(grasps, "side x 0 0 own"), grasp_of(grasps, "top x 90 0 own")
-    two = [replace(side, quality=0.9), replace(top, quality=0.8)]
-    experience = Experience()
-    assert experience.ranked(shape, "a", two) == two
-    nothing = np.zeros(3)
-    experience.add(
-        shape,
-        "a",
-        Lesson((Attempt(side, None, "pushed", nothing), Attempt(top, None, None, nothing))),
-    )
-    assert experience.ranked(shape, "a", two) == two[::-1]
-    assert experience.ranked(shape, "b", two) == two[::-1]  # another gripper profits, too
-    assert experience.ranked(Shape("cuboid", (0.5, 0.5, 1.0)), "a", two) == two
-    assert experience.ranked(Shape("cylinder", (0.05, 0.1)), "a", two) == two
 
 
 def test_a_mesh_without_a_volume():
