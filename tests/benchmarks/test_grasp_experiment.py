@@ -76,7 +76,7 @@ def test_differences_are_by_pairs() -> None:
 def test_the_curve_and_the_claims_of_lives(tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     lives = [
-        [Meeting(*map(bool, random.random(2) < 0.7), 2, True, True) for _ in range(20)]
+        [Meeting(bool(a < 0.7), bool(b < 0.7), 2, True, True) for a, b in random.random((20, 2))]
         for _ in range(3)
     ]
     found = {row.job: row for row in rows_of("panda", lives)}

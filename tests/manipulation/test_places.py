@@ -17,6 +17,7 @@ from semmap.manipulation.action_store import add_put
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
 from semmap.manipulation.pushes import find_pushes
+from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper, stored_gripper
 from semmap.manipulation.shape_store import model_mesh
@@ -125,7 +126,8 @@ def test_outcomes_of_places_rank_them_and_teach_a_second_gripper(
     second = find_places(here, BOX, "table", gripper="parallel_gripper", limit=1).rows[0]
     assert second["action_id"] != first["action_id"]
     find_places(here, BOX, "table", gripper="plates", limit=1)
-    rows = actions_on(here, name=BOX, kind="place", gripper="plates", limit=500)
+    stored = actions_on(here, name=BOX, kind="place", gripper="plates", limit=500)
+    rows = ranked(here, stored, "plates", "place")
     taught = [r["expected"] for r in rows if r["family"] == first["family"]]
     others = [r["expected"] for r in rows if r["family"] != first["family"]]
     assert taught
