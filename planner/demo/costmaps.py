@@ -34,6 +34,7 @@ def robot_demo(
     storeys: Sequence[StoreyView],
     robot: DemoRobot,
     say: Callable[..., Any],
+    pixels: int = 1800,
 ) -> list[Path]:
     """Write the robot's costmaps of each storey, draw them and the figures; the pictures made."""
     meshes = robot.meshes
@@ -59,7 +60,7 @@ def robot_demo(
                 wanted.append((float(cells.sum()) * costmap.grid.resolution**2, storey, room))
         wanted = sorted((w for w in wanted if w[0] > 0), key=lambda w: -w[0])[:MOST]
         for _, storey, room in wanted:
-            drawn = _passage_in(connection, storey, room, robot, meshes, folder)
+            drawn = _passage_in(connection, storey, room, robot, meshes, folder, pixels)
             if drawn:
                 pictures += drawn
                 break
@@ -87,6 +88,7 @@ def _passage_in(
     robot: DemoRobot,
     meshes: Mapping[str, Mesh],
     folder: Path,
+    pixels: int,
 ) -> list[Path]:
     """Figure 9 in a room; no picture if the layered costmap knows no other way there."""
     scene = read_scene(connection, storey.name, rooms=[room.name], margin=1.0)
@@ -106,5 +108,5 @@ def _passage_in(
         and "building_element" not in o.types
     ]
     view = replace(storey, rooms=[room], objects=objects)
-    drawn = passage(layered, single, found.start, found.goal, view, meshes, folder)
+    drawn = passage(layered, single, found.start, found.goal, view, meshes, folder, pixels)
     return [] if drawn is None else drawn.pictures

@@ -55,7 +55,12 @@ AROUND = 3.3
 
 
 def field_demo(
-    connection: Any, folder: Path, say: Callable[..., Any], *, voxel_size: float = 0.02
+    connection: Any,
+    folder: Path,
+    say: Callable[..., Any],
+    *,
+    voxel_size: float = 0.02,
+    pixels: int = 1400,
 ) -> list[Path]:
     """Put two people into the map, query what one of them sees, and draw it.
 
@@ -65,6 +70,7 @@ def field_demo(
     folder : for the picture
     say : prints a line
     voxel_size : metres
+    pixels : width of the picture
 
     Returns
     -------
@@ -88,7 +94,7 @@ def field_demo(
     assert isinstance(result, StoreResult)
     count = len(result)
     say(f"   {count} voxels of {voxel_size:g} m, {count * voxel_size**3 * 1e6:.0f} cm³")
-    picture = _picture(scene, target, eye, maps, result, names, folder / "fields.png")
+    picture = _picture(scene, target, eye, maps, result, names, folder / "fields.png", pixels)
     say(f"   {picture}")
     return [picture]
 
@@ -206,6 +212,7 @@ def _picture(
     result: StoreResult,
     names: NameIndex,
     path: Path,
+    pixels: int,
 ) -> Path:
     middle = target.triangles.reshape(-1, 3).mean(axis=0)
     floor = eye[2] - 1.5
@@ -255,7 +262,7 @@ def _picture(
         title="What human1 sees",
         azimuth=float(robot) + 20,
         elevation=35,
-        width=1400,
+        width=pixels,
     )
 
 

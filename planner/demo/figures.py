@@ -85,6 +85,7 @@ def passage(
     view: StoreyView,
     meshes: Mapping[str, Mesh],
     folder: Path,
+    pixels: int = 1800,
 ) -> Passage | None:
     """Figure 9: the robot where its parts pass below and above what is in the way of the whole.
 
@@ -138,7 +139,7 @@ def passage(
             azimuth=-68,
             elevation=24,
             title="Figure 9: the robot where only the layered costmap has a way",
-            width=1800,
+            width=pixels,
         )
     )
     return Passage(way, pictures)

@@ -106,11 +106,11 @@ def run_demo(
         paths = route_lines(found, topology, grids, choices.type)
 
     say("\n5. A robot's costmaps (Figures 5, 6, 7 and 9)")
-    pictures = robot_demo(map_name, folder, storeys, robot, say)
+    pictures = robot_demo(map_name, folder, storeys, robot, say, min(pixels, 1800))
 
     say("\n6. What somebody sees (the query of reMap, section 4)")
     with cli.open_map(map_name) as connection:
-        pictures += field_demo(connection, folder, say)
+        pictures += field_demo(connection, folder, say, pixels=min(pixels, 1400))
 
     say("\n7. A task (Figure 4), in a copy of the map")
     if choices.type is None:

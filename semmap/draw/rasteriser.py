@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Camera", "Projection", "nearest_triangles"]
+__all__ = ["Camera", "Projection", "as_bytes", "nearest_triangles", "quarters"]
 
 Floats = NDArray[np.float64]
 
@@ -201,3 +201,13 @@ def _height(camera: Camera, y: Floats, depth: Floats) -> Floats:
     along_up = (camera.size[1] / 2 - y) / camera.scale + camera.centre[1]
     z: Floats = along_up * camera.up[2] + depth * camera.back[2]
     return z
+
+
+def quarters(image: NDArray[Any]) -> NDArray[Any]:
+    """(4, height / 2, width / 2, ...): the four pixels of each square of 2 x 2."""
+    return np.stack([image[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+
+
+def as_bytes(image: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    """Colours of 0..1 as bytes."""
+    return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from semmap.draw.labels import AROUND, Labels
 from semmap.draw.palette import BOX_COLOURS, INK, PAPER, PATH, object_colour, room_colour
-from semmap.draw.rasteriser import Camera
+from semmap.draw.rasteriser import Camera, as_bytes, quarters
 from semmap.draw.shading import Surfaces, shade
 from semmap.draw.title import draw_title
 from semmap.draw.view import ObjectView, RoomView, StoreyView
@@ -131,7 +130,7 @@ def scene3d(
     figure = Figure(figsize=(w / 200, (h + head) / 200), dpi=200, facecolor=PAPER)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, h / (h + head)))
-    axes.imshow(picture, extent=(0, 2 * w, 2 * h, 0), interpolation="lanczos")
+    figure.figimage(as_bytes(picture), origin="upper", zorder=-1)  # not resampled, as by axes
     axes.set_xlim(0, 2 * w)
     axes.set_ylim(2 * h, 0)
     axes.axis("off")
@@ -162,16 +161,11 @@ def _render(camera: Camera, storey: Surfaces, picture: NDArray[np.float32], dept
     paper = np.array(to_rgb(PAPER), np.float32)
     window = camera.window(2 * left, 2 * top, 2 * width, 2 * height)
     fine, fine_depth = shade(window, storey, paper.astype(float), np.array(to_rgb(_CAP)))
-    share = _quarters(np.isfinite(fine_depth).astype(np.float32)).mean(axis=0)[..., None]
+    share = quarters(np.isfinite(fine_depth).astype(np.float32)).mean(axis=0)[..., None]
     there = np.s_[top : top + height, left : left + width]
     behind = picture[there] - paper
-    picture[there] = _quarters(fine).mean(axis=0) + (1 - share) * behind
-    depth[there] = np.maximum(depth[there], _quarters(fine_depth).max(axis=0))
-
-
-def _quarters(image: NDArray[Any]) -> NDArray[Any]:
-    """(4, height / 2, width / 2, ...): the four pixels of each square of 2 x 2."""
-    return np.stack([image[i::2, j::2] for i in (0, 1) for j in (0, 1)])
+    picture[there] = quarters(fine).mean(axis=0) + (1 - share) * behind
+    depth[there] = np.maximum(depth[there], quarters(fine_depth).max(axis=0))
 
 
 def _shifts(
