@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Any
 
 import psycopg
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database.notifications import notifications
-from semmap.query.maps import see_map, snapshot
+from semmap.query.maps import current_name, see_map, snapshot
 
 __all__ = [
     "CHANNEL",
@@ -48,16 +49,20 @@ class Look:
     Attributes
     ----------
     connection : sees that state; a transaction, committed at the end of the look
+    driver : the connection of psycopg
     changed : ids of the entities that changed, deleted ones included; None where the whole map is
         to be read: at the first look, or where changes since the last one are not kept
     cursor : where the state lies in the history
     moment : when the transaction began
+    rows : what the statement returned that was sent along
     """
 
     connection: Connection
+    driver: psycopg.Connection[Any]
     changed: frozenset[int] | None
     cursor: str
     moment: datetime
+    rows: tuple[tuple[Any, ...], ...] = ()
 
 
 class ChangeFeed:
@@ -70,6 +75,7 @@ class ChangeFeed:
     durable : make each cursor survive a crash of the server, at the price of a write to its disk.
         Else forget the cursor when the server was away: a server that crashed assigns transaction
         numbers again that the feed has seen
+    one_connection : looks use a connection of their own, which `close` closes
 
     Attributes
     ----------
@@ -83,11 +89,23 @@ class ChangeFeed:
         cursor: str | None = None,
         *,
         durable: bool = True,
+        one_connection: bool = False,
     ) -> None:
         self.map_name = map_name
         self.cursor = cursor
         self._engine = engine
         self._durable = durable
+        self._one_connection = one_connection
+        self._own: tuple[Connection, psycopg.Connection[Any]] | None = None
+
+    def close(self) -> None:
+        """Close the connection of the looks, if they have one of their own."""
+        own, self._own = self._own, None
+        if own is not None:
+            connection, driver = own
+            with suppress(DBAPIError):  # the server may be away
+                connection.close()
+            driver.close()
 
     @contextmanager
     def snapshot(self) -> Iterator[Connection]:
@@ -97,7 +115,9 @@ class ChangeFeed:
             yield connection
 
     @contextmanager
-    def look(self, *, entities: bool = True) -> Iterator[Look]:
+    def look(
+        self, *, entities: bool = True, also: tuple[str, Mapping[str, Any]] | None = None
+    ) -> Iterator[Look]:
         """Look at the map.
 
         Pass the look to `take_in` when it is processed: until then the next look sees the same
@@ -106,6 +126,7 @@ class ChangeFeed:
         Parameters
         ----------
         entities : find which entities changed; else `changed` is None
+        also : a statement of psycopg with its values, which is sent along
 
         Raises
         ------
@@ -113,18 +134,47 @@ class ChangeFeed:
             There is no such map.
         """
         try:
-            with self.snapshot() as connection:
-                now, moment = connection.execute(text("SELECT change_cursor(), now()")).one()
+            with self._connected() as (connection, driver):
+                connection.begin()
+                if self.map_name is None:
+                    self.map_name = current_name(connection)
+                with driver.pipeline():  # one message
+                    driver.execute("SELECT set_config('semmap.map', %s, true)", (self.map_name,))
+                    state = driver.execute("SELECT change_cursor(), now()")
+                    asked = also and driver.execute(also[0].encode(), also[1], prepare=True)
+                ((now, moment),) = state.fetchall()
+                rows = tuple(asked.fetchall()) if asked else ()
                 changed = None
                 if self.cursor is not None and entities:
                     changed = changed_since(connection, self.cursor)
-                yield Look(connection, changed, now, moment)
+                yield Look(connection, driver, changed, now, moment, rows)
                 if self._durable:
                     settle(connection)
                 connection.commit()
         except DBAPIError as error:
             if error.connection_invalidated:
                 self._server_was_away()
+            raise
+        except psycopg.OperationalError:
+            self._server_was_away()
+            raise
+
+    @contextmanager
+    def _connected(self) -> Iterator[tuple[Connection, psycopg.Connection[Any]]]:
+        """A connection whose transactions see one state of the database."""
+        if not self._one_connection:
+            with snapshot(self._engine) as connection:
+                yield connection, _driver(connection)
+            return
+        if self._own is None:
+            connection = self._engine.connect()
+            connection.execution_options(isolation_level="REPEATABLE READ")
+            self._own = connection, _driver(connection)
+            connection.detach()  # the pool lends others
+        try:
+            yield self._own
+        except BaseException:
+            self.close()
             raise
 
     def take_in(self, look: Look) -> None:
@@ -163,6 +213,12 @@ class ChangeFeed:
     def _server_was_away(self) -> None:
         if not self._durable:
             self.cursor = None
+
+
+def _driver(connection: Connection) -> psycopg.Connection[Any]:
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    return driver
 
 
 def announce_fields(engine: Engine, map_name: str) -> None:

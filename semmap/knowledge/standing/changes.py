@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import psycopg
 import rdflib
 
 from semmap.knowledge.map_view import MapView, Term, term_of
@@ -14,7 +15,7 @@ from semmap.knowledge.standing.parts import Quad
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import encode
 
-__all__ = ["Changes", "Touched"]
+__all__ = ["Answers", "Changes", "Touched", "ask"]
 
 _OF_MAP = {form: node.prefix for form, node in NODES.items() if node.of_map}
 
@@ -40,12 +41,19 @@ class Changes(NamedTuple):
     fields: bool = False
     all: bool = False
 
+    @property
+    def every_id(self) -> list[int]:
+        """The ids of the changed entities, and of those in facts."""
+        ends = {n for f in self.facts for n in (f[1], f[3] if f[4] is None else None)}
+        return sorted(self.entities | {n for n in ends if isinstance(n, int)})
+
 
 class Touched:
     """The entities and statements that changes are about.
 
     Attributes
     ----------
+    namespace : of the map's entities
     ids : of the changed entities
     names : of the entities that there are, by id: the changed ones, and those of statements
     every_name : names that changed entities have or had
@@ -56,17 +64,10 @@ class Touched:
         was inferred, too
     """
 
-    def __init__(self, view: MapView, changes: Changes) -> None:
-        self._namespace = view.namespace
+    def __init__(self, view: MapView, changes: Changes, answers: Answers) -> None:
+        self.namespace = view.namespace
         self.ids = changes.entities
-        numbers = {n for f in changes.facts for n in (f[1], f[3] if f[4] is None else None)}
-        every = sorted(self.ids | {n for n in numbers if isinstance(n, int)})
-        rows = view.session.execute(
-            "SELECT id, name, true FROM entity WHERE id = ANY (%(ids)s) AND map_id = %(map)s "
-            "UNION ALL SELECT DISTINCT entity_id, name, false FROM entity_history "
-            "WHERE entity_id = ANY (%(ids)s) AND map_id = %(map)s",
-            {"ids": every, "map": view.number},
-        ).fetchall()
+        rows = answers.names.fetchall()
         self.names: dict[int, str] = {number: name for number, name, now in rows if now}
         former = {(number, name) for number, name, now in rows if not now}
         former -= set(self.names.items())
@@ -83,7 +84,7 @@ class Touched:
                     self.nodes[node] = (form, number)
         last = {**dict(former), **self.names}
         self.quads: dict[Quad, bool] = {}
-        alive = _alive(view, changes.facts)
+        alive = answers.facts.fetchall() if answers.facts else ()
         for fact, (is_stated, is_inferred) in zip(changes.facts, alive, strict=True):
             quad = self._quad(fact, last)
             if quad is None:
@@ -98,7 +99,7 @@ class Touched:
         return self._iri(self.names[number], form)
 
     def _iri(self, name: str, form: Form) -> Term:
-        return rdflib.URIRef(f"{self._namespace}{_OF_MAP[form]}{encode(name)}")
+        return rdflib.URIRef(f"{self.namespace}{_OF_MAP[form]}{encode(name)}")
 
     def _quad(self, fact: tuple[Any, ...], names: Mapping[int, str]) -> Quad | None:
         graph, subject, verb, object_, tag = fact
@@ -123,11 +124,11 @@ _INFERRED = (
     "f.graph = '' AND CASE WHEN f.subject_id IS NOT NULL "
     f"THEN EXISTS (SELECT FROM inference i WHERE i.subject_id = f.subject_id AND {_SAME} "
     "AND EXISTS (SELECT FROM entity WHERE id = f.subject_id)) "
-    "ELSE EXISTS (SELECT FROM inference i WHERE i.map_id = %(map)s AND i.subject = f.subject "
+    "ELSE EXISTS (SELECT FROM inference i WHERE i.map_id = %(map)s::int AND i.subject = f.subject "
     f"AND {_SAME}) END"
 )
 _STATED = (
-    "EXISTS (SELECT FROM statement s WHERE s.map_id = %(map)s AND s.predicate = f.predicate "
+    "EXISTS (SELECT FROM statement s WHERE s.map_id = %(map)s::int AND s.predicate = f.predicate "
     "AND s.graph = f.graph AND coalesce(s.subject_id, 0) = coalesce(f.subject_id, 0) "
     "AND coalesce(s.subject, '') = coalesce(f.subject, '') "
     "AND coalesce(s.object_id, 0) = coalesce(f.object_id, 0) "
@@ -144,10 +145,27 @@ _ALIVE = (
 )
 
 
-def _alive(view: MapView, facts: Iterable[tuple[Any, ...]]) -> list[tuple[bool, bool]]:
-    """Return which facts are stated now, and which are inferred."""
+_NAMES = (
+    "SELECT id, name, true FROM entity "
+    "WHERE id = ANY (%(ids)s::bigint[]) AND map_id = %(map)s::int "
+    "UNION ALL SELECT DISTINCT entity_id, name, false FROM entity_history "
+    "WHERE entity_id = ANY (%(ids)s::bigint[]) AND map_id = %(map)s::int"
+)
+
+
+class Answers(NamedTuple):
+    """What the database was asked about changes: names of entities, and which facts hold."""
+
+    names: psycopg.Cursor[Any]
+    facts: psycopg.Cursor[Any] | None
+
+
+def ask(view: MapView, changes: Changes) -> Answers:
+    """Ask the names of the entities in changes, and which facts are stated and inferred now."""
+    values: dict[str, Any] = {"map": view.number, "ids": changes.every_id}
+    names = view.session.execute(_NAMES, values, prepare=True)
     columns: dict[str, list[Any]] = defaultdict(list)
-    for graph, subject, verb, object_, tag in facts:
+    for graph, subject, verb, object_, tag in changes.facts:
         columns["graph"].append("" if graph == INFERRED_GRAPH else graph)
         columns["predicate"].append(verb)
         columns["tag"].append(tag)
@@ -156,7 +174,7 @@ def _alive(view: MapView, facts: Iterable[tuple[Any, ...]]) -> list[tuple[bool, 
             columns[f"{side}_id"].append(end if is_entity else None)
             columns[side].append(None if is_entity else end)
     if not columns:
-        return []
+        return Answers(names, None)
     sql = _ALIVE.format(_INFERRED if view.inferred.properties else "false")
-    rows = view.session.execute(sql.encode(), {"map": view.number, **columns}).fetchall()
-    return [(bool(stated), bool(inferred)) for stated, inferred in rows]
+    facts = view.session.execute(sql.encode(), {"map": view.number, **columns}, prepare=True)
+    return Answers(names, facts)

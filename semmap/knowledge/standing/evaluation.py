@@ -125,21 +125,20 @@ class Evaluation:
         found: dict[Job, set[Row]] = {}
         if not groups:
             return found
-        # Plans for a few given terms serve all terms; others may need plans of their own.
-        for of_region, mode in ((True, "force_generic_plan"), (False, "auto")):
-            mine = {k: g for k, g in groups.items() if bool(g[0][0].solution) == of_region}
-            if not mine:
-                continue
-            session = view.session
-            with session.pipeline(), session.transaction():
-                session.execute(_SETTINGS.format(mode, int(1e3 * QUERY_SECONDS.value)).encode())
-                cursors = [
-                    session.execute(*_with_values(group, nodes, self._varying[key]), prepare=True)
-                    for key, group in mine.items()
-                ]
-                rows = [cursor.fetchall() for cursor in cursors]
-            for group, some in zip(mine.values(), rows, strict=True):
-                found |= _solutions(group, some)
+        session = view.session
+        cursors: list[tuple[_Group, psycopg.Cursor[Any]]] = []
+        with session.pipeline(), session.transaction():
+            # Plans for a few given terms serve all terms; others may need plans of their own.
+            for of_region, mode in ((True, "force_generic_plan"), (False, "auto")):
+                mine = {k: g for k, g in groups.items() if bool(g[0][0].solution) == of_region}
+                if mine:
+                    limit = int(1e3 * QUERY_SECONDS.value)
+                    session.execute(_SETTINGS.format(mode, limit).encode())
+                for key, group in mine.items():
+                    sql, values = _with_values(group, nodes, self._varying[key])
+                    cursors.append((group, session.execute(sql, values, prepare=True)))
+        for group, cursor in cursors:  # after the end of the message: it takes no other one
+            found |= _solutions(group, cursor.fetchall())
         return found
 
 

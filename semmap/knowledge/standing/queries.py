@@ -20,7 +20,7 @@ from semmap.knowledge.map_view import MapView, Row, Term
 from semmap.knowledge.queries import plain
 from semmap.knowledge.sparql.constants import Constants, resolve
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED
-from semmap.knowledge.standing.changes import Changes, Touched
+from semmap.knowledge.standing.changes import Changes, Touched, ask
 from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
 from semmap.knowledge.standing.index import COSTLY, PatternIndex, Triples
 from semmap.knowledge.standing.parts import (
@@ -235,7 +235,11 @@ class StandingQueries:
         many = max(len(changes.entities), len(changes.facts)) > MANY
         if changes.all or many or view.inferred != self._inferred:
             return self.update_all(view)
-        touched = Touched(view, changes)
+        ids = changes.every_id
+        with view.session.pipeline():  # one message
+            answers = ask(view, changes)
+            facts = self._lists.ask(view, ids, self._index)
+        touched = Touched(view, changes, answers)
         renamed = {n: touched.names[n] for n in touched.renamed}
         if not renamed.items() <= self._names.items():
             self._names |= renamed
@@ -245,7 +249,9 @@ class StandingQueries:
         for part in self._whole:
             if concerns(part, changes):
                 regions.evaluate(part, {})
-        known = self._lists.of(view, touched, self._index, self._constants)
+        if again:
+            facts = self._lists.ask(view, ids, self._index)
+        known = self._lists.of(view, touched, facts, self._index, self._constants)
         self._of_entities(touched, known, regions)
         self._of_facts(touched, known, regions)
         return self._evaluated(view, list(regions.jobs), again, regions.known, touched.nodes)
@@ -264,12 +270,19 @@ class StandingQueries:
         """Compile the queries again whose constants stand for other nodes now."""
         iris = {str(node) for node in touched.changed}
         iris |= {space + name for name in touched.every_name for space in KNOWLEDGE_CORE}
-        mine = [iri for iri in iris if iri in self._resolved]
+        mine = [iri for iri in iris & self._resolved.keys() if self._may_differ(iri, touched)]
         stale = {
             part.query for iri in self._resolve(view, mine) for part in self._named.get(iri, ())
         }
         self._compile_again(view, list(stale))
         return list(stale)
+
+    def _may_differ(self, iri: str, touched: Touched) -> bool:
+        """Return whether an IRI may stand for another node than before, which did not just move."""
+        node = rdflib.URIRef(iri)
+        if not iri.startswith(touched.namespace):
+            node = rdflib.URIRef(f"{touched.namespace}{encode(local_name(iri))}")
+        return self._resolved[iri][0] != touched.nodes.get(node)
 
     def _compile_again(self, view: MapView, queries: list[StandingQuery]) -> None:
         for found in queries:

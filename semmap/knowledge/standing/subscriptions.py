@@ -12,11 +12,11 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-import psycopg
 from sqlalchemy import Engine
 
 from semmap.knowledge.map_view import MapView, Row
@@ -78,7 +78,7 @@ class Subscriptions:
     """
 
     def __init__(self, engine: Engine, map_name: str | None = None) -> None:
-        self._feed = ChangeFeed(engine, map_name, durable=False)
+        self._feed = ChangeFeed(engine, map_name, durable=False, one_connection=True)
         self._queries = StandingQueries()
         self._subscribers: dict[int, _Subscriber] = {}
         self._numbers: dict[StandingQuery, list[int]] = defaultdict(list)
@@ -103,6 +103,9 @@ class Subscriptions:
         self._stop.set()
         if self._thread not in (None, threading.current_thread()):
             self._thread.join()
+        if self._thread is not threading.current_thread():
+            with self._lock:
+                self._feed.close()
         self._events.put(None)
 
     def add(
@@ -151,7 +154,7 @@ class Subscriptions:
         if self._stop.is_set():
             raise ValueError("these subscriptions are closed: make new ones")
         with self._lock:
-            with self._feed.look(entities=False) as look:
+            with self._look() as look:
                 view, due = self._catch_up(look)
                 queries = self._queries.add(view, texts)
             self._take_in(look, due)
@@ -219,7 +222,7 @@ class Subscriptions:
         if no_news and time.monotonic() < self._due and not self._news:
             return
         with self._lock:
-            with self._feed.look(entities=False) as look:
+            with self._look() as look:
                 _, due = self._catch_up(look)
             self._take_in(look, due)
             news, self._news = self._news, []
@@ -231,6 +234,10 @@ class Subscriptions:
                 callback(event)
             except Exception as error:  # of the user's code: one event must not end the others
                 self._events.put(error)
+
+    def _look(self) -> AbstractContextManager[Look]:
+        values = {"since": self._feed.cursor, "ended_until": self._ended_until}
+        return self._feed.look(entities=False, also=(_NEWS, values))
 
     def _take_in(self, look: Look, due: float) -> None:
         # Only now: a look that fails is repeated.
@@ -248,11 +255,8 @@ class Subscriptions:
 
     def _changes(self, look: Look) -> tuple[MapView, Changes, float]:
         """Return the map, what changed or ended since the last look, and when the next one ends."""
-        session = look.connection.connection.driver_connection
-        assert isinstance(session, psycopg.Connection)
-        values = {"since": self._feed.cursor, "ended_until": self._ended_until}
-        (row,) = session.execute(_NEWS, values, prepare=True).fetchall()
-        number, properties, classes, reaches, changed, ended, left = row
+        session = look.driver
+        ((number, properties, classes, reaches, changed, ended, left),) = look.rows
         assert self._feed.map_name is not None
         view = MapView(session, self._feed.map_name, number) if number else MapView.of(session)
         view.inferred = Inferred(frozenset(properties or ()), frozenset(classes or ()))

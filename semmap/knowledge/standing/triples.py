@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
+import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
@@ -21,9 +22,16 @@ from semmap.knowledge.standing.changes import Touched
 from semmap.knowledge.standing.index import COSTLY, Key, PatternIndex, Triples
 from semmap.knowledge.standing.parts import Quad
 
-__all__ = ["TripleLists"]
+__all__ = ["Asked", "TripleLists"]
 
 _COMPUTED = {each.property: each for each in COMPUTED}
+
+
+class Asked(NamedTuple):
+    """Lists that the database was asked for."""
+
+    keys: list[Key]
+    rows: psycopg.Cursor[Any]
 
 
 class TripleLists:
@@ -32,34 +40,41 @@ class TripleLists:
     def __init__(self) -> None:
         self._statements: dict[Any, tuple[bytes, dict[str, Any]]] = {}
 
-    def of(
-        self, view: MapView, touched: Touched, index: PatternIndex, constants: Constants
-    ) -> Triples:
-        """Return what is true of the touched entities, of all properties that patterns have."""
-        known: Triples = defaultdict(list)
-        if not touched.names:
-            return known
-        facts = [key for key in index.listed if key[0] not in COSTLY]
-        everyone = list(touched.names)
-        self._read(view, touched, dict.fromkeys(sorted(facts), (everyone, None)), known)
-        costly = {}
-        for key in sorted(index.listed.keys() - set(facts)):
-            wanted = _wanted(key, index, touched, known, constants)
-            if wanted[0]:
-                costly[key] = wanted
-        self._read(view, touched, costly, known)
-        return known
+    def ask(self, view: MapView, ids: list[int], index: PatternIndex) -> Asked | None:
+        """Ask what is true of entities, of all properties of tables that patterns have."""
+        facts = sorted(key for key in index.listed if key[0] not in COSTLY)
+        return self._ask(view, dict.fromkeys(facts, (ids, None))) if ids else None
 
-    def _read(
+    def of(
         self,
         view: MapView,
         touched: Touched,
-        lists: Mapping[Key, tuple[list[int], list[int] | None]],
-        known: Triples,
-    ) -> None:
-        """Read lists of triples of some entities, with some other ends, or any."""
+        facts: Asked | None,
+        index: PatternIndex,
+        constants: Constants,
+    ) -> Triples:
+        """Return what is true of the touched entities, of all properties that patterns have.
+
+        Parameters
+        ----------
+        facts : of `ask`
+        """
+        known: Triples = defaultdict(list)
+        _read(facts, touched, known)
+        costly = {}
+        for key in sorted(key for key in index.listed if key[0] in COSTLY) if touched.ids else ():
+            wanted = _wanted(key, index, touched, known, constants)
+            if wanted[0]:
+                costly[key] = wanted
+        _read(self._ask(view, costly), touched, known)
+        return known
+
+    def _ask(
+        self, view: MapView, lists: Mapping[Key, tuple[list[int], list[int] | None]]
+    ) -> Asked | None:
+        """Ask lists of triples of some entities, with some other ends, or any."""
         if not lists:
-            return
+            return None
         lists_of = tuple((key, others is None) for key, (_, others) in lists.items())
         shape = lists_of, view.inferred
         if shape not in self._statements:
@@ -68,14 +83,18 @@ class TripleLists:
         values = dict(values)
         for i, (ids, others) in enumerate(lists.values()):
             values |= {f"ids{i}": ids, f"others{i}": others}
-        keys = list(lists)
-        rows = view.session.execute(sql, values, prepare=True).fetchall()
-        for k, number, text, tag in rows:
-            verb, side, form = keys[k]
-            term, other = touched.node(number, form), term_of(text, tag)
-            if other is not None:
-                ends = (term, other) if side == 0 else (other, term)
-                known[verb, side, term].append(Quad(ends[0], rdflib.URIRef(verb), ends[1]))
+        return Asked(list(lists), view.session.execute(sql, values, prepare=True))
+
+
+def _read(asked: Asked | None, touched: Touched, known: Triples) -> None:
+    for k, number, text, tag in asked.rows.fetchall() if asked else ():
+        verb, side, form = asked.keys[k]
+        if number not in touched.names:
+            continue
+        term, other = touched.node(number, form), term_of(text, tag)
+        if other is not None:
+            ends = (term, other) if side == 0 else (other, term)
+            known[verb, side, term].append(Quad(ends[0], rdflib.URIRef(verb), ends[1]))
 
 
 def _wanted(

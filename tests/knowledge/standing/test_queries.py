@@ -334,8 +334,10 @@ class Watched:
 
 
 @pytest.fixture(scope="module")
-def watched(workshop: SemanticMap) -> Watched:
-    return Watched(workshop, LOCAL + WHOLE)
+def watched(workshop: SemanticMap) -> Iterator[Watched]:
+    made = Watched(workshop, LOCAL + WHOLE)
+    with made.standing:
+        yield made
 
 
 def test_queries_of_one_shape_are_translated_once(watched: Watched) -> None:
@@ -402,13 +404,15 @@ def test_events_are_the_differences_of_whole_evaluations(
 
 
 @pytest.fixture(scope="module")
-def thinking(workshop: SemanticMap) -> Watched:
+def thinking(workshop: SemanticMap) -> Iterator[Watched]:
     """A second workshop, which is reasoned about."""
     made = make_workshop(workshop.database, "thinking")
     session = made.session_of_map()
     update(session, PREFIX + AXIOMS)
     reason(session)
-    return Watched(made, LOCAL[::4] + INFERRED)
+    watched = Watched(made, LOCAL[::4] + INFERRED)
+    with watched.standing:
+        yield watched
 
 
 def test_inferences_are_answers(thinking: Watched) -> None:
