@@ -24,7 +24,7 @@ from semmap.knowledge.sparql.relation import can_join
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
 
-__all__ = ["SIDES", "Part", "Pattern", "Quad", "Solution", "split"]
+__all__ = ["SIDES", "Condition", "Part", "Pattern", "Quad", "Solution", "split"]
 
 SIDES = (0, 2)
 """Where subject and object are in a triple."""
@@ -131,6 +131,21 @@ class Pattern:
         return found
 
 
+class Condition(NamedTuple):
+    """A variable is an IRI, or is not."""
+
+    name: str
+    equal: bool
+    term: Term
+
+    def holds(self, solution: Solution) -> bool | None:
+        """Return whether a solution meets it; None where the term is no IRI."""
+        found = solution.get(self.name)
+        if not isinstance(found, rdflib.URIRef):
+            return None
+        return (found == self.term) is self.equal
+
+
 @dataclass(eq=False)
 class Part:
     """A part of a query, and its solutions.
@@ -140,7 +155,9 @@ class Part:
     tree : of the algebra
     names : all variables
     patterns : none where the part is a whole query, of which nothing else is known
-    direct : the only pattern and nothing else: a triple that matches is a solution
+    plain : patterns that compare terms, and conditions, and nothing else: triples that match are
+        solutions
+    conditions : variables that are, or are not, some IRIs
     projected : the places of the variables of the query in the solutions; None for those unbound
     properties : of a whole query: the properties of its statements; None for any
     of_tables : of a whole query: it has more than statements
@@ -158,7 +175,8 @@ class Part:
     tree: Any
     names: tuple[str, ...]
     patterns: list[Pattern]
-    direct: bool = False
+    plain: bool = False
+    conditions: tuple[Condition, ...] = ()
     projected: tuple[int | None, ...] = ()
     properties: frozenset[str] | None = None
     of_tables: bool = True
@@ -292,7 +310,11 @@ def _part(node: Any, names: tuple[str, ...], sources: Sources, canonical: Canoni
         tree,
         variables,
         patterns,
-        direct=len(patterns) == 1 and found.plain and patterns[0].exact,
+        plain=found.plain and all(each.exact for each in patterns),
+        conditions=tuple(
+            Condition(each.name, each.equal, canonical(each.term, "node"))
+            for each in found.conditions
+        ),
         projected=tuple(variables.index(n) if n in known else None for n in names),
     )
 
@@ -303,6 +325,7 @@ class _Found:
     def __init__(self) -> None:
         self.triples: list[tuple[tuple[Any, Any, Any], Any]] = []
         self.variables: list[str] = []
+        self.conditions: list[Condition] = []
         self.plain = True
         self._number = count()
 
@@ -313,11 +336,17 @@ class _Found:
             self.triples += [(triple, graph) for triple in triples]
             return CompValue("BGP", triples=triples)
         if node.name == "Graph":
-            return CompValue("Graph", term=node.term, p=self.rewritten(node.p, node.term))
+            inner = self._inside(lambda: self.rewritten(node.p, node.term))
+            return CompValue("Graph", term=node.term, p=inner)
         if node.name == "Join":
-            parts = {key: self.rewritten(node[key], graph) for key in ("p1", "p2")}
+            parts = {
+                key: self._inside(lambda key=key: self.rewritten(node[key], graph))
+                for key in ("p1", "p2")
+            }
             return CompValue("Join", **parts)
-        self.plain = False
+        conditions = list(_conditions(node.expr)) if node.name == "Filter" else [None]
+        self.conditions += [each for each in conditions if each]
+        self.plain &= all(conditions)
         if node.name == "Filter" and not _is_volatile(node.expr):
             return CompValue("Filter", expr=node.expr, p=self.rewritten(node.p, graph))
         if node.name == "Extend" and not _is_volatile(node.expr):
@@ -328,6 +357,13 @@ class _Found:
             self.variables += [str(name) for solution in node.p.res for name in solution]
             return node  # type: ignore[no-any-return]
         raise WholeError
+
+    def _inside(self, rewrite: Callable[[], CompValue]) -> CompValue:
+        """Return a group: its conditions see no variables but its own."""
+        before = len(self.conditions)
+        inner = rewrite()
+        self.plain &= len(self.conditions) == before
+        return inner
 
     def _steps(self, subject: Any, verb: Any, object_: Any) -> Iterator[tuple[Any, Any, Any]]:
         if isinstance(verb, InvPath):
@@ -341,6 +377,21 @@ class _Found:
             yield subject, verb, object_
         else:
             raise WholeError
+
+
+def _conditions(tree: Any) -> Iterator[Condition | None]:
+    """Yield the conditions that an expression consists of; None for one that is none of these."""
+    name = getattr(tree, "name", "")
+    if name == "ConditionalAndExpression":
+        for part in (tree.expr, *tree.other):
+            yield from _conditions(part)
+        return
+    if name == "RelationalExpression" and tree.op in ("=", "!="):
+        for one, other in ((tree.expr, tree.other), (tree.other, tree.expr)):
+            if isinstance(one, rdflib.Variable) and isinstance(other, rdflib.URIRef):
+                yield Condition(str(one), tree.op == "=", other)
+                return
+    yield None
 
 
 def _pruned(

@@ -22,14 +22,13 @@ from semmap.knowledge.sparql.constants import Constants, resolve
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED
 from semmap.knowledge.standing.changes import Changes, Touched, ask
 from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
-from semmap.knowledge.standing.index import COSTLY, PatternIndex, Triples
+from semmap.knowledge.standing.index import PatternIndex, Triples
+from semmap.knowledge.standing.joins import has_all, joined, may_match
 from semmap.knowledge.standing.parts import (
     Part,
     Pattern,
     Quad,
     Solution,
-    is_variable,
-    name_of_variable,
 )
 from semmap.knowledge.standing.shapes import (
     Filled,
@@ -294,7 +293,7 @@ class StandingQueries:
     def _of_entities(self, touched: Touched, known: Triples, regions: Regions) -> None:
         """Find the solutions with nodes of changed entities."""
         met: set[tuple[Part, str, Term]] = set()
-        for (verb, side, term), quads in known.items():
+        for (_, side, term), quads in known.items():
             form = touched.changed.get(term)
             if form is None:
                 continue
@@ -306,12 +305,9 @@ class StandingQueries:
                     if pattern.match(quad) is None:
                         continue
                     met.add((part, name, term))
-                    if part.direct:
-                        same = (pattern.match(each) for each in known[verb, side, term])
-                        found = [each for each in same if each is not None]
-                        regions.known_as(part, {name: term}, found)
-                    elif _has_all(part, name, form, term, known):
-                        regions.evaluate(part, {name: term})
+                    if has_all(part, name, form, term, known):
+                        left = range(len(part.patterns))
+                        self._find(part, {name: term}, left, known, touched, regions)
                     elif (part, name) in self._having.get(term, ()):
                         regions.known_as(part, {name: term}, [])
         for node, form in touched.changed.items():
@@ -343,13 +339,35 @@ class StandingQueries:
             solution = matches.of(pattern)
             if solution is None:
                 continue
-            if len(part.patterns) > 1 and not _may_match(part, number, solution, known, touched):
+            if len(part.patterns) > 1 and not may_match(part, number, solution, known, touched):
                 if part.having(tuple(solution.items())):
                     regions.known_as(part, solution, [])
-            elif part.direct and not pattern.keys:
-                regions.known_as(part, solution, [solution])
             else:
-                regions.evaluate(part, solution)
+                others = (n for n in range(len(part.patterns)) if n != number)
+                self._find(part, solution, others, known, touched, regions)
+
+    def _find(
+        self,
+        part: Part,
+        region: Solution,
+        left: Iterable[int],
+        known: Triples,
+        touched: Touched,
+        regions: Regions,
+    ) -> None:
+        """Find the solutions with some terms, by the listed triples where these tell them.
+
+        Parameters
+        ----------
+        left : the patterns that are not known to match
+        """
+        found = None
+        if part.plain:
+            found = joined(part, region, left, known, touched, self._index)
+        if found is None:
+            regions.evaluate(part, region)
+        else:
+            regions.known_as(part, region, found)
 
     def _of_ended_fact(self, quad: Quad, regions: Regions) -> None:
         """Find the solutions that there are with a statement that ended."""
@@ -462,42 +480,6 @@ class _Matches:
         if pattern not in self._found:
             self._found[pattern] = pattern.match(self._quad)
         return self._found[pattern]
-
-
-def _has_all(part: Part, name: str, form: Form, term: Term, known: Triples) -> bool:
-    """Return whether a node has a listed triple for each pattern that needs one."""
-    for number in part.keyed[name, form]:
-        pattern = part.patterns[number]
-        found = (
-            pattern.match(quad)
-            for side in pattern.sides(name, form)
-            for quad in known.get((pattern.property, side, term), ())
-        )
-        if all(match is None for match in found):
-            return False
-    return True
-
-
-def _may_match(
-    part: Part, number: int, solution: Solution, known: Triples, touched: Touched
-) -> bool:
-    """Return whether the other patterns may match, by what is known of the touched entities."""
-    for other, pattern in enumerate(part.patterns):
-        verb = str(pattern.terms[1])
-        if other == number or not pattern.listed or verb in COSTLY:
-            continue
-        for side, form in pattern.keys:
-            end = pattern.terms[side]
-            term = solution.get(name_of_variable(end)) if is_variable(end) else None
-            if term is None or touched.nodes.get(term, ("", 0))[0] != form:
-                continue
-            found = (pattern.match(quad) for quad in known.get((verb, side, term), ()))
-            if not any(
-                match is not None and all(solution.get(n, t) == t for n, t in match.items())
-                for match in found
-            ):
-                return False
-    return True
 
 
 def _query_of(text: str, template: Template, filling: tuple[str, ...]) -> StandingQuery:

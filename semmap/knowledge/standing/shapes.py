@@ -204,7 +204,13 @@ class Shape:
                 part.tree,
                 part.names,
                 [_filled(each, filling) if filling else each for each in part.patterns],
-                direct=part.direct,
+                plain=part.plain,
+                conditions=part.conditions
+                if filling is None
+                else tuple(
+                    each._replace(term=filling.terms.get(each.term, each.term))
+                    for each in part.conditions
+                ),
                 projected=part.projected,
                 properties=part.properties,
                 of_tables=part.of_tables,
