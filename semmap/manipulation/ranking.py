@@ -68,8 +68,9 @@ class _Level:
 class Evidence:
     """Outcomes on an object model (`own`) and on those of a similar shape (`alike`).
 
-    `shifts` are those that succeeded on similar shapes, by group, with their weights: (4,) across
-    the approach in the frame of the shape, and along it, as shares of the shape's largest size.
+    `shifts` are those that succeeded on similar shapes, by group, with their weights: (4,) x, y, z
+    in the frame of the shape, and the part of those that only reach further, along the approach; as
+    shares of the shape's largest size.
     """
 
     alike: _Level = field(default_factory=_Level)
@@ -96,7 +97,9 @@ class Evidence:
         (self.own if own else self.alike).add((group, shift is not None), outcomes)
         if shift is None or pose is None or extent is None or own or not outcomes.successes:
             return
-        part = np.append(pose.rotation @ np.multiply(shift, (1, 1, 0)), shift[2]) / extent
+        aside = np.hypot(shift[0], shift[1]) > LEAST  # such as towards the heavy end of the shape
+        place = pose.rotation @ np.array(shift) if aside else np.zeros(3)
+        part = np.append(place, 0.0 if aside else shift[2]) / extent
         if np.linalg.norm(part) <= 1:
             self.shifts.setdefault(group, []).append((part, outcomes.successes))
 
@@ -132,8 +135,8 @@ class Evidence:
             return None
         parts, weights = zip(*known, strict=True)
         part = extent * np.average(parts, axis=0, weights=weights)
-        across = (shape_pose[:3, :3].T @ grasp.pose[:3, :3]).T @ part[:3]
-        found: Floats = np.array([across[0], across[1], part[3]])
+        _, y, z = (shape_pose[:3, :3].T @ grasp.pose[:3, :3]).T @ part[:3]
+        found: Floats = np.array([0.0, y, z + part[3]])  # where they close, fingers find the middle
         return found if np.linalg.norm(found) > LEAST else None
 
 

@@ -51,7 +51,7 @@ def taught(cups: SemanticMap) -> dict[str, int]:
     here = cups.session_of_map()
     set_shape(here, "cup1", primitive("cylinder", 0.035, 0.09))
     failed, new = add_actions(here, "cup1", None, [candidate(quality=0.9), candidate(yaw=1.0)])
-    (worked,) = add_actions(here, "cup1", None, [candidate(x=0.004)])
+    (worked,) = add_actions(here, "cup1", None, [candidate(x=0.004, shift=(0.0, 0.004, 0.0))])
     (place,) = add_actions(
         here, "cup1", None, [ActionRecord("place", Pose(z=0.05), post_pose=Pose(z=0.2))]
     )
@@ -106,8 +106,9 @@ def test_a_cup_of_the_same_mesh_profits_and_outcomes_count_by_trust(
     assert actions_on(here, name="cup2") == []
     trust(here, "friend", PUBLIC, 0.5)
     import_bundle(here, path)
-    (row, _) = actions_on(here, name="cup2")
+    (row, other) = actions_on(here, name="cup2")
     assert (row["attempts"], row["successes"], row["contributor"]) == (0.5, 0.5, "friend")
+    assert (row["shift"], other["shift"]) == ([0.0, 0.004, 0.0], None)
     trust(here, "friend", PUBLIC, 1)
     assert actions_on(here, name="cup2")[0]["attempts"] == 1
     record_task(here, "cup2", action=row["action_id"], outcome="completed")
