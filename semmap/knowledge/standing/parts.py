@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import count, product
+from math import prod
 from typing import Any, NamedTuple
 
 import rdflib
-from rdflib.paths import InvPath, SequencePath
+from rdflib.paths import AlternativePath, InvPath, SequencePath
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.knowledge.map_view import Row, Term
@@ -58,6 +59,10 @@ _VOLATILE = frozenset(
     f"Builtin_{name}" for name in ("NOW", "RAND", "UUID", "STRUUID", "BNODE", "EXISTS", "NOTEXISTS")
 )
 """Functions whose value depends on more than those of the variables."""
+
+
+MOST_CHOICES = 16
+"""A query whose paths have more choices of properties is evaluated as a whole."""
 
 
 class Quad(NamedTuple):
@@ -197,6 +202,7 @@ class Part:
             for side in SIDES
             if is_variable(p.terms[side])
         )
+        self._shows_all = self.projected == tuple(range(len(self.names)))
         self._indexed = tuple(i for i, name in enumerate(self.names) if name in self.ends)
         self.keyed: dict[tuple[str, Form], set[int]] = defaultdict(set)
         self.unlisted: set[str] = set()
@@ -243,6 +249,8 @@ class Part:
 
     def shown(self, row: Row) -> Row:
         """Return the variables of the query in a solution."""
+        if self._shows_all:
+            return row
         return tuple(None if i is None else row[i] for i in self.projected)
 
 
@@ -286,7 +294,48 @@ def _alternatives(node: Any) -> Iterator[Any]:
         yield from _alternatives(node.p1)
         yield from _alternatives(node.p2)
     else:
+        yield from _without_choices(node)
+
+
+def _without_choices(node: Any) -> Iterator[Any]:
+    """Yield a pattern for each choice of properties in its paths.
+
+    Raises
+    ------
+    WholeError
+        There are very many.
+    """
+    if node.name in ("Filter", "Extend", "Graph"):
+        for inner in _without_choices(node.p):
+            yield CompValue(node.name, **{**node, "p": inner})
+    elif node.name == "Join":
+        for one, other in product(_without_choices(node.p1), _without_choices(node.p2)):
+            yield CompValue("Join", p1=one, p2=other)
+    elif node.name == "BGP":
+        choices = [list(_choices(verb)) for _, verb, _ in node.triples]
+        if prod(map(len, choices)) > MOST_CHOICES:
+            raise WholeError
+        for verbs in product(*choices):
+            yield CompValue(
+                "BGP",
+                triples=[(s, v, o) for (s, _, o), v in zip(node.triples, verbs, strict=True)],
+            )
+    else:
         yield node
+
+
+def _choices(verb: Any) -> Iterator[Any]:
+    """Yield the paths without choices that a path consists of."""
+    if isinstance(verb, AlternativePath):
+        for each in verb.args:
+            yield from _choices(each)
+    elif isinstance(verb, InvPath):
+        yield from map(InvPath, _choices(verb.arg))
+    elif isinstance(verb, SequencePath):
+        for steps in product(*map(_choices, verb.args)):
+            yield SequencePath(*steps)
+    else:
+        yield verb
 
 
 def _part(node: Any, names: tuple[str, ...], sources: Sources, canonical: Canonical) -> Part:

@@ -58,6 +58,9 @@ LOCAL = (
     "SELECT ?x ?c { ?x ex:looksAt ?y BIND(STR(?y) AS ?c) }",
     "SELECT ?x { VALUES ?y { :bench :cart } ?x semmap:heldBy ?y ; a semmap:Object }",
     "SELECT ?x { { ?x semmap:heldBy :bench } UNION { ?x ex:looksAt :bench } }",
+    "SELECT ?x { ?x ex:looksAt|rel:beside :saw }",
+    "SELECT ?x ?h { ?x (ex:looksAt|^rel:beside)/semmap:heldBy ?h FILTER(?h != :cart) }",
+    "ASK { { ?x ex:looksAt ?y FILTER(?x = :mia) } ?y semmap:heldBy|semmap:on :bench }",
     "SELECT ?x { ?x ex:age ?n FILTER(?n > 3) }",
     # Of one shape with others
     "ASK { :glue ex:looksAt :bench }",
