@@ -111,11 +111,12 @@ class GraspMemory:
     ) -> list[Pose] | None:
         """Return where the gripper of a robot can put down what it holds; None if not known.
 
-        The object and the gripper are free of what is around; empty where they are nowhere. It is
-        not known for floors, for objects without a mesh, and for what the robot took without a
-        known grasp.
+        The object and the gripper are free of what is around, and within reach of the robot's arm
+        where it has a stored one; empty where they are nowhere. It is not known for floors, for
+        objects without a mesh, and for what the robot took without a known grasp.
         """
         from semmap.belief.store import driver
+        from semmap.manipulation.automata import stored_arm
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.places import find_places
 
@@ -124,15 +125,19 @@ class GraspMemory:
             return None
         session = driver(connection)
         near = (towards.x, towards.y)
+        chooser = self._chooser(connection, session, robot)
+        automaton = chooser.hand.automaton
         try:
             with session.transaction():
                 found = find_places(
                     session,
                     item,
                     target,
-                    gripper=self._chooser(connection, session, robot).hand.gripper,
+                    gripper=chooser.hand.gripper,
                     grasps=[grasp],
                     towards=near,
+                    arm=None if automaton is None else stored_arm(session, automaton)[1],
+                    base=chooser.base,
                     limit=1,
                 )
         except (LookupError, ManipulationError):

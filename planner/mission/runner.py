@@ -312,7 +312,8 @@ class _Attempt:
         if choice.refusal is not None:
             self.end(index, choice.refusal)
         elif command.behaviour == "place" and command.spot is None:
-            self.end(index, Outcome("full", f"nothing is free on {command.arguments[-1]}"))
+            where = command.arguments[-1]
+            self.end(index, Outcome("full", f"nothing is free, and within reach, on {where}"))
         elif act is None:
             self.end(index, Outcome("unable", f"the robot has no behaviour {command.behaviour}"))
         else:

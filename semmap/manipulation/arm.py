@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -84,7 +85,8 @@ class Arm:
         for joint in robot.joints:
             number = self.joints.index(joint) + 1 if joint in self.joints else None
             carrier[joint.child] = carrier[joint.parent] if number is None else number
-        self._links = tuple(robot.meshes)
+        margins = gripper.margins
+        self._links = tuple(link for link in robot.meshes if link not in margins)
         self._carrier = np.array([carrier[link] for link in self._links])
         self._attached: dict[tuple[tuple[str, float], ...], Floats] = {}
         self._bodies = [convex_body(robot.hull(link)) for link in self._links]
@@ -151,14 +153,20 @@ class Arm:
             ]
         )
 
-    def is_far(self, pose: Floats) -> bool:
-        """Return whether a pose (4, 4) in the robot's frame is beyond the stretched arm."""
+    @cached_property
+    def span(self) -> tuple[Floats, float]:
+        """The first joint, (3,) in the robot's frame, and the length of the stretched arm."""
         length = float(np.linalg.norm(self._tool[:3, 3]))
         length += sum(float(np.linalg.norm(before[:3, 3])) for before in self._before[1:])
         slides = np.array([joint.type == "prismatic" for joint in self.joints])
         length += float(np.maximum(np.abs(self.low), np.abs(self.high))[slides].sum())
-        shoulder = (self._root @ self._before[0])[:3, 3]
-        return float(np.linalg.norm(pose[:3, 3] - shoulder)) > length
+        return (self._root @ self._before[0])[:3, 3], length
+
+    def is_far(self, points: Floats) -> NDArray[np.bool_]:
+        """Return whether points (..., 3) in the robot's frame are beyond the stretched arm."""
+        shoulder, length = self.span
+        far: NDArray[np.bool_] = np.linalg.norm(points - shoulder, axis=-1) > length
+        return far
 
     def reach(
         self, pose: Floats, near: Floats | None = None, *, starts: int = STARTS, seed: int = 0

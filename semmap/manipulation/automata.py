@@ -1,24 +1,19 @@
-"""Robots with arms: which stored grasps they reach from where they stand, and the motions there."""
+"""Stored robots with arms, and which actions they reach from where they stand."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from semmap.belief.store import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.manipulation.device_store import add_automaton, add_device
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.path_store import add_path
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
-from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
@@ -26,48 +21,22 @@ if TYPE_CHECKING:
     from semmap.manipulation.gripper import Gripper
 
 __all__ = [
-    "Motion",
     "automaton_of",
     "base_pose",
-    "plan_grasp",
+    "facing_first",
     "reachable_rows",
     "register_robot",
     "stored_arm",
 ]
 
-Floats = NDArray[np.float64]
-
 TRIED = 200
-"""Grasps whose reach is computed, at most."""
+"""Actions whose reach is computed, at most."""
 
 STARTS = 4
-"""Positions from which inverse kinematics of a grasp begins."""
+"""Positions from which inverse kinematics of a pose begins."""
 
-AROUND = 1.5
-"""Metres around an object whose contents are obstacles for an arm."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A motion of an arm to a grasp.
-
-    Attributes
-    ----------
-    row : the grasp, as `semmap.manipulation.reader.actions_on` returns it
-    joints : names of the joints
-    to_pre_grasp, approach : (N, D) positions, radians or metres
-    path : id of the stored path to the pre-grasp, with the positions of the joints
-    reused : it was stored before
-    seconds : that were spent
-    """
-
-    row: dict[str, Any]
-    joints: tuple[str, ...]
-    to_pre_grasp: Floats
-    approach: Floats
-    path: int
-    reused: bool
-    seconds: float
+WAY = ("pre_pose", "pose", "end", "post_pose")
+"""The poses of the gripper in an action, in the order in which it takes them."""
 
 
 def register_robot(
@@ -195,135 +164,52 @@ def base_pose(connection: MapConnection, name: str, given: Sequence[float] | Non
     return Pose.planar(x, y, yaw, (row and row[0]) or 0.0)
 
 
+def facing_first(rows: Sequence[dict[str, Any]], base: Pose) -> list[dict[str, Any]]:
+    """Return actions in order: of equally good ones, those that face away from a robot first.
+
+    An arm reaches what is before it most easily. Expected shares of successes that differ by less
+    than 0.01 are equal.
+    """
+
+    def order(row: dict[str, Any]) -> tuple[float, float]:
+        pose = row["pose"].matrix
+        away = pose[:2, 3] - (base.x, base.y)
+        return -round(row["expected"], 2), -float(pose[:2, 2] @ away)
+
+    return sorted(rows, key=order)
+
+
 def reachable_rows(
     rows: Sequence[dict[str, Any]], arm: Arm, base: Pose, limit: int
 ) -> list[dict[str, Any]]:
-    """Return the first rows of actions whose poses of contact and approach an arm reaches.
+    """Return the first actions all of whose poses an arm reaches, in the order of `facing_first`.
 
     Parameters
     ----------
-    rows : as `semmap.manipulation.reader.actions_on` returns them
+    rows : as `semmap.manipulation.reader.actions_on` returns them, or as those of places or pushes
     base : of the robot, in the map's frame
     limit : the most rows
 
     Returns
     -------
     list of dict
-        The rows with `position`: of the joints at the approach, by name, radians or metres.
+        The rows with `position`: of the joints where the approach begins, by name, radians or
+        metres.
     """
     inverse = np.linalg.inv(base.matrix)
+    names = [joint.name for joint in arm.joints]
     found: list[dict[str, Any]] = []
-    for row in rows[:TRIED]:
-        before = inverse @ (row["pre_pose"] or row["pose"]).matrix
-        pose = inverse @ row["pose"].matrix
-        if arm.is_far(before) or arm.is_far(pose):
+    for row in facing_first(rows, base)[:TRIED]:
+        poses = [inverse @ row[key].matrix for key in WAY if row.get(key) is not None]
+        if any(arm.is_far(pose[:3, 3]) for pose in poses):
             continue
-        position = arm.reach(before, starts=STARTS)
-        if position is None or arm.reach(pose, position, starts=STARTS) is None:
+        position = begin = arm.reach(poses[0], starts=STARTS)
+        for pose in poses[1:]:
+            if position is not None:
+                position = arm.reach(pose, position, starts=STARTS)
+        if begin is None or position is None:
             continue
-        names = (joint.name for joint in arm.joints)
-        found.append(row | {"position": dict(zip(names, position.tolist(), strict=True))})
+        found.append(row | {"position": dict(zip(names, begin.tolist(), strict=True))})
         if len(found) == limit:
             break
     return found
-
-
-def plan_grasp(
-    connection: MapConnection,
-    automaton: str,
-    base: Pose,
-    rows: Sequence[dict[str, Any]],
-    *,
-    state: Mapping[str, float] | None = None,
-    seconds: float = 5.0,
-) -> Motion | None:
-    """Return a motion of a robot's arm to the first grasp that it reaches; None if not found.
-
-    A stored path to one of the grasps is followed if nothing has moved into its way. Else a motion
-    is planned (`semmap.manipulation.motion.plan_pick`) and its path is stored.
-
-    Parameters
-    ----------
-    rows : grasps of one object, the best first, as `reachable_rows` returns them
-    state : positions of the joints at the start; by default at rest
-    seconds : the longest time to plan one motion
-
-    Raises
-    ------
-    LookupError
-        There is no automaton of this name.
-    ManipulationError
-        The start touches something.
-    """
-    from semmap.manipulation.candidates import Grasps
-    from semmap.manipulation.collision import Obstacles
-    from semmap.manipulation.motion import plan_pick, straight_motion
-
-    if not rows:
-        return None
-    begun = time.perf_counter()
-    session = driver(connection)
-    _, arm = stored_arm(session, automaton)
-    given = dict(zip((j.name for j in arm.joints), arm.rest().tolist(), strict=True))
-    start = np.array([(given | dict(state or {}))[joint.name] for joint in arm.joints])
-    inverse = np.linalg.inv(base.matrix)
-
-    def local(triangles: Floats) -> Floats:
-        moved: Floats = triangles @ inverse[:3, :3].T + inverse[:3, 3]
-        return moved
-
-    entity = rows[0]["entity"]
-    some = [row for row in rows if row["entity"] == entity]
-    around = Obstacles(local(obstacles_around(session, entity, AROUND).triangles))
-    item = local(entity_triangles(session, entity))
-    room = around.joined(item)
-    grasps = Grasps(
-        arm.gripper,
-        np.array([inverse @ row["pose"].matrix for row in some]),
-        np.array([inverse @ (row["pre_pose"] or row["pose"]).matrix for row in some]),
-        np.array([arm.gripper.opening if r["width"] is None else r["width"] for r in some]),
-        np.array([row["expected"] for row in some]),
-        np.array([row["approach"] or "" for row in some]),
-        np.array([row["family"] or "" for row in some]),
-    )
-    joints = tuple(joint.name for joint in arm.joints)
-    for i, row in enumerate(some):
-        goal = base.matrix @ grasps.pre_grasps[i] @ np.linalg.inv(arm.gripper.frame)
-        known = _stored_path(session, automaton, base.matrix @ _palm(arm, start), goal, arm)
-        if known is None:
-            continue
-        number, way = known
-        approach = straight_motion(arm, way[-1], grasps.poses[i])
-        free = all(arm.is_free(q, room) for q in way)
-        if approach is not None and free and all(arm.is_free(q, around) for q in approach):
-            return Motion(row, joints, way, approach, number, True, time.perf_counter() - begun)
-    picked = plan_pick(
-        arm, start, grasps, np.eye(4), around, object_triangles=item, seconds=seconds
-    )
-    if picked is None:
-        return None
-    poses = [base.matrix @ _palm(arm, q) for q in picked.to_pre_grasp]
-    positions = dict(zip(joints, picked.to_pre_grasp.T.tolist(), strict=True))
-    path = add_path(session, automaton, poses, link=arm.gripper.palm, positions=positions)
-    spent = time.perf_counter() - begun
-    row = some[picked.grasp]
-    return Motion(row, joints, picked.to_pre_grasp, picked.approach, path, False, spent)
-
-
-def _palm(arm: Arm, position: Floats) -> Floats:
-    pose: Floats = arm.grasp_pose(position) @ np.linalg.inv(arm.gripper.frame)
-    return pose
-
-
-def _stored_path(
-    session: Any, automaton: str, start: Floats, goal: Floats, arm: Arm
-) -> tuple[int, Floats] | None:
-    """A valid path between two poses of the palm, its number and the positions along it."""
-    row = session.execute(
-        "SELECT id, joints, positions FROM path "
-        "WHERE id = path_between(%s, %s::float8[], %s::float8[], %s)",
-        (automaton, Pose.from_matrix(start).row, Pose.from_matrix(goal).row, arm.gripper.palm),
-    ).fetchone()
-    if row is None or row[1] != [joint.name for joint in arm.joints]:
-        return None
-    return int(row[0]), np.array(row[2])

@@ -7,11 +7,14 @@ import socket
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from semmap import cli
+
+if TYPE_CHECKING:
+    from semmap.manipulation.arm_motions import Motion
 
 __all__ = ["grasp_command", "manipulation", "place_command", "push_command"]
 
@@ -21,7 +24,23 @@ Gripper = Annotated[
     str | None,
     typer.Option(help="Name of a stored gripper, or a URDF; by default the preferred one."),
 ]
+Robot = Annotated[
+    str | None, typer.Option(help="Only what its arm reaches: a stored robot, or the URDF of one.")
+]
+Base = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,YAW[,Z]", help="Where the robot stands; by default its pose in the map."
+    ),
+]
+State = Annotated[
+    str | None,
+    typer.Option(help="Its joints before the motion, as JSON; by default at rest."),
+]
 Limit = Annotated[int, typer.Option(min=1, help="The most rows.")]
+PLANNED = 40
+"""Actions within reach among which one is chosen whose motion is free."""
+
 COLUMNS = ("entity", "approach", "expected", "attempts", "width", "x", "y", "z", "contributor")
 PLACE_COLUMNS = ("entity", "on", "approach", "expected", "attempts", "clearance", "x", "y", "z")
 PUSH_COLUMNS = ("entity", "direction", "expected", "attempts", "x", "y", "z", "contributor")
@@ -55,22 +74,12 @@ def grasp_command(
     unchecked: Annotated[
         bool, typer.Option("--unchecked", help="Also grasps that touch what is around.")
     ] = False,
-    robot: Annotated[
-        str | None,
-        typer.Option(help="Only what its arm reaches: a stored robot, or the URDF of one."),
-    ] = None,
-    base: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,YAW[,Z]", help="Where the robot stands; by default its pose in the map."
-        ),
-    ] = None,
+    robot: Robot = None,
+    base: Base = None,
     plan: Annotated[
         bool, typer.Option("--plan", help="Plan the arm's motion to the first grasp.")
     ] = False,
-    state: Annotated[
-        str | None, typer.Option(help="Its joints before the motion, as JSON; by default at rest.")
-    ] = None,
+    state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -85,8 +94,7 @@ def grasp_command(
 
     if sum(given is not None for given in (name, for_, at, shape)) != 1:
         raise typer.BadParameter("give NAME, or one of --for, --at and --shape")
-    if robot is None and (plan or base or state):
-        raise typer.BadParameter("--base, --plan and --state are for a --robot")
+    _check_robot(robot, base, state, plan=plan)
     if robot is not None and (shape or gripper or stored or unchecked or kind != "grasp"):
         raise typer.BadParameter("--robot is for grasps with its own gripper, of objects")
     with cli.open_database() as db:
@@ -127,7 +135,10 @@ def grasp_command(
                         print(f"{entity}: grasps generated and stored", file=sys.stderr)
     if not rows and not problems:
         problems = [f"the map has no {name or f'object for {for_}'}"]
-    _show(rows, problems, json_, COLUMNS[shape is not None :])
+    columns = COLUMNS[shape is not None :]
+    if any(row.get("link") is not None for row in rows):
+        columns = (*columns, "link")
+    _show(rows, problems, json_, columns)
 
 
 def _reached(
@@ -140,41 +151,67 @@ def _reached(
     plan: bool,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Grasps that a robot reaches, the one of the motion first; and why there is none."""
-    from semmap.manipulation.automata import (
-        base_pose,
-        plan_grasp,
-        reachable_rows,
-        register_robot,
-        stored_arm,
-    )
+    from semmap.manipulation.arm_motions import plan_grasp
+    from semmap.manipulation.automata import reachable_rows
     from semmap.manipulation.retrieval import find_grasps
 
-    if robot.endswith((".urdf", ".xml")):
-        robot = register_robot(session, Path(robot))
-    gripper, arm = stored_arm(session, robot)
-    at = base_pose(session, robot, None if base is None else _numbers(base, "--base"))
+    used = _Used.of(session, robot, base)
     limit = asked["limit"]
-    found = find_grasps(session, **asked | {"gripper": gripper, "limit": 1000})
-    rows = reachable_rows(found.rows, arm, at, limit)
+    found = find_grasps(session, **asked | {"gripper": used.gripper, "limit": 1000})
+    most = max(limit, PLANNED) if plan else limit
+    rows = reachable_rows(found.rows, used.arm, used.base, most)
     if found.rows and not rows:
-        where = f"{at.x:g}, {at.y:g}"
-        problem = f"{robot} reaches none of {len(found.rows)} free grasps from ({where})"
+        where = f"{used.base.x:g}, {used.base.y:g}"
+        problem = f"{used.name} reaches none of {len(found.rows)} free grasps from ({where})"
         return [], [*found.problems, problem]
     if not plan or not rows:
         return rows, found.problems
-    motion = plan_grasp(session, robot, at, rows, state=_state(state))
+    motion = plan_grasp(session, used.name, used.base, rows, state=_state(state))
+    rows, problems = _moved(motion, used.name, rows, ("to_pre_grasp", "approach_positions", ""))
+    return rows, [*found.problems, *problems]
+
+
+class _Used(NamedTuple):
+    """A robot that acts: its name, gripper and arm, and where it stands."""
+
+    name: str
+    gripper: str
+    arm: Any
+    base: Any
+
+    @classmethod
+    def of(cls, session: Any, robot: str, base: str | None) -> _Used:
+        """A stored robot, or that of a URDF, which is stored first."""
+        from semmap.manipulation.automata import base_pose, register_robot, stored_arm
+
+        if robot.endswith((".urdf", ".xml")):
+            robot = register_robot(session, Path(robot))
+        gripper, arm = stored_arm(session, robot)
+        at = base_pose(session, robot, None if base is None else _numbers(base, "--base"))
+        return cls(robot, gripper, arm, at)
+
+
+def _check_robot(robot: str | None, base: str | None, state: str | None, *, plan: bool) -> None:
+    if robot is None and (plan or base or state):
+        raise typer.BadParameter("--base, --plan and --state are for a --robot")
+
+
+def _moved(
+    motion: Motion | None, robot: str, rows: Sequence[Any], keys: tuple[str, str, str]
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """The row of a motion with its positions under these keys; and why there is none."""
     if motion is None:
-        return [], [f"{robot}: no motion to one of {len(rows)} grasps within reach was found"]
-    told = {
-        "joints": list(motion.joints),
-        "to_pre_grasp": motion.to_pre_grasp.tolist(),
-        "approach_positions": motion.approach.tolist(),
-        "path": motion.path,
-    }
+        return [], [f"{robot}: no motion to one of {len(rows)} within reach was found"]
+    told: dict[str, Any] = {"joints": list(motion.joints), "path": motion.path}
+    for key, positions in zip(
+        keys, (motion.to_pre_grasp, motion.approach, motion.after), strict=True
+    ):
+        if key:
+            told[key] = positions.tolist()
     how = "stored before" if motion.reused else f"planned in {motion.seconds:.1f} s"
     count = len(motion.to_pre_grasp)
     print(f"path {motion.path}: {count} positions, {how}; then straight on", file=sys.stderr)
-    return [motion.row | told], found.problems
+    return [motion.row | told], []
 
 
 def _state(given: str | None) -> dict[str, float]:
@@ -194,6 +231,12 @@ def place_command(
     towards: Annotated[
         str | None, typer.Option(metavar="X,Y", help="Spots near this point first; metres.")
     ] = None,
+    robot: Robot = None,
+    base: Base = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Plan the arm's motion, with the object in the gripper.")
+    ] = False,
+    state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
@@ -201,44 +244,86 @@ def place_command(
     """Show where and how to put an object down: stored places, the best first, else generated.
 
     semmap place cup1 --on table; semmap place cup1 --on table --gripper pr2 --towards 1.2,0.5
+    semmap place cup1 --on table --robot tiago --base 1.2,0.4,1.57 --plan
     """
+    from semmap.manipulation.arm_motions import plan_place
     from semmap.manipulation.places import find_places
 
     point = None if towards is None else _numbers(towards, "--towards")
     if point is not None and len(point) != 2:
         raise typer.BadParameter(f"--towards takes X,Y, not {towards}")
+    _check_robot(robot, base, state, plan=plan)
+    if robot is not None and gripper is not None:
+        raise typer.BadParameter("--robot has its own gripper: give one of --robot and --gripper")
     with cli.open_database() as db:
         session = db.map(map_name).session_of_map()
         with session.transaction():
-            chosen = _gripper(session, gripper)
-            found = find_places(session, name, on, gripper=chosen, towards=point, limit=limit)
+            used = None if robot is None else _Used.of(session, robot, base)
+            found = find_places(
+                session,
+                name,
+                on,
+                gripper=_gripper(session, gripper) if used is None else used.gripper,
+                towards=point,
+                arm=used and used.arm,
+                base=used and used.base,
+                limit=max(limit, PLANNED) if plan else limit,
+            )
+            rows, problems = found.rows, found.problems
+            if used is not None and plan and rows:
+                motion = plan_place(session, used.name, used.base, rows, state=_state(state))
+                keys = ("to_pre_place", "approach_positions", "retreat_positions")
+                rows, problems = _moved(motion, used.name, rows, keys)
     if found.generated:
         print(f"{name}: places generated and stored", file=sys.stderr)
-    _show(found.rows, found.problems, json_, PLACE_COLUMNS, "spot")
+    _show(rows, problems, json_, PLACE_COLUMNS, "spot")
 
 
 def push_command(
     name: Annotated[str, typer.Argument(help="The object.")],
     gripper: Gripper = None,
     distance: Annotated[float, typer.Option(help="How far it is pushed; metres.")] = 0.1,
+    robot: Robot = None,
+    base: Base = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Plan the arm's motion to the first push, and along it.")
+    ] = False,
+    state: State = None,
     limit: Limit = 10,
     map_name: cli.MapName = None,
     json_: cli.Json = False,
 ) -> None:
     """Show how to push an object along what it stands on: stored pushes, else generated ones.
 
-    semmap push book --distance 0.2
+    semmap push book --distance 0.2; semmap push book --robot tiago --base 1.2,0.4,1.57 --plan
     """
+    from semmap.manipulation.arm_motions import plan_push
     from semmap.manipulation.pushes import find_pushes
 
+    _check_robot(robot, base, state, plan=plan)
+    if robot is not None and gripper is not None:
+        raise typer.BadParameter("--robot has its own gripper: give one of --robot and --gripper")
     with cli.open_database() as db:
         session = db.map(map_name).session_of_map()
         with session.transaction():
-            chosen = _gripper(session, gripper)
-            found = find_pushes(session, name, gripper=chosen, distance=distance, limit=limit)
+            used = None if robot is None else _Used.of(session, robot, base)
+            found = find_pushes(
+                session,
+                name,
+                gripper=_gripper(session, gripper) if used is None else used.gripper,
+                distance=distance,
+                arm=used and used.arm,
+                base=used and used.base,
+                limit=max(limit, PLANNED) if plan else limit,
+            )
+            rows, problems = found.rows, found.problems
+            if used is not None and plan and rows:
+                motion = plan_push(session, used.name, used.base, rows, state=_state(state))
+                keys = ("to_pre_push", "approach_positions", "push_positions")
+                rows, problems = _moved(motion, used.name, rows, keys)
     if found.generated:
         print(f"{name}: pushes generated and stored", file=sys.stderr)
-    _show(found.rows, found.problems, json_, PUSH_COLUMNS)
+    _show(rows, problems, json_, PUSH_COLUMNS)
 
 
 def _show(
@@ -271,7 +356,7 @@ def _plain(row: dict[str, Any]) -> dict[str, Any]:
 def _short(row: dict[str, Any], where: str) -> dict[str, Any]:
     pose = row[where] or (None, None, None)
     places = {axis: v if v is None else round(v, 3) for axis, v in zip("xyz", pose, strict=False)}
-    numbers = ("expected", "width", "clearance")
+    numbers = ("expected", "width", "clearance", "link")
     rounded = {key: row[key] and round(row[key], 3) for key in numbers if key in row}
     return {"attempts": 0, "contributor": None} | row | places | rounded
 

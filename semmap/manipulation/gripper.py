@@ -90,6 +90,11 @@ class Gripper:
         return float(self.widths[0])
 
     @property
+    def margins(self) -> frozenset[str]:
+        """Links that keep a distance around the hand and are not a part of the gripper."""
+        return frozenset(_Tree(self.robot).rigid(self.palm)) - frozenset(self.links)
+
+    @property
     def joints(self) -> tuple[str, ...]:
         """The joints that move the fingers; joints that mimic others are left out."""
         return tuple(self.postures[0])

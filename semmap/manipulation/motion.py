@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -15,13 +17,27 @@ from semmap.manipulation.collision import Obstacles, free_grasps
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library
 
-__all__ = ["Held", "PickMotion", "plan_motion", "plan_pick", "straight_motion"]
+__all__ = [
+    "Held",
+    "PickMotion",
+    "Stroke",
+    "free_strokes",
+    "is_free",
+    "plan_motion",
+    "plan_pick",
+    "plan_strokes",
+    "straight_motion",
+    "straight_motions",
+]
 
 Floats = NDArray[np.float64]
 
 STEP = 0.05
 """The largest change of a joint between checked positions, radians or metres."""
 
+
+RANGE = 1.0
+"""The longest motion by which KPIECE extends its tree, radians: OMPL's default is too long."""
 
 POSTURES = 3
 """Postures of the arm that are tried for a grasp."""
@@ -40,6 +56,21 @@ class Held(NamedTuple):
     """Metres between the pads."""
 
 
+class Stroke(NamedTuple):
+    """A straight move of the gripper; the first one of several is any free motion instead."""
+
+    pose: Floats
+    """(4, 4) of the grasp frame at its end, in the robot's frame."""
+
+    obstacles: Obstacles
+    """In the robot's frame: what must not be touched meanwhile."""
+
+    fingers: Mapping[str, float] | None = None
+    """Positions of the finger joints; by default open, or around what is held."""
+
+    held: Held | None = None
+
+
 class PickMotion(NamedTuple):
     """The grasp that was chosen and the positions (N, D) that lead there."""
 
@@ -54,49 +85,60 @@ def plan_motion(
     goal: Floats,
     obstacles: Obstacles,
     *,
+    fingers: Mapping[str, float] | None = None,
     held: Held | None = None,
     seconds: float = 5.0,
     seed: int = 1,
 ) -> Floats | None:
     """Return positions (N, D) from start to goal that are free of collisions; None if not found.
 
-    KPIECE (Şucan and Kavraki) of OMPL, then shortcuts. Neighbouring positions differ by at most
+    KPIECE (Şucan and Kavraki) of OMPL for half of the time, then RRT-Connect (Kuffner and LaValle),
+    then shortcuts. Neighbouring positions differ by at most
     `STEP` in each joint, and each of them has been checked.
 
     Parameters
     ----------
     start, goal : (D,)
     obstacles : in the robot's frame
+    fingers : positions of the finger joints; by default open, or around what is held
     held : an object that moves with the gripper
-    seconds : the longest time to plan
+    seconds : the longest time to plan, of the processor
 
     Raises
     ------
     ManipulationError
         Start or goal touches something, or is beyond the limits of a joint.
     """
-    fingers = arm.gripper.posture(held.width) if held is not None else None
-    item = None if held is None else (held.body, held.pose)
+    stroke = Stroke(np.eye(4), obstacles, fingers, held)
 
-    def is_free(position: Floats) -> bool:
-        return arm.is_free(position, obstacles, fingers=fingers, held=item)
+    def free(position: Floats) -> bool:
+        return is_free(arm, position, stroke)
 
     for name, position in (("start", start), ("goal", goal)):
         beyond = (position < arm.low - 1e-9) | (position > arm.high + 1e-9)
         if beyond.any():
             joint = arm.joints[int(np.argmax(beyond))].name
             raise ManipulationError(f"{name} of the motion: joint {joint} is beyond its limits")
-        if not is_free(position):
+        if not free(position):
             raise ManipulationError(
                 f"{name} of the motion: the arm touches an obstacle or itself; choose another"
             )
     direct = _dense(np.stack([start, goal]))
-    if all(is_free(p) for p in direct):
+    if all(free(p) for p in direct):
         return direct
-    return _kpiece(arm, start, goal, is_free, seconds, seed)
+    return _planned(arm, start, goal, free, seconds, seed)
 
 
-def _kpiece(
+def is_free(arm: Arm, position: Floats, stroke: Stroke) -> bool:
+    """Return whether the arm, with what it holds, touches nothing at a position (D,)."""
+    held, fingers = stroke.held, stroke.fingers
+    if fingers is None and held is not None:
+        fingers = arm.gripper.posture(held.width)
+    item = None if held is None else (held.body, held.pose)
+    return arm.is_free(position, stroke.obstacles, fingers=fingers, held=item)
+
+
+def _planned(
     arm: Arm, start: Floats, goal: Floats, is_free: Any, seconds: float, seed: int
 ) -> Floats | None:
     base, geometric, util = (library(f"ompl.{name}") for name in ("base", "geometric", "util"))
@@ -119,8 +161,15 @@ def _kpiece(
             state[i] = float(position[i])
         ends.append(state)
     setup.setStartAndGoalStates(*ends)
-    setup.setPlanner(geometric.BKPIECE1(setup.getSpaceInformation()))
-    if not setup.solve(seconds) or not setup.haveExactSolutionPath():
+    kpiece = geometric.BKPIECE1(setup.getSpaceInformation())
+    kpiece.setRange(RANGE)
+    for planner in (kpiece, geometric.RRTConnect(setup.getSpaceInformation())):
+        setup.setPlanner(planner)
+        end = time.process_time() + seconds / 2
+        late = base.PlannerTerminationCondition(lambda end=end: time.process_time() > end)
+        if setup.solve(late) and setup.haveExactSolutionPath():
+            break
+    else:
         return None
     setup.simplifySolution(min(1.0, seconds / 5))
     path = np.array([[s[i] for i in range(count)] for s in setup.getSolutionPath().getStates()])
@@ -157,6 +206,76 @@ def straight_motion(arm: Arm, start: Floats, pose: Floats, steps: int = 10) -> F
     return np.array(found)
 
 
+def straight_motions(arm: Arm, start: Floats, strokes: Sequence[Stroke]) -> list[Floats] | None:
+    """Return the positions (N, D) of each of some strokes; None if one is not free.
+
+    Parameters
+    ----------
+    start : (D,) where the first one begins
+    """
+    found: list[Floats] = []
+    for stroke in strokes:
+        moved = straight_motion(arm, start, stroke.pose)
+        if moved is None or not all(is_free(arm, p, stroke) for p in moved):
+            return None
+        found.append(moved)
+        start = moved[-1]
+    return found
+
+
+def free_strokes(
+    arm: Arm, start: Floats, strokes: Sequence[Stroke]
+) -> Iterator[tuple[Floats, list[Floats]]]:
+    """Generate postures of the arm in which some strokes are free.
+
+    Yields
+    ------
+    The position (D,) at the end of the first stroke, and those (N, D) of each other one.
+    """
+    first, *others = strokes
+    for seed in range(POSTURES):
+        before = arm.reach(first.pose, start if seed == 0 else None, seed=seed)
+        if before is None:
+            return
+        if is_free(arm, before, first):
+            after = straight_motions(arm, before, others)
+            if after is not None:
+                yield before, after
+
+
+def plan_strokes(
+    arm: Arm, start: Floats, strokes: Sequence[Stroke], *, seconds: float = 5.0
+) -> list[Floats] | None:
+    """Return the positions (N, D) of each stroke; None if no free motion is found.
+
+    The way to the end of the first stroke is planned (`plan_motion`), the others are straight.
+
+    Parameters
+    ----------
+    start : (D,)
+    seconds : the longest time to plan one motion
+
+    Raises
+    ------
+    ManipulationError
+        The start touches something.
+    """
+    first = strokes[0]
+    for before, after in free_strokes(arm, start, strokes):
+        path = plan_motion(
+            arm,
+            start,
+            before,
+            first.obstacles,
+            fingers=first.fingers,
+            held=first.held,
+            seconds=seconds,
+        )
+        if path is not None:
+            return [path, *after]
+    return None
+
+
 def plan_pick(
     arm: Arm,
     start: Floats,
@@ -181,22 +300,10 @@ def plan_pick(
     tries : grasps for which inverse kinematics and planning are tried
     """
     room = obstacles if object_triangles is None else obstacles.joined(object_triangles)
-    tried = 0
-    for i in np.flatnonzero(free_grasps(grasps, model, obstacles, item=object_triangles)):
-        if tried == tries:
-            return None
-        tried += 1
-        for seed in range(POSTURES):
-            near = start if seed == 0 else None
-            before = arm.reach(model @ grasps.pre_grasps[i], near, seed=seed)
-            if before is None:
-                break
-            if not arm.is_free(before, room):
-                continue
-            approach = straight_motion(arm, before, model @ grasps.poses[i])
-            if approach is None or not all(arm.is_free(p, obstacles) for p in approach):
-                continue
-            path = plan_motion(arm, start, before, room, seconds=seconds)
-            if path is not None:
-                return PickMotion(int(i), path, approach)
+    free = free_grasps(grasps, model, obstacles, item=object_triangles)
+    for i in np.flatnonzero(free)[:tries]:
+        poses = (model @ grasps.pre_grasps[i], room), (model @ grasps.poses[i], obstacles)
+        found = plan_strokes(arm, start, [Stroke(*each) for each in poses], seconds=seconds)
+        if found is not None:
+            return PickMotion(int(i), *found)
     return None

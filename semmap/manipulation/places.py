@@ -8,7 +8,7 @@ The spot on the support is found each time, since it depends on what stands ther
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.action_store import add_actions
+from semmap.manipulation.automata import facing_first, reachable_rows
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.placing import Place, place_candidates, stability
 from semmap.manipulation.ranking import ranked
@@ -33,6 +34,9 @@ from semmap.manipulation.shape_store import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.query.entity_query import entity_id
 
+if TYPE_CHECKING:
+    from semmap.manipulation.arm import Arm
+
 __all__ = ["find_places", "place_of"]
 
 Floats = NDArray[np.float64]
@@ -45,6 +49,12 @@ GRASPS = 24
 
 SPOTS = 400
 """Poses on the support at which the gripper is checked."""
+
+REACHED = 150
+"""Places whose reach by an arm is computed, at most."""
+
+AT_SPOT = 6
+"""Places at one spot whose reach is computed."""
 
 STORED = 1000
 """The most stored places of a model that are considered."""
@@ -61,6 +71,8 @@ def find_places(
     gripper: str | None = None,
     grasps: Sequence[int] | None = None,
     towards: Sequence[float] | None = None,
+    arm: Arm | None = None,
+    base: Pose | None = None,
     limit: int = 10,
 ) -> Found:
     """Return the best places of an object on another one; they are generated where none is stored.
@@ -73,8 +85,11 @@ def find_places(
     ----------
     entity, on : names in the map: the object, and what it is put on
     gripper : name; the preferred one where None
-    grasps : ids of the grasp that holds it, or of those that may; by default, the best ones
+    grasps : ids of the grasp that holds it, or of those that may; by default the one with which an
+        agent of the map took it, else the best ones
     towards : (x, y); spots near it come first, else those with most room
+    arm, base : of a robot, with this gripper, and where it stands in the map's frame: only places
+        that it reaches
     limit : the most rows, each at another pose
 
     Returns
@@ -82,7 +97,8 @@ def find_places(
     Found
         Rows as of `semmap.manipulation.reader.actions_on`, the poses of the gripper for the object
         at its spot; also `on`, `spot` (the pose of the object, map's frame), `clearance` (metres)
-        and `grasp_id` and `grasp_expected` of the grasp that it ends.
+        and `grasp_id` and `grasp_expected` of the grasp that it ends; with an arm, `position` of
+        its joints where the way down begins.
 
     Raises
     ------
@@ -113,14 +129,16 @@ def find_places(
     spots = place_candidates(vertices, upright, surfaces, obstacles.triangles, all_headings=True)
     if not spots:
         return Found([], generated, [f"{on}: none of its surfaces has room for {entity}"])
-    rows = _free_rows(
-        places, spots, stored_gripper(session, chosen), obstacles, vertices, towards, limit
-    )
+    free = _FreePlaces(places, stored_gripper(session, chosen), obstacles, vertices)
+    if towards is None and arm is not None and base is not None:
+        ordered = _in_order(spots, (base.x, base.y), room=1.0)
+    else:
+        ordered = _in_order(spots, towards)
+    rows = free.first(ordered, limit, arm, base)
     if not rows:
-        problems.append(
-            f"{on}: has room for {entity}, but the gripper touches what is around at all "
-            f"{len(places)} places"
-        )
+        problems.append(free.problem(entity, on, base))
+    if towards is None:
+        rows = sorted(rows, key=_doubt)
     return Found([row | {"on": on} for row in rows], generated, problems)
 
 
@@ -159,10 +177,22 @@ SELECT coalesce((SELECT t.start FROM placement p JOIN entity h ON h.id = p.holde
 """
 
 
+TAKEN = """
+SELECT t.action_id FROM placement p JOIN entity h ON h.id = p.holder_id AND h.kind = 'agent'
+JOIN task t ON t.entity_id = p.entity_id AND t.robot_id = h.id
+           AND t.kind = 'grasp' AND t.outcome = 'completed'
+JOIN action a ON a.id = t.action_id AND a.replaced_by IS NULL
+WHERE p.entity_id = entity_id(%s) AND a.gripper_id = gripper_named(%s) ORDER BY t.id DESC LIMIT 1
+"""
+
+
 def _grasps(
     session: Any, entity: str, gripper: str, chosen: Sequence[int] | None
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The grasps, as rows, that a place can end; and why there is none."""
+    if chosen is None:
+        taken = session.execute(TAKEN, (entity, gripper)).fetchone()
+        chosen = None if taken is None else [taken[0]]
     if chosen is None:
         found = find_grasps(session, name=entity, gripper=gripper, limit=GRASPS)
         return found.rows, found.problems
@@ -260,42 +290,72 @@ def _side(kind: str, up: Floats) -> str:
     return f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]} up"
 
 
-def _free_rows(
-    places: Sequence[dict[str, Any]],
-    spots: Sequence[Place],
-    gripper: Any,
-    obstacles: Any,
-    vertices: Floats,
-    towards: Sequence[float] | None,
-    limit: int,
-) -> list[dict[str, Any]]:
-    """For each spot, the first place at which the gripper touches nothing."""
-    from semmap.manipulation.candidates import Grasps
-    from semmap.manipulation.collision import free_places
+class _FreePlaces:
+    """The places at which the gripper touches nothing, spot by spot."""
 
-    some = Grasps(
-        gripper,
-        np.array([row["model_pose"].matrix for row in places]),
-        np.array([_in_model(row, "post_pose") for row in places]),
-        np.array([gripper.opening if row["width"] is None else row["width"] for row in places]),
-        np.array([row["expected"] for row in places]),
-        np.array([row["approach"] or "" for row in places]),
-        np.array([row["family"] or "" for row in places]),
-    )
-    before = np.array([_in_model(row, "pre_pose") for row in places])
-    found: list[dict[str, Any]] = []
-    taken: set[tuple[float, ...]] = set()
-    for spot in _in_order(spots, towards)[:SPOTS]:
-        if spot.spot in taken:
-            continue
-        free = np.flatnonzero(free_places(some, before, spot.pose, obstacles, vertices))
-        if not len(free):
-            continue
-        taken.add(spot.spot)
-        found.append(_row(places[free[0]], spot))
-        if len(found) == limit:
-            break
-    return found if towards is not None else sorted(found, key=_doubt)
+    def __init__(
+        self, places: Sequence[dict[str, Any]], gripper: Any, obstacles: Any, vertices: Floats
+    ) -> None:
+        from semmap.manipulation.candidates import Grasps
+
+        self.places, self.obstacles, self.vertices = places, obstacles, vertices
+        self.ways = Grasps(
+            gripper,
+            np.array([row["model_pose"].matrix for row in places]),
+            np.array([_in_model(row, "post_pose") for row in places]),
+            np.array([gripper.opening if row["width"] is None else row["width"] for row in places]),
+            np.array([row["expected"] for row in places]),
+            np.array([row["approach"] or "" for row in places]),
+            np.array([row["family"] or "" for row in places]),
+        )
+        self.before = np.array([_in_model(row, "pre_pose") for row in places])
+        self.near = self.met = 0
+
+    def at(self, spot: Place) -> list[dict[str, Any]]:
+        """The rows of the free places at a spot, the best first."""
+        from semmap.manipulation.collision import free_places
+
+        free = free_places(self.ways, self.before, spot.pose, self.obstacles, self.vertices)
+        return [_row(self.places[int(i)], spot) for i in np.flatnonzero(free)]
+
+    def first(
+        self, spots: Sequence[Place], limit: int, arm: Arm | None = None, base: Pose | None = None
+    ) -> list[dict[str, Any]]:
+        """For each spot, the first free place, or the first one that an arm reaches."""
+        found: dict[tuple[float, ...], dict[str, Any]] = {}
+        for spot in spots:
+            if spot.spot in found or self._is_far(spot, arm, base):
+                continue
+            self.near += 1
+            some = self.at(spot)
+            if arm is not None and base is not None:
+                some = facing_first(some, base)[:AT_SPOT]
+                self.met += len(some)
+                some = reachable_rows(some, arm, base, 1)
+            if some:
+                found[spot.spot] = some[0]
+            if len(found) == limit or self.near == SPOTS or self.met >= REACHED:
+                break
+        return list(found.values())
+
+    def _is_far(self, spot: Place, arm: Arm | None, base: Pose | None) -> bool:
+        """Whether a spot is beyond the stretched arm, whatever the grasp."""
+        if arm is None or base is None:
+            return False
+        there = np.linalg.inv(base.matrix) @ spot.pose
+        points = self.ways.poses[:, :3, 3] @ there[:3, :3].T + there[:3, 3]
+        return bool(arm.is_far(points).all())
+
+    def problem(self, entity: str, on: str, base: Pose | None) -> str:
+        """Why no place was found."""
+        room = f"{on}: has room for {entity}, but"
+        if base is not None and not self.near:
+            return f"{room} all of it is beyond the arm at ({base.x:g}, {base.y:g})"
+        if base is not None and self.met:
+            reaches = f"the arm at ({base.x:g}, {base.y:g}) reaches none of"
+            return f"{room} {reaches} {self.met} places where the gripper is free"
+        number = len(self.places)
+        return f"{room} the gripper touches what is around at all {number} places"
 
 
 def _doubt(row: dict[str, Any]) -> float:
@@ -303,13 +363,15 @@ def _doubt(row: dict[str, Any]) -> float:
     return -float(row["expected"] * row["grasp_expected"])
 
 
-def _in_order(spots: Sequence[Place], towards: Sequence[float] | None) -> list[Place]:
-    """The spots with most room first; else, of those with room, the nearest first."""
+def _in_order(
+    spots: Sequence[Place], towards: Sequence[float] | None, room: float = 0.5
+) -> list[Place]:
+    """The spots with most room first; else, of those with enough, the nearest to a point first."""
     if towards is None:
         return list(spots)
     point = np.asarray(towards, dtype=float)[:2]
     return sorted(
-        spots, key=lambda s: (s.quality < 0.5, float(np.linalg.norm(s.pose[:2, 3] - point)))
+        spots, key=lambda s: (s.quality < room, float(np.linalg.norm(s.pose[:2, 3] - point)))
     )
 
 

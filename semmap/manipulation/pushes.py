@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
@@ -16,6 +16,7 @@ from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.action_store import add_actions
+from semmap.manipulation.automata import reachable_rows
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.pushing import Push, free_pushes, push_candidates
@@ -25,6 +26,9 @@ from semmap.manipulation.retrieval import Found, gripper_name, stored_gripper
 from semmap.manipulation.shape_store import model_mesh, shape_of
 from semmap.manipulation.surroundings import obstacles_around
 from semmap.query.entity_query import entity_id
+
+if TYPE_CHECKING:
+    from semmap.manipulation.arm import Arm
 
 __all__ = ["find_pushes"]
 
@@ -49,6 +53,8 @@ def find_pushes(
     *,
     gripper: str | None = None,
     distance: float = 0.1,
+    arm: Arm | None = None,
+    base: Pose | None = None,
     limit: int = 10,
 ) -> Found:
     """Return the best level pushes of an object; they are generated where none is stored.
@@ -60,13 +66,16 @@ def find_pushes(
     entity : name in the map
     gripper : name; the preferred one where None
     distance : metres that the object is pushed
+    arm, base : of a robot, with this gripper, and where it stands in the map's frame: only pushes
+        that it reaches
     limit : the most rows
 
     Returns
     -------
     Found
         Rows as of `semmap.manipulation.reader.actions_on`; also `end` (the pose of the gripper
-        where the push ends), and `direction`, degrees in the map's frame.
+        where the push ends), and `direction`, degrees in the map's frame; with an arm, `position`
+        of its joints where the approach begins.
 
     Raises
     ------
@@ -94,11 +103,17 @@ def find_pushes(
         )
         rows, generated = _stored(session, entity, chosen, distance), [entity]
     free = free_pushes([r["push"] for r in rows], vertices, model, hand, surface, obstacles)
-    found = [_told(rows[i]) for i in np.flatnonzero(free)[:limit]]
-    if found:
-        return Found(found, generated, [])
-    problem = f"{entity}: at all {len(rows)} pushes, it or the gripper meets what is around"
-    return Found([], generated, [problem])
+    found = [_told(rows[i]) for i in np.flatnonzero(free)]
+    if not found:
+        problem = f"{entity}: at all {len(rows)} pushes, it or the gripper meets what is around"
+        return Found([], generated, [problem])
+    if arm is None or base is None:
+        return Found(found[:limit], generated, [])
+    reached = reachable_rows(found, arm, base, limit)
+    if reached:
+        return Found(reached, generated, [])
+    where = f"the arm at ({base.x:g}, {base.y:g})"
+    return Found([], generated, [f"{entity}: {where} reaches none of {len(found)} free pushes"])
 
 
 def _surface(entity: str, vertices: Floats, model: Floats, obstacles: Obstacles) -> Polygon:

@@ -8,20 +8,23 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 
+from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
 from planner.mission.grasp_memory import GraspMemory
 from semmap.geometry.pose import Pose
+from semmap.manipulation.arm_motions import plan_grasp, plan_place
 from semmap.manipulation.automata import (
     automaton_of,
     base_pose,
-    plan_grasp,
     reachable_rows,
     register_robot,
     stored_arm,
 )
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.places import find_places
 from semmap.manipulation.reader import path_between
 from semmap.manipulation.retrieval import find_grasps
+from semmap.manipulation.task_store import record_task
 from tests.command_line import semmap
 from tests.manipulation.grippers import gripper_by_hand, urdf
 
@@ -132,6 +135,52 @@ def test_a_mission_takes_what_the_arm_of_its_robot_reaches(cup_map):
         _, near = reached(session, limit=24)
         assert action in {row["action_id"] for row in near}
         connection.rollback()
+
+
+def test_a_mission_puts_down_where_the_arm_of_its_robot_reaches(cup_map):
+    """From beside the table, near its end; from the door, nowhere."""
+    with cup_map.database.engine.connect() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', 'kitchen', true)"))
+        session = connection.connection.driver_connection
+        register_robot(session, urdf("panda"), "panda")
+        move = text("UPDATE placement SET holder_id = NULL, pose = :p WHERE entity_id = :id")
+        robot = connection.execute(text("SELECT entity_id('robot')")).scalar_one()
+        connection.execute(
+            text("UPDATE entity SET properties = :p WHERE id = :id"),
+            {"p": json.dumps({"robot_class": "panda"}), "id": robot},
+        )
+        connection.execute(move, {"p": BASE.row, "id": robot})
+        memory, pickup = GraspMemory(), Command("pickup", ("cup1", "table"))
+        assert memory.begin(connection, robot, pickup).action is not None
+        memory.end(connection, robot, pickup, Outcome())
+        (spot,) = memory.spots(connection, robot, "cup1", "table", BASE)
+        free = find_places(session, "cup1", "table", gripper="panda_gripper", towards=(2.2, 1.5))
+        other = free.rows[0]["spot"]
+        assert np.hypot(spot.x - BASE.x, spot.y - BASE.y) < 0.85 < np.hypot(other.x - BASE.x, 0)
+        connection.execute(move, {"p": Pose.planar(3.6, 0.3, 0, 0.7).row, "id": robot})
+        assert memory.spots(connection, robot, "cup1", "table", Pose.planar(2.2, 1.5, 0)) == []
+        connection.rollback()
+
+
+def test_a_held_object_is_put_down_by_the_grasp_that_holds_it(panda):
+    """Without a stated grasp, places end the one with which an agent of the map took the object."""
+    _, rows = reached(panda)
+    grasp = rows[3]["action_id"]
+    record_task(panda, "cup1", action=grasp, outcome="completed", robot="robot")
+    panda.execute(
+        "UPDATE placement SET holder_id = entity_id('robot'), relation = 'in', "
+        "pose = '{0.4,0,0.8,0,0,0,1}' WHERE entity_id = entity_id('cup1')"
+    )
+    arm = stored_arm(panda, "panda")[1]
+    found = find_places(panda, "cup1", "table", gripper="panda_gripper", arm=arm, base=BASE)
+    assert {row["grasp_id"] for row in found.rows} == {grasp}
+    motion = plan_place(panda, "panda", BASE, found.rows, state=READY, seconds=20)
+    assert motion is not None
+    put = BASE.matrix @ arm.grasp_pose(motion.approach[-1])
+    in_hand = np.linalg.inv(motion.row["model_pose"].matrix)
+    np.testing.assert_allclose(put @ in_hand, motion.row["spot"].matrix, atol=1e-2)
+    with pytest.raises(ManipulationError, match="its arm has no joint elbow"):
+        plan_place(panda, "panda", BASE, found.rows, state={"elbow": 1})
 
 
 def test_the_commands_of_a_robot(cup_map):

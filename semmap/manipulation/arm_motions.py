@@ -1,0 +1,326 @@
+"""Motions of stored robots' arms among what the map has: to grasp, to put down, to push.
+
+The way of the gripper to where an action begins is planned once; its path is stored and followed
+again until something moves into it. From there the gripper moves straight, as the action states
+(Tosello et al., sections III-A and IV-B).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.belief.store import MapConnection, driver
+from semmap.geometry.pose import Pose
+from semmap.manipulation.automata import stored_arm
+from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.path_store import add_path
+from semmap.manipulation.shape_store import model_mesh
+from semmap.manipulation.surroundings import entity_triangles, obstacles_around
+
+if TYPE_CHECKING:
+    from semmap.manipulation.arm import Arm
+    from semmap.manipulation.collision import Obstacles
+    from semmap.manipulation.motion import Stroke
+
+__all__ = ["Motion", "plan_grasp", "plan_place", "plan_push"]
+
+Floats = NDArray[np.float64]
+
+AROUND = 1.5
+"""Metres around an object whose contents are obstacles for an arm."""
+
+TRIES = 6
+"""Motions that are planned until one is found, at most."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion of an arm that does an action.
+
+    Attributes
+    ----------
+    row : the action, as it was given
+    joints : names of the joints
+    to_pre_grasp : (N, D) positions to where the approach of the action begins, radians or metres
+    approach : (N, D) positions to the contact; of a place, down to where the object stands
+    after : (N, D) positions of the retreat of a place, or of a push along its way; else none
+    path : id of the stored path of `to_pre_grasp`
+    reused : it was stored before
+    seconds : that were spent
+    """
+
+    row: dict[str, Any]
+    joints: tuple[str, ...]
+    to_pre_grasp: Floats
+    approach: Floats
+    after: Floats
+    path: int
+    reused: bool
+    seconds: float
+
+
+def plan_grasp(
+    connection: MapConnection,
+    automaton: str,
+    base: Pose,
+    rows: Sequence[dict[str, Any]],
+    *,
+    state: Mapping[str, float] | None = None,
+    seconds: float = 5.0,
+) -> Motion | None:
+    """Return a motion of a robot's arm to the first grasp that it reaches; None if not found.
+
+    A stored path to one of the grasps is followed if nothing has moved into its way. Else a motion
+    is planned (`semmap.manipulation.motion.plan_motion`) and its path is stored.
+
+    Parameters
+    ----------
+    rows : grasps of one object, the best first, as `reachable_rows` returns them
+    state : positions of the joints at the start; by default at rest
+    seconds : the longest time to plan one motion
+
+    Raises
+    ------
+    LookupError
+        There is no automaton of this name.
+    ManipulationError
+        The start touches something, or the state has a joint that the arm does not have.
+    """
+    from semmap.manipulation.motion import Stroke
+
+    if not rows:
+        return None
+    planner = _Planner.of(connection, automaton, base, state)
+    entity = rows[0]["entity"]
+    around = planner.around(entity)
+    room = around.joined(planner.local(entity_triangles(planner.session, entity)))
+
+    def strokes(row: dict[str, Any]) -> list[Stroke]:
+        return [
+            Stroke(planner.inverse @ _begin(row), room),
+            Stroke(planner.inverse @ row["pose"].matrix, around),
+        ]
+
+    return planner.first([row for row in rows if row["entity"] == entity], strokes, seconds)
+
+
+def plan_place(
+    connection: MapConnection,
+    automaton: str,
+    base: Pose,
+    rows: Sequence[dict[str, Any]],
+    *,
+    state: Mapping[str, float] | None = None,
+    seconds: float = 5.0,
+) -> Motion | None:
+    """Return a motion that puts an object down at the first place that is possible; else None.
+
+    The object is in the gripper from the start on: the convex hull of its mesh is a part of the
+    robot. It is put down along the place, then the open gripper leaves.
+
+    Parameters
+    ----------
+    rows : as `semmap.manipulation.places.find_places` returns them
+    state, seconds : as of `plan_grasp`
+
+    Raises
+    ------
+    LookupError, ManipulationError
+        As `plan_grasp`.
+    """
+    from semmap.manipulation.collision import convex_body
+    from semmap.manipulation.motion import Held, Stroke
+
+    if not rows:
+        return None
+    planner = _Planner.of(connection, automaton, base, state)
+    entity, on = rows[0]["entity"], rows[0]["on"]
+    around = planner.around(on, without=entity)
+    body = convex_body(np.asarray(model_mesh(planner.session, entity).vertices))
+
+    def strokes(row: dict[str, Any]) -> list[Stroke]:
+        width = planner.arm.gripper.opening if row["width"] is None else row["width"]
+        held = Held(body, np.linalg.inv(row["model_pose"].matrix), width)
+        found = [
+            Stroke(planner.inverse @ _begin(row), around, held=held),
+            Stroke(planner.inverse @ row["pose"].matrix, around, held=held),
+        ]
+        if row["post_pose"] is not None:
+            found.append(Stroke(planner.inverse @ row["post_pose"].matrix, around))
+        return found
+
+    return planner.first(rows, strokes, seconds)
+
+
+def plan_push(
+    connection: MapConnection,
+    automaton: str,
+    base: Pose,
+    rows: Sequence[dict[str, Any]],
+    *,
+    state: Mapping[str, float] | None = None,
+    seconds: float = 5.0,
+) -> Motion | None:
+    """Return a motion of the closed gripper that does the first push that is possible; else None.
+
+    Parameters
+    ----------
+    rows : as `semmap.manipulation.pushes.find_pushes` returns them
+    state, seconds : as of `plan_grasp`
+
+    Raises
+    ------
+    LookupError, ManipulationError
+        As `plan_grasp`.
+    """
+    from semmap.manipulation.motion import Stroke
+
+    if not rows:
+        return None
+    planner = _Planner.of(connection, automaton, base, state)
+    entity = rows[0]["entity"]
+    around = planner.around(entity)
+    room = around.joined(planner.local(entity_triangles(planner.session, entity)))
+    closed = planner.arm.gripper.postures[-1]
+
+    def strokes(row: dict[str, Any]) -> list[Stroke]:
+        fingers = closed | (row["posture"] or {})
+        return [
+            Stroke(planner.inverse @ _begin(row), room, fingers),
+            Stroke(planner.inverse @ row["pose"].matrix, around, fingers),
+            Stroke(planner.inverse @ row["end"].matrix, around, fingers),
+        ]
+
+    return planner.first(rows, strokes, seconds)
+
+
+def _begin(row: dict[str, Any]) -> Floats:
+    """Where the approach of an action begins, map's frame."""
+    pose: Floats = (row["pre_pose"] or row["pose"]).matrix
+    return pose
+
+
+class _Planner(NamedTuple):
+    """A robot at its place, its arm in a position."""
+
+    session: Any
+    automaton: str
+    arm: Arm
+    base: Floats
+    inverse: Floats
+    start: Floats
+    begun: float
+
+    @classmethod
+    def of(
+        cls,
+        connection: MapConnection,
+        automaton: str,
+        base: Pose,
+        state: Mapping[str, float] | None,
+    ) -> _Planner:
+        session = driver(connection)
+        _, arm = stored_arm(session, automaton)
+        joints = [joint.name for joint in arm.joints]
+        unknown = [name for name in state or {} if name not in joints]
+        if unknown:
+            raise ManipulationError(
+                f"{automaton}: its arm has no joint {', '.join(unknown)}; it has "
+                f"{', '.join(joints)}"
+            )
+        given = dict(zip(joints, arm.rest().tolist(), strict=True)) | dict(state or {})
+        start = np.array([given[name] for name in joints])
+        inverse = np.linalg.inv(base.matrix).astype(np.float64)
+        return cls(session, automaton, arm, base.matrix, inverse, start, time.perf_counter())
+
+    def local(self, triangles: Floats) -> Floats:
+        """Triangles of the map in the robot's frame."""
+        moved: Floats = triangles @ self.inverse[:3, :3].T + self.inverse[:3, 3]
+        return moved
+
+    def around(self, entity: str, without: str | None = None) -> Obstacles:
+        """What is around an object, in the robot's frame."""
+        from semmap.manipulation.collision import Obstacles
+
+        found = obstacles_around(self.session, entity, AROUND, without=without)
+        return Obstacles(self.local(found.triangles))
+
+    def first(self, rows: Sequence[dict[str, Any]], strokes: Any, seconds: float) -> Motion | None:
+        """The motion to the first action for which a stored path, else a planned one, is free."""
+        from semmap.manipulation.motion import free_strokes, plan_motion
+
+        every = [(row, strokes(row)) for row in rows]
+        for row, ways in every:
+            stored = self._stored(ways)
+            if stored is not None:
+                return self._motion(row, *stored, reused=True)
+        tries = 0
+        for row, ways in every:
+            to = ways[0]
+            for before, after in free_strokes(self.arm, self.start, ways):
+                path = plan_motion(
+                    self.arm,
+                    self.start,
+                    before,
+                    to.obstacles,
+                    fingers=to.fingers,
+                    held=to.held,
+                    seconds=seconds,
+                )
+                if path is not None:
+                    return self._motion(row, self._keep(path), [path, *after], reused=False)
+                tries += 1
+                if tries == TRIES:
+                    return None
+        return None
+
+    def _motion(
+        self, row: dict[str, Any], path: int, found: Sequence[Floats], *, reused: bool
+    ) -> Motion:
+        joints = tuple(joint.name for joint in self.arm.joints)
+        way, approach, *others = found
+        after = others[0] if others else np.empty((0, len(joints)))
+        spent = time.perf_counter() - self.begun
+        return Motion(row, joints, way, approach, after, path, reused, spent)
+
+    def _palm(self, grasp: Floats) -> Floats:
+        """The pose of the palm in the map where the grasp frame is at a pose of the robot's."""
+        pose: Floats = self.base @ grasp @ np.linalg.inv(self.arm.gripper.frame)
+        return pose
+
+    def _keep(self, positions: Floats) -> int:
+        """Store a path; return its id."""
+        names = [joint.name for joint in self.arm.joints]
+        return add_path(
+            self.session,
+            self.automaton,
+            [self._palm(self.arm.grasp_pose(position)) for position in positions],
+            link=self.arm.gripper.palm,
+            positions=dict(zip(names, positions.T.tolist(), strict=True)),
+        )
+
+    def _stored(self, strokes: Sequence[Stroke]) -> tuple[int, list[Floats]] | None:
+        """A stored path, its id, to where the first stroke ends, and then the others; all free."""
+        from semmap.manipulation.motion import is_free, straight_motions
+
+        first, *others = strokes
+        here = self._palm(self.arm.grasp_pose(self.start))
+        ends = (Pose.from_matrix(here).row, Pose.from_matrix(self._palm(first.pose)).row)
+        row = self.session.execute(
+            "SELECT id, joints, positions FROM path "
+            "WHERE id = path_between(%s, %s::float8[], %s::float8[], %s)",
+            (self.automaton, *ends, self.arm.gripper.palm),
+        ).fetchone()
+        if row is None or row[1] != [joint.name for joint in self.arm.joints]:
+            return None
+        way = np.array(row[2])
+        if not all(is_free(self.arm, position, first) for position in way):
+            return None
+        after = straight_motions(self.arm, way[-1], others)
+        return None if after is None else (int(row[0]), [way, *after])
