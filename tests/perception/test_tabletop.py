@@ -14,7 +14,9 @@ from semmap.perception.error import PerceptionError
 from semmap.perception.models import depth_points
 from semmap.perception.plane import find_plane
 from semmap.perception.point_cloud import voxel_downsample
+from semmap.perception.primitives import fit_primitive
 from semmap.perception.tabletop import euclidean_clusters, segment_tabletop
+from tests.perception.views import solid
 
 BOXES = [((-0.2, -0.1), 0.1), ((0.1, 0.05), 0.06), ((0.02, -0.2), 0.15)]
 """Corners and heights of boxes of 8 cm on a table at z = 0.7."""
@@ -60,6 +62,47 @@ def test_pixels_without_depth_change_nothing_but_their_points(scene):
     holes = cloud.copy()
     holes[np.random.default_rng(0).random(cloud.shape[:2]) < 0.2] = np.nan
     assert len(segment_tabletop(holes, up=up).clusters) == 3
+
+
+STANDING = [
+    ("cylinder", (0.035, 0.11), (-0.15, -0.12), 0.055),
+    ("sphere", (0.05,), (0.1, 0.12), 0.05),
+    ("cuboid", (0.06, 0.07, 0.12), (0.08, -0.16), 0.06),
+    ("cone", (0.05, 0.12), (-0.16, 0.14), 0.0),
+]
+"""Kind, size, place on the table, and height of the origin above it, metres."""
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_cloud_gives_the_primitives_of_all_that_stands_on_the_table(seed: int):
+    """The plane, the clusters, and each cluster's shape: seen from one side, with 1 mm of noise."""
+    parts = [box_mesh((-0.5, -0.4, 0.66), (0.5, 0.4, 0.7)).triangles]
+    for kind, size, place, middle in STANDING:
+        pose = np.eye(4)
+        pose[:3, 3] = *place, 0.7 + middle
+        parts.append(np.asarray(solid(kind, size, pose).triangles))
+    camera = DepthCamera(
+        (640, 480), (600.0, 600.0, 319.5, 239.5), look_at((0.9, 0.1, 1.3), (0, 0, 0.72))
+    )
+    depths, _ = camera.image(np.concatenate(parts))
+    noise = np.random.default_rng(seed).normal(0, 0.001, depths.shape)
+    up = camera.pose[:3, :3].T @ (0, 0, 1)
+    found = segment_tabletop(depth_points(camera, depths + noise), up=up)
+    shapes = {
+        shape.kind: shape for shape in (fit_primitive(c, table=found.plane) for c in found.clusters)
+    }
+    assert len(found.clusters) == len(STANDING)
+    assert set(shapes) == {kind for kind, *_ in STANDING}
+    for kind, size, place, middle in STANDING:
+        shape = shapes[kind]
+        sizes = sorted(shape.size) if kind == "cuboid" else shape.size
+        assert sizes == pytest.approx(size, abs=0.002)
+        there = (camera.pose @ shape.pose)[:3, 3]
+        assert there == pytest.approx((*place, 0.7 + middle), abs=0.002)
+        assert shape.inliers > 0.95
+        axis = camera.pose[:3, :3] @ shape.pose[:3, 2]
+        if kind in ("cylinder", "cone"):
+            assert abs(axis[2]) > 0.999
 
 
 @given(st.integers(0, 10_000), st.integers(0, 120), st.floats(0.02, 0.3))

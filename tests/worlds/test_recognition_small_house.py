@@ -18,6 +18,7 @@ from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.perception.models import depth_points
 from semmap.query.maps import see_map
 from tests.command_line import semmap as semmap_command
+from tests.stored import stored
 
 TABLE = "KitchenTable_01_001"
 VIEW = (5.5, 1.1, 1.45, 0.0, 0.75)
@@ -95,6 +96,7 @@ def test_a_cloud_of_nothing_changes_nothing(url: str, tmp_path: Path) -> None:
     cloud = tmp_path / "empty.npy"
     np.save(cloud, np.full((480, 640, 3), np.nan))
     view = ",".join(map(str, VIEW))
+    before = stored(url)
     with pytest.raises(ValueError, match="0 finite points of 307200"):
         semmap_command(
             url,
@@ -108,3 +110,4 @@ def test_a_cloud_of_nothing_changes_nothing(url: str, tmp_path: Path) -> None:
             "--map",
             "house",
         )
+    assert stored(url) == before
