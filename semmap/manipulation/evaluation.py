@@ -60,10 +60,8 @@ class Expected:
         """Return how an outcome differs from the expected one; None for a success."""
         if outcome.pushed > self.pushed:
             return "pushed"
-        if outcome.grip < EMPTY:
-            return "missed"
-        if outcome.lifted < self.lifted:
-            return "dropped"
+        if outcome.lifted < self.lifted:  # fingers of a hand meet beside what they hold
+            return "missed" if outcome.grip < EMPTY else "dropped"
         if np.linalg.norm(outcome.turned) > self.turned:
             return "turned"
         return "slipped" if outcome.slipped > self.slipped else None
