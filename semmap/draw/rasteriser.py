@@ -210,4 +210,5 @@ def quarters(image: NDArray[Any]) -> NDArray[Any]:
 
 def as_bytes(image: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     """Colours of 0..1 as bytes."""
-    return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
+    levels: NDArray[np.floating[Any]] = np.rint(np.clip(image, 0, 1) * 255)
+    return levels.astype(np.uint8)
