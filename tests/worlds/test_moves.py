@@ -11,6 +11,7 @@ import shapely
 from sqlalchemy import Engine, text
 
 import semmap
+from planner.demo.choices import DemoChoices, figure_3
 from semmap.query.maps import see_map
 from tests.command_line import semmap as semmap_command
 
@@ -120,6 +121,7 @@ EDITS = {
     "lower ceilings": "UPDATE room SET ceiling = 0.5",
     "higher floors": "UPDATE room SET floor = 1",
     "rooms drawn elsewhere": "UPDATE gis_room SET geom = ST_Translate(geom, 4, 0)",
+    "objects dragged": "UPDATE gis_object SET geom = ST_Translate(geom, 4, 0)",
     "rooms without a shape": "DELETE FROM entity_model em USING room r "
     "WHERE r.entity_id = em.entity_id",
     "rooms without a place": "DELETE FROM placement p USING room r WHERE r.entity_id = p.entity_id",
@@ -150,3 +152,37 @@ def test_inventory_follows_each_edit_of_the_small_house(house: Engine, edit: str
         assert connection.execute(text("SELECT * FROM inventory_contradiction")).all() == []
         assert connection.execute(text("SELECT * FROM world_mismatch")).all() == []
         assert connection.execute(text(holders)).all() != before
+
+
+def test_what_is_lifted_leaves_figure_3_and_what_was_stated_ends(house: Engine) -> None:
+    """A portrait on a night stand is lifted; a ball that is stated to be on it moves away."""
+    tables = text(figure_3(DemoChoices("picture", "table")))
+    by_hand = "SELECT put(entity_id('Ball_01_001'), entity_id(:stand), 'on')"
+    move = "SELECT move_to(entity_id(:name), w.pose[1], w.pose[2], w.pose[3] + :by) FROM world w "
+    at = "WHERE w.entity_id = entity_id(:place)"
+    with house.connect() as connection:  # rolled back at the end
+        see_map(connection, "house")
+        stand, *others = (row[1] for row in connection.execute(tables))
+        contents = text(
+            "SELECT e.name FROM placement p JOIN entity e ON e.id = p.entity_id "
+            "WHERE p.holder_id = entity_id(:stand)"
+        )
+        portraits = connection.scalars(contents, {"stand": stand}).all()
+        connection.execute(text(move + at), {"name": "Ball_01_001", "by": 0.7, "place": stand})
+        connection.execute(text(by_hand), {"stand": stand})
+        for portrait in portraits:
+            connection.execute(text(move + at), {"name": portrait, "by": 1, "place": portrait})
+        assert [row[1] for row in connection.execute(tables)] == others
+        assert connection.scalars(contents, {"stand": stand}).all() == ["Ball_01_001"]
+
+        away = {"name": "Ball_01_001", "by": 0, "place": "KitchenTable_01_001"}
+        connection.execute(text(move + at), away)
+        assert connection.scalars(contents, {"stand": stand}).all() == []
+        reason = connection.scalar(
+            text(
+                "SELECT reason FROM placement_history WHERE entity_id = entity_id('Ball_01_001') "
+                "AND reason IS NOT NULL ORDER BY upper(during) DESC LIMIT 1"
+            )
+        )
+        assert reason == "the geometry contradicted the stated holder"
+        assert connection.execute(text("SELECT * FROM inventory_contradiction")).all() == []
