@@ -385,13 +385,9 @@ class _Found:
             self.triples += [(triple, graph) for triple in triples]
             return CompValue("BGP", triples=triples)
         if node.name == "Graph":
-            inner = self._inside(lambda: self.rewritten(node.p, node.term))
-            return CompValue("Graph", term=node.term, p=inner)
+            return CompValue("Graph", term=node.term, p=self._group(node.p, node.term))
         if node.name == "Join":
-            parts = {
-                key: self._inside(lambda key=key: self.rewritten(node[key], graph))
-                for key in ("p1", "p2")
-            }
+            parts = {key: self._group(node[key], graph) for key in ("p1", "p2")}
             return CompValue("Join", **parts)
         conditions = list(_conditions(node.expr)) if node.name == "Filter" else [None]
         self.conditions += [each for each in conditions if each]
@@ -407,10 +403,10 @@ class _Found:
             return node  # type: ignore[no-any-return]
         raise WholeError
 
-    def _inside(self, rewrite: Callable[[], CompValue]) -> CompValue:
-        """Return a group: its conditions see no variables but its own."""
+    def _group(self, node: Any, graph: Any) -> CompValue:
+        """Return the tree of a group, whose conditions see no variables but its own."""
         before = len(self.conditions)
-        inner = rewrite()
+        inner = self.rewritten(node, graph)
         self.plain &= len(self.conditions) == before
         return inner
 

@@ -87,7 +87,9 @@ class TripleLists:
 
 
 def _read(asked: Asked | None, touched: Touched, known: Triples) -> None:
-    for k, number, text, tag in asked.rows.fetchall() if asked else ():
+    if asked is None:
+        return
+    for k, number, text, tag in asked.rows.fetchall():
         verb, side, form = asked.keys[k]
         if number not in touched.names:
             continue
