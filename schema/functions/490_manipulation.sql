@@ -149,31 +149,95 @@ BEGIN
     RETURN QUERY SELECT * FROM semmap.best_actions(ARRAY(SELECT o FROM semmap.objects_for(use) o), chosen, of_kind, most);
 END $$;
 
+CREATE FUNCTION linked_objects(entities bigint[])
+RETURNS TABLE (entity_id bigint, object_id bigint, confidence double precision)
+LANGUAGE plpgsql STABLE ROWS 10 SET search_path = semmap, public, pg_temp AS $$
+-- The object models that stored links (`semmap interlink`) state to be the same as entities, or as their models, beside
+-- their own. A link of one entity counts for all of its mesh. Undone with the link set, since only that has it.
+BEGIN
+    IF NOT EXISTS (SELECT FROM link_set s JOIN data_set d ON d.id IN (s.left_id, s.right_id) WHERE d.name = 'models') THEN
+        RETURN;
+    END IF;
+    RETURN QUERY
+    WITH linked AS MATERIALIZED (
+        SELECT a.name, l.left_key AS key, o.id AS object, l.confidence FROM link_set s
+        JOIN data_set a ON a.id = s.left_id JOIN data_set b ON b.id = s.right_id AND b.name = 'models'
+        JOIN record_link l ON l.link_set_id = s.id JOIN object_model o ON o.key = l.right_key
+      UNION ALL
+        SELECT b.name, l.right_key, o.id, l.confidence FROM link_set s
+        JOIN data_set a ON a.id = s.left_id AND a.name = 'models' JOIN data_set b ON b.id = s.right_id
+        JOIN record_link l ON l.link_set_id = s.id JOIN object_model o ON o.key = l.left_key
+    ), of_entity AS MATERIALIZED (
+        SELECT e.id, l.object, l.confidence FROM linked l JOIN map m ON l.name = 'map ' || m.name
+        JOIN entity e ON e.map_id = m.id AND e.name = l.key
+    ), found AS (
+        SELECT o.id, o.object, o.confidence FROM of_entity o WHERE o.id = ANY (entities)
+      UNION ALL
+        SELECT w.entity_id, o.object, o.confidence FROM of_entity o JOIN entity_model x ON x.entity_id = o.id
+        JOIN entity_model w ON w.model_id = x.model_id WHERE w.entity_id = ANY (entities)
+      UNION ALL
+        SELECT h.entity_id, l.object, l.confidence FROM entity_object h JOIN object_model m ON m.id = h.object_id
+        JOIN linked l ON l.name = 'models' AND l.key = m.key WHERE h.entity_id = ANY (entities)
+    )
+    SELECT f.id, f.object, max(f.confidence) FROM found f LEFT JOIN entity_object h ON h.entity_id = f.id
+    WHERE f.object IS DISTINCT FROM h.object_id GROUP BY 1, 2;
+END $$;
+
+CREATE FUNCTION shape_frame(to_shape text, to_size double precision[], to_pose double precision[],
+                            from_shape text, from_size double precision[], from_pose double precision[])
+RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+-- The frame of a model in that of another one whose primitive is the same within 2 cm, up to the symmetry of the shape;
+-- null where that is not known. Primitives of revolution that coincide in equal frames tell of no turn: the frames are equal.
+SELECT CASE
+    WHEN to_shape IS DISTINCT FROM from_shape OR to_shape IS NULL
+         OR EXISTS (SELECT FROM unnest(to_size, from_size) AS u (a, b) WHERE abs(a - b) > 0.02) THEN NULL
+    WHEN to_shape <> 'cuboid' AND abs(to_pose[1] - from_pose[1]) < 0.01 AND abs(to_pose[2] - from_pose[2]) < 0.01
+         AND abs(to_pose[3] - from_pose[3]) < 0.01 AND (to_shape = 'sphere' OR t.axis > 0.99 OR (to_shape = 'cylinder' AND t.axis < -0.99))
+         THEN '{0,0,0,0,0,0,1}'
+    ELSE semmap.pose_compose(to_pose, semmap.pose_inverse(from_pose)) END
+FROM (SELECT 1 - 2 * (q[4] * q[4] + q[5] * q[5]) AS axis FROM semmap.pose_compose(semmap.pose_inverse(from_pose), to_pose) q) t
+$$;
+
 CREATE FUNCTION actions_on(entities bigint[], gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
 RETURNS TABLE (entity text, action_id bigint, object_id bigint, kind text, approach text, family text, expected double precision,
                attempts double precision, successes double precision, pose double precision[], pre_pose double precision[],
                post_pose double precision[], motion double precision[], width double precision, posture jsonb, pre_posture jsonb,
-               model_pose double precision[], contributor text, shift double precision[])
+               model_pose double precision[], contributor text, shift double precision[],
+               link double precision, frame text)
 LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
 -- The best stored actions on entities of a map; `pose`, `pre_pose` and `post_pose` are in the map's frame, `model_pose` and
 -- `motion` in that of the object model. "Grasp a cup!" is actions_on(entities_named('cup')), "grasp something suitable for
 -- drinking!" actions_on(entities_for('drinking')), "grasp the object at [x, y, z]!" actions_on(ARRAY[entity_at(x, y, z)]).
+-- Grasps and places of linked models follow: `link` is the confidence, by which `expected` is multiplied, and `frame` tells
+-- how they came to the entity: by equal primitives (shape), or as if the frames of both models were equal (model).
 DECLARE
     chosen integer := semmap.gripper_named(gripper);
 BEGIN
     RETURN QUERY
     WITH found AS MATERIALIZED (
-        SELECT o.entity_id AS id, o.object_id AS object FROM semmap.entity_object o WHERE o.entity_id = ANY (entities)
+        SELECT o.entity_id AS id, o.object_id AS object, NULL::double precision AS link
+        FROM semmap.entity_object o WHERE o.entity_id = ANY (entities)
+      UNION ALL
+        SELECT l.entity_id, l.object_id, l.confidence FROM semmap.linked_objects(entities) l WHERE of_kind IN ('grasp', 'place')
     ), best AS MATERIALIZED (
         SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f), chosen, of_kind, most) b
+    ), placed AS MATERIALIZED (
+        SELECT f.id, f.object, f.link,
+               CASE WHEN f.link IS NOT NULL
+                    THEN (SELECT semmap.shape_frame(t.shape, t.size, t.shape_pose, o.shape, o.size, o.shape_pose)
+                          FROM semmap.entity_object h JOIN semmap.object_model t ON t.id = h.object_id, semmap.object_model o
+                          WHERE h.entity_id = f.id AND o.id = f.object) END AS frame
+        FROM found f WHERE f.object IN (SELECT b.object_id FROM best b)
     )
-    SELECT e.name, a.id, a.object_id, a.kind, a.approach, a.family, a.expected, a.attempts, a.successes,
-           semmap.pose_compose(w.pose, a.pose), semmap.pose_compose(w.pose, a.pre_pose), semmap.pose_compose(w.pose, a.post_pose),
-           a.motion, a.width, a.posture, a.pre_posture, a.pose, c.name, a.shift
-    FROM best b JOIN found f ON f.object = b.object_id JOIN semmap.entity e ON e.id = f.id
+    SELECT e.name, a.id, a.object_id, a.kind, a.approach, a.family, a.expected * coalesce(f.link, 1), a.attempts, a.successes,
+           semmap.pose_compose(t.there, a.pose), semmap.pose_compose(t.there, a.pre_pose), semmap.pose_compose(t.there, a.post_pose),
+           a.motion, a.width, a.posture, a.pre_posture, CASE WHEN f.frame IS NULL THEN a.pose ELSE semmap.pose_compose(f.frame, a.pose) END,
+           c.name, a.shift, f.link, CASE WHEN f.frame IS NOT NULL THEN 'shape' WHEN f.link IS NOT NULL THEN 'model' END
+    FROM best b JOIN placed f ON f.object = b.object_id JOIN semmap.entity e ON e.id = f.id
     JOIN semmap.action a ON a.id = b.action_id
-    JOIN semmap.contributor c ON c.id = a.contributor_id LEFT JOIN semmap.world w ON w.entity_id = f.id
-    ORDER BY b.expected DESC, b.action_id, e.name LIMIT most;
+    JOIN semmap.contributor c ON c.id = a.contributor_id LEFT JOIN semmap.world w ON w.entity_id = f.id,
+    LATERAL (SELECT CASE WHEN f.frame IS NULL THEN w.pose ELSE semmap.pose_compose(w.pose, f.frame) END AS there) t
+    ORDER BY b.expected * coalesce(f.link, 1) DESC, b.action_id, e.name LIMIT most;
 END $$;
 
 CREATE FUNCTION entities_named(wanted text)

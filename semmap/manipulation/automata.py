@@ -14,6 +14,7 @@ from semmap.geometry.pose import Pose
 from semmap.manipulation.device_store import add_automaton, add_device
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
+from semmap.manipulation.sensors import CAPABILITIES, read_sensors
 from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
@@ -47,7 +48,9 @@ def register_robot(
     palm: str | None = None,
     gripper: str | None = None,
 ) -> str:
-    """Store a robot with its gripper, as an automaton; return its name.
+    """Store a robot with its gripper and sensors, as an automaton; return its name.
+
+    The sensors are devices ROBOT/SENSOR; the first one that finds objects is that of the automaton.
 
     Parameters
     ----------
@@ -80,7 +83,17 @@ def register_robot(
             source=urdf.resolve(),
             joints={j.name: j.limits for j in arm.joints if np.isfinite(j.limits).all()},
         )
-        add_automaton(session, chosen, chosen, hand)
+        sensors = read_sensors(urdf.read_text("utf-8"))
+        for sensor in sensors:
+            add_device(
+                session,
+                f"{chosen}/{sensor.name}",
+                "sensor",
+                source=f"{urdf.resolve()}#{sensor.link}",
+                capabilities=CAPABILITIES[sensor.kind],
+            )
+        eye = f"{chosen}/{sensors[0].name}" if sensors else None
+        add_automaton(session, chosen, chosen, hand, eye)
     return chosen
 
 

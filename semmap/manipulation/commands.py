@@ -89,6 +89,7 @@ def grasp_command(
     semmap grasp cup --gripper pr2; semmap grasp --for drinking; semmap grasp --at 1.2,0.5,0.8
     semmap grasp cup1 --robot tiago --base 1.2,0.4,1.57 --plan
     """
+    from semmap.manipulation.linked import fitting_rows
     from semmap.manipulation.reader import actions_by_shape, actions_on
     from semmap.manipulation.retrieval import find_grasps
 
@@ -125,8 +126,8 @@ def grasp_command(
                 if robot is not None:
                     rows, problems = _reached(session, asked, robot, base, state, plan=plan)
                 elif stored or kind != "grasp":
-                    rows, problems = actions_on(session, kind=kind, **asked), []
-                    if not rows:
+                    rows, problems = fitting_rows(session, actions_on(session, kind=kind, **asked))
+                    if not rows and not problems:
                         problems = [f"no {kind} is stored for such an object"]
                 else:
                     found = find_grasps(session, **asked, check=not unchecked)
@@ -418,11 +419,33 @@ def add_robot(
         str | None, typer.Option(help="The link that holds the fingers; by default the first.")
     ] = None,
 ) -> None:
-    """Store a robot with its arm and gripper, for --robot and for missions of its class."""
+    """Store a robot with its arm, gripper and sensors, for --robot and missions of its class."""
     from semmap.manipulation.automata import register_robot
 
     with cli.open_database() as db:
         print(register_robot(db.session, urdf, name, palm=palm))
+
+
+@manipulation.command()
+def robots(
+    can: Annotated[
+        list[str] | None,
+        typer.Option(help="Only those able to: grasp, push, ..., see, feel; repeatable."),
+    ] = None,
+    json_: cli.Json = False,
+) -> None:
+    """List the stored robots with their grippers and sensors, and what they are able to do.
+
+    semmap manipulation robots --can grasp --can see
+    """
+    from semmap.manipulation.reader import list_automata
+
+    with cli.open_database() as db:
+        rows = list_automata(db.session, can or ())
+    if not json_:
+        lists = ("sensors", "capabilities")
+        rows = [row | {key: ", ".join(row[key]) for key in lists} for row in rows]
+    cli.show_table(rows, json_, ("name", "gripper", "sensor", "sensors", "capabilities"))
 
 
 @manipulation.command()

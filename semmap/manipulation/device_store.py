@@ -13,7 +13,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.statements import column, number, refusals
 from semmap.suggestions import suggestion
 
-__all__ = ["add_automaton", "add_device", "add_gripper", "gripper_id"]
+__all__ = ["ABLE", "add_automaton", "add_device", "add_gripper", "gripper_id"]
 
 CAPABILITIES = {
     "gripper": ("gripping", "pushing"),
@@ -21,6 +21,9 @@ CAPABILITIES = {
     "sensor": ("sensing",),
 }
 """What components are able to do, where nothing else is stated."""
+
+ABLE = ("gripping", "pushing", "reaching", "sensing", "seeing", "ranging", "orienting", "feeling")
+"""All capabilities of the ontology."""
 
 
 def add_device(

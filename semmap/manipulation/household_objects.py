@@ -3,7 +3,8 @@
 Its table ``grasp`` has, for each scaled model and hand, a grasp and a pre-grasp: a position
 ``{x, y, z, qw, qx, qy, qz}`` (w first) of the hand in the model's frame, and joint positions
 ``{j1, ...}``. Files are CSV with its column names, JSON (a list of such rows), or the text that
-``pg_dump`` writes, which may also have the tables of models.
+``pg_dump`` writes, which may also have the tables of models. Meshes (``mesh_vertex_list`` and
+``mesh_triangle_list``, arrays of numbers) give a model its primitive, by which its frame is known.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,7 +54,7 @@ def import_household_grasps(
 
     Parameters
     ----------
-    paths : files of grasps, and of models, which have names
+    paths : files of grasps, and of models, which have names and meshes
     grippers : names of stored grippers by ``hand_name``; by default the same names
     tool : (x, y, z, qx, qy, qz, qw) of the grasp frame in the frame of the hand; by default they
         are the same frame
@@ -76,6 +77,7 @@ def import_household_grasps(
     frame = Pose() if tool is None else pose_of(list(tool), "tool")
     rows = [(path, n, row) for path in paths for n, row in enumerate(read_rows(path), 1)]
     names = _names([row for _, _, row in rows])
+    meshes = _meshes(rows)
     session = driver(connection)
     groups: dict[tuple[str, str], list[tuple[Row, ActionRecord]]] = {}
     joints: dict[str, list[str]] = {}
@@ -104,6 +106,7 @@ def import_household_grasps(
                 f"household_objects:{model}",
                 name=name,
                 type=_known(session, guess.type if guess else None),
+                primitive=_primitive(model, meshes, scale),
             )
             add_actions(session, object_, hand, _ranked(group))
     return {
@@ -189,6 +192,72 @@ def _names(rows: Sequence[Row]) -> dict[str, str]:
         for row in rows
         if row.get("scaled_model_id") and str(row.get("original_model_id")) in originals
     }
+
+
+MESH = ("mesh_vertex_list", "mesh_triangle_list")
+"""Columns of a mesh: x, y, z of each vertex, and three numbers of vertices for each triangle."""
+
+
+class _Mesh(NamedTuple):
+    """Vertices (N, 3) and faces (F, 3) of a model, as they are in the file, and where that is."""
+
+    vertices: Any
+    faces: Any
+    where: str
+
+
+def _meshes(rows: Sequence[tuple[Path, int, Row]]) -> dict[str, _Mesh]:
+    """The meshes by scaled model: their own, or scaled ones of the original models."""
+    own: dict[tuple[str, str], _Mesh] = {}
+    for path, number, row in rows:
+        if all(str(row.get(column) or "").strip() for column in MESH):
+            key = next((k for k in ("scaled_model_id", "original_model_id") if row.get(k)), None)
+            where = f"{path}: mesh {row.get(key) if key else number}"
+            if key is None:
+                raise ManipulationError(f"{where}: has no original_model_id: add that column")
+            own[key, str(row[key])] = _mesh(row[MESH[0]], row[MESH[1]], where)
+    found = {id_: mesh for (key, id_), mesh in own.items() if key == "scaled_model_id"}
+    for path, number, row in rows:
+        original = own.get(("original_model_id", str(row.get("original_model_id"))))
+        if row.get("scaled_model_id") and original is not None:
+            where = f"{path}: row {number}: scaled_model_scale"
+            given = row.get("scaled_model_scale")
+            factor = 1.0 if given in (None, "") else _number(given, where)
+            found.setdefault(
+                str(row["scaled_model_id"]), original._replace(vertices=factor * original.vertices)
+            )
+    return found
+
+
+def _mesh(vertices: Any, faces: Any, where: str) -> _Mesh:
+    points, corners = (np.array(_array(given, where)) for given in (vertices, faces))
+    if len(points) % 3 or len(corners) % 3 or not len(points):
+        raise ManipulationError(
+            f"{where}: has {len(points)} numbers of vertices and {len(corners)} of triangles: give "
+            "three for each"
+        )
+    if len(corners) and not ((corners >= 0) & (corners < len(points) // 3)).all():
+        raise ManipulationError(
+            f"{where}: a triangle has a vertex that is not there: they are numbered from 0 to "
+            f"{len(points) // 3 - 1}"
+        )
+    return _Mesh(points.reshape(-1, 3), corners.astype(int).reshape(-1, 3), where)
+
+
+def _primitive(model: str, meshes: Mapping[str, _Mesh], scale: float) -> Any:
+    """The primitive of a scaled model; None without a mesh."""
+    import trimesh
+
+    from semmap.perception.error import PerceptionError
+    from semmap.perception.mesh_shapes import mesh_primitive
+
+    if model not in meshes:
+        return None
+    mesh = meshes[model]
+    try:
+        return mesh_primitive(trimesh.Trimesh(scale * mesh.vertices, mesh.faces, process=False))
+    except PerceptionError as error:
+        raise ManipulationError(f"{mesh.where}: {error}") from error
 
 
 def _joints(session: Any, hand: str) -> list[str]:

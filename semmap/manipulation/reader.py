@@ -18,7 +18,7 @@ from psycopg.rows import dict_row
 from semmap.belief.store import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import KINDS, pose_of
-from semmap.manipulation.device_store import gripper_id
+from semmap.manipulation.device_store import ABLE, gripper_id
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.statements import refusals
 from semmap.suggestions import suggestion
@@ -30,6 +30,7 @@ __all__ = [
     "entities_meant",
     "function_named",
     "known_actions",
+    "list_automata",
     "list_contributors",
     "list_grippers",
     "list_tasks",
@@ -70,7 +71,9 @@ def actions_on(
         `entity`, `action_id`, `object_id`, `kind`, `approach`, `family`, `expected` (share of
         successes), `attempts`, `successes`, `width`, `posture`, `pre_posture`, `contributor`;
         `pose`, `pre_pose` and `post_pose` in the map's frame, `model_pose` and `motion` in the
-        model's. Empty where nothing is stored.
+        model's. Of linked models, `link` is the confidence, by which `expected` is multiplied, and
+        `frame` tells how its frame lies in that of the object's own model: by equal primitives
+        (shape) or taken as equal (model); else both are None. Empty where nothing is stored.
 
     Raises
     ------
@@ -306,6 +309,60 @@ def list_grippers(connection: MapConnection) -> list[Row]:
         "FROM gripper g JOIN device d ON d.id = g.device_id ORDER BY d.name",
         (),
     )
+
+
+AUTOMATA = """
+WITH mounted AS (
+    SELECT a.id, d.id AS device_id, d.name, d.kind, d.capabilities
+    FROM automaton a JOIN device r ON r.id = a.robot_id
+    JOIN device d ON d.id IN (r.id, a.gripper_id, a.sensor_id)
+      OR d.kind = 'sensor' AND starts_with(d.name, r.name || '/')
+)
+SELECT a.name, r.name AS robot, g.name AS gripper, s.name AS sensor,
+       ARRAY(SELECT m.name FROM mounted m WHERE m.id = a.id AND m.kind = 'sensor'
+             ORDER BY m.device_id) AS sensors,
+       ARRAY(SELECT DISTINCT c FROM mounted m, unnest(m.capabilities) c WHERE m.id = a.id
+             ORDER BY 1) AS capabilities
+FROM automaton a JOIN device r ON r.id = a.robot_id
+LEFT JOIN device g ON g.id = a.gripper_id LEFT JOIN device s ON s.id = a.sensor_id ORDER BY a.name
+"""
+
+
+def list_automata(connection: MapConnection, can: Sequence[str] = ()) -> list[Row]:
+    """Return the stored robots with what is mounted on them and what they are able to do.
+
+    Parameters
+    ----------
+    can : kinds of actions, or capabilities (seeing, or see): only robots that are able to do all
+
+    Returns
+    -------
+    list of dict
+        `name`, `robot`, `gripper`, `sensor` (the one that serves manipulation most), `sensors` and
+        `capabilities`.
+
+    Raises
+    ------
+    LookupError
+        Neither a kind of action nor a capability of any device.
+    """
+    session = driver(connection)
+    rows = _rows(session, AUTOMATA, ())
+    known = {c for row in rows for c in row["capabilities"]} | set(ABLE)
+    needed: set[str] = set()
+    for word in can:
+        if word in KINDS:
+            ((required,),) = session.execute("SELECT required_capabilities(%s)", (word,)).fetchall()
+            needed |= set(required)
+            continue
+        named = [
+            c for c in known if word in (c, c.removesuffix("ing"), c.removesuffix("ing") + "e")
+        ]
+        if not named:
+            words = sorted({*KINDS, *known})
+            raise LookupError(f"there is no capability {word}{suggestion(word, words)}")
+        needed |= set(named)
+    return [row for row in rows if needed <= set(row["capabilities"])]
 
 
 def list_contributors(connection: MapConnection) -> list[Row]:

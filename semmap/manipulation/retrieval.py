@@ -16,6 +16,7 @@ from semmap.belief.store import MapConnection, driver
 from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.device_store import add_gripper, gripper_id
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import moved_alike, ranked
 from semmap.manipulation.reader import actions_on, entities_meant
 from semmap.manipulation.shape_store import shape_of
@@ -74,7 +75,8 @@ def find_grasps(
     """Return the best grasps of objects; those of models without any are generated and stored.
 
     The expected share of successes is that of `semmap.manipulation.ranking.ranked`. Where it is
-    higher for grasps that are moved as those of similar shapes were, these are stored, too.
+    higher for grasps that are moved as those of similar shapes were, these are stored, too. Grasps
+    of linked models (`semmap interlink`) count as stored ones.
 
     Parameters
     ----------
@@ -93,8 +95,16 @@ def find_grasps(
     asked = {"name": name, "function": function, "point": point, "tolerance": tolerance}
     entities = entities_meant(session, **asked)  # type: ignore[arg-type]
     chosen = gripper_name(session, gripper)
-    missing = session.execute(MISSING, (entities, chosen)).fetchall()
-    generated, problems = [], []
+    prepare_links(session, entities)
+
+    def stored() -> tuple[list[dict[str, Any]], list[str]]:
+        rows = actions_on(session, **asked, gripper=chosen, limit=RANKED)  # type: ignore[arg-type]
+        return fitting_rows(session, rows)
+
+    rows, problems = stored()
+    known = list({row["entity"] for row in rows if row["link"] is not None})
+    missing = session.execute(MISSING, (entities, chosen, known)).fetchall()
+    generated = []
     for (entity,) in sorted(missing)[:MODELS]:
         try:
             if generate(session, entity, chosen):
@@ -103,26 +113,37 @@ def find_grasps(
                 problems.append(_misfit(session, entity, chosen))
         except ManipulationError as error:
             problems.append(str(error))
-    rows = actions_on(session, **asked, gripper=chosen, limit=RANKED)  # type: ignore[arg-type]
-    if _move_alike(session, rows, chosen):
-        rows = actions_on(session, **asked, gripper=chosen, limit=RANKED)  # type: ignore[arg-type]
-    rows = ranked(session, rows, chosen)
+    if generated:
+        rows, _ = stored()
+    if _move_alike(session, [row for row in rows if row["link"] is None], chosen):
+        rows, _ = stored()
+    rows = _ranked(session, rows, chosen)
     if not check:
         rows = rows[:limit]
     elif rows:
-        stored = rows
+        every = rows
         try:
-            rows = free_rows(session, stored, stored_gripper(session, chosen), limit)
+            rows = free_rows(session, every, stored_gripper(session, chosen), limit)
         except ManipulationError as error:
-            rows = stored[:limit]
+            rows = every[:limit]
             problems.append(f"not checked for collisions: {error}")
         if not rows:
-            names = ", ".join(dict.fromkeys(row["entity"] for row in stored))
+            names = ", ".join(dict.fromkeys(row["entity"] for row in every))
             problems.append(
-                f"{names}: at all {len(stored)} grasps, the gripper touches what is around, "
+                f"{names}: at all {len(every)} grasps, the gripper touches what is around, "
                 "or the object before it closes"
             )
     return Found(rows, generated, problems)
+
+
+def _ranked(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> list[dict[str, Any]]:
+    """Rows by all outcomes; those of linked models count by the confidence of the link."""
+    alone = [row | {"expected": row["expected"] / (row["link"] or 1)} for row in rows]
+    found = ranked(session, alone, gripper)
+    if all(row["link"] is None for row in rows):
+        return found
+    weighed = [row | {"expected": row["expected"] * (row["link"] or 1)} for row in found]
+    return sorted(weighed, key=lambda row: -row["expected"])
 
 
 MISSING = """
@@ -132,9 +153,10 @@ LEFT JOIN model m ON m.id = em.model_id AND m.triangles > 0
 WHERE e.id = ANY (%s) AND NOT EXISTS (
     SELECT FROM action a WHERE a.object_id = object_of(e.id) AND a.gripper_id = gripper_named(%s)
        AND a.kind = 'grasp' AND a.replaced_by IS NULL)
+  AND e.name <> ALL (%s::text[])
 ORDER BY coalesce(object_of(e.id)::text, m.digest), e.name
 """
-"""One entity of each model that has no stored grasp."""
+"""One entity of each model that has no stored grasp; without those for which links give some."""
 
 
 def _misfit(session: Any, entity: str, gripper: str) -> str:

@@ -31,7 +31,7 @@ from semmap.manipulation.reader import (
     path_between,
 )
 from semmap.manipulation.task_store import add_task, end_task, record_task
-from semmap.model import Action, ObjectModel
+from semmap.model import Action, Automaton, ManipulationTask, ObjectModel
 from semmap.snake_case import snake_case
 from tests.manipulation.cup_map import candidate, primitive
 
@@ -320,6 +320,44 @@ def test_the_orm_has_the_rows(cup_map: SemanticMap) -> None:
             assert action.posture == {"finger": 0.03}
     finally:
         here.execute("DELETE FROM object_model")
+
+
+def test_the_orm_has_composed_actions_pushes_doors_deadlines_and_automata(
+    cup_map: SemanticMap,
+) -> None:
+    """As one session of it reads them: put = grasp, then place; a rotational push; a door."""
+    here = session(cup_map)
+    deadline = datetime(2030, 1, 1, tzinfo=UTC)
+    (grasp,) = add_actions(here, "cup1", None, [candidate()])
+    place, push, turn, door = add_actions(here, "cup1", None, [PLACE, PUSH, TURN, OPEN])
+    whole = add_put(here, grasp, place)
+    goal = Pose(x=1.0, y=1.2, z=0.75)
+    task = add_task(here, "cup1", "put", action=whole, robot="robot", goal=goal, deadline=deadline)
+    add_device(here, "eye", "sensor", capabilities=["seeing"])
+    add_device(here, "lift", "robot")
+    add_automaton(here, "all of it", "lift", "wide", "eye")
+    try:
+        with Session(cup_map.database.engine) as orm:
+            put = orm.get_one(Action, whole)
+            assert [step.id for step in put.steps] == [grasp, place]
+            assert put.pose is None
+            kinds = {push: (PUSH, "push"), turn: (TURN, "turn"), door: (OPEN, "open")}
+            for id_, (record, kind) in kinds.items():
+                stored = orm.get_one(Action, id_)
+                assert (stored.kind, stored.motion) == (kind, list(record.motion))
+            ordered = orm.get_one(ManipulationTask, task)
+            assert (ordered.deadline, ordered.outcome) == (deadline, "to run")
+            assert ordered.action is put
+            assert ordered.entity.name == "cup1"
+            assert ordered.goal == pytest.approx(goal)
+            automaton = orm.scalars(select(Automaton)).one()
+            assert automaton.robot.name == "lift"
+            assert automaton.gripper.device.name == "wide"
+            assert automaton.sensor.capabilities == ["seeing"]
+    finally:
+        for table in ("task", "automaton", "object_model"):
+            here.execute(f"DELETE FROM {table}")
+        here.execute("DELETE FROM device WHERE name IN ('eye', 'lift')")
 
 
 # -- refusals -------------------------------------------------------------------------------------
