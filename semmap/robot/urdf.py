@@ -374,7 +374,7 @@ def _find(uri: str, file: Path) -> Path | None:
     scheme, _, rest = uri.rpartition("://")
     if scheme in ("", "file"):
         place = Path(rest)
-        return next((p for p in (place, file.parent / place) if p.is_file()), None)
+        return _first_file([place, file.parent / place])
     folders = [above for parent in file.resolve().parents for above in (parent, parent / "share")]
     for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         folders += [Path(p) / below for p in os.environ.get(variable, "").split(":") if p]
@@ -382,4 +382,9 @@ def _find(uri: str, file: Path) -> Path | None:
     candidates = [folder / name for folder in folders]
     # A checkout of a package may have another name than the package.
     candidates += [parent / Path(*name.parts[1:]) for parent in file.resolve().parents]
-    return next((c for c in candidates if c.is_file()), None)
+    return _first_file(candidates)
+
+
+def _first_file(candidates: Iterable[Path]) -> Path | None:
+    # `Path.is_file` raises an error where a name is too long.
+    return next((c for c in candidates if os.path.isfile(c)), None)  # noqa: PTH113
