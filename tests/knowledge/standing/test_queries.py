@@ -386,6 +386,19 @@ def test_subscriptions_are_made_all_or_none(workshop: SemanticMap) -> None:
         assert standing.add_all([good, good]) == [(1, 0), (2, 0)]
 
 
+def test_events_arrive_after_all_connections_were_lost(workshop: SemanticMap) -> None:
+    session = workshop.session_of_map()
+    with Subscriptions(workshop.database.engine, workshop.name) as standing:
+        standing.add(PREFIX + "SELECT ?x { ?x ex:like :saw }")
+        for change, what in (("INSERT", "appeared"), ("DELETE", "disappeared")):
+            session.execute(
+                "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
+                "WHERE pid <> pg_backend_pid() AND datname = current_database()"
+            )
+            update(session, f"{PREFIX} {change} DATA {{ :mia ex:like :saw }}")
+            assert next(standing.events(timeout=20)).what == what
+
+
 def test_which_queries_have_parts(watched: Watched) -> None:
     found = {
         query.text.removeprefix(PREFIX): bool(query.parts[0].patterns)
