@@ -171,8 +171,18 @@ class SimulatedRun:
                 raise
             self._say(f"grasps are not tried: {error}")
             trial = False
+        seconds: float | None = GraspMemory.motion_seconds
+        try:
+            library("ompl")
+        except ManipulationError as error:
+            self._say(f"motions of arms are not planned: {error}")
+            seconds = None
         return GraspMemory(
-            self.gripper, simulated=True, trial=trial, lenient=self.try_grasps is not True
+            self.gripper,
+            simulated=True,
+            trial=trial,
+            lenient=self.try_grasps is not True,
+            motion_seconds=seconds,
         )
 
     def _say(self, text: str) -> None:

@@ -6,11 +6,20 @@ Stored actions come before generated ones. With a trial, each is simulated befor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from planner.mission.behaviours import Outcome
 from semmap.geometry.pose import Pose
+from semmap.manipulation.automata import reachable_rows
+
+if TYPE_CHECKING:
+    from semmap.manipulation.arm import Arm
+    from semmap.manipulation.arm_motions import Motion
 
 __all__ = ["Choice", "GraspChooser", "Hand", "hand_of"]
 
@@ -19,6 +28,23 @@ GRASPS, REACHED = 400, 24
 
 TRIED = 100
 """The most grasps of which trials choose."""
+
+STORED = 1000
+"""The most stored grasps among which the chosen one is looked up."""
+
+SPOTS = 12
+"""Spots to which motions of the arm are tried."""
+
+HERE = 0.05
+"""Metres between a base and an object below which the base is no place to stand."""
+
+UNCHECKED = "its arm is not checked: the robot's class has no shape (semmap robot add URDF)"
+
+LIFT = 0.1
+"""Metres by which an object is lifted that was grasped."""
+
+MOTION = 5.0
+"""The longest time to plan one motion, seconds."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +73,14 @@ class Choice:
     note : how it was chosen, or why there is none, in words
     refusal : the outcome of a step that cannot begin; None where the robot shall act
     tried : whether a trial in simulation decided
+    spot : of a place: where the object is put down instead, map's frame
     """
 
     action: int | None = None
     note: str = ""
     refusal: Outcome | None = None
     tried: bool = False
+    spot: Pose | None = None
 
 
 def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | None = None) -> Hand:
@@ -61,7 +89,7 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
     Parameters
     ----------
     name, robot_class : of the robot, which may be those of a stored automaton
-    gripper : name of the gripper that was asked for; by default that of the automaton, else the
+    gripper : name of a gripper, without an arm; by default that of the automaton, else the
         preferred one, else the only one
 
     Raises
@@ -73,7 +101,7 @@ def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | Non
     from semmap.manipulation.retrieval import DEFAULT_GRIPPER, gripper_name
 
     found = automaton_of(session, name, robot_class)
-    if found is not None and gripper in (None, found[1]):
+    if found is not None and gripper is None:
         return Hand(found[1], found[0])
     chosen = gripper_name(session, gripper)
     (preferred,) = session.execute(
@@ -96,6 +124,7 @@ class GraspChooser:
     base : where it stands, in the map's frame
     trial : whether a trial in simulation decides
     lenient : an assumed gripper refuses nothing: the robot acts without a grasp then
+    motion_seconds : the longest time to look for motions of the arm; None for no motions
     """
 
     session: Any
@@ -104,6 +133,16 @@ class GraspChooser:
     base: Pose
     trial: bool = False
     lenient: bool = False
+    motion_seconds: float | None = None
+
+    @property
+    def arm(self) -> Arm | None:
+        """The arm of the stored robot; None without one."""
+        from semmap.manipulation.automata import stored_arm
+
+        if self.hand.automaton is None:
+            return None
+        return stored_arm(self.session, self.hand.automaton)[1]
 
     def grasp(self, item: str, target: str | None) -> Choice:
         """Return the grasp of a pickup: if possible, one that a free place on the target ends."""
@@ -116,27 +155,52 @@ class GraspChooser:
                 shape_of(self.session, item)
         except ManipulationError as error:
             return Choice(note=f"without a grasp: {error}")
-        arm = self.hand.automaton is not None
-        most = GRASPS if arm else TRIED if self.trial else 1
+        arm = None if self._is_at(item) else self.arm
+        most = GRASPS if arm is not None else TRIED if self.trial else 1
         found = find_grasps(self.session, name=item, gripper=self.hand.gripper, limit=most)
         rows = [row for row in found.rows if row["entity"] == item]
         if not rows:
             return self._none("; ".join(found.problems) or f"{item}: no grasp is known")
-        if arm:
-            rows = self._reached(rows)
+        if arm is not None:
+            rows = reachable_rows(rows, arm, self.base, REACHED)
             if not rows:
                 where = f"no free grasp of it is within reach of {self.hand.automaton} here"
                 return self._none(f"{item}: {where}")
         rows = self._placeable_first(item, target, rows)
-        return self._tried(item, rows) if self.trial else self._chosen(int(rows[0]["action_id"]))
+        if self._is_at(item) and self.hand.automaton is not None:
+            choice = self._first(item, rows)
+            return replace(choice, note=f"{choice.note}; {UNCHECKED}")
+        if arm is None or self.motion_seconds is None:
+            return self._first(item, rows)
+        return self._moved(item, rows, arm)
 
-    def place(self, item: str, grasp: int, *, stands: Pose | None = None) -> Choice:
+    def place(
+        self,
+        item: str,
+        grasp: int,
+        target: str | None,
+        spot: Pose | None,
+        *,
+        stands: Pose | None = None,
+    ) -> Choice:
         """Return the place that ends a grasp.
 
         Parameters
         ----------
-        stands : pose of the object before it was taken, in the map's frame; None for no trial
+        target : object on which the item is put; None for a floor
+        spot : free pose of the item there, in the map's frame; None without one
+        stands : pose of the item before it was taken, in the map's frame; None for no trial
         """
+        choice = self._place(item, grasp, None if spot is None else stands)
+        planned = choice.refusal is None and choice.action is not None
+        if not planned or target is None or spot is None or self.motion_seconds is None:
+            return choice
+        if self.arm is None or self._is_at(target):
+            return choice
+        return self._put(item, grasp, target, spot, choice)
+
+    def _place(self, item: str, grasp: int, stands: Pose | None) -> Choice:
+        """The best place that ends a grasp, without a motion."""
         from semmap.manipulation.places import place_of
         from semmap.manipulation.practice import NOT_HELD, try_place
         from semmap.manipulation.task_store import record_task
@@ -167,12 +231,116 @@ class GraspChooser:
             return Choice(note=f"without a place: {why}; {self._assumption}")
         return Choice(action, refusal=Outcome("missed", why), tried=True)
 
-    def _reached(self, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        from semmap.manipulation.automata import reachable_rows, stored_arm
+    def _is_at(self, name: str) -> bool:
+        """Whether the robot stands in an object: its class has no shape that needs free floor."""
+        row = self.session.execute(
+            "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (name,)
+        ).fetchone()
+        return row is not None and math.dist(row[0][:2], self.base[:2]) < HERE
 
-        assert self.hand.automaton is not None
-        _, arm = stored_arm(self.session, self.hand.automaton)
-        return reachable_rows(rows, arm, self.base, REACHED)
+    def _first(self, item: str, rows: list[dict[str, Any]]) -> Choice:
+        """The first grasp, or the first one that succeeds in a trial."""
+        return self._tried(item, rows) if self.trial else self._chosen(int(rows[0]["action_id"]))
+
+    def _moved(self, item: str, rows: list[dict[str, Any]], arm: Arm) -> Choice:
+        """The first grasp to which the arm moves without touching anything; its path is stored."""
+        from semmap.manipulation.arm_motions import plan_grasp
+        from semmap.manipulation.error import ManipulationError
+        from semmap.manipulation.reader import actions_on
+        from semmap.manipulation.task_store import record_task
+
+        automaton, robot = str(self.hand.automaton), self.robot
+        clock = _Clock(float(self.motion_seconds or 0))
+        looked = 0
+        while rows and clock.left > 0:
+            choice = self._first(item, rows)
+            if choice.action is None:
+                return choice
+            stored = actions_on(self.session, name=item, gripper=self.hand.gripper, limit=STORED)
+            grasp = [row for row in stored if row["action_id"] == choice.action]
+            near = reachable_rows(grasp, arm, self.base, 1)  # a corrected grasp may be out of reach
+            try:
+                motion = plan_grasp(
+                    self.session, automaton, self.base, near, seconds=min(clock.left, MOTION)
+                )
+            except ManipulationError as error:
+                return self._none(f"{item}: {error}")
+            if motion is not None:
+                return replace(choice, note=f"{choice.note}; {_told(motion)}")
+            looked += 1
+            if choice.tried:  # another grasp is used, and still this one succeeded
+                record_task(
+                    self.session,
+                    item,
+                    action=choice.action,
+                    outcome="completed",
+                    robot=robot,
+                    simulated=True,
+                )
+            rows = [row for row in rows if row["action_id"] != choice.action]
+        return self._none(
+            f"{item}: {clock.spent} without a free motion of {automaton} to {looked} grasps"
+        )
+
+    def _put(self, item: str, grasp: int, target: str, spot: Pose, choice: Choice) -> Choice:
+        """The place at the first spot to which the arm brings the item; its path is stored."""
+        from semmap.manipulation.arm_motions import plan_place
+        from semmap.manipulation.error import ManipulationError
+        from semmap.manipulation.places import find_places
+
+        automaton = str(self.hand.automaton)
+        clock = _Clock(float(self.motion_seconds or 0))
+        found = find_places(
+            self.session,
+            item,
+            target,
+            gripper=self.hand.gripper,
+            grasps=[grasp],
+            towards=(spot.x, spot.y),
+            arm=self.arm,
+            base=self.base,
+            limit=SPOTS,
+        )
+        looked, why = 0, ""
+        for state in self._carries():
+            for row in found.rows:
+                if clock.left <= 0:
+                    break
+                seconds = min(clock.left, MOTION)
+                try:
+                    motion = plan_place(
+                        self.session, automaton, self.base, [row], state=state, seconds=seconds
+                    )
+                except ManipulationError as error:
+                    why = f"; {error}"
+                    break  # the arm cannot start from there
+                if motion is not None:
+                    note = "; ".join(filter(None, (choice.note, _told(motion))))
+                    action = int(row["action_id"])
+                    return replace(choice, action=action, note=note, spot=row["spot"])
+                looked += 1
+        places = f"{looked} places on {target}"
+        told = f"{clock.spent} without a free motion of {automaton} to {places}{why}"
+        return Choice(refusal=Outcome("unable", f"{item}: {told}"))
+
+    def _carries(self) -> list[dict[str, float] | None]:
+        """Positions of the joints with which the arm may carry an object, None for those at rest.
+
+        First those above where the last motion led: a pickup lifts what it took, and goes back to
+        where its approach began.
+        """
+        row = self.session.execute(LAST, (self.hand.automaton,)).fetchone()
+        arm = self.arm
+        if row is None or arm is None:
+            return [None]
+        last = dict(zip(row[0], row[1][-1], strict=True))
+        begun = np.array([last.get(joint.name, 0.0) for joint in arm.joints])
+        pose = arm.grasp_pose(begun)
+        pose[2, 3] += LIFT
+        lifted = arm.reach(pose, begun)
+        if lifted is None:
+            return [None]
+        return [dict(zip((j.name for j in arm.joints), lifted.tolist(), strict=True)), None]
 
     def _placeable_first(
         self, item: str, target: str | None, rows: list[dict[str, Any]]
@@ -230,3 +398,30 @@ class GraspChooser:
     @property
     def _assumption(self) -> str:
         return f"{self.hand.gripper} is assumed: --gripper names another one"
+
+
+LAST = """
+SELECT p.joints, p.positions FROM path p JOIN automaton a ON a.id = p.automaton_id
+WHERE p.map_id = (SELECT current_map()) AND a.name = %s AND p.joints IS NOT NULL
+ORDER BY p.id DESC LIMIT 1
+"""
+
+
+class _Clock:
+    """How much of a time is left."""
+
+    def __init__(self, seconds: float) -> None:
+        self._begun, self._seconds = time.monotonic(), seconds
+
+    @property
+    def left(self) -> float:
+        return self._seconds - (time.monotonic() - self._begun)
+
+    @property
+    def spent(self) -> str:
+        return f"{time.monotonic() - self._begun:.0f} s"
+
+
+def _told(motion: Motion) -> str:
+    how = "followed again" if motion.reused else "planned"
+    return f"path {motion.path} of the arm, {how}"

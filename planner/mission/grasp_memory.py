@@ -38,6 +38,8 @@ class GraspMemory:
         decided, and for none else.
     trial : try each grasp and place in simulation before the robot acts (`semmap.manipulation`
         needs MuJoCo for that); one that succeeds is used.
+    motion_seconds : how long to look for motions of the robot's arm to a grasp or a place, where it
+        has a stored one; without any, the action fails. None: motions are not planned.
     lenient : what an assumed gripper cannot take is picked up without a grasp. By default, such a
         pickup fails, as with a gripper that the robot has.
     """
@@ -46,6 +48,7 @@ class GraspMemory:
     simulated: bool = False
     trial: bool = False
     lenient: bool = False
+    motion_seconds: float | None = 30.0
 
     def check(self, connection: Connection, robot: str, robot_class: str | None = None) -> None:
         """Check that it is clear which gripper a robot has.
@@ -99,7 +102,7 @@ class GraspMemory:
                 kind,
                 action=choice.action,
                 robot=chooser.robot,
-                goal=command.spot,
+                goal=choice.spot or command.spot,
                 outcome="running",
                 simulated=self.simulated,
                 assumed=self.simulated and not choice.tried,
@@ -116,7 +119,6 @@ class GraspMemory:
         objects without a mesh, and for what the robot took without a known grasp.
         """
         from semmap.belief.store import driver
-        from semmap.manipulation.automata import stored_arm
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.places import find_places
 
@@ -126,7 +128,6 @@ class GraspMemory:
         session = driver(connection)
         near = (towards.x, towards.y)
         chooser = self._chooser(connection, session, robot)
-        automaton = chooser.hand.automaton
         try:
             with session.transaction():
                 found = find_places(
@@ -136,7 +137,7 @@ class GraspMemory:
                     gripper=chooser.hand.gripper,
                     grasps=[grasp],
                     towards=near,
-                    arm=None if automaton is None else stored_arm(session, automaton)[1],
+                    arm=chooser.arm,
                     base=chooser.base,
                     limit=1,
                 )
@@ -164,7 +165,15 @@ class GraspMemory:
         name, robot_class, pose = connection.execute(text(_ROBOT), {"id": robot}).one()
         hand: Hand = hand_of(session, name, robot_class, self.gripper)
         base = Pose() if pose is None else Pose(*pose)
-        return GraspChooser(session, name, hand, base, self.trial, self.lenient)
+        return GraspChooser(
+            session,
+            name,
+            hand,
+            base,
+            trial=self.trial,
+            lenient=self.lenient,
+            motion_seconds=self.motion_seconds,
+        )
 
     def _end_put(self, connection: Connection, place: int) -> None:
         """Store the put that a place has ended, from the begin of its grasp."""
@@ -186,8 +195,9 @@ def _place(connection: Connection, chooser: GraspChooser, robot: int, command: C
     if grasp is None:
         return Choice()
     stood = connection.execute(text(_STOOD), {"robot": robot, "item": item}).scalar()
-    stands = None if stood is None or command.spot is None else Pose(*stood)
-    return chooser.place(item, grasp, stands=stands)
+    stands = None if stood is None else Pose(*stood)
+    target = command.arguments[-1] if _is_object(connection, command.arguments[-1]) else None
+    return chooser.place(item, grasp, target, command.spot, stands=stands)
 
 
 def _held_by(connection: Connection, robot: int, item: str) -> int | None:

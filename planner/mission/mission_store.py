@@ -14,7 +14,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, text
 
 from planner.mission.behaviours import Observation, Outcome
-from planner.mission.command import Command
+from planner.mission.command import Command, with_spot
 from planner.mission.grasp_choice import Choice
 from planner.mission.grasp_memory import KINDS, GraspMemory
 from planner.mission.map_connection import MissionError
@@ -212,11 +212,13 @@ class MissionStore(MissionList):
         """
         with self._begin() as connection:
             robot = self._own(connection, mission, running=True)
-            start_step(connection, mission, number, command)
-            if self.grasps is None or command.behaviour not in KINDS:
-                return Choice()
-            target = read_target(connection, mission, command.arguments[0])
-            return self.grasps.begin(connection, robot, command, target)
+            choice = Choice()
+            if self.grasps is not None and command.behaviour in KINDS:
+                target = read_target(connection, mission, command.arguments[0])
+                choice = self.grasps.begin(connection, robot, command, target)
+            chosen = command if choice.spot is None else with_spot(command, choice.spot)
+            start_step(connection, mission, number, chosen)
+            return choice
 
     def end(
         self,

@@ -307,6 +307,8 @@ class _Attempt:
         self._runner._on_event(MissionEvent("starts", number, command))
         choice = self._store.start(self._mission, number, command)
         self._note = choice.note
+        if choice.spot is not None:
+            command = self._commands[index] = with_spot(command, choice.spot)
         self._runner._on_event(MissionEvent("started", number, command))
         act = getattr(behaviours, command.behaviour, None)
         if choice.refusal is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -131,9 +132,51 @@ def test_a_mission_takes_what_the_arm_of_its_robot_reaches(cup_map):
             text("UPDATE placement SET holder_id = NULL, pose = :pose WHERE entity_id = :id"),
             {"pose": BASE.row, "id": robot},
         )
-        action = memory.begin(connection, robot, pickup).action
+        choice = memory.begin(connection, robot, pickup)
         _, near = reached(session, limit=24)
-        assert action in {row["action_id"] for row in near}
+        assert choice.action in {row["action_id"] for row in near}
+        assert choice.note.endswith("of the arm, planned")
+        ((path, link, joints),) = connection.execute(text(PATHS)).all()
+        assert f"path {path} of" in choice.note
+        assert (link, len(joints)) == ("panda_hand", 7)
+        again = memory.begin(connection, robot, pickup)
+        assert again.note.endswith(f"path {path} of the arm, followed again")
+        connection.rollback()
+
+
+PATHS = "SELECT id, link, joints FROM path ORDER BY id"
+
+
+def test_a_mission_brings_what_it_holds_to_where_the_arm_puts_it_down(cup_map):
+    """The cup is a part of the robot; what stands in the way of its arm is the reason."""
+    pickup, put = Command("pickup", ("cup1", "table")), Command("place", ("cup1", "table"))
+    with cup_map.database.engine.connect() as connection:
+        connection.execute(text("SELECT set_config('semmap.map', 'kitchen', true)"))
+        session = connection.connection.driver_connection
+        register_robot(session, urdf("panda"), "robot")
+        robot = connection.execute(text("SELECT entity_id('robot')")).scalar_one()
+        moved = "UPDATE placement SET holder_id = :h, pose = :pose WHERE entity_id = entity_id(:n)"
+        here = {"h": None, "pose": BASE.row, "n": "robot"}
+        connection.execute(text(moved), here)
+        memory = GraspMemory()
+        stood = connection.execute(
+            text("SELECT pose FROM world WHERE entity_id = entity_id('cup1')")
+        )
+        stood = Pose(*stood.scalar_one())
+        assert memory.begin(connection, robot, pickup, "table").action is not None
+        memory.end(connection, robot, pickup, Outcome())
+        grip = {"h": robot, "pose": [0.3, 0.0, 0.8, 0.0, 0.0, 1.0, 0.0], "n": "cup1"}
+        connection.execute(text(moved), grip)
+        (spot,) = memory.spots(connection, robot, "cup1", "table", stood)
+        choice = memory.begin(connection, robot, replace(put, spot=spot))
+        assert choice.refusal is None, choice.refusal
+        assert choice.note.endswith("of the arm, planned")
+        assert len(connection.execute(text(PATHS)).all()) == 2
+        memory.end(connection, robot, put, Outcome("missed"))
+        short = GraspMemory(motion_seconds=1e-9).begin(connection, robot, replace(put, spot=spot))
+        assert "without a free motion of robot" in short.refusal.message
+        off = GraspMemory(motion_seconds=None).begin(connection, robot, replace(put, spot=spot))
+        assert (off.refusal, off.note) == (None, "")
         connection.rollback()
 
 

@@ -1,15 +1,18 @@
-"""A robot of the hotel takes a can from a room to the reception, and its grasp is known then."""
+"""Missions take objects of real worlds, and what they tried is known then, to others, too."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
-from sqlalchemy import Engine
+from sqlalchemy import Engine, text
 
 import semmap as package
+from semmap.manipulation.retrieval import find_grasps
 from tests.command_line import semmap
 from tests.manipulation.grippers import BY_HAND
+
+BOX = "SeasoningBox_01_001"
 
 
 def test_a_mission_stores_the_attempt_of_the_grasp_that_it_used(
@@ -43,3 +46,42 @@ def test_a_mission_stores_the_attempt_of_the_grasp_that_it_used(
         ("put", "completed"),
     }
     assert tried[0]["action_id"] in {task["action_id"] for task in tasks}
+
+
+def test_a_second_robot_of_another_gripper_does_not_begin_with_what_failed(
+    house: Engine, tmp_path: Path
+) -> None:
+    """A grasp drops the box; without that outcome, the other gripper would begin with its kind."""
+    url = house.url.render_as_string(hide_password=False)
+    words = ("--from", "kitchen", "--map", "house", "--assume-sizes", "--speed", 100000)
+    mission = ("run", f"on({BOX}, KitchenTable_01_001)", "--simulate", *words)
+
+    def tried(*more: object) -> list[tuple[str, str]]:
+        """Families and outcomes of the grasps of a mission, in order."""
+        done = semmap(url, *mission, "--json", "--world", tmp_path / str(len(more)), *more)
+        assert done.exit_code == 0, done.output
+        copy = json.loads(done.stdout)["map"]
+        listed = semmap(url, "manipulation", "tasks", "--map", copy, "--json", "--limit", 100)
+        with house.connect() as connection:
+            query = text("SELECT id, family FROM action")
+            families = {row.id: row.family for row in connection.execute(query)}
+        rows = [row for row in json.loads(listed.stdout) if row["kind"] == "grasp"]
+        return [(families[row["action_id"]], row["outcome"]) for row in reversed(rows)]
+
+    *failed, found = tried()
+    assert failed, "the first robot learns by a failure"
+    assert {outcome for _, outcome in failed} == {"error"}
+    assert found[1] == "completed"
+    hand = tmp_path / "plates.urdf"
+    hand.write_text(BY_HAND)
+    assert semmap(url, "manipulation", "add-gripper", hand, "--name", "plates").exit_code == 0
+    families = {family for family, _ in failed}
+    with package.connect(url) as db:
+        session = db.map("house").session_of_map()
+        with session.transaction(force_rollback=True):
+            session.execute("DELETE FROM experience")
+            found_grasps = find_grasps(session, name=BOX, gripper="plates", limit=1)
+            assert found_grasps.rows[0]["family"] in families
+    ((family, outcome),) = tried("--gripper", "plates")
+    assert family not in families
+    assert outcome == "completed"
