@@ -38,6 +38,9 @@ STEP = 0.03
 EMPTY = 0.003
 """Width below which closed fingers hold nothing, metres."""
 
+SAME = 1e-3
+"""Metres by which places of a grasp differ that are worth a trial each."""
+
 CORRECTIONS = 3
 """Corrections of one grasp before another is tried."""
 
@@ -171,6 +174,7 @@ def learn_grasp(
         if failed.get(group, 0) > 1:
             continue
         moved, shift = grasp, np.zeros(3)
+        before: list[Floats] = []
         for _ in range(CORRECTIONS + 1):
             if len(made) == tries:
                 return Lesson(tuple(made))
@@ -182,7 +186,10 @@ def learn_grasp(
             correction = corrected(moved, outcome, cause, upright(moved))
             if correction is None:
                 break
+            before.append(shift)
             shift = shift + correction
+            if any(np.linalg.norm(shift - other) < SAME for other in before):
+                break  # back where it failed
             moved = shifted(grasp, shift)
         failed[group] = failed.get(group, 0) + 1
     return Lesson(tuple(made))

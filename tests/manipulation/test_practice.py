@@ -18,7 +18,7 @@ from semmap.manipulation.retrieval import (
     stored_gripper,
 )
 from semmap.manipulation.solids import solid_of
-from semmap.manipulation.trial import Trial, body_of
+from semmap.manipulation.trial import Outcome, Trial, body_of
 from tests.manipulation.grippers import urdf
 
 
@@ -126,6 +126,22 @@ def test_a_second_gripper_profits_from_the_first(cups):
     alike = [r["expected"] for r in rows if r["family"] == family]
     assert alike
     assert max(alike) < max(r["expected"] for r in rows)
+
+
+def test_a_correction_that_leads_back_is_not_tried(cups):
+    """The cup turns one way, then the other way: between them is where the grasp failed before."""
+    session = cups.session_of_map()
+    register_gripper(session, urdf("panda"), "panda")
+    first = find_grasps(session, name="cup1", gripper="panda").rows[0]
+    down = first["pose"].rotation.T @ [0.0, 0.0, -1.0]
+    turn = tuple((0.6 * np.cross([0.0, *down[2:0:-1] * [1, -1]], down)).tolist())
+    back = tuple(-v for v in turn)
+    held = {"lifted": 0.15, "slipped": 0.0, "pushed": 0.0, "grip": 0.05, "width": 0.05}
+    outcomes = iter(Outcome(**held, turned=t, shift=(0, 0, 0)) for t in (turn, back, (0, 0, 0)))
+    attempts = practise(session, "cup1", "panda", attempt=lambda grasp: next(outcomes))
+    assert [a["outcome"] for a in attempts] == ["turned", "turned", "completed"]
+    assert [a["moved"] > 0 for a in attempts] == [False, True, False]
+    assert attempts[2]["action_id"] != attempts[0]["action_id"] == first["action_id"]
 
 
 def test_places_and_pushes_are_tried_and_their_outcomes_stored(cups):
