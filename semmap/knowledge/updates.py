@@ -16,6 +16,7 @@ from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView, Session
 from semmap.knowledge.queries import errors_of, filled, limited, plain
 from semmap.knowledge.shapes import BrokenShapeError
+from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.scope import Chosen
 from semmap.knowledge.vocabulary import prefixes
 from semmap.language.error import QueryError
@@ -258,6 +259,8 @@ class _refusals:
     def __exit__(self, kind: Any, error: Any, traceback: Any) -> None:
         if isinstance(error, RefusedError):
             raise self._error(f"{error.fact.shown()}: {error.reason}") from error
+        if isinstance(error, UntranslatedError):
+            raise self._error(f"{error.reason}, which updates need: write it otherwise") from error
         if isinstance(error, (psycopg.IntegrityError, psycopg.errors.InsufficientPrivilege)):
             lines = [error.diag.message_primary or str(error), error.diag.message_hint]
             raise self._error(". ".join(line for line in lines if line)) from error
