@@ -283,10 +283,16 @@ def _read(path: str, palm: str) -> Gripper:
     return read_gripper(path, palm)
 
 
+ANY_GRIPPER = "SELECT 1 FROM gripper LIMIT 1"
+
+
 def gripper_name(session: Any, name: str | None) -> str:
     """Return the name of the gripper meant; where there is none at all, the default is stored."""
-    if name is None and not session.execute("SELECT 1 FROM gripper LIMIT 1").fetchone():
-        return register_gripper(session, DEFAULT_GRIPPER, preferred=False)
+    if name is None and not session.execute(ANY_GRIPPER).fetchone():
+        with session.transaction():  # another robot may store it at the same time
+            session.execute("SELECT pg_advisory_xact_lock(hashtext('semmap default gripper'))")
+            if not session.execute(ANY_GRIPPER).fetchone():
+                return register_gripper(session, DEFAULT_GRIPPER, preferred=False)
     row = session.execute(
         "SELECT name FROM device WHERE id = %s", (gripper_id(session, name),)
     ).fetchone()
