@@ -363,6 +363,7 @@ def main(
         for i in range(runs)
     ]
     with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)  # where root starts it, the server runs as postgres
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(2, context) as pool:
             met = list(pool.map(run, jobs, [Path(folder)] * len(jobs)))

@@ -122,7 +122,9 @@ BEGIN
         SELECT DISTINCT ON (id) * FROM ranked ORDER BY id, rank
     )
     SELECT f.id, coalesce(f.owner, (
-               SELECT s.entity_id FROM storey s JOIN world o ON o.entity_id = s.entity_id AND o.map_id = f.map_id
+               -- storeys first, which are few: a plan that begins with world is quadratic
+               SELECT s.entity_id FROM storey s CROSS JOIN LATERAL (
+                   SELECT w.pose FROM world w WHERE w.entity_id = s.entity_id AND w.map_id = f.map_id OFFSET 0) o
                ORDER BY o.pose[3] > f.low + 0.5, abs(o.pose[3] - f.low - 0.5), s.entity_id LIMIT 1)),
            f.relation, f.confidence::double precision
     FROM first f;
