@@ -388,12 +388,14 @@ def test_subscriptions_are_made_all_or_none(workshop: SemanticMap) -> None:
 
 def test_events_arrive_after_all_connections_were_lost(workshop: SemanticMap) -> None:
     session = workshop.session_of_map()
+    (others,) = session.execute("SELECT array_agg(pid) FROM pg_stat_activity").fetchone()
     with Subscriptions(workshop.database.engine, workshop.name) as standing:
         standing.add(PREFIX + "SELECT ?x { ?x ex:like :saw }")
         for change, what in (("INSERT", "appeared"), ("DELETE", "disappeared")):
             session.execute(
                 "SELECT pg_terminate_backend(pid) FROM pg_stat_activity "
-                "WHERE pid <> pg_backend_pid() AND datname = current_database()"
+                "WHERE pid <> ALL (%s) AND datname = current_database()",
+                (others,),
             )
             update(session, f"{PREFIX} {change} DATA {{ :mia ex:like :saw }}")
             assert next(standing.events(timeout=20)).what == what
