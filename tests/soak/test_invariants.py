@@ -71,3 +71,5 @@ def test_the_checks_find_what_is_wrong(module_engine: Engine, tmp_path: Path) ->
     found = "\n".join(violations(module_engine, tmp_path, IMPORTED, versions))
     for what in WRONG:
         assert what in found
+    with module_engine.begin() as connection:  # what was damaged on purpose is no finding
+        connection.exec_driver_sql("DELETE FROM map WHERE name = %s", (IMPORTED,))
