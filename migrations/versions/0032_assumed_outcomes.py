@@ -13,6 +13,10 @@ depends_on = None
 def upgrade() -> None:
     """Add it, without trust: its outcomes count for nothing."""
     op.execute(
+        "UPDATE semmap.contributor SET name = name || ' (' || id || ')' "
+        "WHERE name = 'assumed' AND id <> 3"
+    )
+    op.execute(
         "INSERT INTO semmap.contributor (id, name, trust) VALUES (3, 'assumed', 0) "
         "ON CONFLICT DO NOTHING"
     )
