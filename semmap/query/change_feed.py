@@ -75,7 +75,7 @@ class ChangeFeed:
     durable : make each cursor survive a crash of the server, at the price of a write to its disk.
         Else forget the cursor when the server was away: a server that crashed assigns transaction
         numbers again that the feed has seen
-    one_connection : looks use a connection of their own, which `close` closes
+    one_connection : looks use a private connection, which `close` closes
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class ChangeFeed:
         self._own: tuple[Connection, psycopg.Connection[Any]] | None = None
 
     def close(self) -> None:
-        """Close the connection of the looks, if they have one of their own."""
+        """Close the connection of the looks, if they have a private one."""
         own, self._own = self._own, None
         if own is not None:
             connection, driver = own
