@@ -247,11 +247,15 @@ ORDER BY id DESC LIMIT 1
 """
 
 _STEPS = """
-SELECT g.id AS grasp, g.action_id AS grasp_action, p.action_id AS place_action
-FROM task p JOIN task g ON g.robot_id = p.robot_id AND g.entity_id = p.entity_id AND g.id < p.id
-     AND g.kind = 'grasp' AND g.outcome = 'completed' AND g.action_id IS NOT NULL
-WHERE p.id = :place ORDER BY g.id DESC LIMIT 1
+SELECT s.* FROM (
+    SELECT g.id AS grasp, g.action_id AS grasp_action, p.action_id AS place_action
+    FROM task p JOIN task g ON g.robot_id = p.robot_id AND g.entity_id = p.entity_id AND g.id < p.id
+         AND g.kind = 'grasp' AND g.outcome = 'completed' AND g.action_id IS NOT NULL
+    WHERE p.id = :place ORDER BY g.id DESC LIMIT 1) s
+JOIN action g ON g.id = s.grasp_action JOIN action p ON p.id = s.place_action
+WHERE (g.object_id, g.gripper_id) = (p.object_id, p.gripper_id)
 """
+"""The steps of a put; none where the grasp is that of a linked model."""
 
 _PUT = """
 INSERT INTO task (map_id, robot_id, kind, entity_id, action_id, start, goal, outcome, message,

@@ -348,7 +348,8 @@ def _store(
         counts = counted or attempt.cause is not None
         if moved > 0 and attempt.cause is None:
             stored = add_actions(session, entity, gripper, [attempt.grasp])[0]
-            replace_action(session, action, stored)
+            if rows[tried].get("link") is None:  # a linked model keeps its own grasps
+                replace_action(session, action, stored)
         if counts and (moved == 0 or stored is not None):
             record_task(
                 session,
