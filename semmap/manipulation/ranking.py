@@ -7,7 +7,7 @@ on similar shapes is moved alike on another one (Tosello et al., sections IV-B a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.evaluation import group_of, shifted
 from semmap.manipulation.reader import read_shape
 
-__all__ = ["Evidence", "evidence_on", "grasp_of_row", "moved_alike", "ranked"]
+__all__ = ["Evidence", "best_first", "evidence_on", "grasp_of_row", "moved_alike", "ranked"]
 
 Floats = NDArray[np.float64]
 
@@ -177,8 +177,14 @@ def ranked(
         number = row["object_id"]
         if number not in evidence:
             evidence[number] = evidence_on(connection, number, gripper, kind)
-        found.append(row | {"expected": _expected(evidence[number], row)})
-    return sorted(found, key=lambda row: (not _proven(row), -row["expected"], row["action_id"]))
+        by_all = {"expected": _expected(evidence[number], row), "quality": _quality(row)}
+        found.append(row | by_all)
+    return best_first(found)
+
+
+def best_first(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows in the order in which they are tried: first those that mostly succeeded."""
+    return sorted(rows, key=lambda row: (not _proven(row), -row["expected"], row["action_id"]))
 
 
 def _proven(row: dict[str, Any]) -> bool:
@@ -247,7 +253,7 @@ def grasp_of_row(row: dict[str, Any], opening: float) -> Grasp:
         opening if row["width"] is None else row["width"],
         row["approach"] or "",
         row["family"] or "",
-        row["expected"],
+        row["quality"] if "quality" in row else _quality(row),
         row["posture"],
         row["pre_posture"],
         None if row["shift"] is None else np.array(row["shift"]),

@@ -17,7 +17,7 @@ from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.device_store import add_gripper, gripper_id
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.linked import fitting_rows, prepare_links
-from semmap.manipulation.ranking import moved_alike, ranked
+from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import actions_on, entities_meant
 from semmap.manipulation.shape_store import shape_of
 from semmap.manipulation.surroundings import free_rows
@@ -142,8 +142,7 @@ def _ranked(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> list[
     found = ranked(session, alone, gripper)
     if all(row["link"] is None for row in rows):
         return found
-    weighed = [row | {"expected": row["expected"] * (row["link"] or 1)} for row in found]
-    return sorted(weighed, key=lambda row: -row["expected"])
+    return best_first(row | {"expected": row["expected"] * (row["link"] or 1)} for row in found)
 
 
 MISSING = """

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from semmap.geometry.pose import Pose
 from semmap.manipulation.candidates import grasp_candidates
 from semmap.manipulation.evaluation import group_of, shifted
-from semmap.manipulation.ranking import Evidence, Tally
+from semmap.manipulation.ranking import Evidence, Tally, best_first
 from tests.manipulation.grippers import Shape, real_gripper
 
 TOP, SIDE = "top y 90 0 own", "side x 0 0 own"
@@ -30,6 +30,16 @@ def test_each_level_is_the_prior_of_the_next_one() -> None:
     assert evidence.expected(TOP, 0.8, Tally(1, 0)) == pytest.approx(0.5 * near / 1.5)
     assert evidence.expected(SIDE, 0.8) == pytest.approx(share * 0.8)
     assert evidence.expected(TOP, 0.8, moved=True) == pytest.approx(share * 0.8)
+
+
+def test_what_mostly_succeeded_comes_before_what_promises_more() -> None:
+    rows = [
+        {"action_id": 1, "attempts": 0, "successes": 0, "expected": 0.9},
+        {"action_id": 2, "attempts": 2, "successes": 1, "expected": 0.4},
+        {"action_id": 3, "attempts": 3, "successes": 1, "expected": 0.8},
+        {"action_id": 4, "attempts": 1, "successes": 1, "expected": 0.6},
+    ]
+    assert [row["action_id"] for row in best_first(rows)] == [4, 2, 1, 3]
 
 
 @settings(max_examples=10)
