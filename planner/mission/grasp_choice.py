@@ -74,6 +74,7 @@ class Choice:
     refusal : the outcome of a step that cannot begin; None where the robot shall act
     tried : whether a trial in simulation decided
     spot : of a place: where the object is put down instead, map's frame
+    decided : ids of the actions that trials decided on
     """
 
     action: int | None = None
@@ -81,6 +82,7 @@ class Choice:
     refusal: Outcome | None = None
     tried: bool = False
     spot: Pose | None = None
+    decided: frozenset[int] = frozenset()
 
 
 def hand_of(session: Any, name: str, robot_class: str | None, gripper: str | None = None) -> Hand:
@@ -277,7 +279,8 @@ class GraspChooser:
                     robot=robot,
                     simulated=True,
                 )
-            rows = [row for row in rows if row["action_id"] != choice.action]
+            done = choice.decided | {choice.action}
+            rows = [row for row in rows if row["action_id"] not in done]
         return self._none(
             f"{item}: {clock.spent} without a free motion of {automaton} to {looked} grasps"
         )
@@ -379,7 +382,8 @@ class GraspChooser:
             return self._none(
                 f"{item}: {tried} tried in simulation, the last one: {last['outcome']}"
             )
-        return self._chosen(last["stored"] or last["action_id"], f"{tried} tried in simulation")
+        choice = self._chosen(last["stored"] or last["action_id"], f"{tried} tried in simulation")
+        return replace(choice, decided=frozenset(int(each["action_id"]) for each in made))
 
     def _chosen(self, action: int, how: str = "not tried") -> Choice:
         assumed = f", {self._assumption}" if self.hand.assumed else ""
