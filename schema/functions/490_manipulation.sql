@@ -220,7 +220,10 @@ BEGIN
       UNION ALL
         SELECT l.entity_id, l.object_id, l.confidence FROM semmap.linked_objects(entities) l WHERE of_kind IN ('grasp', 'place')
     ), best AS MATERIALIZED (
-        SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f), chosen, of_kind, most) b
+        -- apart, since the confidence of links can bring the best ones behind those of the own models
+        SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f WHERE f.link IS NULL), chosen, of_kind, most) b
+      UNION
+        SELECT b.* FROM semmap.best_actions(ARRAY(SELECT DISTINCT f.object FROM found f WHERE f.link IS NOT NULL), chosen, of_kind, most) b
     ), placed AS MATERIALIZED (
         SELECT f.id, f.object, f.link,
                CASE WHEN f.link IS NOT NULL
