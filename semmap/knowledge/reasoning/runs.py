@@ -84,12 +84,13 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     if row is None:
         return None
     state, cursor, at = row
+    # Before the changes are read: what is committed after this is read by the next run.
+    news = view.session.execute("SELECT change_cursor(), statement_timestamp()").fetchone()
+    assert news is not None
     ontology = Ontology.read(view, state)
     changed = None
     if ontology.is_of(state) and not complete:
         changed = Changed.since(view, cursor, at)
-    news = view.session.execute("SELECT change_cursor(), statement_timestamp()").fetchone()
-    assert news is not None
     done = None if changed is None else consider(view, ontology, changed)
     if done is None:
         ontology, done = first_run(view, ontology)

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import psycopg
 import pytest
@@ -21,6 +22,7 @@ import semmap
 from semmap import SemanticMap
 from semmap.knowledge import query, update
 from semmap.knowledge.rdf_file import read_facts
+from semmap.knowledge.reasoning.changes import Changed
 from semmap.knowledge.reasoning.runs import contradictions, forget, reason, why
 from semmap.language.error import QueryError
 from tests import command_line
@@ -215,6 +217,27 @@ def test_a_watch_infers_after_each_change(flat: tuple[str, SemanticMap]) -> None
         assert found() == set()
         watch.send_signal(signal.SIGINT)
         assert watch.wait(timeout=20) == 0
+
+
+def test_what_is_committed_while_changes_are_read_is_not_skipped(
+    flat: tuple[str, SemanticMap], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url, made = flat
+    session = made.session_of_map()
+    made.add_object("cup", type="cup", size=(0.1, 0.1, 0.1), pose=(2, 1, 0))
+    reason(session)
+    since = Changed.since
+
+    def interrupted(*values: Any) -> Changed | None:
+        monkeypatch.setattr(Changed, "since", since)
+        found = since(*values)
+        with semmap.connect(url) as other:
+            other.map(made.name)["cup"].delete()
+        return found
+
+    monkeypatch.setattr(Changed, "since", interrupted)
+    reason(session)
+    assert reason(session).removed == 2
 
 
 def test_exports_have_inferences_where_asked(flat: tuple[str, SemanticMap], tmp_path: Path) -> None:
