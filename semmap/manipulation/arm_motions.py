@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -98,8 +99,7 @@ def plan_grasp(
         return None
     planner = _Planner.of(connection, automaton, base, state)
     entity = rows[0]["entity"]
-    around = planner.around(entity)
-    room = around.joined(planner.local(entity_triangles(planner.session, entity)))
+    around, room = planner.around_and_with(entity)
 
     def strokes(row: dict[str, Any]) -> list[Stroke]:
         return [
@@ -185,8 +185,7 @@ def plan_push(
         return None
     planner = _Planner.of(connection, automaton, base, state)
     entity = rows[0]["entity"]
-    around = planner.around(entity)
-    room = around.joined(planner.local(entity_triangles(planner.session, entity)))
+    around, room = planner.around_and_with(entity)
     closed = planner.arm.gripper.postures[-1]
 
     def strokes(row: dict[str, Any]) -> list[Stroke]:
@@ -251,33 +250,28 @@ class _Planner(NamedTuple):
         found = obstacles_around(self.session, entity, AROUND, without=without)
         return Obstacles(self.local(found.triangles))
 
+    def around_and_with(self, entity: str) -> tuple[Obstacles, Obstacles]:
+        """What is around an object, without and with the object itself, in the robot's frame."""
+        around = self.around(entity)
+        return around, around.joined(self.local(entity_triangles(self.session, entity)))
+
     def first(self, rows: Sequence[dict[str, Any]], strokes: Any, seconds: float) -> Motion | None:
         """The motion to the first action for which a stored path, else a planned one, is free."""
-        from semmap.manipulation.motion import free_strokes, plan_motion
+        from semmap.manipulation.motion import plan_strokes
 
         every = [(row, strokes(row)) for row in rows]
         for row, ways in every:
             stored = self._stored(ways)
             if stored is not None:
                 return self._motion(row, *stored, reused=True)
-        tries = 0
-        for row, ways in every:
-            to = ways[0]
-            for before, after in free_strokes(self.arm, self.start, ways):
-                path = plan_motion(
-                    self.arm,
-                    self.start,
-                    before,
-                    to.obstacles,
-                    fingers=to.fingers,
-                    held=to.held,
-                    seconds=seconds,
-                )
-                if path is not None:
-                    return self._motion(row, self._keep(path), [path, *after], reused=False)
-                tries += 1
-                if tries == TRIES:
-                    return None
+        planned = (
+            (row, found)
+            for row, ways in every
+            for found in plan_strokes(self.arm, self.start, ways, seconds=seconds)
+        )
+        for row, found in islice(planned, TRIES):
+            if found is not None:
+                return self._motion(row, self._keep(found[0]), found, reused=False)
         return None
 
     def _motion(

@@ -12,19 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.manipulation.arm import Arm
-from semmap.manipulation.candidates import Grasps
-from semmap.manipulation.collision import Obstacles, free_grasps
+from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.extra import library
 
 __all__ = [
     "Held",
-    "PickMotion",
     "Stroke",
     "free_strokes",
     "is_free",
     "plan_motion",
-    "plan_pick",
     "plan_strokes",
     "straight_motion",
     "straight_motions",
@@ -69,14 +66,6 @@ class Stroke(NamedTuple):
     """Positions of the finger joints; by default open, or around what is held."""
 
     held: Held | None = None
-
-
-class PickMotion(NamedTuple):
-    """The grasp that was chosen and the positions (N, D) that lead there."""
-
-    grasp: int
-    to_pre_grasp: Floats
-    approach: Floats
 
 
 def plan_motion(
@@ -245,8 +234,8 @@ def free_strokes(
 
 def plan_strokes(
     arm: Arm, start: Floats, strokes: Sequence[Stroke], *, seconds: float = 5.0
-) -> list[Floats] | None:
-    """Return the positions (N, D) of each stroke; None if no free motion is found.
+) -> Iterator[list[Floats] | None]:
+    """Plan the motion to each posture of the arm in which some strokes are free.
 
     The way to the end of the first stroke is planned (`plan_motion`), the others are straight.
 
@@ -254,6 +243,10 @@ def plan_strokes(
     ----------
     start : (D,)
     seconds : the longest time to plan one motion
+
+    Yields
+    ------
+    The positions (N, D) of each stroke; None where no free motion to a posture is found.
 
     Raises
     ------
@@ -271,39 +264,4 @@ def plan_strokes(
             held=first.held,
             seconds=seconds,
         )
-        if path is not None:
-            return [path, *after]
-    return None
-
-
-def plan_pick(
-    arm: Arm,
-    start: Floats,
-    grasps: Grasps,
-    model: Floats,
-    obstacles: Obstacles,
-    *,
-    object_triangles: Floats | None = None,
-    tries: int = 20,
-    seconds: float = 5.0,
-) -> PickMotion | None:
-    """Return the motion to the first grasp that is reachable and free of collisions.
-
-    Parameters
-    ----------
-    start : (D,)
-    grasps : the best first
-    model : (4, 4) pose of the object in the robot's frame
-    obstacles : in the robot's frame, without the object
-    object_triangles : (F, 3, 3) of the object in the robot's frame, which the arm must not touch
-        before it grasps
-    tries : grasps for which inverse kinematics and planning are tried
-    """
-    room = obstacles if object_triangles is None else obstacles.joined(object_triangles)
-    free = free_grasps(grasps, model, obstacles, item=object_triangles)
-    for i in np.flatnonzero(free)[:tries]:
-        poses = (model @ grasps.pre_grasps[i], room), (model @ grasps.poses[i], obstacles)
-        found = plan_strokes(arm, start, [Stroke(*each) for each in poses], seconds=seconds)
-        if found is not None:
-            return PickMotion(int(i), *found)
-    return None
+        yield None if path is None else [path, *after]

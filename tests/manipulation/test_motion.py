@@ -12,9 +12,9 @@ from scipy.optimize import linprog
 from semmap.geometry.mesh import box_mesh
 from semmap.manipulation.arm import Arm
 from semmap.manipulation.candidates import grasp_candidates
-from semmap.manipulation.collision import Obstacles, convex_body
+from semmap.manipulation.collision import Obstacles, convex_body, free_grasps
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.motion import STEP, Held, plan_motion, plan_pick
+from semmap.manipulation.motion import STEP, Held, Stroke, plan_motion, plan_strokes
 from semmap.manipulation.solids import solid_of
 from tests.manipulation.grippers import Shape, gripper_by_hand, real_gripper, urdf
 
@@ -152,11 +152,22 @@ def test_a_can_on_the_kitchen_table_is_picked(kitchen):
     there = inverse @ model
     item = solid_of(*shape[:2]).mesh().triangles + there[:3, 3]
     grasps = grasp_candidates(shape, arm.gripper)
-    pick = plan_pick(arm, READY, grasps, there, room, object_triangles=item, seconds=20)
-    assert pick is not None
-    np.testing.assert_allclose(
-        arm.grasp_pose(pick.approach[-1]), there @ grasps.poses[pick.grasp], atol=5e-3
+    around = room.joined(item)
+    grasp, (to_pre_grasp, approach) = next(
+        (i, found)
+        for i in np.flatnonzero(free_grasps(grasps, there, room, item=item))
+        for found in plan_strokes(
+            arm,
+            READY,
+            [
+                Stroke(there @ grasps.pre_grasps[i], around),
+                Stroke(there @ grasps.poses[i], room),
+            ],
+            seconds=20,
+        )
+        if found is not None
     )
-    np.testing.assert_allclose(pick.to_pre_grasp[-1], pick.approach[0], atol=1e-9)
-    assert all(arm.is_free(p, room.joined(item)) for p in pick.to_pre_grasp)
-    assert all(arm.is_free(p, room) for p in pick.approach)
+    np.testing.assert_allclose(arm.grasp_pose(approach[-1]), there @ grasps.poses[grasp], atol=5e-3)
+    np.testing.assert_allclose(to_pre_grasp[-1], approach[0], atol=1e-9)
+    assert all(arm.is_free(p, around) for p in to_pre_grasp)
+    assert all(arm.is_free(p, room) for p in approach)
