@@ -192,9 +192,18 @@ class _Used(NamedTuple):
         return cls(robot, gripper, arm, at)
 
 
-def _check_robot(robot: str | None, base: str | None, state: str | None, *, plan: bool) -> None:
+def _check_robot(
+    robot: str | None,
+    base: str | None,
+    state: str | None,
+    *,
+    plan: bool,
+    gripper: str | None = None,
+) -> None:
     if robot is None and (plan or base or state):
         raise typer.BadParameter("--base, --plan and --state are for a --robot")
+    if robot is not None and gripper is not None:
+        raise typer.BadParameter("--robot has its own gripper: give one of --robot and --gripper")
 
 
 def _moved(
@@ -253,9 +262,7 @@ def place_command(
     point = None if towards is None else _numbers(towards, "--towards")
     if point is not None and len(point) != 2:
         raise typer.BadParameter(f"--towards takes X,Y, not {towards}")
-    _check_robot(robot, base, state, plan=plan)
-    if robot is not None and gripper is not None:
-        raise typer.BadParameter("--robot has its own gripper: give one of --robot and --gripper")
+    _check_robot(robot, base, state, plan=plan, gripper=gripper)
     with cli.open_database() as db:
         session = db.map(map_name).session_of_map()
         with session.transaction():
@@ -301,9 +308,7 @@ def push_command(
     from semmap.manipulation.arm_motions import plan_push
     from semmap.manipulation.pushes import find_pushes
 
-    _check_robot(robot, base, state, plan=plan)
-    if robot is not None and gripper is not None:
-        raise typer.BadParameter("--robot has its own gripper: give one of --robot and --gripper")
+    _check_robot(robot, base, state, plan=plan, gripper=gripper)
     with cli.open_database() as db:
         session = db.map(map_name).session_of_map()
         with session.transaction():
