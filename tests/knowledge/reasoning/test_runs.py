@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -189,9 +190,12 @@ def reasoning(url: str) -> Iterator[subprocess.Popen[str]]:
         text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
+        late = threading.Timer(120, process.kill)  # a line that never comes is a failure, no wait
+        late.start()
         try:
             yield process
         finally:
+            late.cancel()
             process.kill()
 
 
