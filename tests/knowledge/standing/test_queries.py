@@ -253,6 +253,19 @@ def make_workshop(database: Database, name: str) -> SemanticMap:
     return made
 
 
+few = settings(
+    max_examples=5,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+"""Each example evaluates all queries as a whole after each change."""
+
+
+def transactions_of(
+    changes: st.SearchStrategy[str],
+) -> st.SearchStrategy[list[list[str]]]:
+    return st.lists(st.lists(changes, min_size=1, max_size=3), min_size=1, max_size=6)
+
+
 class Watched:
     """Standing queries without a thread, beside whole evaluations of the same queries."""
 
@@ -409,11 +422,8 @@ def test_which_queries_have_parts(watched: Watched) -> None:
     assert found == dict.fromkeys(LOCAL, True) | dict.fromkeys(WHOLE, False)
 
 
-@settings(
-    max_examples=5,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-@given(transactions=st.lists(st.lists(CHANGES, min_size=1, max_size=3), min_size=1, max_size=6))
+@few
+@given(transactions=transactions_of(CHANGES))
 def test_events_are_the_differences_of_whole_evaluations(
     watched: Watched, transactions: list[list[str]]
 ) -> None:
@@ -454,11 +464,8 @@ def test_inferences_are_answers(thinking: Watched) -> None:
     assert () not in thinking.evaluated(thinking.texts[heavy])
 
 
-@settings(
-    max_examples=5,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
-@given(transactions=st.lists(st.lists(THOUGHTS, min_size=1, max_size=3), min_size=1, max_size=6))
+@few
+@given(transactions=transactions_of(THOUGHTS))
 def test_events_of_inferences_are_the_differences_of_whole_evaluations(
     thinking: Watched, transactions: list[list[str]]
 ) -> None:
