@@ -1,20 +1,20 @@
 """The grammar: rdflib's grammar of SPARQL with the clauses STORE, AT and DURING.
 
-rdflib's grammar is copied before it is extended, so that rdflib itself is not changed. The terms
-and parts of the syntax tree know their positions in the text.
+rdflib's module is loaded once more before its grammar is extended, so that rdflib itself is not
+changed. The terms and parts of the syntax tree know their positions in the text.
 """
 
 from __future__ import annotations
 
-import copy
+import importlib.util
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
+from types import ModuleType
 from typing import Any, Literal
 
 import pyparsing
-from rdflib.plugins.sparql import parser
 from rdflib.plugins.sparql.parserutils import Comp, CompValue, Param, ParamList
 
 from semmap.language.error import QueryError
@@ -66,7 +66,7 @@ def _syntax_error(
 
 @cache
 def _grammars(whole: bool) -> dict[Form, Any]:
-    return _copied_grammars(whole)
+    return _own_grammars(whole)
 
 
 @cache
@@ -75,7 +75,7 @@ def _recording_grammars(whole: bool) -> tuple[dict[Form, Any], list[tuple[int, s
 
     A failure is a position and the word that was expected there.
     """
-    grammars = _copied_grammars(whole)
+    grammars = _own_grammars(whole)
     failures: list[tuple[int, str]] = []
 
     def record(_: str, position: int, element: Any, __: Exception) -> None:
@@ -89,41 +89,43 @@ def _recording_grammars(whole: bool) -> tuple[dict[Form, Any], list[tuple[int, s
     return grammars, failures
 
 
-def _copied_grammars(whole: bool) -> dict[Form, Any]:
-    query = parser.QueryUnit if whole else _extended_query()
-    originals: dict[Form, Any] = {"query": query, "update": parser.UpdateUnit}
-    # The markers for a missing default are compared by identity: they must not be copied.
-    memo = {
-        id(element.defaultValue): element.defaultValue
-        for original in originals.values()
-        for element in _elements(original)
-        if isinstance(element, pyparsing.Opt)
-    }
-    grammars = copy.deepcopy(originals, memo)
+def _own_grammars(whole: bool) -> dict[Form, Any]:
+    parser = _loaded_parser()
+    query = parser.QueryUnit if whole else _extended_query(parser)
+    grammars: dict[Form, Any] = {"query": query, "update": parser.UpdateUnit}
     for original in () if whole else (parser.Collection, parser.CollectionPath):
-        memo[id(original)].set_parse_action(_collection)
-    comment = "#" + pyparsing.rest_of_line
+        original.set_parse_action(_collection)
     seen = set()
     for grammar in grammars.values():
         for element in _elements(grammar):
             if id(element) not in seen and (element.parseAction or isinstance(element, Comp)):
                 element.add_parse_action(_set_position)
             seen.add(id(element))
-        grammar.ignore(comment)
+        grammar.ignore("#" + pyparsing.rest_of_line)
     return grammars
 
 
-def _extended_query() -> Any:
+def _loaded_parser() -> ModuleType:
+    """Return rdflib's module, loaded once more: to copy its objects takes longer."""
+    spec = importlib.util.find_spec("rdflib.plugins.sparql.parser")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _extended_query(parser: ModuleType) -> Any:
     """Return the grammar of queries, with the clauses after WHERE and after each modifier."""
-    rest = parser.WhereClause + _clauses() + parser.SolutionModifier + _clauses()
-    rest = rest + parser.ValuesClause + _clauses()
+    rest = parser.WhereClause + _clauses(parser) + parser.SolutionModifier + _clauses(parser)
+    rest = rest + parser.ValuesClause + _clauses(parser)
     dataset = pyparsing.ZeroOrMore(ParamList("datasetClause", parser.DatasetClause))
     select = Comp("SelectQuery", parser.SelectClause + dataset + rest)
     ask = Comp("AskQuery", pyparsing.CaselessKeyword("ASK") + dataset + rest)
     return parser.Prologue + (select | parser.ConstructQuery | parser.DescribeQuery | ask)
 
 
-def _clauses() -> Any:
+def _clauses(parser: ModuleType) -> Any:
     store = Comp("Store", pyparsing.CaselessKeyword("STORE") + Param("iri", parser.iri))
     moment = Comp("At", pyparsing.CaselessKeyword("AT") + Param("moment", parser.RDFLiteral))
     span = Comp(
