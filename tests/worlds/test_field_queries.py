@@ -141,6 +141,11 @@ def test_the_query_of_figure_5_left(scene: HouseScene) -> None:
     assert as_set(answer.voxels) == set(seen_voxels(scene))
 
 
+def test_a_property_of_another_namespace_is_named(scene: HouseScene) -> None:
+    with pytest.raises(QueryError, match="did you mean <urn:semmap:ontology#inRoom>"):
+        query(scene.catalogue, "PREFIX : <http://kb.openrobots.org/> ASK { ?x :inRoom ?y }")
+
+
 def test_objects_in_a_field_of_view(scene: HouseScene) -> None:
     """'What objects are currently in the field of view of this human?' (paper 2, section IV)."""
     answer = query(

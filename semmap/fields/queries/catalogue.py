@@ -109,8 +109,10 @@ class FieldCatalogue:
             return RDF_TYPE
         if iri not in self._vocabulary:
             local = iri.replace("#", "/").split("/")[-1]
-            known = [each.name for each in self._vocabulary.properties]
-            hint = suggestion(local, known, f"there are {', '.join(sorted(known))}")
+            known = {each.name: each.iri for each in self._vocabulary.properties}
+            if local in known:
+                raise LookupError(f"there is no property <{iri}>; did you mean <{known[local]}>?")
+            hint = suggestion(local, list(known), f"there are {', '.join(sorted(known))}")
             raise LookupError(f"there is no property {local}{hint}")
         found = self._vocabulary[iri]
         if self._is_past and self._is_present_only(found):
