@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
-from semmap.finite_number import is_finite_number
 
 if TYPE_CHECKING:
     from navgrid.field_layer import FieldVoxels
@@ -30,7 +27,6 @@ __all__ = [
     "Urdf",
     "VoxelSize",
     "fields_of",
-    "joints_of",
     "moment_of",
     "parts_of",
     "voxels_of",
@@ -131,39 +127,6 @@ def parts_of(robot: Path, state: str | None = None, parts: Path | None = None) -
         The state is not JSON of numbers, or the robot has no such joint or link.
     """
     from semmap.robot import load_robot, robot_parts  # loads trimesh
+    from semmap.robot.joint_positions import joints_of
 
     return robot_parts(load_robot(robot), joints_of(robot, state), parts)
-
-
-def joints_of(robot: Path, state: str | None) -> dict[str, float]:
-    """Return the joint positions that an option describes, as for `parts_of`.
-
-    Raises
-    ------
-    ValueError
-        The state is neither JSON of numbers, nor a file of it, nor in the robot's SRDF.
-    """
-    if state is None:
-        return {}
-    text = state
-    if not state.lstrip().startswith("{"):
-        from semmap.robot.srdf import read_states
-
-        named = read_states(robot)
-        if state in named:
-            return named[state]
-        try:
-            text = Path(state).read_text("utf-8")
-        except OSError as error:
-            known = f"; the SRDF has {', '.join(sorted(named))}" if named else ""
-            raise ValueError(
-                f'--state {state}: is neither JSON nor a file ({error}); give {{"joint": number}}'
-                f"{known}"
-            ) from None
-    try:
-        joints = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f'--state: is not JSON ({error}); give {{"joint": number}}') from None
-    if not isinstance(joints, dict) or not all(map(is_finite_number, joints.values())):
-        raise ValueError('--state: give joint positions as {"joint": number}')
-    return joints

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from navgrid.options import joints_of
 from planner.robot_class import RobotClass
 from semmap.geometry.mesh import Mesh
 from semmap.robot import LinkGroup, Part, load_robot, robot_parts
+from semmap.robot.joint_positions import joints_of
 from semmap.robot.urdf import Robot
 
 __all__ = ["DemoRobot"]

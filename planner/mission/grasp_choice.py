@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from planner.mission.behaviours import Outcome
 from semmap.geometry.pose import Pose
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Choice", "GraspChooser", "Hand", "hand_of"]
 
-GRASPS, REACHED = 400, 24
+GRASPS, REACHED = 400, 100
 """Free grasps of which an arm must reach one, and the most that it reaches that are considered."""
 
 TRIED = 100
@@ -39,9 +38,6 @@ HERE = 0.05
 """Metres between a base and an object below which the base is no place to stand."""
 
 UNCHECKED = "its arm is not checked: the robot's class has no shape (semmap robot add URDF)"
-
-LIFT = 0.1
-"""Metres by which an object is lifted that was grasped."""
 
 MOTION = 5.0
 """The longest time to plan one motion, seconds."""
@@ -126,7 +122,7 @@ class GraspChooser:
     base : where it stands, in the map's frame
     trial : whether a trial in simulation decides
     lenient : an assumed gripper refuses nothing: the robot acts without a grasp then
-    motion_seconds : the longest time to look for motions of the arm; None for no motions
+    motion_seconds : of the processor, to look for motions of the arm; None for no motions
     """
 
     session: Any
@@ -148,6 +144,7 @@ class GraspChooser:
 
     def grasp(self, item: str, target: str | None) -> Choice:
         """Return the grasp of a pickup: if possible, one that a free place on the target ends."""
+        from semmap.manipulation.arm_motions import approachable_rows
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.retrieval import find_grasps
         from semmap.manipulation.shape_store import shape_of
@@ -164,17 +161,25 @@ class GraspChooser:
         if not rows:
             return self._none("; ".join(found.problems) or f"{item}: no grasp is known")
         if arm is not None:
+            automaton = str(self.hand.automaton)
             rows = reachable_rows(rows, arm, self.base, REACHED)
             if not rows:
-                where = f"no free grasp of it is within reach of {self.hand.automaton} here"
-                return self._none(f"{item}: {where}")
+                return self._none(
+                    f"{item}: no free grasp of it is within reach of {automaton} here"
+                )
+            if self.motion_seconds is not None:
+                reached, rows = rows, approachable_rows(self.session, automaton, self.base, rows)
+                if not rows:
+                    told = f"touches something at each of {len(reached)} grasps"
+                    return self._none(f"{item}: the arm of {automaton} {told}")
         rows = self._placeable_first(item, target, rows)
+        choices = self._choices(item, target, rows)
         if self._is_at(item) and self.hand.automaton is not None:
-            choice = self._first(item, rows)
+            choice = next(choices)
             return replace(choice, note=f"{choice.note}; {UNCHECKED}")
         if arm is None or self.motion_seconds is None:
-            return self._first(item, rows)
-        return self._moved(item, rows, arm)
+            return next(choices)
+        return self._moved(item, choices, arm)
 
     def place(
         self,
@@ -235,29 +240,86 @@ class GraspChooser:
 
     def _is_at(self, name: str) -> bool:
         """Whether the robot stands in an object: its class has no shape that needs free floor."""
+        pose = self._pose_of(name)
+        return pose is not None and math.dist(pose[:2], self.base[:2]) < HERE
+
+    def _pose_of(self, name: str) -> Pose | None:
         row = self.session.execute(
             "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (name,)
         ).fetchone()
-        return row is not None and math.dist(row[0][:2], self.base[:2]) < HERE
+        return None if row is None else Pose(*row[0])
 
-    def _first(self, item: str, rows: list[dict[str, Any]]) -> Choice:
-        """The first grasp, or the first one that succeeds in a trial."""
-        return self._tried(item, rows) if self.trial else self._chosen(int(rows[0]["action_id"]))
+    def _choices(
+        self, item: str, target: str | None, rows: list[dict[str, Any]]
+    ) -> Iterator[Choice]:
+        """Each grasp that succeeds in a trial, and then a place on the target; last, a refusal."""
+        cause = ""
+        while rows:
+            tried = self._tried(item, rows) if self.trial else self._chosen(rows[0]["action_id"])
+            if tried.action is None:
+                yield self._none(f"{item}: {cause}") if cause else tried
+                return
+            unfit = self._unfit(item, target, tried.action)
+            if unfit is None:
+                yield tried
+            cause = unfit or cause
+            if tried.tried:  # whatever becomes of it, it succeeded
+                self._record(item, tried.action)
+            done = tried.decided | {tried.action}
+            rows = [row for row in rows if row["action_id"] not in done]
+        yield self._none(f"{item}: {cause or 'no other grasp is known'}")
 
-    def _moved(self, item: str, rows: list[dict[str, Any]], arm: Arm) -> Choice:
+    def _unfit(self, item: str, target: str | None, grasp: int) -> str | None:
+        """Why a trial puts the item badly on the target after a grasp; None if not known."""
+        from semmap.manipulation.error import ManipulationError
+        from semmap.manipulation.places import find_places
+        from semmap.manipulation.practice import NOT_HELD, try_place
+
+        gripper, stands = self.hand.gripper, self._pose_of(item)
+        if target is None or stands is None or not self.trial:
+            return None
+        try:
+            with self.session.transaction():
+                places = find_places(
+                    self.session, item, target, gripper=gripper, grasps=[grasp], limit=1
+                )
+        except (LookupError, ManipulationError):
+            return None  # something without a mesh, or without a level surface
+        if not places.rows:
+            return None
+        place = int(places.rows[0]["action_id"])
+        cause = try_place(self.session, item, gripper, grasp, place, stands=stands)
+        if cause in (None, NOT_HELD):
+            return None
+        return f"grasp {grasp} holds it, but put down in simulation it {cause}"
+
+    def _record(self, item: str, action: int) -> None:
+        """Store that a grasp succeeded in a trial, where the mission uses another one."""
+        from semmap.manipulation.task_store import record_task
+
+        record_task(
+            self.session,
+            item,
+            action=action,
+            outcome="completed",
+            robot=self.robot,
+            simulated=True,
+        )
+
+    def _moved(self, item: str, choices: Iterator[Choice], arm: Arm) -> Choice:
         """The first grasp to which the arm moves without touching anything; its path is stored."""
         from semmap.manipulation.arm_motions import plan_grasp
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.reader import actions_on
-        from semmap.manipulation.task_store import record_task
 
-        automaton, robot = str(self.hand.automaton), self.robot
+        automaton = str(self.hand.automaton)
         clock = _Clock(float(self.motion_seconds or 0))
         looked = 0
-        while rows and clock.left > 0:
-            choice = self._first(item, rows)
-            if choice.action is None:
+        for choice in choices:
+            if choice.action is None and looked == 0:
                 return choice
+            if choice.action is None:
+                break
             stored = actions_on(self.session, name=item, gripper=self.hand.gripper, limit=STORED)
             grasp = [row for row in stored if row["action_id"] == choice.action]
             near = reachable_rows(grasp, arm, self.base, 1)  # a corrected grasp may be out of reach
@@ -270,17 +332,8 @@ class GraspChooser:
             if motion is not None:
                 return replace(choice, note=f"{choice.note}; {_told(motion)}")
             looked += 1
-            if choice.tried:  # another grasp is used, and still this one succeeded
-                record_task(
-                    self.session,
-                    item,
-                    action=choice.action,
-                    outcome="completed",
-                    robot=robot,
-                    simulated=True,
-                )
-            done = choice.decided | {choice.action}
-            rows = [row for row in rows if row["action_id"] not in done]
+            if clock.left <= 0:
+                break
         return self._none(
             f"{item}: {clock.spent} without a free motion of {automaton} to {looked} grasps"
         )
@@ -304,46 +357,22 @@ class GraspChooser:
             base=self.base,
             limit=SPOTS,
         )
-        looked, why = 0, ""
-        for state in self._carries():
-            for row in found.rows:
-                if clock.left <= 0:
-                    break
-                seconds = min(clock.left, MOTION)
-                try:
-                    motion = plan_place(
-                        self.session, automaton, self.base, [row], state=state, seconds=seconds
-                    )
-                except ManipulationError as error:
-                    why = f"; {error}"
-                    break  # the arm cannot start from there
-                if motion is not None:
-                    note = "; ".join(filter(None, (choice.note, _told(motion))))
-                    action = int(row["action_id"])
-                    return replace(choice, action=action, note=note, spot=row["spot"])
-                looked += 1
+        looked = 0
+        for row in found.rows:
+            if clock.left <= 0:
+                break
+            seconds = min(clock.left, MOTION)
+            try:
+                motion = plan_place(self.session, automaton, self.base, [row], seconds=seconds)
+            except ManipulationError as error:  # the arm cannot start from there
+                return Choice(refusal=Outcome("unable", f"{item}: {error}"))
+            if motion is not None:
+                note = "; ".join(filter(None, (choice.note, _told(motion))))
+                return replace(choice, action=int(row["action_id"]), note=note, spot=row["spot"])
+            looked += 1
         places = f"{looked} places on {target}"
-        told = f"{clock.spent} without a free motion of {automaton} to {places}{why}"
+        told = f"{clock.spent} without a free motion of {automaton} to {places}"
         return Choice(refusal=Outcome("unable", f"{item}: {told}"))
-
-    def _carries(self) -> list[dict[str, float] | None]:
-        """Positions of the joints with which the arm may carry an object, None for those at rest.
-
-        First those above where the last motion led: a pickup lifts what it took, and goes back to
-        where its approach began.
-        """
-        row = self.session.execute(LAST, (self.hand.automaton,)).fetchone()
-        arm = self.arm
-        if row is None or arm is None:
-            return [None]
-        last = dict(zip(row[0], row[1][-1], strict=True))
-        begun = np.array([last.get(joint.name, 0.0) for joint in arm.joints])
-        pose = arm.grasp_pose(begun)
-        pose[2, 3] += LIFT
-        lifted = arm.reach(pose, begun)
-        if lifted is None:
-            return [None]
-        return [dict(zip((j.name for j in arm.joints), lifted.tolist(), strict=True)), None]
 
     def _placeable_first(
         self, item: str, target: str | None, rows: list[dict[str, Any]]
@@ -404,26 +433,19 @@ class GraspChooser:
         return f"{self.hand.gripper} is assumed: --gripper names another one"
 
 
-LAST = """
-SELECT p.joints, p.positions FROM path p JOIN automaton a ON a.id = p.automaton_id
-WHERE p.map_id = (SELECT current_map()) AND a.name = %s AND p.joints IS NOT NULL
-ORDER BY p.id DESC LIMIT 1
-"""
-
-
 class _Clock:
-    """How much of a time is left."""
+    """How much of a time of the processor is left: others may use it, too."""
 
     def __init__(self, seconds: float) -> None:
-        self._begun, self._seconds = time.monotonic(), seconds
+        self._begun, self._seconds = time.process_time(), seconds
 
     @property
     def left(self) -> float:
-        return self._seconds - (time.monotonic() - self._begun)
+        return self._seconds - (time.process_time() - self._begun)
 
     @property
     def spent(self) -> str:
-        return f"{time.monotonic() - self._begun:.0f} s"
+        return f"{time.process_time() - self._begun:.0f} s"
 
 
 def _told(motion: Motion) -> str:

@@ -155,7 +155,8 @@ class Runner:
                 try:
                     plan = self._plan(taken.robot, taken.goal, frozenset(avoided), busy)
                 except (ValueError, LookupError) as error:
-                    why = "; ".join([str(error), *avoided.values()])
+                    left = f"without {', '.join(avoided)}: {error}" if avoided else str(error)
+                    why = "; ".join([*avoided.values(), left])
                     return self._finish(mission, "failed", why)
                 commands = commands_of(plan)
                 if not commands:

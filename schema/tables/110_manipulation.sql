@@ -38,7 +38,8 @@ CREATE TABLE automaton (
     name       text NOT NULL UNIQUE CHECK (name <> ''),
     robot_id   integer NOT NULL REFERENCES device,
     gripper_id integer REFERENCES gripper,                     -- null: the robot incorporates it, or has none
-    sensor_id  integer REFERENCES device
+    sensor_id  integer REFERENCES device,
+    posture    jsonb NOT NULL DEFAULT '{}' CHECK (jsonb_typeof(posture) = 'object')  -- of its joints where it drives: name: position; others at 0
 );
 
 -- What all objects of the same meshes share; without meshes, type and functions, it is a shape alone.

@@ -59,6 +59,7 @@ class Arm:
         while link in above:
             chain.append(above[link])
             link = above[link].parent
+        self._chain = [joint.child for joint in chain]
         self.joints = tuple(
             j
             for j in reversed(chain)
@@ -116,6 +117,19 @@ class Arm:
         """Return the pose (4, 4) of the grasp frame in the robot's frame."""
         pose: Floats = self._frames(position)[-1] @ self._tool
         return pose
+
+    def corners(self, position: Floats) -> Floats:
+        """Return the corners (N, 3) of the hulls of the arm and its gripper, robot's frame."""
+        poses = self._link_poses(position)
+        own = {*self._chain, *self.gripper.links}
+        found: Floats = np.concatenate(
+            [
+                self.robot.hull(link) @ poses[i, :3, :3].T + poses[i, :3, 3]
+                for i, link in enumerate(self._links)
+                if link in own and self._carrier[i]
+            ]
+        )
+        return found
 
     def _frames(self, position: Floats) -> Floats:
         """(D + 1, 4, 4): the frames of the fixed links and behind each joint, robot's frame."""

@@ -2,13 +2,14 @@
 
 The way of the gripper to where an action begins is planned once; its path is stored and followed
 again until something moves into it. From there the gripper moves straight, as the action states
-(Tosello et al., sections III-A and IV-B).
+(Tosello et al., sections III-A and IV-B). At last the arm goes back to where it was: with what it
+took, for it drives so.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from semmap.manipulation.collision import Obstacles
     from semmap.manipulation.motion import Stroke
 
-__all__ = ["Motion", "plan_grasp", "plan_place", "plan_push"]
+__all__ = ["Motion", "approachable_rows", "plan_grasp", "plan_place", "plan_push"]
 
 Floats = NDArray[np.float64]
 
@@ -38,6 +39,9 @@ AROUND = 1.5
 
 TRIES = 6
 """Motions that are planned until one is found, at most."""
+
+LIFT = 0.1
+"""Metres by which an object is lifted before anything else."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Motion:
     to_pre_grasp : (N, D) positions to where the approach of the action begins, radians or metres
     approach : (N, D) positions to the contact; of a place, down to where the object stands
     after : (N, D) positions of the retreat of a place, or of a push along its way; else none
+    back : (N, D) positions to the posture at the start: of a grasp with the object, first straight
+        up; of a push, none
     path : id of the stored path of `to_pre_grasp`
     reused : it was stored before
     seconds : that were spent
@@ -61,9 +67,31 @@ class Motion:
     to_pre_grasp: Floats
     approach: Floats
     after: Floats
+    back: Floats
     path: int
     reused: bool
     seconds: float
+
+
+def approachable_rows(
+    connection: MapConnection, automaton: str, base: Pose, rows: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return the grasps of an object whose approach some posture of a robot's arm can do.
+
+    Nothing is touched from where the approach begins to the grasp. It takes some hundredths of a
+    second a grasp; whether the arm gets there from how it is carried takes seconds (`plan_grasp`).
+
+    Parameters
+    ----------
+    rows : grasps of one object, as `reachable_rows` returns them; their order is kept
+    """
+    from semmap.manipulation.motion import free_strokes
+
+    if not rows:
+        return []
+    planner = _Planner.of(connection, automaton, base, None)
+    strokes = planner.grasping(rows[0]["entity"])
+    return [row for row in rows if any(free_strokes(planner.arm, planner.start, strokes(row)))]
 
 
 def plan_grasp(
@@ -78,12 +106,13 @@ def plan_grasp(
     """Return a motion of a robot's arm to the first grasp that it reaches; None if not found.
 
     A stored path to one of the grasps is followed if nothing has moved into its way. Else a motion
-    is planned (`semmap.manipulation.motion.plan_motion`) and its path is stored.
+    is planned (`semmap.manipulation.motion.plan_motion`) and its path is stored. The convex hull of
+    the object is a part of the robot on the way back.
 
     Parameters
     ----------
     rows : grasps of one object, the best first, as `reachable_rows` returns them
-    state : positions of the joints at the start; by default at rest
+    state : positions of joints at the start; the others are as the automaton carries
     seconds : the longest time to plan one motion
 
     Raises
@@ -93,21 +122,25 @@ def plan_grasp(
     ManipulationError
         The start touches something, or the state has a joint that the arm does not have.
     """
-    from semmap.manipulation.motion import Stroke
+    from semmap.manipulation.collision import convex_body
+    from semmap.manipulation.motion import Held, Stroke
 
     if not rows:
         return None
     planner = _Planner.of(connection, automaton, base, state)
     entity = rows[0]["entity"]
-    around, room = planner.around_and_with(entity)
+    around = planner.around(entity)
+    body = convex_body(entity_triangles(planner.session, entity).reshape(-1, 3))
 
-    def strokes(row: dict[str, Any]) -> list[Stroke]:
-        return [
-            Stroke(planner.inverse @ _begin(row), room),
-            Stroke(planner.inverse @ row["pose"].matrix, around),
-        ]
+    def back(row: dict[str, Any]) -> list[Stroke]:
+        held = Held(body, np.linalg.inv(row["pose"].matrix), planner.width(row))
+        up = planner.inverse @ row["pose"].matrix
+        up[2, 3] += LIFT
+        closed = planner.arm.gripper.posture(held.width)  # what it holds still touches its support
+        return [Stroke(up, around, closed), Stroke(planner.rest, around, held=held)]
 
-    return planner.first([row for row in rows if row["entity"] == entity], strokes, seconds)
+    rows = [row for row in rows if row["entity"] == entity]
+    return planner.first(rows, planner.grasping(entity, around), back, seconds)
 
 
 def plan_place(
@@ -142,11 +175,11 @@ def plan_place(
     planner = _Planner.of(connection, automaton, base, state)
     entity, on = rows[0]["entity"], rows[0]["on"]
     around = planner.around(on, without=entity)
-    body = convex_body(np.asarray(model_mesh(planner.session, entity).vertices))
+    mesh = model_mesh(planner.session, entity)
+    body = convex_body(np.asarray(mesh.vertices))
 
     def strokes(row: dict[str, Any]) -> list[Stroke]:
-        width = planner.arm.gripper.opening if row["width"] is None else row["width"]
-        held = Held(body, np.linalg.inv(row["model_pose"].matrix), width)
+        held = Held(body, np.linalg.inv(row["model_pose"].matrix), planner.width(row))
         found = [
             Stroke(planner.inverse @ _begin(row), around, held=held),
             Stroke(planner.inverse @ row["pose"].matrix, around, held=held),
@@ -155,7 +188,12 @@ def plan_place(
             found.append(Stroke(planner.inverse @ row["post_pose"].matrix, around))
         return found
 
-    return planner.first(rows, strokes, seconds)
+    def back(row: dict[str, Any]) -> list[Stroke]:
+        corners = row["spot"].apply(mesh.vertices)
+        stands = planner.local(corners[np.asarray(mesh.faces)])
+        return [Stroke(planner.rest, around.joined(stands))]
+
+    return planner.first(rows, strokes, back, seconds)
 
 
 def plan_push(
@@ -185,7 +223,8 @@ def plan_push(
         return None
     planner = _Planner.of(connection, automaton, base, state)
     entity = rows[0]["entity"]
-    around, room = planner.around_and_with(entity)
+    around = planner.around(entity)
+    room = planner.with_itself(entity, around)
     closed = planner.arm.gripper.postures[-1]
 
     def strokes(row: dict[str, Any]) -> list[Stroke]:
@@ -196,13 +235,16 @@ def plan_push(
             Stroke(planner.inverse @ row["end"].matrix, around, fingers),
         ]
 
-    return planner.first(rows, strokes, seconds)
+    return planner.first(rows, strokes, lambda _: [], seconds)
 
 
 def _begin(row: dict[str, Any]) -> Floats:
     """Where the approach of an action begins, map's frame."""
     pose: Floats = (row["pre_pose"] or row["pose"]).matrix
     return pose
+
+
+_Strokes = Callable[[dict[str, Any]], "list[Stroke]"]
 
 
 class _Planner(NamedTuple):
@@ -250,38 +292,94 @@ class _Planner(NamedTuple):
         found = obstacles_around(self.session, entity, AROUND, without=without)
         return Obstacles(self.local(found.triangles))
 
-    def around_and_with(self, entity: str) -> tuple[Obstacles, Obstacles]:
-        """What is around an object, without and with the object itself, in the robot's frame."""
-        around = self.around(entity)
-        return around, around.joined(self.local(entity_triangles(self.session, entity)))
+    def with_itself(self, entity: str, around: Obstacles) -> Obstacles:
+        """What is around an object, and the object, in the robot's frame."""
+        return around.joined(self.local(entity_triangles(self.session, entity)))
 
-    def first(self, rows: Sequence[dict[str, Any]], strokes: Any, seconds: float) -> Motion | None:
-        """The motion to the first action for which a stored path, else a planned one, is free."""
+    def grasping(self, entity: str, around: Obstacles | None = None) -> _Strokes:
+        """Makes the strokes of a grasp of an object: to where its approach begins, and on."""
+        from semmap.manipulation.motion import Stroke
+
+        around = around or self.around(entity)
+        room = self.with_itself(entity, around)
+        return lambda row: [
+            Stroke(self.inverse @ _begin(row), room),
+            Stroke(self.inverse @ row["pose"].matrix, around),
+        ]
+
+    @property
+    def rest(self) -> Floats:
+        """The pose of the grasp frame at the start, robot's frame."""
+        return self.arm.grasp_pose(self.start)
+
+    def width(self, row: dict[str, Any]) -> float:
+        """Metres between the pads around what an action holds."""
+        return float(self.arm.gripper.opening if row["width"] is None else row["width"])
+
+    def first(
+        self, rows: Sequence[dict[str, Any]], strokes: _Strokes, back: _Strokes, seconds: float
+    ) -> Motion | None:
+        """The motion to the first action for which a stored path, else a planned one, is free.
+
+        Parameters
+        ----------
+        strokes, back : make those of an action, and those from its end to the start
+        """
         from semmap.manipulation.motion import plan_strokes
 
         every = [(row, strokes(row)) for row in rows]
         for row, ways in every:
             stored = self._stored(ways)
-            if stored is not None:
-                return self._motion(row, *stored, reused=True)
+            if stored is None:
+                continue
+            after = self._back(stored[1][-1][-1], back(row), seconds)
+            if after is not None:
+                return self._motion(row, *stored, after, reused=True)
         planned = (
             (row, found)
             for row, ways in every
             for found in plan_strokes(self.arm, self.start, ways, seconds=seconds)
         )
         for row, found in islice(planned, TRIES):
-            if found is not None:
-                return self._motion(row, self._keep(found[0]), found, reused=False)
+            if found is None:
+                continue
+            after = self._back(found[-1][-1], back(row), seconds)
+            if after is not None:
+                return self._motion(row, self._keep(found[0]), found, after, reused=False)
         return None
 
+    def _back(self, position: Floats, strokes: list[Stroke], seconds: float) -> Floats | None:
+        """Positions along straight strokes, and then by any free motion to the start."""
+        from semmap.manipulation.motion import is_free, plan_motion, straight_motions
+
+        if not strokes:
+            return np.empty((0, len(self.start)))
+        *straight, last = strokes
+        moved = straight_motions(self.arm, position, straight)
+        if moved is None:
+            return None
+        begin = moved[-1][-1] if moved else position
+        if not (is_free(self.arm, begin, last) and is_free(self.arm, self.start, last)):
+            return None
+        way = plan_motion(
+            self.arm,
+            begin,
+            self.start,
+            last.obstacles,
+            fingers=last.fingers,
+            held=last.held,
+            seconds=seconds,
+        )
+        return None if way is None else np.concatenate([*moved, way])
+
     def _motion(
-        self, row: dict[str, Any], path: int, found: Sequence[Floats], *, reused: bool
+        self, row: dict[str, Any], path: int, found: Sequence[Floats], back: Floats, *, reused: bool
     ) -> Motion:
         joints = tuple(joint.name for joint in self.arm.joints)
         way, approach, *others = found
         after = others[0] if others else np.empty((0, len(joints)))
         spent = time.perf_counter() - self.begun
-        return Motion(row, joints, way, approach, after, path, reused, spent)
+        return Motion(row, joints, way, approach, after, back, path, reused, spent)
 
     def _palm(self, grasp: Floats) -> Floats:
         """The pose of the palm in the map where the grasp frame is at a pose of the robot's."""
@@ -301,7 +399,7 @@ class _Planner(NamedTuple):
 
     def _stored(self, strokes: Sequence[Stroke]) -> tuple[int, list[Floats]] | None:
         """A stored path, its id, to where the first stroke ends, and then the others; all free."""
-        from semmap.manipulation.motion import is_free, straight_motions
+        from semmap.manipulation.motion import STEP, is_free, straight_motions
 
         first, *others = strokes
         here = self._palm(self.arm.grasp_pose(self.start))
@@ -314,6 +412,8 @@ class _Planner(NamedTuple):
         if row is None or row[1] != [joint.name for joint in self.arm.joints]:
             return None
         way = np.array(row[2])
+        if np.abs(way[0] - self.start).max() > STEP:
+            return None  # another posture with the same pose of the palm
         if not all(is_free(self.arm, position, first) for position in way):
             return None
         after = straight_motions(self.arm, way[-1], others)

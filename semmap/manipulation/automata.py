@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from semmap.suggestions import suggestion
 if TYPE_CHECKING:
     from semmap.manipulation.arm import Arm
     from semmap.manipulation.gripper import Gripper
+    from semmap.robot.urdf import Robot
 
 __all__ = [
     "automaton_of",
@@ -47,6 +48,7 @@ def register_robot(
     *,
     palm: str | None = None,
     gripper: str | None = None,
+    posture: Mapping[str, float] | None = None,
 ) -> str:
     """Store a robot with its gripper and sensors, as an automaton; return its name.
 
@@ -58,19 +60,27 @@ def register_robot(
     name : by default that in the URDF
     palm : the link that holds the fingers, where it has several grippers
     gripper : name of the gripper; by default that of the robot and ``_gripper``
+    posture : positions of the joints with which it drives, and carries what it took, radians or
+        metres; others are at 0. By default, one that stays near the robot is found
+        (`carrying_posture`)
 
     Raises
     ------
     ManipulationError
-        The robot has no gripper, or no joint moves it.
+        The robot has no gripper, no joint moves it, or a posture has a joint that it does not have
+        or a position beyond its limits.
     RobotError
         The file is not a usable URDF.
     """
     from semmap.manipulation.arm import Arm
+    from semmap.manipulation.carrying import carrying_posture
     from semmap.manipulation.gripper import read_gripper
 
     found = read_gripper(urdf, palm)
-    arm = Arm(found)
+    _check_posture(found.robot, posture or {})
+    arm = Arm(found, posture)
+    if posture is None:
+        posture = carrying_posture(arm)
     chosen = name or found.robot.name
     session = driver(connection)
     with session.transaction():
@@ -93,8 +103,21 @@ def register_robot(
                 capabilities=CAPABILITIES[sensor.kind],
             )
         eye = f"{chosen}/{sensors[0].name}" if sensors else None
-        add_automaton(session, chosen, chosen, hand, eye)
+        add_automaton(session, chosen, chosen, hand, eye, posture)
     return chosen
+
+
+def _check_posture(robot: Robot, posture: Mapping[str, float]) -> None:
+    joints = {joint.name: joint for joint in robot.joints}
+    for name, position in posture.items():
+        if name not in joints:
+            hint = suggestion(name, [*joints], f"it has {', '.join(joints)}")
+            raise ManipulationError(f"{robot.name} has no joint {name}{hint}")
+        low, high = joints[name].limits
+        if not low - 1e-6 <= position <= high + 1e-6:
+            raise ManipulationError(
+                f"{robot.name}: joint {name} at {position} is beyond its limits {low:g} to {high:g}"
+            )
 
 
 def automaton_of(connection: MapConnection, *names: str | None) -> tuple[str, str] | None:
@@ -129,14 +152,20 @@ def stored_arm(connection: MapConnection, automaton: str) -> tuple[str, Arm]:
             automaton, [row[0] for row in rows], "semmap manipulation add-robot URDF adds one"
         )
         raise LookupError(f"there is no robot {automaton} with a gripper{hint}")
-    return found[1], _arm(stored_gripper(connection, found[1]))
+    row = (
+        driver(connection)
+        .execute("SELECT posture FROM automaton WHERE name = %s", (found[0],))
+        .fetchone()
+    )
+    posture = tuple(sorted(row[0].items())) if row else ()
+    return found[1], _arm(stored_gripper(connection, found[1]), posture)
 
 
 @lru_cache(maxsize=4)
-def _arm(gripper: Gripper) -> Arm:
+def _arm(gripper: Gripper, posture: tuple[tuple[str, float], ...]) -> Arm:
     from semmap.manipulation.arm import Arm
 
-    return Arm(gripper)
+    return Arm(gripper, dict(posture))
 
 
 def base_pose(connection: MapConnection, name: str, given: Sequence[float] | None = None) -> Pose:

@@ -168,7 +168,9 @@ def _reached(
     if not plan or not rows:
         return rows, found.problems
     motion = plan_grasp(session, used.name, used.base, rows, state=_state(state))
-    rows, problems = _moved(motion, used.name, rows, ("to_pre_grasp", "approach_positions", ""))
+    rows, problems = _moved(
+        motion, used.name, rows, ("to_pre_grasp", "approach_positions", "retreat_positions")
+    )
     return rows, [*found.problems, *problems]
 
 
@@ -207,17 +209,18 @@ def _check_robot(
 
 
 def _moved(
-    motion: Motion | None, robot: str, rows: Sequence[Any], keys: tuple[str, str, str]
+    motion: Motion | None, robot: str, rows: Sequence[Any], keys: Sequence[str]
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The row of a motion with its positions under these keys; and why there is none."""
     if motion is None:
         return [], [f"{robot}: no motion to one of {len(rows)} within reach was found"]
     told: dict[str, Any] = {"joints": list(motion.joints), "path": motion.path}
-    for key, positions in zip(
-        keys, (motion.to_pre_grasp, motion.approach, motion.after), strict=True
-    ):
-        if key:
-            told[key] = positions.tolist()
+    pieces = (motion.to_pre_grasp, motion.approach, motion.after, motion.back)
+    told |= {
+        key: positions.tolist()
+        for key, positions in zip((*keys, "back_positions"), pieces, strict=True)
+        if len(positions)
+    }
     how = "stored before" if motion.reused else f"planned in {motion.seconds:.1f} s"
     count = len(motion.to_pre_grasp)
     print(f"path {motion.path}: {count} positions, {how}; then straight on", file=sys.stderr)
@@ -423,12 +426,21 @@ def add_robot(
     palm: Annotated[
         str | None, typer.Option(help="The link that holds the fingers; by default the first.")
     ] = None,
+    state: Annotated[
+        str | None,
+        typer.Option(
+            help="Joint positions with which it drives and carries: JSON, a file, or a state of "
+            "its SRDF; by default, some that keep the arm near the robot."
+        ),
+    ] = None,
 ) -> None:
     """Store a robot with its arm, gripper and sensors, for --robot and missions of its class."""
     from semmap.manipulation.automata import register_robot
+    from semmap.robot.joint_positions import joints_of
 
+    posture = None if state is None else joints_of(urdf, state)
     with cli.open_database() as db:
-        print(register_robot(db.session, urdf, name, palm=palm))
+        print(register_robot(db.session, urdf, name, palm=palm, posture=posture))
 
 
 @manipulation.command()

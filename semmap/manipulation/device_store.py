@@ -130,8 +130,13 @@ def add_automaton(
     robot: str,
     gripper: str | None = None,
     sensor: str | None = None,
+    posture: Mapping[str, float] | None = None,
 ) -> int:
     """Store a robot with a gripper and a sensor, all by their names; return its id.
+
+    Parameters
+    ----------
+    posture : positions of the joints with which it drives, radians or metres; others are at 0
 
     Raises
     ------
@@ -151,11 +156,11 @@ def add_automaton(
     with refusals():
         return number(
             session.execute(
-                "INSERT INTO automaton (name, robot_id, gripper_id, sensor_id) "
-                "VALUES (%s, %s, %s, %s) ON CONFLICT (name) DO UPDATE SET "
+                "INSERT INTO automaton (name, robot_id, gripper_id, sensor_id, posture) "
+                "VALUES (%s, %s, %s, %s, %s) ON CONFLICT (name) DO UPDATE SET "
                 "robot_id = excluded.robot_id, gripper_id = excluded.gripper_id, "
-                "sensor_id = excluded.sensor_id RETURNING id",
-                (name, *ids),
+                "sensor_id = excluded.sensor_id, posture = excluded.posture RETURNING id",
+                (name, *ids, Jsonb(dict(posture or {}))),
             )
         )
 

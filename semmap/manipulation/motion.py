@@ -33,7 +33,7 @@ STEP = 0.05
 """The largest change of a joint between checked positions, radians or metres."""
 
 
-RANGE = 1.0
+RANGE = 0.5
 """The longest motion by which KPIECE extends its tree, radians: OMPL's default is too long."""
 
 POSTURES = 3
@@ -150,7 +150,7 @@ def _planned(
             state[i] = float(position[i])
         ends.append(state)
     setup.setStartAndGoalStates(*ends)
-    kpiece = geometric.BKPIECE1(setup.getSpaceInformation())
+    kpiece = geometric.KPIECE1(setup.getSpaceInformation())
     kpiece.setRange(RANGE)
     for planner in (kpiece, geometric.RRTConnect(setup.getSpaceInformation())):
         setup.setPlanner(planner)

@@ -96,7 +96,10 @@ class Gripper(Base):
 
 
 class Automaton(Base):
-    """A robot with the gripper and the sensor that are mounted on it."""
+    """A robot with the gripper and the sensor that are mounted on it.
+
+    `posture` has the positions of joints with which it drives, radians or metres; others are at 0.
+    """
 
     __tablename__ = "automaton"
 
@@ -105,6 +108,7 @@ class Automaton(Base):
     robot_id: Mapped[int] = mapped_column(ForeignKey(Device.id))
     gripper_id: Mapped[int | None] = mapped_column(ForeignKey(Gripper.device_id))
     sensor_id: Mapped[int | None] = mapped_column(ForeignKey(Device.id))
+    posture: Mapped[dict[str, Any]] = mapped_column(server_default=EMPTY)
 
     robot: Mapped[Device] = relationship(foreign_keys=robot_id)
     gripper: Mapped[Gripper | None] = relationship()

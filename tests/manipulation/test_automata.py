@@ -32,12 +32,9 @@ from tests.manipulation.grippers import gripper_by_hand, urdf
 BASE = Pose.planar(0.85, 1.0, 0.6, 0.7)
 """Beside the table, from which cup1 is 53 cm away."""
 
-READY = {
-    "panda_joint2": -0.8,
-    "panda_joint4": -2.2,
-    "panda_joint6": 1.6,
-    "panda_joint7": 0.8,
-}
+READY = dict(
+    zip((f"panda_joint{i}" for i in range(1, 8)), (0, -0.8, 0, -2.2, 0, 1.6, 0.8), strict=True)
+)
 
 
 @pytest.fixture
@@ -79,8 +76,9 @@ def test_a_path_is_followed_again_until_something_moves_into_its_way(cups, panda
     assert again.reused
     assert again.path == first.path
     np.testing.assert_allclose(again.to_pre_grasp, first.to_pre_grasp)
-    start = np.array([READY.get(name, 0.0) for name in first.joints])
+    start = [READY[name] for name in first.joints]
     np.testing.assert_allclose(first.to_pre_grasp[0], start)
+    np.testing.assert_allclose(first.back[-1], start)
     there = BASE.matrix @ arm.grasp_pose(first.approach[-1])
     np.testing.assert_allclose(there, first.row["pose"].matrix, atol=1e-2)
     inverse = np.linalg.inv(arm.gripper.frame)

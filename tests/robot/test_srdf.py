@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navgrid.options import joints_of, parts_of
+from navgrid.options import parts_of
 from semmap.robot.error import RobotError
+from semmap.robot.joint_positions import joints_of
 from semmap.robot.srdf import read_states
 from tests.robot.robots import by_hand
 

@@ -1,4 +1,4 @@
-"""A TIAGo at the kitchen table of the small house: where it puts a can down, and how it pushes it.
+"""A TIAGo at the kitchen table of the small house: how it takes, puts down, pushes and fetches.
 
 The motions are followed with the kinematics of yourdfpy, and what the hand holds is checked against
 the table by linear programs.
@@ -28,23 +28,45 @@ BASE, FAR = "5.1,0.95,0", "2,0.95,0"
 TOP = np.array((5.7, 0.65, 0.77)), np.array((7.41, 1.25, 0.799))
 """The table's top within its round edge."""
 
+FOLDED = json.dumps(
+    {
+        "arm_1_joint": 0.2,
+        "arm_2_joint": -1.34,
+        "arm_3_joint": -0.2,
+        "arm_4_joint": 1.94,
+        "arm_5_joint": -1.57,
+        "arm_6_joint": 1.37,
+    }
+)
+
 
 class Kitchen(NamedTuple):
     url: str
-    corners: Any
-    """(N, 3) of the can, in its model's frame."""
+    corners: dict[str, Any]
+    """(N, 3) of the meshes of objects, in their models' frames."""
+
+
+THINGS = {
+    "can": ("005_tomato_soup_can", (5.86, 0.87, 0.80135)),
+    "bottle": ("006_mustard_bottle", (5.86, 1.07, 0.80135)),
+}
+"""What is on the table: meshes, and where their frames are."""
 
 
 @pytest.fixture(scope="module")
-def kitchen(bare_house: Engine, worlds: Path) -> Kitchen:
-    """The small house with a can on its kitchen table; the database knows a TIAGo."""
-    url = bare_house.url.render_as_string(hide_password=False)
-    can = worlds / "ycb" / "meshes" / "005_tomato_soup_can_textured.gltf"
+def kitchen(house: Engine, worlds: Path) -> Kitchen:
+    """The small house with a can and a bottle on its kitchen table; the database knows a TIAGo."""
+    url = house.url.render_as_string(hide_password=False)
+    corners = {}
     with package.connect(url) as db:
-        house = db.map("house")
-        house.add_object("can", type="can", mesh=can, pose=(5.86, 0.87, 0.80135))
-        corners = np.asarray(model_mesh(house.session_of_map(), "can").vertices)
+        here = db.map("house")
+        for name, (mesh, pose) in THINGS.items():
+            path = worlds / "ycb" / "meshes" / f"{mesh}_textured.gltf"
+            here.add_object(name, type=name, mesh=path, pose=pose)
+            corners[name] = np.asarray(model_mesh(here.session_of_map(), name).vertices)
     told = semmap(url, "manipulation", "add-robot", urdf("tiago"), "--name", "tiago")
+    assert told.exit_code == 0, told.output
+    told = semmap(url, "robot", "add", "tiago", "--robot", urdf("tiago"), "--state", FOLDED)
     assert told.exit_code == 0, told.output
     return Kitchen(url, corners)
 
@@ -89,14 +111,44 @@ def test_a_can_is_carried_to_where_the_arm_puts_it_down(kitchen: Kitchen, palms:
     carried = [*row["to_pre_place"], *row["approach_positions"]]
     for position in carried[::4] + carried[-1:]:
         item = palms(joints, position) @ in_hand
-        assert not touches(kitchen.corners @ item[:3, :3].T + item[:3, 3], *TOP)
+        assert not touches(kitchen.corners["can"] @ item[:3, :3].T + item[:3, 3], *TOP)
     near(palms(joints, row["to_pre_place"][-1]), row["pre_pose"])
     near(palms(joints, carried[-1]) @ in_hand, row["spot"])
     near(palms(joints, row["retreat_positions"][-1]), row["post_pose"])
-    lowest = (kitchen.corners @ Pose(*row["spot"]).rotation.T)[:, 2].min() + row["spot"][2]
+    lowest = (kitchen.corners["can"] @ Pose(*row["spot"]).rotation.T)[:, 2].min() + row["spot"][2]
     assert 0.801 < lowest < 0.806
     (again,) = rows(kitchen, *words, "--base", BASE, "--plan")
     assert again["path"] == row["path"]
+
+
+def test_a_bottle_is_taken_and_carried_near_the_robot(kitchen: Kitchen, palms: Any) -> None:
+    words = ("grasp", "bottle", "--robot", "tiago", "--base", BASE, "--limit", 100, "--plan")
+    (row,) = rows(kitchen, *words)
+    joints, x, y = row["joints"], *map(float, BASE.split(",")[:2])
+    near(palms(joints, row["approach_positions"][-1]), row["pose"])
+    in_hand = np.linalg.inv(Pose(*row["pose"]).matrix) @ Pose(*THINGS["bottle"][1]).matrix
+    poses = [palms(joints, position) @ in_hand for position in row["back_positions"]]
+    for item in [*poses[12::3], poses[-1]]:  # lifted before
+        corners = kitchen.corners["bottle"] @ item[:3, :3].T + item[:3, 3]
+        assert not touches(corners, *TOP)
+    assert all(pose[2, 3] > poses[0][2, 3] - 1e-3 for pose in poses[:11])
+    corners = kitchen.corners["bottle"] @ poses[-1][:3, :3].T + poses[-1][:3, 3]
+    assert np.hypot(corners[:, 0] - x, corners[:, 1] - y).max() < 0.6
+    assert np.hypot(*(palms(joints, [0.0] * len(joints))[:2, 3] - (x, y))) > 0.8  # at rest
+    np.testing.assert_allclose(row["back_positions"][-1], row["to_pre_grasp"][0])
+
+
+def test_it_brings_a_bottle_to_another_table(kitchen: Kitchen) -> None:
+    """The mission of the paper, from end to end: tried in simulation, and planned for the arm."""
+    goal = "on(bottle, CoffeeTable_01_001)"
+    words = ("--robot", "tiago", "--from", "kitchen", "--speed", 1000, "--map", "house")
+    told = semmap(kitchen.url, "run", goal, "--simulate", *words)
+    assert told.exit_code == 0, told.output
+    steps = [line for line in told.output.splitlines() if ": " in line]
+    for action in ("pickup(bottle, ", "place(bottle, "):
+        (step,) = (line for line in steps if action in line and not line.startswith("plan"))
+        assert "tried in simulation; path " in step
+        assert "of the arm, planned" in step
 
 
 def test_a_can_is_pushed_by_the_arm_away_from_the_robot(kitchen: Kitchen, palms: Any) -> None:

@@ -1,0 +1,61 @@
+"""The posture in which an arm is carried through doors: near the axis of its robot."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semmap.manipulation.arm import Arm
+from semmap.manipulation.collision import Obstacles, convex_body
+
+__all__ = ["carrying_posture"]
+
+Floats = NDArray[np.float64]
+
+DRAWN = 1000
+"""Random postures that are considered, beside that at rest."""
+
+FLOOR = 0.05
+"""Metres above the floor that all of the arm stays."""
+
+ITEM = 0.04
+"""Radius of the smallest ball for which there must be room in the gripper, metres."""
+
+
+def carrying_posture(arm: Arm, *, seed: int = 0) -> dict[str, float]:
+    """Return positions of an arm's joints with which a robot can drive, by name, radians or metres.
+
+    Of random postures in which the arm, with a ball in its gripper, touches nothing of the robot,
+    it is the one that stays nearest to the vertical axis of the robot. The arm stays at rest where
+    all touch something.
+    """
+    random = np.random.default_rng(seed)
+    drawn = random.uniform(arm.low, arm.high, (DRAWN, len(arm.low)))
+    ball = _ball(max(ITEM, arm.gripper.opening / 2))
+    nothing = Obstacles(np.empty((0, 3, 3)))
+    postures = [arm.rest(), *drawn]
+    for number in np.argsort([_reach(arm, each, ball) for each in postures], kind="stable"):
+        posture = postures[number]
+        if arm.is_free(posture, nothing, held=(convex_body(ball), np.eye(4))):
+            break
+    else:
+        posture = arm.rest()
+    return dict(zip((j.name for j in arm.joints), posture.round(4).tolist(), strict=True))
+
+
+def _ball(radius: float) -> Floats:
+    """Corners (N, 3) of a ball in front of the palm, in the grasp frame."""
+    signs = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, -1).T
+    directions = signs[signs.any(axis=1)]
+    corners: Floats = radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return corners
+
+
+def _reach(arm: Arm, posture: Floats, ball: Floats) -> float:
+    """How far from the axis an arm and a ball are, metres; infinite where they are too low."""
+    pose = arm.grasp_pose(posture)
+    held = ball @ pose[:3, :3].T + pose[:3, 3]
+    corners = np.concatenate([arm.corners(posture), held])
+    if corners[:, 2].min() < FLOOR:
+        return float("inf")
+    return float(np.hypot(corners[:, 0], corners[:, 1]).max())

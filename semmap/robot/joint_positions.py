@@ -1,0 +1,49 @@
+"""Joint positions that a user gives: as JSON, a file of it, or the name of a state."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from semmap.finite_number import is_finite_number
+from semmap.robot.srdf import read_states
+
+__all__ = ["joints_of"]
+
+
+def joints_of(robot: Path, state: str | None) -> dict[str, float]:
+    """Return the joint positions that an option ``--state`` describes, radians or metres.
+
+    Parameters
+    ----------
+    robot : the URDF
+    state : JSON, the name of a file that holds it, or that of a state in the SRDF of the robot;
+        None for none
+
+    Raises
+    ------
+    ValueError
+        The state is neither JSON of numbers, nor a file of it, nor in the robot's SRDF.
+    """
+    if state is None:
+        return {}
+    text = state
+    if not state.lstrip().startswith("{"):
+        named = read_states(robot)
+        if state in named:
+            return named[state]
+        try:
+            text = Path(state).read_text("utf-8")
+        except OSError as error:
+            known = f"; the SRDF has {', '.join(sorted(named))}" if named else ""
+            raise ValueError(
+                f'--state {state}: is neither JSON nor a file ({error}); give {{"joint": number}}'
+                f"{known}"
+            ) from None
+    try:
+        joints = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f'--state: is not JSON ({error}); give {{"joint": number}}') from None
+    if not isinstance(joints, dict) or not all(map(is_finite_number, joints.values())):
+        raise ValueError('--state: give joint positions as {"joint": number}')
+    return joints
