@@ -1,6 +1,6 @@
 """`make bench`: all the speed tables, or those named: ``python -m benchmarks database``.
 
-``grasp_experiment`` takes long, and runs only if it is named.
+Those of `ALONE` take long, and run only if they are named.
 """
 
 from __future__ import annotations
@@ -33,5 +33,10 @@ TABLES = (
     "manipulation_actions",
 )
 
+ALONE = ("grasp_experiment",)
+
+unknown = [name for name in sys.argv[1:] if name not in TABLES + ALONE]
+if unknown:
+    sys.exit(f"there is no table {', '.join(unknown)}: there are {', '.join(TABLES + ALONE)}")
 for name in sys.argv[1:] or TABLES:
     importlib.import_module(f"benchmarks.{name}").main()
