@@ -17,8 +17,12 @@ from sqlalchemy import Engine
 
 import semmap as package
 from semmap.geometry.pose import Pose
+from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
+from semmap.manipulation.practice import practise
+from semmap.manipulation.retrieval import find_grasps
 from semmap.manipulation.shape_store import model_mesh, shape_of
+from semmap.manipulation.trial import HEIGHT, Outcome
 from tests.command_line import semmap
 from tests.manipulation.grippers import BY_HAND
 
@@ -253,3 +257,37 @@ def test_a_flat_mesh_is_refused_and_nothing_is_stored(house: House) -> None:
     with pytest.raises(ManipulationError, match="mesh 15: a triangle has a vertex that is not"):
         semmap(house.url, *words, "--scale", "0.001")
     assert stored() == before
+
+
+def test_a_correction_of_a_linked_grasp_belongs_to_the_object(house: House) -> None:
+    """What trial and error make of it is stored for the object; the linked model keeps its own."""
+    with package.connect(house.url) as db, db.session.transaction():
+        db.session.execute("DELETE FROM semmap.object_model")
+    words = ("manipulation", "import-grasps", dump(house, Pose(), meshes=False), "--gripper")
+    run(house, *words, "WILLOW=plates", "--scale", "0.001")
+    number = link(house)
+    name = "Vase_01_001"
+    poses: list[Any] = []
+
+    def attempt(grasp: Grasp) -> Outcome:
+        poses.append(grasp.pose)
+        turned = (0.8, 0.0, 0.0) if np.allclose(grasp.pose, poses[0]) else (0.0, 0.0, 0.0)
+        return Outcome(HEIGHT, 0.0, 0.0, 0.05, 0.05, turned, (0.0, 0.0, 0.0))
+
+    with package.connect(house.url) as db:
+        session = db.map("house").session_of_map()
+        rows = find_grasps(session, name=name, gripper="plates", check=False).rows
+        linked = [row for row in rows if row["link"] is not None]
+        made = practise(session, name, "plates", rows=linked, attempt=attempt, simulated=False)
+        assert [each["outcome"] for each in made] == ["turned", "completed"]
+        stored = made[-1]["stored"]
+        found = session.execute(
+            "SELECT a.replaced_by, b.object_id = h.object_id, a.object_id = h.object_id "
+            "FROM action a, action b, entity_object h "
+            "WHERE a.id = %s AND b.id = %s AND h.entity_id = entity_id(%s)",
+            (linked[0]["action_id"], stored, name),
+        ).fetchall()
+        assert found == [(None, True, False)]
+        best = find_grasps(session, name=name, gripper="plates", check=False).rows[0]
+        assert best["action_id"] == stored
+    run(house, "interlink", "undo", number)
