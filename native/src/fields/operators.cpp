@@ -116,6 +116,26 @@ void each_origin(const Grid<Value>& grid, Found&& found) {
     }
 }
 
+// The lowest and the highest voxel of a block that are active; some is.
+std::pair<std::array<int, 3>, std::array<int, 3>> active_box(const Words& active) {
+    std::array<unsigned, 3> used{};  // a bit for each x, y, z
+    for (unsigned x = 0; x < 8; ++x) {
+        used[0] |= static_cast<unsigned>(active[x] != 0) << x;
+        for (unsigned y = 0; y < 8; ++y) {
+            const auto row = static_cast<unsigned>(active[x] >> (8 * y) & 0xFF);
+            used[1] |= static_cast<unsigned>(row != 0) << y;
+            used[2] |= row;
+        }
+    }
+    std::array<int, 3> first;
+    std::array<int, 3> last;
+    for (std::size_t k = 0; k < 3; ++k) {
+        first[k] = __builtin_ctz(used[k]);
+        last[k] = 31 - __builtin_clz(used[k]);
+    }
+    return {first, last};
+}
+
 template <typename Value>
 std::size_t nodes(const Grid<Value>& grid) {
     return static_cast<std::size_t>(grid.tree().leafCount()) +
@@ -395,19 +415,26 @@ Grid<Value> resampled(const Grid<Value>& grid, double voxel_size, const Placemen
             turn[i][j] = sum * voxel_size / grid.voxel_size();
         }
     }
-    // Blocks of the answer that a ball around a block of the grid meets.
+    // Blocks of the answer that the box around the active voxels of a block of the grid meets.
     OriginIndex candidates;
-    const double reach = std::sqrt(3.0) * kBlock / 2 * grid.voxel_size() / voxel_size;
+    const double scale = grid.voxel_size() / voxel_size;
+    Reader<Value> reader(grid);
+    Words active;
     each_origin(grid, [&](const openvdb::Coord& origin) {
-        Vector middle;
-        for (int k = 0; k < 3; ++k) middle[static_cast<std::size_t>(k)] = origin[k] + kBlock / 2.0;
+        if (!reader.read_mask(origin, active)) return;
+        const auto [first, last] = active_box(active);
         std::array<std::int32_t, 3> low;
         std::array<std::int32_t, 3> high;
         for (std::size_t j = 0; j < 3; ++j) {
             double q =
-                0;  // turn is a rotation times a scale: its inverse is its transpose by scale^2
-            for (std::size_t i = 0; i < 3; ++i) q += turn[i][j] * (middle[i] - shift[i]);
-            q *= (grid.voxel_size() / voxel_size) * (grid.voxel_size() / voxel_size);
+                0;  // turn is a rotation by 1 / scale: its inverse is its transpose by scale^2
+            double reach = 1;  // of the box, and for what is rounded
+            for (std::size_t i = 0; i < 3; ++i) {
+                const double back = turn[i][j] * scale * scale;
+                const double middle = origin[static_cast<int>(i)] + (first[i] + last[i] + 1) / 2.0;
+                q += back * (middle - shift[i]);
+                reach += std::abs(back) * (last[i] + 1 - first[i]) / 2.0;
+            }
             low[j] = block_floor(checked_index(std::floor(q - reach)));
             high[j] = checked_index(std::floor(q + reach));
         }
