@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 from uuid import UUID
 
+from semmap.finite_number import is_finite_number
 from semmap.limits import NAME_CHARACTERS
 from semmap.manipulation.error import ManipulationError
 
@@ -39,7 +40,7 @@ def _is_name(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and abs(value) <= LARGEST and value is not True
+    return is_finite_number(value) and abs(value) <= LARGEST
 
 
 def _is_key(value: Any) -> bool:
