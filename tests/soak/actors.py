@@ -15,6 +15,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -24,10 +25,16 @@ from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database import Cluster, DatabaseError, connect
+from semmap.fields.service.endpoint import socket_of
+from semmap.fields.service.server import serving
+from semmap.fields.service.service import FieldService
+from semmap.fields.service.settings import ServiceSettings, SourceSettings
+from semmap.fields.store.source_history import kept_span
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from semmap.query.entity_query import changes_since
-from tests.soak.invariants import last_line
+from semmap.query.maps import see_map
+from tests.soak.invariants import last_line, url_of
 
 __all__ = ["ACTORS", "COUNTED", "IMPORTED"]
 
@@ -130,6 +137,28 @@ def mirror(cluster: Cluster, state: Path, map_name: str) -> None:
     for_ever(cluster, work)
 
 
+def service(cluster: Cluster, state: Path, map_name: str) -> None:
+    """Serve the fields of a map with a person who looks around; store which look was kept."""
+    gaze = SourceSettings("gaze", "gaze")
+    settings = ServiceSettings((gaze,), save_every=1.0, keep_every=0.2, keep_for=60.0)
+
+    def work(engine: Engine) -> None:
+        fields = FieldService(engine, map_name, settings=settings)
+        with fields.running(), serving(socket_of(url_of(engine), map_name), fields.answer):
+            while True:
+                eyes, at = (time.time() % 8, 0.0, 1.6), (time.time() % 5, 3.0, 1.0)
+                fields.put_percept("gaze", {"poses": {"visitor": {"from": eyes, "to": at}}})
+                with suppress(*LOST), engine.connect() as connection:  # it outlives the server
+                    see_map(connection, map_name)
+                    span = kept_span(connection)
+                    if span is not None:
+                        with (state / "service").open("a") as file:
+                            file.write(f"{span[1].isoformat()}\n")
+                time.sleep(0.1)
+
+    for_ever(cluster, work)
+
+
 def reader(cluster: Cluster, state: Path) -> None:
     """Look for a state of the map in which world and placements disagree; store what it finds."""
 
@@ -145,7 +174,7 @@ def reader(cluster: Cluster, state: Path) -> None:
 
 
 ACTORS: dict[str, Callable[..., None]] = {
-    each.__name__: each for each in (writer, importer, poller, mirror, reader)
+    each.__name__: each for each in (writer, importer, poller, mirror, service, reader)
 }
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,22 @@ import psycopg
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine
 
+from semmap.fields.service.client import find_service
+from semmap.fields.store.names import read_map_vocabulary
+from semmap.fields.store.source_history import kept_span, load_updates
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.query.entity_query import changes_since
+from semmap.query.maps import see_map
 
-__all__ = ["last_line", "signature", "violations", "wrong_cursors", "wrong_mirror"]
+__all__ = [
+    "last_line",
+    "signature",
+    "url_of",
+    "violations",
+    "wrong_cursors",
+    "wrong_mirror",
+    "wrong_service",
+]
 
 NEVER = {
     "world poses that do not follow from the placements": "SELECT name FROM world_mismatch",
@@ -91,6 +104,34 @@ def violations(engine: Engine, state: Path, imported: str, versions: set[str]) -
     seen = state / "wrong"
     if seen.exists():
         wrong.append(seen.read_text().strip())
+    return wrong
+
+
+def url_of(engine: Engine) -> str:
+    """The URL of an engine's database."""
+    return engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
+
+
+def wrong_service(engine: Engine, map_name: str, file: Path) -> list[str]:
+    """What a service kept that is not there, and how a service fails to answer.
+
+    Parameters
+    ----------
+    file : the times of the newest look that was kept, as an actor saw it
+    """
+    wrong = []
+    with engine.connect() as connection:
+        see_map(connection, map_name)
+        span, seen = kept_span(connection), last_line(file)
+        if seen and (span is None or span[1] < datetime.fromisoformat(seen)):
+            wrong.append(f"the look of {seen} was kept, the newest one is {span and span[1]}")
+        load_updates(connection, read_map_vocabulary())
+    try:
+        with find_service(url_of(engine), map_name) as found:
+            if found is not None:
+                found.ask("query", text="PREFIX : <urn:semmap:ontology#> ASK { :visitor :sees ?o }")
+    except (ConnectionError, ValueError) as error:
+        wrong.append(f"the service answers: {error}")
     return wrong
 
 

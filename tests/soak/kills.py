@@ -22,9 +22,11 @@ from tests.soak.actors import IMPORTED
 from tests.soak.invariants import (
     last_line,
     signature,
+    url_of,
     violations,
     wrong_cursors,
     wrong_mirror,
+    wrong_service,
 )
 
 __all__ = ["OFFICE", "Soak", "boxes"]
@@ -100,6 +102,7 @@ class Soak:
             Actor("importer", files),
             Actor("poller", ()),
             Actor("mirror", (MIRRORED,)),
+            Actor("service", (MIRRORED,)),
             *(Actor("reader", ()) for _ in range(readers)),
         ]
         for actor in self._actors:
@@ -123,6 +126,7 @@ class Soak:
         engine = connect(self.cluster, migrate=False)  # as the next command does
         self.longest = max(self.longest, time.monotonic() - start)
         found = violations(engine, self.state, IMPORTED, self._versions)
+        found += wrong_service(engine, MIRRORED, self.state / "service")
         engine.dispose()
         found += self._ended()
         self.wrong += [f"after the kill of the {name}: {each}" for each in found]
@@ -145,8 +149,8 @@ class Soak:
         engine = connect(self.cluster, migrate=False)
         wrong = violations(engine, self.state, IMPORTED, self._versions)
         wrong += wrong_mirror(engine, MIRRORED)
-        url = engine.url.set(drivername="postgresql").render_as_string(hide_password=False)
-        with psycopg.connect(url, options="-c search_path=semmap,public") as connection:
+        wrong += wrong_service(engine, MIRRORED, self.state / "service")
+        with psycopg.connect(url_of(engine), options="-c search_path=semmap,public") as connection:
             wrong += wrong_cursors(connection, self.state / "poller")
         engine.dispose()
         return wrong
@@ -197,10 +201,11 @@ class Soak:
         """Until each process had its time to work."""
         deadline = time.monotonic() + 120
         before = {file: last_line(file) for file in self.state.glob("writer-*")}
-        while not (self.state / "poller").exists() or not any(
+        others = [self.state / "poller", self.state / "service"]
+        while not all(file.exists() for file in others) or not any(
             last_line(file) != before.get(file) for file in self.state.glob("writer-*")
         ):
-            assert time.monotonic() < deadline, "no writer and no poller comes to work"
+            assert time.monotonic() < deadline, "no writer, poller or service comes to work"
             time.sleep(0.1)
 
 

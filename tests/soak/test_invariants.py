@@ -11,7 +11,13 @@ from sqlalchemy import Engine
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from tests.soak.actors import COUNTED, IMPORTED
-from tests.soak.invariants import signature, violations, wrong_cursors, wrong_mirror
+from tests.soak.invariants import (
+    signature,
+    violations,
+    wrong_cursors,
+    wrong_mirror,
+    wrong_service,
+)
 from tests.soak.kills import boxes
 
 DAMAGE = (
@@ -60,6 +66,10 @@ def test_the_checks_find_what_is_wrong(module_engine: Engine, tmp_path: Path) ->
     assert "1 changes that were not committed" in unknown
     assert violations(module_engine, tmp_path, IMPORTED, versions) == []
     assert wrong_mirror(module_engine, IMPORTED) == []
+    assert wrong_service(module_engine, IMPORTED, tmp_path / "service") == []
+    (tmp_path / "service").write_text("2026-01-31T12:00:00+00:00\n")
+    (lost,) = wrong_service(module_engine, IMPORTED, tmp_path / "service")
+    assert lost == "the look of 2026-01-31T12:00:00+00:00 was kept, the newest one is None"
 
     file.write_text("1\n2\n")
     with module_engine.begin() as connection:
