@@ -27,6 +27,9 @@ constexpr std::int64_t kMostListed = std::int64_t{1} << 26;
 // The most cells of 4096^3 voxels in which a grid has voxels; each takes at least 0.3 MB.
 constexpr std::size_t kMostCells = 2048;
 
+// The most cells of 128^3 voxels in which one region lies; each takes at least 33 kB.
+constexpr std::size_t kMostNodes = 8192;
+
 // The most blocks of 8^3 voxels that an operator reads.
 constexpr std::int64_t kMostBlocks = std::int64_t{1} << 22;
 
