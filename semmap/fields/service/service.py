@@ -87,7 +87,8 @@ class FieldService:
         self._running: dict[str, SourceSettings] = {}
         self._most = max(1, round(self.settings.keep_for / max(self.settings.keep_every, 1e-3)))
         self._history = SourceHistory(self._most)
-        self._names: NameIndex | None = None
+        self._names: tuple[int, NameIndex] = (-1, NameIndex())
+        self._followed = 0
         self._kept: list[Any] = []
         self._wake = threading.Event()
         self._news = threading.Event()
@@ -127,7 +128,7 @@ class FieldService:
 
     def _follow(self) -> None:
         def on_change(changed: set[int]) -> None:
-            self._names = None
+            self._followed += 1
             self.bus.publish(self.tracker.update(changed))
             self._news.set()
 
@@ -305,8 +306,11 @@ class FieldService:
     def catalogue(self) -> FieldCatalogue:
         """Return what queries read."""
         with self._transaction() as connection:
-            if self._names is None:
-                self._names = read_names(connection)
+            followed, names = self._names
+            if followed != self._followed:
+                followed = self._followed  # what changes while they are read is read again
+                names = read_names(connection)
+                self._names = followed, names
             kept = run(
                 connection,
                 "SELECT f.name, f.version FROM field f JOIN field_version v ON v.field_id = f.id "
@@ -317,7 +321,7 @@ class FieldService:
                 self.mirror.maps.put(KEPT, load_maps(connection, self._vocabulary).values())
         return mirror_catalogue(
             self.mirror,
-            self._names,
+            names,
             self._vocabulary,
             tracker=lambda: self.tracker,
             open_connection=self._transaction,

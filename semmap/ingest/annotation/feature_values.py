@@ -80,13 +80,13 @@ def supertypes(type_: str) -> set[str]:
 
 
 def text(feature: Feature, key: str) -> str | None:
-    """Return a property as text; None where it is absent or empty."""
+    """Return a property as text; None where it is absent or blank."""
     value = feature.properties.get(key)
-    if value is None or value == "":
+    if value is None:
         return None
     if isinstance(value, bool | list | dict):
         raise Refused(f"its {key} is {value!r}", f"Give {key} as text.")
-    return str(value).strip()
+    return str(value).strip() or None
 
 
 def number(feature: Feature, key: str) -> float | None:
