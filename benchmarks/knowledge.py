@@ -60,7 +60,7 @@ class Question:
 QUESTIONS = (
     Question(
         "where the ten muffins are",
-        "SELECT ?x ?t ?r { ?x a type:muffin ; semmap:heldBy ?t . ?t semmap:heldBy ?r }",
+        "SELECT ?x ?t ?r { ?x a semmap:Muffin ; semmap:heldBy ?t . ?t semmap:heldBy ?r }",
         "SELECT e.name, h.name, r.name FROM object_type o JOIN entity e ON e.id = o.id "
         "JOIN placement p ON p.entity_id = o.id JOIN entity h ON h.id = p.holder_id "
         "JOIN placement q ON q.entity_id = p.holder_id JOIN entity r ON r.id = q.holder_id "
@@ -76,8 +76,8 @@ QUESTIONS = (
     ),
     Question(
         "rooms with more than 3 tables, of three rooms",
-        "SELECT ?r (COUNT(?x) AS ?n) { VALUES ?r { :room1 :room2 :room3 } ?r a type:room . "
-        "?x semmap:heldBy ?r ; a type:table } GROUP BY ?r HAVING(COUNT(?x) > 3)",
+        "SELECT ?r (COUNT(?x) AS ?n) { VALUES ?r { :room1 :room2 :room3 } ?r a semmap:Room . "
+        "?x semmap:heldBy ?r ; a semmap:Table } GROUP BY ?r HAVING(COUNT(?x) > 3)",
         "SELECT r.name, count(*) FROM entity r JOIN placement p ON p.holder_id = r.id "
         "JOIN object_type o ON o.id = p.entity_id AND o.type = 'table' "
         "WHERE r.map_id = (SELECT current_map()) AND r.name IN ('room1', 'room2', 'room3') "
@@ -86,7 +86,7 @@ QUESTIONS = (
     ),
     Question(
         "how many things lie on tables in kitchens",
-        "SELECT (COUNT(*) AS ?n) { ?r a type:kitchen . ?t semmap:heldBy ?r ; a type:table . "
+        "SELECT (COUNT(*) AS ?n) { ?r a semmap:Kitchen . ?t semmap:heldBy ?r ; a semmap:Table . "
         "?x semmap:heldBy ?t }",
         "SELECT count(*) FROM object_type k JOIN placement t ON t.holder_id = k.id "
         "JOIN object_type o ON o.id = t.entity_id AND o.type = 'table' "
@@ -96,15 +96,15 @@ QUESTIONS = (
     ),
     Question(
         "tables within 3 m of a point",
-        f"SELECT ?x {{ ?x a type:table ; {SHAPE} ?w FILTER(geof:distance("
+        f"SELECT ?x {{ ?x a semmap:Table ; {SHAPE} ?w FILTER(geof:distance("
         '?w, "POINT(52 13)"^^geo:wktLiteral, uom:metre) < 3) }',
         f"{BY_HAND} AND w.map_id = (SELECT current_map()) AND w.footprint IS NOT NULL "
         "AND ST_DWithin(w.footprint, 'POINT(52 13)'::geometry, 3) WHERE o.type = 'table'",
     ),
     Question(
         "tables that reach into tables of room 7",
-        f"SELECT ?x {{ ?t semmap:heldBy :room7 ; a type:table ; {SHAPE} ?v . "
-        f"?x a type:table ; {SHAPE} ?w FILTER(geof:sfIntersects(?v, ?w)) }}",
+        f"SELECT ?x {{ ?t semmap:heldBy :room7 ; a semmap:Table ; {SHAPE} ?v . "
+        f"?x a semmap:Table ; {SHAPE} ?w FILTER(geof:sfIntersects(?v, ?w)) }}",
         "SELECT e.name FROM placement p JOIN object_type t ON t.id = p.entity_id "
         "AND t.type = 'table' JOIN world v ON v.entity_id = p.entity_id "
         "JOIN world w ON ST_Intersects(v.footprint, w.footprint) AND w.map_id = v.map_id "
@@ -216,8 +216,8 @@ def again(session: psycopg.Connection[Any], question: Question) -> Row:
         question.name,
         f"{kept:.2f} ms asked again, at least",
         f"translated: {new:.2f} ms; SQL by hand: {sql:.2f} ms",
-        "< 0.5 ms",
-        kept < 0.5,
+        "< 0.5 ms, or SQL",
+        kept < max(0.5, sql),
     )
 
 

@@ -52,7 +52,7 @@ END $$;
 
 CREATE FUNCTION type_iri(of_type text)
 RETURNS text LANGUAGE sql STABLE PARALLEL SAFE AS $$
--- The class of a semantic type: that of its ontology, or one named after the type. Not strict, so that it is inlined.
+-- The class of a semantic type: that of its ontology, or one named after the type.
 SELECT coalesce((SELECT iri FROM semmap.semantic_type WHERE name = of_type), 'urn:semmap:type#' || semmap.iri_encode(of_type))
 $$;
 

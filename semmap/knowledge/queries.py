@@ -21,6 +21,7 @@ from semmap.knowledge.map_view import MapView, Row, Session, Term
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.kept_queries import PLANNER, KeptQueries
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen
+from semmap.knowledge.unknown_names import unknown_names
 from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import without_warnings
 from semmap.language.parser import ParsedText, parse_sparql
@@ -52,7 +53,8 @@ class Answer:
     truth : the answer of an ASK
     graph : the triples of a CONSTRUCT or DESCRIBE
     explanation : how it was evaluated: what fields were asked, the SQL, or what rdflib evaluated
-    notes : what the answer says nothing of, such as entities without voxels
+    notes : what the answer says nothing of: entities without voxels, names that the map does not
+        have
     """
 
     form: str
@@ -118,6 +120,7 @@ def query(
                 answer = _described(view, parsed, most) or _answer(view, parsed, most, key)
             except UntranslatedError as error:
                 view.statements.clear()
+                view.notes += unknown_names(view, view.constants(parsed.algebra), parsed.algebra)
                 answer = _by_rdflib(view, parsed, error, most)
     return replace(answer, notes=tuple(dict.fromkeys(view.notes)))
 
@@ -129,11 +132,13 @@ def _answer(view: MapView, parsed: ParsedText, most: int, key: tuple[Any, ...]) 
     if view.inferred is not NOTHING_INFERRED and basis.inferred is not None:
         view.inferred = basis.inferred
     statement = view.statement(parsed.algebra.p, names, limit, parsed.kept, basis)
+    # What they are told of follows from the basis, so that the answer may be kept with it.
+    unknown = unknown_names(view, basis.lookup.constants(basis.rows), parsed.algebra.p)
     start = time.monotonic()
     found = view.run(statement)
     seconds = time.monotonic() - start
     explanation = tuple(view.statements)
-    answer = partial(_made, parsed, view.name, tuple(names), most, explanation)
+    answer = partial(_made, parsed, view.name, tuple(names), most, explanation, tuple(unknown))
     if len(explanation) == 1 and not view.notes:
         KEPT.keep(
             view.session,
@@ -145,6 +150,7 @@ def _answer(view: MapView, parsed: ParsedText, most: int, key: tuple[Any, ...]) 
             answer,
             seconds,
         )
+    view.notes += unknown
     return answer(found)
 
 
@@ -164,19 +170,20 @@ def _made(
     names: tuple[str, ...],
     most: int,
     explanation: tuple[str, ...],
+    notes: tuple[str, ...],
     found: list[Row],
 ) -> Answer:
     """Return the answer that solutions make."""
     _refuse_too_many(len(found), most)
     if parsed.form == "SelectQuery":
-        return Answer("SELECT", names, tuple(found), explanation=explanation)
+        return Answer("SELECT", names, tuple(found), explanation=explanation, notes=notes)
     if parsed.form == "AskQuery":
-        return Answer("ASK", truth=bool(found), explanation=explanation)
+        return Answer("ASK", truth=bool(found), explanation=explanation, notes=notes)
     graph = _empty_graph(map_name)
     for row in found:
         for triple in filled(_template(parsed), dict(zip(names, row, strict=True))):
             graph.add(triple)
-    return Answer("CONSTRUCT", graph=graph, explanation=explanation)
+    return Answer("CONSTRUCT", graph=graph, explanation=explanation, notes=notes)
 
 
 def _refuse_too_many(rows: int, most: int) -> None:

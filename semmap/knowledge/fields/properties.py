@@ -34,6 +34,7 @@ __all__ = [
     "count_variables",
     "field_property",
     "is_of_fields",
+    "property_iris",
 ]
 
 
@@ -184,6 +185,11 @@ def _by_sql() -> frozenset[str]:
 def field_property(iri: str) -> Property | None:
     """Return the property of fields that an IRI names; None where fields have none."""
     return _properties().get(iri)
+
+
+def property_iris() -> frozenset[str]:
+    """Return the IRIs of the properties of fields."""
+    return frozenset(_properties())
 
 
 def is_of_fields(iri: str) -> bool:

@@ -198,10 +198,7 @@ class Lookup:
             if kind == "type" and found is not None:
                 known[found] = ("type", key)
             if kind == "name":
-                for iri in self._types[key]:
-                    # Where an ontology declares the type, type:NAME is not its IRI.
-                    if found is None or not iri.startswith(TYPE):
-                        types[iri] = key
+                types |= dict.fromkeys(self._types[key], key)
         for kind, found, key in texts:
             if kind == "entity":
                 for iri, form in self._names[found or ""]:

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 from semmap.knowledge.mapping import TRIPLES
 from semmap.knowledge.sparql.relation import Rows
+from semmap.knowledge.sparql.values import Value
 
-__all__ = ["share_rows"]
+__all__ = ["entity_iri", "share_rows"]
 
 _KEYS = {t.source.tables[0][1]: t.source.key for t in TRIPLES if t.source.key is not None}
 """The column of a table that is unique."""
@@ -28,6 +29,20 @@ def share_rows(rows: Rows) -> None:
             for name, v in rows.variables.items()
         }
     rows.where = list(dict.fromkeys(rows.where))
+
+
+def entity_iri(rows: Rows, value: Value, namespace: str) -> str | None:
+    """Return the SQL of an entity's IRI where its row is joined already; None where it is not."""
+    if value.form != "entity":
+        return None
+    for table in rows.froms:
+        key = f"{_alias(table)}.id"
+        joined = key == value.sql or {f"{value.sql} = {key}", f"{key} = {value.sql}"} & {
+            *rows.where
+        }
+        if joined and _PLAIN.fullmatch(table) and table.startswith("entity "):
+            return f"({namespace} || iri_encode({_alias(table)}.name))"
+    return None
 
 
 def _is_row_with_itself(rows: Rows, condition: str) -> bool:

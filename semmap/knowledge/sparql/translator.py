@@ -18,6 +18,7 @@ from semmap.knowledge.sparql.constants import Constants
 from semmap.knowledge.sparql.expressions import Environment, Expressions, UntranslatedError
 from semmap.knowledge.sparql.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.sparql.relation import UNBOUND, Rows, in_form, union, union_form
+from semmap.knowledge.sparql.row_sharing import entity_iri
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, Scope
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.sparql.values import (
@@ -167,7 +168,8 @@ class _Translator(TriplePatterns):
         columns = []
         for i, name in enumerate(names):
             value = rows.variables.get(name, UNBOUND)
-            text, tag = text_of(value, self.namespace), tag_of(value)
+            text = entity_iri(rows, value, self.namespace) or text_of(value, self.namespace)
+            tag = tag_of(value)
             if value.tag is None and not isinstance(value.constant, tuple):
                 tag = f"CASE WHEN {is_null(value)} THEN NULL ELSE {tag} END"
             columns.append(f"{text} AS v{i}, {tag} AS t{i}")

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from semmap.knowledge.mapping import DATATYPES, NODES, Form
+from semmap.knowledge.vocabulary import TYPE
 
 __all__ = [
     "NUMERIC",
@@ -126,7 +127,9 @@ def text_of(value: Value, namespace: str) -> str:
         case "geometry":
             return f"ST_AsText({value.sql})"
         case "type":
-            return f"type_iri({value.sql})"
+            # What `type_iri` returns, without a call for each row: the server inlines no subselect.
+            declared = f"(SELECT n.iri FROM semantic_type n WHERE n.name = {value.sql})"
+            return f"coalesce({declared}, '{TYPE}' || iri_encode({value.sql}))"
     assert node is not None
     if node.of_map:
         return (

@@ -187,12 +187,12 @@ def test_plans_and_functions_are_replaced(attic: SemanticMap) -> None:
     assert again(session, CUPS) == found
     # As an update of the schema does: a function is made again, and a column is added.
     (definition,) = session.execute(
-        "SELECT pg_get_functiondef('type_iri'::regproc)"
+        "SELECT pg_get_functiondef('rdf_double'::regproc)"
     ).fetchone() or ("",)
-    session.execute("DROP FUNCTION type_iri; ALTER TABLE entity ADD COLUMN another text")
+    session.execute("DROP FUNCTION rdf_double; ALTER TABLE entity ADD COLUMN another text")
     try:
         with pytest.raises(psycopg.errors.UndefinedFunction):
-            query(session, "SELECT ?x ?t { ?x a semmap:Cup ; semmap:directType ?t }")
+            query(session, "SELECT ?x ?z { ?x a semmap:Cup ; semmap:z ?z }")
         session.execute(definition)
         assert query(session, CUPS) == found
         assert again(session, CUPS) == found

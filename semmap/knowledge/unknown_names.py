@@ -1,0 +1,94 @@
+"""Names of a query that the map does not have: an empty answer may come from a misspelling."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+from rdflib import URIRef, Variable
+from rdflib.plugins.sparql.parserutils import CompValue
+
+from semmap.knowledge.fields.properties import property_iris
+from semmap.knowledge.map_view import MapView
+from semmap.knowledge.mapping import COMPUTED, REWRITTEN, TRIPLES
+from semmap.knowledge.sparql.constants import Constants, iris_in
+from semmap.knowledge.sparql.geosparql import FUNCTIONS
+from semmap.knowledge.vocabulary import SEMMAP, TYPE, decode
+from semmap.suggestions import suggestion
+
+__all__ = ["unknown_names"]
+
+_STATED = (
+    "SELECT DISTINCT n FROM unnest(%(iris)s::text[]) n, statement s WHERE s.map_id = %(map)s "
+    "AND n IN (s.subject, s.predicate, s.object, s.graph)"
+)
+_ENTITIES = "SELECT name FROM entity WHERE map_id = %s"
+_TYPES = "SELECT name FROM semantic_type"
+_CLASSES = "SELECT iri FROM semantic_type WHERE iri IS NOT NULL"
+
+
+def unknown_names(view: MapView, constants: Constants, *trees: Any) -> list[str]:
+    """Return a sentence for each name of a query that no entity, type or property has.
+
+    Names of other vocabularies are not judged: everybody may state facts with them.
+
+    Parameters
+    ----------
+    constants : what the IRIs of the query stand for
+    trees : parts of its algebra
+    """
+    own = (SEMMAP, TYPE, view.namespace)
+    missing = {
+        iri
+        for iri in iris_in(trees)
+        if iri.startswith(own) and constants.node(iri)[0] == "iri" and iri not in _mapped()
+    }
+    if missing:
+        values = {"iris": sorted(missing), "map": view.number}
+        missing -= {row[0] for row in view.session.execute(_STATED, values)}
+    return [_sentence(view, iri) for iri in sorted(missing) if not _is_value(view, iri)]
+
+
+def _is_value(view: MapView, iri: str) -> bool:
+    """Return whether a table has a word that is shown as this IRI, such as a function."""
+    if not iri.startswith(SEMMAP):
+        return False
+    pattern = CompValue("BGP", triples=[(Variable("s"), Variable("p"), URIRef(iri))])
+    asked = len(view.statements)
+    found = view.run(view.statement(pattern, ["s"], limit=1))
+    del view.statements[asked:]  # is no part of the answer's explanation
+    return bool(found)
+
+
+def _sentence(view: MapView, iri: str) -> str:
+    def column(sql: str, *values: int) -> Iterator[str]:
+        return (row[0] for row in view.session.execute(sql.encode(), values))
+
+    local = iri.partition("#")[2]
+    if iri.startswith(SEMMAP):
+        names = (i.removeprefix(SEMMAP) for i in (*_mapped(), *column(_CLASSES)))
+        close = suggestion(local, names, "docs/knowledge.md lists them")
+        return f"semmap:{local} is neither a class nor a property{close}"
+    name = decode(local) or local
+    if iri.startswith(TYPE):
+        return f"there is no type {name}{suggestion(name, column(_TYPES))}"
+    return f"the map has no entity {name}{suggestion(name, column(_ENTITIES, view.number))}"
+
+
+@cache
+def _mapped() -> frozenset[str]:
+    """Return the properties, functions and classes of `SEMMAP` that are no types of entities."""
+    columns = "".join(t.subject.sql + t.object.sql for t in TRIPLES)
+    return frozenset(
+        iri
+        for iri in (
+            *(t.property for t in (*TRIPLES, *REWRITTEN)),
+            *(c.property for c in COMPUTED),
+            *FUNCTIONS,
+            *property_iris(),
+            *re.findall(rf"'({SEMMAP}\w+)'", columns),
+        )
+        if iri.startswith(SEMMAP)
+    )
