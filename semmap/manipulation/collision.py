@@ -74,6 +74,14 @@ class Obstacles:
             met = met[self._high[axis, met] >= low[axis]]
         return Obstacles(self.triangles[met])
 
+    def searched(self, low: Floats, high: Floats) -> Obstacles:
+        """Return what to search for contacts within a box: these, or few of them.
+
+        FCL prepares triangles before it searches them, which is done once for each `Obstacles`.
+        """
+        near = self.within(low, high)
+        return near if len(near) < len(self) / 4 else self
+
     def joined(self, triangles: Floats) -> Obstacles:
         """Return these and more obstacles."""
         return Obstacles(np.concatenate([self.triangles, triangles.reshape(-1, 3, 3)]))
@@ -108,7 +116,7 @@ def free_grasps(
     model: Floats,
     obstacles: Obstacles,
     *,
-    item: Floats | None = None,
+    item: Obstacles | None = None,
     skip: Iterable[str] = (),
 ) -> NDArray[np.bool_]:
     """Return (N,) whether the gripper reaches each grasp without touching an obstacle.
@@ -122,7 +130,7 @@ def free_grasps(
         The pose of the model in the frame of the obstacles.
     obstacles : Obstacles
         Without the object.
-    item : (F, 3, 3) triangles of the object, which only the closed fingers may touch
+    item : the object, which only the closed fingers may touch
     skip : names of links that are not checked
     """
     gripper = grasps.gripper
@@ -133,13 +141,13 @@ def free_grasps(
     back = _way((inverse @ grasps.pre_grasps)[:, :3, 3])
     if not len(grasps):
         return np.zeros(0, bool)
-    near = obstacles.within(*_box(gripper, poses, back))
-    there = near if item is None else near.joined(item)
+    near = obstacles.searched(*_box(gripper, poses, back))
+    there = [near] if item is None else [near, item]
     moved = [k for k in chosen if any(gripper.links[k] in f for f in gripper.fingers)]
     free = np.ones(len(grasps), bool)
     for i, pose in enumerate(poses):
         way = [swept_link(gripper, 0, link, back[i]) for link in chosen]
-        free[i] = not there.touched_by(way, [pose] * len(way))
+        free[i] = not any(each.touched_by(way, [pose] * len(way)) for each in there)
         if free[i]:
             posture = gripper.index(float(grasps.widths[i]))
             closed = [swept_link(gripper, posture, link, np.zeros(3)) for link in moved]

@@ -95,15 +95,15 @@ def free_rows(
         The library for collisions is not installed.
     """
     from semmap.manipulation.candidates import Grasps
-    from semmap.manipulation.collision import free_grasps
+    from semmap.manipulation.collision import Obstacles, free_grasps
 
-    around: dict[str, tuple[Obstacles, NDArray[np.float64]]] = {}
+    around: dict[str, tuple[Obstacles, Obstacles]] = {}
     found: list[dict[str, Any]] = []
     for start in range(0, len(rows), AT_ONCE):
         for entity in dict.fromkeys(row["entity"] for row in rows[start : start + AT_ONCE]):
             some = [row for row in rows[start : start + AT_ONCE] if row["entity"] == entity]
             if entity not in around:
-                item = entity_triangles(connection, entity)
+                item = Obstacles(entity_triangles(connection, entity))
                 around[entity] = obstacles_around(connection, entity), item
             obstacles, item = around[entity]
             widths = [gripper.opening if row["width"] is None else row["width"] for row in some]

@@ -155,7 +155,7 @@ def test_a_can_on_the_kitchen_table_is_picked(kitchen):
     around = room.joined(item)
     grasp, (to_pre_grasp, approach) = next(
         (i, found)
-        for i in np.flatnonzero(free_grasps(grasps, there, room, item=item))
+        for i in np.flatnonzero(free_grasps(grasps, there, room, item=Obstacles(item)))
         for found in plan_strokes(
             arm,
             READY,
