@@ -45,7 +45,7 @@ def free(gripper: Gripper, kind: str, size: tuple[float, ...], standing: NDArray
     grasps = grasp_candidates(StoredShape(kind, size, np.eye(4)), gripper)
     seen = mesh.triangles + standing[:3, 3]
     local = Obstacles(table + np.array([standing[0, 3], 0, 0]))
-    return grasps[free_grasps(grasps, standing, local, item=seen)]
+    return grasps[free_grasps(grasps, standing, local, item=Obstacles(seen))]
 
 
 def main() -> None:

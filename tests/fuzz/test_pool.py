@@ -12,7 +12,7 @@ from tests.fuzz.pool import Worker, encoded
 
 @pytest.fixture(scope="module")
 def worker() -> Iterator[Worker]:
-    made = Worker("tests.fuzz.self_test", seconds=3, memory=2**28)
+    made = Worker("tests.fuzz.self_test", seconds=1, memory=2**28)
     yield made
     made.close()
 
