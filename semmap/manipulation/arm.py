@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from itertools import combinations
+from threading import local
 from typing import Any
 
 import numpy as np
@@ -74,13 +75,14 @@ class Arm:
         self.high = np.where(np.isfinite(limits[:, 1]), limits[:, 1], np.pi)
         self._root = robot.link_poses({}, [robot.links[0]])[robot.links[0]]
         # Constant transforms: to each joint from the one before, and to the tool from the last.
-        self._before, fixed = [], np.eye(4)
+        before, fixed = [], np.eye(4)
         for joint in reversed(chain):
             moves = joint in self.joints
             fixed = fixed @ robot.transform(joint, {} if moves else self.state)
             if moves:
-                self._before.append(fixed)
+                before.append(fixed)
                 fixed = np.eye(4)
+        self._before = np.array(before)
         self._tool = fixed @ gripper.frame
         carrier = {robot.links[0]: 0}
         for joint in robot.joints:
@@ -101,6 +103,7 @@ class Arm:
         )
         self._apart: NDArray[np.intp] | None = None
         self._model: Any = None
+        self._moved = local()
 
     def rest(self) -> Floats:
         """Return the position (D,) of the joints at rest, within their limits."""
@@ -135,14 +138,26 @@ class Arm:
         """(D + 1, 4, 4): the frames of the fixed links and behind each joint, robot's frame."""
         frames = np.empty((len(self.joints) + 1, 4, 4))
         frames[0] = self._root
-        for i, (joint, q) in enumerate(zip(self.joints, position, strict=True)):
-            frames[i + 1] = frames[i] @ self._before[i]
-            axis = np.array(joint.axis)
-            if joint.type == "prismatic":
-                frames[i + 1, :3, 3] += frames[i + 1, :3, :3] @ axis * q
-            else:
-                frames[i + 1, :3, :3] = frames[i + 1, :3, :3] @ _turn(axis, q)
+        for i, moved in enumerate(self._before @ self._moves(np.asarray(position))):
+            frames[i + 1] = frames[i] @ moved
         return frames
+
+    def _moves(self, position: Floats) -> Floats:
+        """(D, 4, 4): what each joint does; turns are those of Rodrigues."""
+        slides, axes, cross = self._axes
+        turns, angles = ~slides, position[~slides, None, None]
+        moves = np.tile(np.eye(4), (len(position), 1, 1))
+        moves[slides, :3, 3] = axes[slides] * position[slides, None]
+        moves[turns, :3, :3] += np.sin(angles) * cross + (1 - np.cos(angles)) * (cross @ cross)
+        return moves
+
+    @cached_property
+    def _axes(self) -> tuple[NDArray[np.bool_], Floats, Floats]:
+        """Which joints slide, (D, 3) axes, and (T, 3, 3) cross products with those of turns."""
+        slides = np.array([joint.type == "prismatic" for joint in self.joints])
+        axes = np.array([joint.axis for joint in self.joints], float)
+        units = axes[~slides] / np.linalg.norm(axes[~slides], axis=1, keepdims=True)
+        return slides, axes, np.cross(units[:, None], -np.eye(3))
 
     def _link_poses(self, position: Floats, fingers: Mapping[str, float] | None = None) -> Floats:
         posture = tuple(sorted((fingers or self.gripper.postures[0]).items()))
@@ -196,19 +211,18 @@ class Arm:
         near : (D,) the first position to start from; by default at rest
         """
         mink = library("mink")
-        model, root = self._kinematics()
-        local = np.linalg.inv(root) @ pose
+        goal = np.linalg.inv(self._root) @ pose
         random = np.random.default_rng(seed)
-        target = mink.SE3.from_matrix(local)
+        target = mink.SE3.from_matrix(goal)
         task = mink.FrameTask("grasp", "site", position_cost=1.0, orientation_cost=0.5)
         task.set_target(target)
-        limits = [mink.ConfigurationLimit(model)]
+        configuration, limits = self._configuration()
         for attempt in range(starts):
             if attempt == 0 and (near is not None or seed == 0):
                 begin = self.rest() if near is None else near
             else:
                 begin = random.uniform(self.low, self.high)
-            configuration = mink.Configuration(model, np.clip(begin, self.low, self.high))
+            configuration.update(np.clip(begin, self.low, self.high))
             best, stuck = np.inf, 0
             for _ in range(ITERATIONS):
                 error = task.compute_error(configuration)
@@ -312,8 +326,16 @@ class Arm:
             self._apart = pairs[(often < 0.7) & ~at_rest]
         return self._apart
 
-    def _kinematics(self) -> tuple[Any, Floats]:
-        """The arm as a model of MuJoCo, and the pose of its world in the robot's frame."""
+    def _configuration(self) -> tuple[Any, list[Any]]:
+        """The arm as mink moves it, one for each thread, and its limits."""
+        if not hasattr(self._moved, "configuration"):
+            mink, model = library("mink"), self._kinematics()
+            self._moved.configuration = mink.Configuration(model)
+            self._moved.limits = [mink.ConfigurationLimit(model)]
+        return self._moved.configuration, self._moved.limits
+
+    def _kinematics(self) -> Any:
+        """The arm as a model of MuJoCo, whose world is the frame of its root."""
         if self._model is None:
             mujoco = library("mujoco")
             spec = mujoco.MjSpec()
@@ -333,15 +355,7 @@ class Arm:
                 )
             body.add_site(name="grasp", pos=self._tool[:3, 3], quat=_quaternion(self._tool))
             self._model = spec.compile()
-        return self._model, self._root
-
-
-def _turn(axis: Floats, angle: float) -> Floats:
-    """The rotation (3, 3) about an axis (Rodrigues)."""
-    x, y, z = axis / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turned: Floats = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-    return turned
+        return self._model
 
 
 def _quaternion(pose: Floats) -> Floats:
