@@ -195,10 +195,12 @@ def kept(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     from semmap.fields.store.map_store import load_maps
     from semmap.fields.store.names import read_map_vocabulary
 
-    with cli.open_map(map_name) as connection:
+    with cli.open_database() as database:
+        session = database.session
+        cli.show_map(session, map_name)
         rows = [
-            (name, m.property.name, m.about, len(m), len(field_store.versions(connection, name)))
-            for name, m in load_maps(connection, read_map_vocabulary()).items()
+            (name, m.property.name, m.about, len(m), len(field_store.versions(session, name)))
+            for name, m in load_maps(session, read_map_vocabulary()).items()
         ]
     cli.show_rows(["name", "property", "about", "voxels", "versions"], rows, json_)
 
