@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 import random
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import shapely
-from sqlalchemy import Engine, text
+from sqlalchemy import Connection, Engine, select, text
+from sqlalchemy.orm import Session
 
 import semmap
 from planner.demo.choices import DemoChoices, figure_3
+from semmap.geometry.pose import Pose
+from semmap.model import Entity, Placement
 from semmap.query.maps import see_map
 from tests.command_line import semmap as semmap_command
+from tests.conftest import Import
+from tests.worlds.conftest import HOUSE, ROOMS
 
 WORLDS = {
     "small_house": "small_house/worlds/small_house.world",
@@ -152,6 +158,64 @@ def test_inventory_follows_each_edit_of_the_small_house(house: Engine, edit: str
         assert connection.execute(text("SELECT * FROM inventory_contradiction")).all() == []
         assert connection.execute(text("SELECT * FROM world_mismatch")).all() == []
         assert connection.execute(text(holders)).all() != before
+
+
+TABLET, PLACE = "Tablet_01_001", (6.55, 0.95, 0.9)
+"""An object in the living room, and a place on the kitchen's table, metres."""
+
+
+def move_by_orm(connection: Connection) -> None:
+    with Session(connection) as session:
+        tablet = session.scalars(select(Entity).where(Entity.name == TABLET)).one()
+        placement = session.get_one(Placement, tablet.id)
+        assert placement.holder_id is not None
+        pose = connection.scalar(
+            text("SELECT pose FROM world WHERE entity_id = :id"), {"id": placement.holder_id}
+        )
+        placement.pose = Pose(*pose).inverse() @ Pose(*PLACE)
+        session.flush()
+
+
+def move_by_api(connection: Connection) -> None:
+    here = semmap.connect(connection.engine.url.render_as_string(hide_password=False))
+    with here as db:
+        db.map("house")[TABLET].move_to(*PLACE)
+
+
+WAYS: dict[str, str | Callable[[Connection], None]] = {
+    "API": move_by_api,
+    "ORM": move_by_orm,
+    "function of SQL": "SELECT move_to(entity_id('Tablet_01_001'), 6.55, 0.95, 0.9)",
+    "table of SQL": "UPDATE placement p SET pose = pose_compose(pose_inverse(h.pose), "
+    "ARRAY[6.55, 0.95, 0.9, 0, 0, 0, 1]) FROM world h WHERE h.entity_id = p.holder_id "
+    "AND p.entity_id = entity_id('Tablet_01_001')",
+    "QGIS": "UPDATE gis_object SET geom = ST_Translate(geom, 6.55 - ST_X(ST_Centroid(geom)), "
+    "0.95 - ST_Y(ST_Centroid(geom))) WHERE name = 'Tablet_01_001'",
+}
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+def test_each_way_to_move_a_tablet_into_the_kitchen_is_followed(
+    way: str | Callable[[Connection], None], imported: Import, worlds: Path
+) -> None:
+    """Its holder was the living room, where a plan then picked it up."""
+    with imported((worlds / HOUSE, "house"), (ROOMS, "house")) as engine:
+        with engine.begin() as connection:
+            see_map(connection, "house")
+            if isinstance(way, str):
+                connection.execute(text(way))
+            else:
+                way(connection)
+        url = engine.url.render_as_string(hide_password=False)
+        with semmap.connect(url) as db:
+            tablet = db.map("house")[TABLET]
+            holder = tablet.holder
+            assert holder is not None
+            there = holder.name
+            assert "kitchen" in (there, holder.holder and holder.holder.name)
+        goal = (f"on({TABLET}, CoffeeTable_01_001)", "--from", "kitchen", "--map", "house")
+        planned = semmap_command(url, "plan", *goal)
+        assert f"pickup({TABLET}, {there})" in planned.output
 
 
 def test_what_is_lifted_leaves_figure_3_and_what_was_stated_ends(house: Engine) -> None:
