@@ -6,13 +6,14 @@ One follower of the change feed evaluates what a change, or the end of a stateme
 
 from __future__ import annotations
 
+import gc
 import math
 import queue
 import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -59,6 +60,18 @@ class _Subscriber:
 
 
 _News = tuple[Callable[[Event], Any] | None, Event | Exception]
+
+
+@contextmanager
+def garbage_collected_later() -> Iterator[None]:
+    """Let Python look for cycles of garbage later: that takes up to 0.1 s with 1,000 queries."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 class Subscriptions:
@@ -221,19 +234,23 @@ class Subscriptions:
         no_news = all(of_fields) and payloads is not None and not self._fields_changed
         if no_news and time.monotonic() < self._due and not self._news:
             return
-        with self._lock:
-            with self._look() as look:
-                _, due = self._catch_up(look)
-            self._take_in(look, due)
-            news, self._news = self._news, []
-        for callback, event in news:
-            if callback is None or isinstance(event, Exception):
-                self._events.put(event)
-                continue
-            try:
-                callback(event)
-            except Exception as error:  # of the user's code: one event must not end the others
-                self._events.put(error)
+        with garbage_collected_later():
+            with self._lock:
+                with self._look() as look:
+                    _, due = self._catch_up(look)
+                self._take_in(look, due)
+                news, self._news = self._news, []
+            for callback, event in news:
+                self._tell(callback, event)
+
+    def _tell(self, callback: Callable[[Event], Any] | None, event: Event | Exception) -> None:
+        if callback is None or isinstance(event, Exception):
+            self._events.put(event)
+            return
+        try:
+            callback(event)
+        except Exception as error:  # of the user's code: one event must not end the others
+            self._events.put(error)
 
     def _look(self) -> AbstractContextManager[Look]:
         values = {"since": self._feed.cursor, "ended_until": self._ended_until}
