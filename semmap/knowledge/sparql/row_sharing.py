@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from semmap.knowledge.mapping import TRIPLES
 from semmap.knowledge.sparql.relation import Rows
-from semmap.knowledge.sparql.values import Value
+from semmap.knowledge.sparql.values import Value, encoded
 
 __all__ = ["entity_iri", "share_rows"]
 
@@ -41,7 +41,7 @@ def entity_iri(rows: Rows, value: Value, namespace: str) -> str | None:
             *rows.where
         }
         if joined and _PLAIN.fullmatch(table) and table.startswith("entity "):
-            return f"({namespace} || iri_encode({_alias(table)}.name))"
+            return f"({namespace} || {encoded(f'{_alias(table)}.name')})"
     return None
 
 
