@@ -368,12 +368,12 @@ def _texts(result: PGresult) -> Iterable[Found]:
 
 
 def _solutions(result: PGresult, width: int) -> list[Row]:
-    columns = [(2 * i, 2 * i + 1) for i in range(width)]
-    value = result.get_value
-    return [
-        tuple(_term(value(i, text), value(i, tag)) for text, tag in columns)
-        for i in range(result.ntuples)
+    value, count = result.get_value, result.ntuples
+    columns = [
+        [_term(value(i, 2 * column), value(i, 2 * column + 1)) for i in range(count)]
+        for column in range(width)
     ]
+    return list(zip(*columns, strict=True)) if columns else [()] * count
 
 
 def _term(text: bytes | None, tag: bytes | None) -> Term | None:
