@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -29,13 +28,13 @@ from semmap.knowledge import query
 from semmap.knowledge.standing.subscriptions import Subscriptions
 from tests.command_line import semmap
 from tests.fields.service.ros_recordings import Message, bag, transforms
+from tests.worlds.field_server import MAIN, Server, eventually, fields
 
 PREFIX = "PREFIX : <urn:semmap:ontology#> "
 WHO = PREFIX + "SELECT ?who { ?who :sees :Tableware_01_001 }"
 LOOK = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [7.153, 0.983, 0.85]}}}
 AWAY = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [6.5, -1.0, 4.0]}}}
 BEHIND = {"poses": {"human1": {"from": [6.5, -1.0, 1.6], "to": [6.5, -5.0, 0.5]}}}
-MAIN = "from semmap.cli import main; main()"
 SEEN = ("sees", "human1", "Tableware_01_001")
 
 
@@ -45,27 +44,6 @@ def url(house: Engine) -> str:
     return house.url.set(drivername="postgresql").render_as_string(hide_password=False)
 
 
-class Server:
-    """`semmap fields serve` as a process."""
-
-    def __init__(self, url: str, *options: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", MAIN, "--db", url, "fields", "serve", *options],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env=os.environ | {"SEMMAP_DB": ""},
-        )
-        assert self.process.stdout is not None
-        line = self.process.stdout.readline()
-        assert line.startswith("serving house on"), line + self.process.stdout.read()
-
-    def stop(self) -> str:
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-        return self.process.communicate(timeout=30)[0]
-
-
 @pytest.fixture(scope="module")
 def server(url: str) -> Iterator[Server]:
     server = Server(url, "--source", "gaze=socket", "--rate", "gaze=50")
@@ -73,21 +51,8 @@ def server(url: str) -> Iterator[Server]:
     server.stop()
 
 
-def fields(url: str, *words: object) -> Any:
-    done = semmap(url, "fields", *words, "--json")
-    assert done.exit_code == 0, done.output
-    return json.loads(done.stdout)
-
-
 def send(url: str, source: str, percept: object) -> None:
     assert semmap(url, "fields", "send", source, json.dumps(percept)).exit_code == 0
-
-
-def eventually(ask: Any, wanted: Any, seconds: float = 10) -> None:
-    end = time.monotonic() + seconds
-    while ask() != wanted:
-        assert time.monotonic() < end, (ask(), wanted)
-        time.sleep(0.05)
 
 
 class Watcher:

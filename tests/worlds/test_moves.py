@@ -14,6 +14,8 @@ from sqlalchemy.orm import Session
 
 import semmap
 from planner.demo.choices import DemoChoices, figure_3
+from planner.mission.behaviours import Observation, Sighting
+from planner.mission.observations import write_observation
 from semmap.geometry.pose import Pose
 from semmap.model import Entity, Placement
 from semmap.query.maps import see_map
@@ -182,9 +184,23 @@ def move_by_api(connection: Connection) -> None:
         db.map("house")[TABLET].move_to(*PLACE)
 
 
+def move_by_observation(connection: Connection) -> None:
+    """A robot sees the tablet, and takes it for one that is still in the living room."""
+    robot = connection.execute(
+        text(
+            "INSERT INTO entity (map_id, kind, name, type) "
+            "VALUES (current_map(), 'agent', 'robot', 'robot') RETURNING id"
+        )
+    ).scalar_one()
+    connection.execute(text("INSERT INTO placement (entity_id) VALUES (:id)"), {"id": robot})
+    seen = {TABLET: Sighting("living-room", "in", Pose(*PLACE))}
+    write_observation(connection, robot, Observation("kitchen", Pose(6, 2), seen=seen))
+
+
 WAYS: dict[str, str | Callable[[Connection], None]] = {
     "API": move_by_api,
     "ORM": move_by_orm,
+    "observation": move_by_observation,
     "function of SQL": "SELECT move_to(entity_id('Tablet_01_001'), 6.55, 0.95, 0.9)",
     "table of SQL": "UPDATE placement p SET pose = pose_compose(pose_inverse(h.pose), "
     "ARRAY[6.55, 0.95, 0.9, 0, 0, 0, 1]) FROM world h WHERE h.entity_id = p.holder_id "

@@ -209,9 +209,9 @@ class FieldService:
             option is wrong.
         """
         feed = make_feed(given.percepts, given.name, begin, source=given.source)
-        options = {"voxel_size": self.mirror.regions.voxel_size} | dict(given.options)
+        voxel = {"voxel_size": self.mirror.regions.voxel_size}
         try:
-            source = make_source(given.source, self._vocabulary, **options)
+            source = make_source(given.source, self._vocabulary, voxel, **given.options)
         except TypeError as error:
             raise ValueError(f"the options of {given.name} are wrong: {error}") from None
         self._manager.activate(

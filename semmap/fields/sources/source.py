@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from importlib.metadata import entry_points
+from inspect import Parameter, signature
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from semmap.fields.maps.representation_map import RepresentationMap
@@ -33,13 +35,20 @@ def installed_sources() -> Mapping[str, str]:
     return {point.name: point.value for point in entry_points(group=GROUP)}
 
 
-def make_source(name: str, vocabulary: Vocabulary, **options: Any) -> Source:
+def make_source(
+    name: str,
+    vocabulary: Vocabulary,
+    offered: Mapping[str, Any] = MappingProxyType({}),
+    /,
+    **options: Any,
+) -> Source:
     """Return a new source of an installed package.
 
     Parameters
     ----------
     name : of the entry point
     vocabulary : passed to the source
+    offered : options that are passed to a source that has a parameter of their name
     options : passed to the source
 
     Raises
@@ -48,7 +57,11 @@ def make_source(name: str, vocabulary: Vocabulary, **options: Any) -> Source:
         No installed package has such a source.
     """
     for point in entry_points(group=GROUP, name=name):
-        made: Source = point.load()(vocabulary, **options)
+        kind = point.load()
+        parameters = signature(kind).parameters
+        any_name = any(each.kind is Parameter.VAR_KEYWORD for each in parameters.values())
+        taken = {each: offered[each] for each in offered if any_name or each in parameters}
+        made: Source = kind(vocabulary, **{**taken, **options})
         return made
     known = ", ".join(sorted(installed_sources())) or "none"
     raise LookupError(f"there is no source {name}; installed sources: {known}")
