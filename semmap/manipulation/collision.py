@@ -92,9 +92,10 @@ class Obstacles:
             return False
         fcl = library("fcl")
         request, result = fcl.CollisionRequest(), fcl.CollisionResult()
+        triangles = self._object()
         for body, pose in zip(bodies, poses, strict=True):
             placed = fcl.CollisionObject(body, fcl.Transform(pose[:3, :3], pose[:3, 3]))
-            if fcl.collide(placed, self._object(), request, result):
+            if fcl.collide(placed, triangles, request, result):
                 return True
         return False
 

@@ -44,7 +44,8 @@ killed = int((cluster.data / "postmaster.pid").read_text().split()[0])
 os.kill(killed, signal.SIGKILL)
 while state(killed) != "Z":
     time.sleep(0.01)
-running = cluster.running()
+while (running := cluster.running()) is not None:  # what it had just forked has its socket, too
+    time.sleep(0.01)
 cluster.ensure()
 after = int((cluster.data / "postmaster.pid").read_text().split()[0])
 print(json.dumps([running, state(killed), state(after) in "SRD", killed != after]))
