@@ -87,7 +87,7 @@ BEGIN
         JOIN world o ON o.map_id = i.map_id AND o.box && i.box AND o.box &&& i.box AND o.entity_id <> i.id
         JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
         WHERE i.movable AND o.footprint IS NOT NULL AND ST_Area(o.footprint) < 4
-          AND ST_Area(o.footprint) > ST_Area(i.ground)
+          AND ST_Area(o.footprint) > ST_Area(i.ground) + 1e-9
           AND (i.low + i.high) / 2 BETWEEN ST_ZMin(o.box) AND ST_ZMax(o.box)
           AND round(ST_ZMin(o.box)::numeric, 6) <= round(i.low::numeric, 6)
           AND ST_Intersects(o.footprint, ST_Centroid(i.ground))

@@ -407,6 +407,31 @@ def test_rules(
     assert found.confidence == pytest.approx(expected[1], abs=1e-3)
 
 
+angles = st.floats(-3, 3)
+
+
+@settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(roll=angles, pitch=angles, yaw=angles, turn=angles)
+def test_of_two_of_one_size_neither_holds_the_other(
+    module_engine: Engine, roll: float, pitch: float, yaw: float, turn: float
+) -> None:
+    """Two boxes about one middle, one turned: rounding does not make either the larger."""
+    pose = Pose.from_rpy(1, 2, 3, roll, pitch, yaw)
+    turned = Pose.from_rpy(1, 2, 3, roll, pitch, yaw + turn)
+    block = box_mesh((-0.5, -0.5, -0.4), (0.5, 0.5, 0.4))
+    entries = [
+        Entry(f"box{i}", "object", pose=p, shapes=[Shape("mesh", block)])
+        for i, p in enumerate((pose, turned))
+    ]
+    name = f"twins{run(module_engine, 'SELECT count(*) FROM map')[0][0]}"
+    made = store(module_engine, name, World(name, None, entries))  # type: ignore[arg-type]
+    held = "SELECT count(holder_id) FROM placement WHERE entity_id = ANY(:made)"
+    assert run(module_engine, held, made=list(made.values())) == [(0,)]
+    assert no_contradictions(module_engine)
+
+
 lengths = st.integers(1, 5)
 boxes = st.tuples(
     st.integers(0, 6), st.integers(0, 6), st.integers(0, 4), lengths, st.integers(1, 4)
