@@ -99,6 +99,11 @@ SLOW = (
 parallel run."""
 
 
+def pytest_configure() -> None:
+    """Workers and commands load OpenBLAS without threads, as `semmap` does: all cores are busy."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
     """One worker more than cores: tests of crashes and patience wait for most of their time."""
