@@ -81,7 +81,7 @@ def by_problog(case: Case) -> tuple[float, NDArray[np.float64]]:
     return seconds, np.array(belief)
 
 
-def closed_form(objects: int, places: int, looks: int, asked: float) -> Row:
+def closed_form(objects: int, places: int, looks: int, required: float) -> Row:
     """All beliefs at once beside the same in plain Python."""
     case = random_case(objects, places, looks)
     same = float(np.abs(infer(*case[:3]) - in_plain_python(case)).max())
@@ -91,12 +91,12 @@ def closed_form(objects: int, places: int, looks: int, asked: float) -> Row:
         f"{objects:,} objects x {places} places x {looks} observations each",
         f"{1e3 * ours:.3g} ms",
         f"plain Python: {1e3 * plain:.3g} ms, {plain / ours:.0f}x; differs by {same:.0e}",
-        f"under {1e3 * asked:g} ms",
-        ours < asked and same < 1e-12,
+        f"under {1e3 * required:g} ms",
+        ours < required and same < 1e-12,
     )
 
 
-def with_occlusion(objects: int, places: int, looks: int, asked: float) -> Row:
+def with_occlusion(objects: int, places: int, looks: int, required: float) -> Row:
     """Beliefs with occlusion, beside ProbLog with as many observations in all as ours have each."""
     case = random_case(objects, places, looks)
     few = case._replace(observations=case.observations.take(np.arange(looks) * looks))
@@ -107,8 +107,8 @@ def with_occlusion(objects: int, places: int, looks: int, asked: float) -> Row:
         f"{objects} objects x {places} places x {looks} observations each, with occlusion",
         f"{1e3 * ours:.3g} ms",
         f"ProbLog, {looks} observations in all: {theirs:.2g} s; differs by {same:.0e}",
-        f"under {1e3 * asked:g} ms",
-        ours < asked and same < 1e-12,
+        f"under {1e3 * required:g} ms",
+        ours < required and same < 1e-12,
     )
 
 

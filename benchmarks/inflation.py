@@ -25,7 +25,7 @@ JOBS: tuple[tuple[tuple[int, int], int, str, float], ...] = (
 """Rows and columns, radius in cells, the peer, and how many times as fast as it we have to be."""
 
 WITH_AVX512 = {((10_000, 10_000), "cv2"): 30.0}
-"""What is asked where the processor has AVX-512."""
+"""What is required where the processor has AVX-512."""
 
 
 def occupied_cells(shape: tuple[int, int]) -> NDArray[np.bool_]:

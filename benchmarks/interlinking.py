@@ -57,7 +57,7 @@ def made(make: Callable[..., Any], **options: int) -> Sets:
 
 def few_labels(name: str) -> Row:
     """The F measure with labels of 5 % of the links; the worst of several made cases."""
-    make, asked = MADE[name]
+    make, required = MADE[name]
     folder = Path(os.environ.get("SEMMAP_OAEI", "")) / name
     cases = [read_folder(folder)] if os.environ.get("SEMMAP_OAEI") else []
     cases = cases or [made(make, seed=seed) for seed in SEEDS]
@@ -68,8 +68,8 @@ def few_labels(name: str) -> Row:
         f"{name}: {len(left)} x {len(right)} records, {len(links)} links",
         f"F {worst:.3f} with {results[0][2]} labels, {max(r[0] for r in results):.2g} s",
         "OAEI's files" if os.environ.get("SEMMAP_OAEI") else f"worst of {len(cases)} made cases",
-        f"F {asked:g} with labels of 5 %",
-        worst >= asked,
+        f"F {required:g} with labels of 5 %",
+        worst >= required,
     )
 
 

@@ -229,12 +229,12 @@ def beside(
     assert name == "rdflib" or run() == found, (question.name, name)
     once = time.perf_counter() - start
     theirs = once if once > 1 else median_seconds(run, 11)
-    asked = f"{times:g}x faster" if times > 1 else f"within {1 / times:g}x"
+    required = f"{times:g}x faster" if times > 1 else f"within {1 / times:g}x"
     return Row(
         f"{question.name} ({found} rows)",
         f"{1e3 * ours:.2f} ms with parsing and terms",
         f"{name}: {1e3 * theirs:.2f} ms",
-        asked,
+        required,
         theirs >= times * ours,
     )
 

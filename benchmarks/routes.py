@@ -149,7 +149,7 @@ def seconds_each(
     return np.median(taken[1:], axis=0)
 
 
-def said(seconds: NDArray[np.float64]) -> str:
+def percentiles(seconds: NDArray[np.float64]) -> str:
     """Median and 95th percentile."""
     return f"{1e3 * np.median(seconds):.3f} ms, p95 {1e3 * np.percentile(seconds, 95):.3f} ms"
 
@@ -167,8 +167,8 @@ def one_route(there: Building) -> list[Row]:
     rows.append(
         Row(
             "one route",
-            said(taken[0]),
-            f"networkit, both ways: {said(taken[1])}",
+            percentiles(taken[0]),
+            f"networkit, both ways: {percentiles(taken[1])}",
             "at most 1/2 at the median, all equal to scipy's",
             ratio <= 0.5 and bool(equal),
         )
@@ -185,7 +185,7 @@ def one_route(there: Building) -> list[Row]:
                 Row(
                     "the same",
                     f"1/{np.median(theirs) / np.median(taken[0]):,.0f}",
-                    f"{name}: {said(theirs)}",
+                    f"{name}: {percentiles(theirs)}",
                     "reported, equal",
                     bool(equal),
                 )
@@ -201,7 +201,7 @@ def alternatives(there: Building) -> Row:
     def five(start: int, goal: int) -> float:
         return graph.alternatives([(start, 0.0)], [(goal, 0.0)], 5)[-1][0]
 
-    return Row("five ways", said(seconds_each([five], pairs, 1)[0]), "", "reported", True)
+    return Row("five ways", percentiles(seconds_each([five], pairs, 1)[0]), "", "reported", True)
 
 
 def changes(there: Building) -> list[Row]:
@@ -221,14 +221,14 @@ def changes(there: Building) -> list[Row]:
     )
     return [
         Row("an edge's weight is changed", f"{shut:.4f} ms", "", "< 1 ms", shut < 1),
-        Row("one route, a tenth of the doors shut", said(taken[0]), "", "reported", True),
+        Row("one route, a tenth of the doors shut", percentiles(taken[0]), "", "reported", True),
     ]
 
 
 def building_up() -> list[Row]:
     """From arrays to the first answer."""
     rows = []
-    for there, asked in ((building(1, 40, 25), 50.0), (building(), None)):
+    for there, required in ((building(1, 40, 25), 50.0), (building(), None)):
         build, landmarks = medians_in_turn(
             lambda there=there: Graph(*there.directed, len(there.places)),  # type: ignore[misc]
             lambda there=there: graph_of(there),  # type: ignore[misc]
@@ -239,8 +239,8 @@ def building_up() -> list[Row]:
                 f"a graph of {len(there.places):,} rooms",
                 f"{1e3 * landmarks:.1f} ms",
                 f"without landmarks: {1e3 * build:.1f} ms",
-                "part of 50 ms" if asked else "reported",
-                asked is None or 1e3 * landmarks < asked,
+                "part of 50 ms" if required else "reported",
+                required is None or 1e3 * landmarks < required,
             )
         )
     return rows

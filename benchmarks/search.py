@@ -92,8 +92,8 @@ def search(
         answers = problem.answers(truth, at)[[0, 1], list(run.truth)]
         seen = [int(draw.choice(3, p=a)) for a in answers]
         belief = problem.after(belief, at, [NOT_SEEN if k == 2 else k for k in seen])
-    said = belief.argmax(axis=1)
-    return moves, looks, int((said == run.truth).sum())
+    guessed = belief.argmax(axis=1)
+    return moves, looks, int((guessed == run.truth).sum())
 
 
 def main() -> None:

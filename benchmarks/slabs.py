@@ -1,6 +1,6 @@
 """Occupancy of OFFICE-40x25 in [0.05, 1.40] m, beside slicing with trimesh, VTK and manifold3d.
 
-One thread but where two are said. `python -m benchmarks.slabs --full` takes 2 million triangles.
+One thread, unless a row has two. `python -m benchmarks.slabs --full` takes 2 million triangles.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def sections_of_vtk(mesh: Mesh) -> Callable[[], Segments]:
 
 
 def projection_of_manifold(parts: Mesh) -> Callable[[], object]:
-    """manifold3d: a solid of the arrays, what of it is between two planes, and its shadow.
+    """manifold3d: a solid of the arrays, its part between two planes, and its shadow.
 
     Equal corners are joined beforehand, which it asks for.
     """

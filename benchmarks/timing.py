@@ -15,13 +15,13 @@ __all__ = ["Row", "median_seconds", "medians_in_turn", "print_rows"]
 
 @dataclass
 class Row:
-    """One claim: what was measured, what was asked for, whether it holds."""
+    """One claim: what was measured, what is required, and whether it is met."""
 
     job: str
     ours: str
     reference: str
-    asked: str
-    holds: bool
+    required: str
+    ok: bool
 
 
 def median_seconds(
@@ -56,10 +56,10 @@ def medians_in_turn(*runs: Callable[[], object], times: int = 11, warm_up: int =
 def print_rows(title: str, rows: list[Row]) -> None:
     """Print the claims as a table."""
     table = Table(title=title, title_justify="left", title_style="bold")
-    for column in ("job", "measured", "reference in the same run", "asked", ""):
+    for column in ("job", "measured", "reference in the same run", "required", ""):
         table.add_column(column, overflow="fold")
     for row in rows:
         table.add_row(
-            row.job, row.ours, row.reference, row.asked, "[green]holds" if row.holds else "[red]no"
+            row.job, row.ours, row.reference, row.required, "[green]ok" if row.ok else "[red]no"
         )
     Console(width=140).print(table)

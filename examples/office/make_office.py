@@ -155,27 +155,31 @@ def features() -> list[dict[str, object]]:
         _feature({"kind": "elevator", "name": "elevator", "type": "elevator"}, "Point", [3.0, 8.3])
     )
     for room in ROOMS:
-        said = {"kind": "room", "name": room.name, "type": room.type, "label": room.label}
-        said |= {"storey": room.storey.name, "floor": 0.0, "ceiling": room.storey.height}
+        properties = {"kind": "room", "name": room.name, "type": room.type, "label": room.label}
+        properties |= {"storey": room.storey.name, "floor": 0.0, "ceiling": room.storey.height}
         if room.elevator:
-            said |= {"elevator": room.elevator, "ceiling": 2.3}
-        made.append(_feature(said, "Polygon", _ring(room.inside)))
+            properties |= {"elevator": room.elevator, "ceiling": 2.3}
+        made.append(_feature(properties, "Polygon", _ring(room.inside)))
     for door in DOORS:
-        said = {"kind": "connector", "name": door.name, "type": door.type}
-        said |= {"storey": door.storey.name, "joins": ",".join(door.joins), "state": door.state}
-        said |= {"behaviour": door.behaviour}
+        properties = {"kind": "connector", "name": door.name, "type": door.type}
+        properties |= {
+            "storey": door.storey.name,
+            "joins": ",".join(door.joins),
+            "state": door.state,
+        }
+        properties |= {"behaviour": door.behaviour}
         ends = [[round(v, 4) for v in end] for end in door.line]
-        made.append(_feature(said, "LineString", ends))
+        made.append(_feature(properties, "LineString", ends))
     for region in REGIONS:
-        said = {"kind": "region", "name": region.name, "type": region.type}
-        said |= {"storey": region.storey.name, **region.properties}
-        made.append(_feature(said, "Polygon", _ring(region.outline)))
+        properties = {"kind": "region", "name": region.name, "type": region.type}
+        properties |= {"storey": region.storey.name, **region.properties}
+        made.append(_feature(properties, "Polygon", _ring(region.outline)))
     return made
 
 
-def _feature(said: dict[str, object], kind: str, coordinates: object) -> dict[str, object]:
+def _feature(properties: dict[str, object], kind: str, coordinates: object) -> dict[str, object]:
     geometry = {"type": kind, "coordinates": coordinates}
-    return {"type": "Feature", "properties": said, "geometry": geometry}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
 
 
 def _ring(bounds: tuple[float, float, float, float]) -> list[list[list[float]]]:

@@ -1,4 +1,4 @@
-"""Fields that are kept: their tables, and the code anew, which says who may write them.
+"""Fields that are kept: their tables, and the code again, which says who may write them.
 
 A new database has the tables from its first revision on. Going down keeps them, and every row: the
 revision before does without them.

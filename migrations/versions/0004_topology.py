@@ -1,4 +1,4 @@
-"""Classes of robots and their travel times: the tables, and the code anew, views and rights.
+"""Classes of robots and their travel times: the tables, and the code again, views and rights.
 
 A new database has the tables from its first revision on. Going down keeps them, and every row.
 """

@@ -1,4 +1,4 @@
-"""Missions, their steps and reservations: the tables, and the code anew, which says who may write.
+"""Missions, their steps and reservations: the tables, and the code again, which says who may write.
 
 A new database has the tables from its first revision on. Going down keeps them, and every row.
 """

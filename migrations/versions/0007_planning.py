@@ -1,4 +1,4 @@
-"""Joins that are planned faster, as `tables/090_planning.sql` has it; the code anew; a bound.
+"""Joins that are planned faster, as `tables/090_planning.sql` has it; the code again; a bound.
 
 Going down keeps them: they change no answer.
 """
@@ -19,7 +19,7 @@ FORGET_HISTOGRAMS = (
     "ALTER TABLE placement ALTER COLUMN entity_id TYPE bigint",
     "ALTER TABLE entity_chunk ALTER COLUMN id TYPE bigint",
 )
-"""A column that is given its own type anew loses its statistics, and no row is written."""
+"""A column that is given its own type again loses its statistics, and no row is written."""
 
 
 WITHIN = """

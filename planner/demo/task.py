@@ -105,8 +105,8 @@ def _drive(
     def plan(*arguments: Any, **options: Any) -> Plan:
         found = planner(*arguments, **options)
         if found.actions:  # none if the goal is reached
-            said = goal.replace('"', "")
-            say(f"   {said}: " + " · ".join(map(str, found.actions)))
+            text = goal.replace('"', "")
+            say(f"   {text}: " + " · ".join(map(str, found.actions)))
         return found
 
     def on_event(event: MissionEvent) -> None:

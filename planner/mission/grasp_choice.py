@@ -170,8 +170,8 @@ class GraspChooser:
             if self.motion_seconds is not None:
                 reached, rows = rows, approachable_rows(self.session, automaton, self.base, rows)
                 if not rows:
-                    told = f"touches something at each of {len(reached)} grasps"
-                    return self._none(f"{item}: the arm of {automaton} {told}")
+                    reason = f"touches something at each of {len(reached)} grasps"
+                    return self._none(f"{item}: the arm of {automaton} {reason}")
         rows = self._placeable_first(item, target, rows)
         choices = self._choices(item, target, rows)
         if self._is_at(item) and self.hand.automaton is not None:
@@ -371,8 +371,8 @@ class GraspChooser:
                 return replace(choice, action=int(row["action_id"]), note=note, spot=row["spot"])
             looked += 1
         places = f"{looked} places on {target}"
-        told = f"{clock.spent} without a free motion of {automaton} to {places}"
-        return Choice(refusal=Outcome("unable", f"{item}: {told}"))
+        reason = f"{clock.spent} without a free motion of {automaton} to {places}"
+        return Choice(refusal=Outcome("unable", f"{item}: {reason}"))
 
     def _placeable_first(
         self, item: str, target: str | None, rows: list[dict[str, Any]]

@@ -315,13 +315,15 @@ def as_pomdp(problem: SearchProblem, belief: Floats, *, most_states: int = 1000)
             if at < v and not closed:
                 answer[state(k, number)] = _joint_answers(problem, at, spots, outcomes)
     add("look", stay, answer, np.where(stay < n - 1, -problem.look, 0.0))
-    for said in itertools.product(range(len(problem.places)), repeat=o):
+    for reported in itertools.product(range(len(problem.places)), repeat=o):
         reward = np.zeros(n)
         for k, spots in enumerate(hidden):
-            errors = sum(problem.place_of[x] != place for x, place in zip(spots, said, strict=True))
+            errors = sum(
+                problem.place_of[x] != place for x, place in zip(spots, reported, strict=True)
+            )
             reward[state(k, 0) : state(k + 1, 0)] = -problem.wrong * errors
         name = "declare " + " ".join(
-            f"{x}@{problem.places[p]}" for x, p in zip(problem.objects, said, strict=True)
+            f"{x}@{problem.places[p]}" for x, p in zip(problem.objects, reported, strict=True)
         )
         add(name, np.full(n, n - 1), quiet, reward)
 
