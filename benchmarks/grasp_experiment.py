@@ -38,7 +38,7 @@ from semmap.manipulation.practice import practise
 from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.retrieval import find_grasps, generate, register_gripper, stored_gripper
 from semmap.manipulation.solids import solid_of
-from semmap.manipulation.trial import Outcome, Trial, body_of
+from semmap.manipulation.trial import Trial, TrialOutcome, body_of
 
 __all__ = ["Meeting", "live", "main"]
 
@@ -143,7 +143,7 @@ class Encounter:
         self._hand = stored_gripper(self.session, gripper)
         self._trial = Trial(self._hand, body, standing)
 
-    def attempt(self, grasp: Grasp) -> Outcome:
+    def attempt(self, grasp: Grasp) -> TrialOutcome:
         """Execute a grasp at the pose that the robot sees."""
         error = np.eye(4)
         error[:2, 3] = self._random.normal(0, POSITION, 2)

@@ -19,7 +19,7 @@ from semmap.fields.queries.statements import (
     StatementColumn,
     StatementRelation,
     Statements,
-    Voxels,
+    VoxelColumn,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -67,10 +67,16 @@ class Field:
     ) -> Statements:
         """Return the statements, only those of `objects` if given."""
         subject, object_ = self.subject, self.object
-        if objects is None or not isinstance(object_, Entities) or not isinstance(subject, Voxels):
+        if (
+            objects is None
+            or not isinstance(object_, Entities)
+            or not isinstance(subject, VoxelColumn)
+        ):
             return Statements(subject, object_)
         kept = np.isin(object_.codes, [i for i, n in enumerate(object_.names) if n in objects])
-        return Statements(Voxels(subject.keys[kept]), Entities(object_.codes[kept], object_.names))
+        return Statements(
+            VoxelColumn(subject.keys[kept]), Entities(object_.codes[kept], object_.names)
+        )
 
 
 @dataclass
@@ -107,10 +113,10 @@ class Fields:
         raise LookupError(begin)
 
 
-def box(x: int) -> Voxels:
+def box(x: int) -> VoxelColumn:
     """Return 50,000 voxels of a box that begins at x."""
     at = np.indices((50, 40, 25)).reshape(3, -1).T + np.array([x, 0, 0])
-    return Voxels(keys_of(at.astype(np.int32)))
+    return VoxelColumn(keys_of(at.astype(np.int32)))
 
 
 def scene() -> Fields:
@@ -144,7 +150,7 @@ def graph(fields: Fields) -> rdflib.Graph:
     """Return the same statements as triples."""
     triples = rdflib.Graph()
     for each in fields.fields:
-        assert isinstance(each.subject, Voxels)
+        assert isinstance(each.subject, VoxelColumn)
         objects: list[rdflib.term.Identifier]
         if isinstance(each.object, Entities):
             names = [rdflib.URIRef(KB + name) for name in each.object.names]

@@ -20,7 +20,7 @@ from rich.table import Table
 from semmap.draw.depth_camera import DepthCamera, look_at
 from semmap.geometry.mesh import Mesh, box_mesh, join
 from semmap.ingest.meshes.mesh_file import read_mesh
-from semmap.perception.models import ObjectModel, depth_points, train_model
+from semmap.perception.models import KnownObject, depth_points, train_model
 from semmap.perception.recognition import Scene, recognise_cluster
 from semmap.perception.tabletop import segment_tabletop
 
@@ -99,7 +99,7 @@ def random_view(mesh: Mesh, random: np.random.Generator, hidden: bool) -> View:
 
 
 def trial(
-    mesh: Mesh, models: list[ObjectModel], random: np.random.Generator, hidden: bool
+    mesh: Mesh, models: list[KnownObject], random: np.random.Generator, hidden: bool
 ) -> tuple[str, float, float]:
     """Look at an object on a table; return the answer, the hidden share and the seconds."""
     view = random_view(mesh, random, hidden)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.belief.inference import Observations, infer
-from semmap.belief.motion import Motion
+from semmap.belief.motion import MotionModel
 from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.sighting_model import SightingModel
 
@@ -288,7 +288,7 @@ def replays() -> Iterator[tuple[Run, Replay]]:
 
     A run begins with the belief at the end of the former one, and with the moves since then.
     """
-    motion = Motion(seconds=-PAUSE / math.log1p(-MOVED))
+    motion = MotionModel(seconds=-PAUSE / math.log1p(-MOVED))
     belief = TWO_PLACES
     for run in RUNS:
         if run.name.endswith("R1"):

@@ -29,7 +29,8 @@ from typing import TYPE_CHECKING
 from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
-    from navgrid.costmap import Costmap, CostSource, Inflation
+    from navgrid.cost_source import CostSource
+    from navgrid.costmap import Costmap, Inflation
     from navgrid.grid import Grid, scene_grid
     from navgrid.inflation import inflate
     from navgrid.map_file import MapFileError, read_map, write_map
@@ -61,7 +62,7 @@ __all__ = [
 
 _MODULES = {
     "Costmap": "costmap",
-    "CostSource": "costmap",
+    "CostSource": "cost_source",
     "Inflation": "costmap",
     "Grid": "grid",
     "scene_grid": "grid",

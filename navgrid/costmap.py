@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from navgrid.cost_source import CostSource, cost_sources
 from navgrid.field_layer import FieldLayer, FieldVoxels, social_costs, sort_fields
 from navgrid.grid import Grid
 from navgrid.inflation import INSCRIBED, UNKNOWN, inflate
 from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import Interval, ObstacleLayers
-from navgrid.policy import SOCIAL, Layer, Policy
+from navgrid.policy import Layer, Policy
 from navgrid.terrain import DriveLimits
 from navgrid.window import Window, grown, whole, window_around
 from semmap.query.storey_scene import SceneEntity, StoreyScene
@@ -30,7 +31,7 @@ from semmap.robot import Part
 if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
     from semmap.fields.maps.representation_map import RepresentationMap
 
-__all__ = ["CostSource", "Costmap", "Inflation"]
+__all__ = ["Costmap", "Inflation"]
 
 
 @dataclass(frozen=True)
@@ -63,34 +64,6 @@ class Inflation:
             inflation_radius=reach,
             cost_scaling_factor=self.cost_scaling_factor,
         )
-
-
-@dataclass(frozen=True)
-class CostSource:
-    """A cause of the cost of a cell: entities on a layer, at the heights of a part.
-
-    Attributes
-    ----------
-    part, layer : str
-    entities : tuple of str
-        The names of the nearest entities of the layer.
-    distance : float
-        From the cell to theirs, metres.
-    cost : int
-        The cost of the cell if this layer were alone.
-    field : str, optional
-        The name of the field that has these entities; None for entities of the map.
-    assumed : tuple of str
-        Those of the entities whose geometry is a typical box for their type.
-    """
-
-    part: str
-    layer: str
-    entities: tuple[str, ...]
-    distance: float
-    cost: int
-    field: str | None = None
-    assumed: tuple[str, ...] = ()
 
 
 class Costmap:
@@ -397,44 +370,7 @@ class Costmap:
         ValueError
             The point is not on the grid.
         """
-        row, column = self.grid.cell(x, y)
-        outer = grown((slice(row, row + 1), slice(column, column + 1)), self.reach, self.grid)
-        first = np.array([outer[0].start, outer[1].start])
-        assumed = {entity.name for entity in self.scene.entities if entity.assumed}
-        found = []
-        for number, part in enumerate(self.parts):
-            for layer in self.layers:
-                cells = self.occupied[layer.name][number][outer]
-                if not cells.any():
-                    continue
-                at = np.argwhere(cells) + first
-                squared = ((at - (row, column)) ** 2).sum(axis=1)
-                costs = self.inflation.costs(cells, self.grid.resolution, part, layer.padding)
-                cost = int(costs[row - first[0], column - first[1]])
-                if cost:
-                    distance = math.sqrt(squared.min()) * self.grid.resolution
-                    names = self._occupants(layer.name, number, at[squared == squared.min()])
-                    field = self._field_layers.get(layer.name)
-                    on = layer.name if field is None else field.layer
-                    of = None if field is None else field.name
-                    guesses = tuple(n for n in names if n in assumed) if field is None else ()
-                    found.append(CostSource(part.name, on, names, distance, cost, of, guesses))
-            for name, social in self._social.items():
-                if cost := int(social[number, row, column]):
-                    names = self._occupants(name, number, np.array([(row, column)]))
-                    found.append(CostSource(part.name, SOCIAL, names, 0.0, cost, name))
-        return sorted(found, key=lambda source: (-source.cost, source.distance, source.part))
-
-    def _occupants(self, layer: str, part: int, cells: NDArray[np.int64]) -> tuple[str, ...]:
-        """The names of what occupies cells on a layer."""
-        if layer in self.static:
-            return (layer,)
-        if layer in self._field_layers:
-            return self._field_layers[layer].entities(
-                self.obstacles.levels, self.intervals[part], self.grid, cells
-            )
-        found = self.obstacles.occupants(layer, self.intervals[part], cells)
-        return tuple(sorted(entity.name for entity, _ in found))
+        return cost_sources(self, *self.grid.cell(x, y))
 
 
 def _check(costmap: Costmap) -> None:

@@ -12,7 +12,8 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from navgrid.costmap import Costmap, CostSource
+from navgrid.cost_source import CostSource
+from navgrid.costmap import Costmap
 from navgrid.field_layer import field_notes
 from navgrid.headings import collisions
 from navgrid.map_file import file_name

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from planner.mission.mission_list import MissionList
     from planner.mission.runner import MissionEvent, MissionResult
     from planner.search.problem_builder import Detector
-    from planner.search.search_mission import Answer
+    from planner.search.search_mission import SearchResult
     from planner.search.viewpoints import Sight
 
 __all__ = ["SimulatedRun"]
@@ -50,7 +50,7 @@ class SimulatedRun:
     detector: Detector | None = None
     try_grasps: bool | None = None
     assume_sizes: bool = False
-    answers: dict[str, Answer] = field(default_factory=dict)
+    answers: dict[str, SearchResult] = field(default_factory=dict)
 
     def run(self, goal: str | None, mission: int | None = None, *, resume: bool = False) -> None:
         """Run a new mission with a goal, or resume one; print what happens.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["topology_command"]
 
 
-class Format(StrEnum):
+class TopologyFormat(StrEnum):
     """File formats of a topology."""
 
     nav2 = "nav2"
@@ -29,13 +29,13 @@ class Format(StrEnum):
 
 
 _ENDINGS = {
-    ".geojson": Format.nav2,
-    ".yaml": Format.rmf,
-    ".yml": Format.rmf,
-    ".dot": Format.dot,
-    ".gv": Format.dot,
-    ".png": Format.png,
-    ".json": Format.json,
+    ".geojson": TopologyFormat.nav2,
+    ".yaml": TopologyFormat.rmf,
+    ".yml": TopologyFormat.rmf,
+    ".dot": TopologyFormat.dot,
+    ".gv": TopologyFormat.dot,
+    ".png": TopologyFormat.png,
+    ".json": TopologyFormat.json,
 }
 
 
@@ -45,7 +45,7 @@ def topology_command(
         typer.Option("--output", "-o", help="File; by default DOT and JSON are printed."),
     ] = None,
     format_: Annotated[
-        Format | None,
+        TopologyFormat | None,
         typer.Option("--format", help="By default the format of the file's ending, or dot."),
     ] = None,
     map_name: cli.MapName = None,
@@ -84,7 +84,7 @@ def topology_command(
             f"the map {name} has no connectors: import an annotation that has them (GeoJSON, "
             "GeoPackage) or an Open-RMF building"
         )
-    if chosen is Format.dot:
+    if chosen is TopologyFormat.dot:
         text = dot(topology, storey=storey, name=name)
     else:
         text = json.dumps(_topology_as_json(topology, storey), indent=None if file is None else 1)
@@ -92,34 +92,34 @@ def topology_command(
         print(text.rstrip("\n"))
         return
     match chosen:
-        case Format.nav2:
+        case TopologyFormat.nav2:
             written = write_nav2(routing, file, storey=storey, building=building, name=name)
-        case Format.rmf:
+        case TopologyFormat.rmf:
             written = [write_rmf_nav(routing, file, name=name, building=building, storey=storey)]
-        case Format.png:
+        case TopologyFormat.png:
             written = _write_pictures(topology, views, file, name)
         case _:
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
             written = [file]
-    if json_ and chosen is not Format.json:
+    if json_ and chosen is not TopologyFormat.json:
         print(json.dumps([str(path) for path in written]))
     else:
         for path in written:
             cli.out.print(str(path))
 
 
-def _format(file: Path | None, given: Format | None, as_json: bool) -> Format:
+def _format(file: Path | None, given: TopologyFormat | None, as_json: bool) -> TopologyFormat:
     if given is None and file is not None:
         given = _ENDINGS.get(file.suffix.lower())
         if given is None:
             raise typer.BadParameter(
                 f"{file.name}: its ending stands for no format: give --format, one of "
-                f"{', '.join(Format)}"
+                f"{', '.join(TopologyFormat)}"
             )
     if given is None:
-        return Format.json if as_json else Format.dot
-    if file is None and given not in (Format.dot, Format.json):
+        return TopologyFormat.json if as_json else TopologyFormat.dot
+    if file is None and given not in (TopologyFormat.dot, TopologyFormat.json):
         raise typer.BadParameter(f"--format {given} is written to a file: give -o FILE")
     return given
 

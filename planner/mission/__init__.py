@@ -1,6 +1,12 @@
 """Missions: goals that robots pursue step by step, through failures and restarts (section 4.1)."""
 
-from planner.mission.behaviours import Behaviours, Observation, Outcome, RunningBehaviour, Sighting
+from planner.mission.behaviours import (
+    Behaviours,
+    Outcome,
+    RobotObservation,
+    RunningBehaviour,
+    Sighting,
+)
 from planner.mission.command import Command, commands_of
 from planner.mission.mission_store import MissionError, MissionStore
 from planner.mission.runner import MissionResult, Runner
@@ -11,8 +17,8 @@ __all__ = [
     "MissionError",
     "MissionResult",
     "MissionStore",
-    "Observation",
     "Outcome",
+    "RobotObservation",
     "Runner",
     "RunningBehaviour",
     "Sighting",

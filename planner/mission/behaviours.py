@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 from planner.mission.command import Command
 from semmap.geometry.pose import Pose
 
-__all__ = ["Behaviours", "Look", "Observation", "Outcome", "RunningBehaviour", "Sighting"]
+__all__ = ["Behaviours", "Outcome", "PlaceLook", "RobotObservation", "RunningBehaviour", "Sighting"]
 
 Cause = Literal[
     "locked",
@@ -71,7 +71,7 @@ class Sighting:
 
 
 @dataclass(frozen=True)
-class Look:
+class PlaceLook:
     """What a look showed of one place: the object was seen there, or it was not.
 
     Attributes
@@ -96,7 +96,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Observation:
+class RobotObservation:
     """What a robot observes at present.
 
     Attributes
@@ -119,7 +119,7 @@ class Observation:
     holds: Mapping[str, Pose] = field(default_factory=dict)
     seen: Mapping[str, Sighting] = field(default_factory=dict)
     doors: Mapping[str, str] = field(default_factory=dict)
-    looks: Sequence[Look] = ()
+    looks: Sequence[PlaceLook] = ()
 
 
 class RunningBehaviour(Protocol):
@@ -142,7 +142,7 @@ class Behaviours(Protocol):
     observation, and `open_container`. A robot without the method fails with the cause ``unable``.
     """
 
-    def observe(self) -> Observation:
+    def observe(self) -> RobotObservation:
         """The present observation; called after every behaviour and every restart."""
         ...
 

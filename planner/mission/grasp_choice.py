@@ -18,7 +18,7 @@ from semmap.manipulation.automata import reachable_rows
 
 if TYPE_CHECKING:
     from semmap.manipulation.arm import Arm
-    from semmap.manipulation.arm_motions import Motion
+    from semmap.manipulation.arm_motions import ArmMotion
 
 __all__ = ["Choice", "GraspChooser", "Hand", "hand_of"]
 
@@ -448,6 +448,6 @@ class _Clock:
         return f"{time.process_time() - self._begun:.0f} s"
 
 
-def _told(motion: Motion) -> str:
+def _told(motion: ArmMotion) -> str:
     how = "followed again" if motion.reused else "planned"
     return f"path {motion.path} of the arm, {how}"

@@ -13,7 +13,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, text
 
-from planner.mission.behaviours import Observation, Outcome
+from planner.mission.behaviours import Outcome, RobotObservation
 from planner.mission.command import Command, with_spot
 from planner.mission.grasp_choice import Choice
 from planner.mission.grasp_memory import KINDS, GraspMemory
@@ -226,7 +226,7 @@ class MissionStore(MissionList):
         number: int,
         command: Command,
         outcome: Outcome,
-        seen: Observation,
+        seen: RobotObservation,
         release: Iterable[str] = (),
         then: Sequence[Command] = (),
     ) -> list[int]:
@@ -255,7 +255,7 @@ class MissionStore(MissionList):
             release_claims(connection, robot, release)
             return [] if outcome.succeeded else replace_planned(connection, mission, then)
 
-    def observe(self, mission: int, seen: Observation) -> None:
+    def observe(self, mission: int, seen: RobotObservation) -> None:
         """Store an observation."""
         with self._begin() as connection:
             write_observation(connection, self._own(connection, mission), seen)

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import shapely
 from sqlalchemy import Connection, text
 
-from planner.mission.behaviours import Observation, Outcome, Sighting
+from planner.mission.behaviours import Outcome, RobotObservation, Sighting
 from planner.mission.command import Command
 from planner.mission.placement_search import find_free_spot
 from semmap.belief.store import add_observations
@@ -44,7 +44,7 @@ class ObjectRow:
     seen: Sighting
 
 
-def write_observation(connection: Connection, robot: int, seen: Observation) -> None:
+def write_observation(connection: Connection, robot: int, seen: RobotObservation) -> None:
     """Write the pose of a robot, what it holds, sees or no longer holds, and what looks showed."""
     connection.execute(
         text(_PLACE_ROBOT), {"robot": robot, "place": seen.place, "pose": seen.pose.row}

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from py_trees.common import Status
 
-from planner.mission.behaviours import Behaviours, Observation, Outcome, RunningBehaviour
+from planner.mission.behaviours import Behaviours, Outcome, RobotObservation, RunningBehaviour
 from planner.mission.claims import claims_of
 from planner.mission.command import Command, commands_of, with_spot
 from planner.mission.mission_store import LostMissionError, MissionStore
@@ -347,7 +347,7 @@ class _Attempt:
         )
 
 
-def happened(command: Command, seen: Observation) -> bool:
+def happened(command: Command, seen: RobotObservation) -> bool:
     """Whether an observation shows that a command is completed."""
     if command.behaviour == "pickup":
         return command.arguments[0] in seen.holds

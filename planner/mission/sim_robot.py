@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from planner.mission.behaviours import Observation, Outcome
+from planner.mission.behaviours import Outcome, RobotObservation
 from planner.mission.command import Command
 from planner.mission.sim_body import PathFinder, SimBody, Work, cabin_doors
 from planner.mission.sim_drive import navigate, switch_map
@@ -120,7 +120,7 @@ class SimulatedRobot:
         )
         self._approach_poses = {c.name: c.poses for c in topology.connectors.values()}
 
-    def observe(self) -> Observation:
+    def observe(self) -> RobotObservation:
         """Everything in its place, and the connectors near it."""
         world = self._body.world
         with world.change():
@@ -133,4 +133,4 @@ class SimulatedRobot:
             }
         holds = {n: seen.pose for n, seen in objects.items() if seen.holder == self.name}
         seen = {n: s for n, s in objects.items() if not world.has_robot(s.holder)}
-        return Observation(place, pose, holds, seen, doors)
+        return RobotObservation(place, pose, holds, seen, doors)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from planner.search.pomdp import Pomdp
 
-__all__ = ["Policy", "solve"]
+__all__ = ["SearchPolicy", "solve"]
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ PATIENCE = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Policy:
+class SearchPolicy:
     """What to do at each belief, and what that is worth.
 
     Attributes
@@ -51,7 +51,7 @@ class Policy:
 
 def solve(
     pomdp: Pomdp, *, most_beliefs: int = 200, sweeps: int = 20, tolerance: float = 1e-3
-) -> Policy:
+) -> SearchPolicy:
     """A policy for the beliefs that can follow from the first one.
 
     Parameters
@@ -65,7 +65,7 @@ def solve(
 
     Returns
     -------
-    Policy
+    SearchPolicy
         Its value is a lower bound of the best one.
 
     Raises
@@ -104,7 +104,7 @@ def solve(
         more = _spread(pomdp, beliefs, min(len(beliefs) + 3, most_beliefs - len(beliefs)))
         if full:
             needed = plans.with_followers(now)
-            return Policy(plans.planes[needed], plans.actions[needed])
+            return SearchPolicy(plans.planes[needed], plans.actions[needed])
         full = not len(more) or len(more) + len(beliefs) >= most_beliefs
         beliefs = np.concatenate([more, beliefs])
 

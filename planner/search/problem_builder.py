@@ -17,7 +17,7 @@ from planner.search.search_problem import SearchProblem
 from planner.search.viewpoints import Sight, choose_views, free_positions, views_from
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import OUTSIDE
-from semmap.belief.places import Place, sample_points
+from semmap.belief.places import BeliefPlace, sample_points
 from semmap.belief.views import visible_points
 from semmap.geometry.pose import Pose
 
@@ -138,7 +138,7 @@ class MapSearch:
 def build_search(
     name: str,
     belief: Mapping[str, float],
-    places: Sequence[Place],
+    places: Sequence[BeliefPlace],
     occluders: Floats,
     graph: RoutingGraph,
     start: Endpoint,
@@ -261,7 +261,7 @@ def build_search(
     )
 
 
-def _points(places: Sequence[Place], height: float) -> tuple[Floats, NDArray[np.intp]]:
+def _points(places: Sequence[BeliefPlace], height: float) -> tuple[Floats, NDArray[np.intp]]:
     """Points at which the object may be, (N, 3), and the number of the place of each."""
     wider = 1.0
     while True:
@@ -279,7 +279,7 @@ def _points(places: Sequence[Place], height: float) -> tuple[Floats, NDArray[np.
 
 
 def _candidates(
-    rooms: Mapping[str, Place],
+    rooms: Mapping[str, BeliefPlace],
     points: Floats,
     inside: NDArray[np.bool_],
     occluders: Floats,
@@ -334,7 +334,7 @@ def _beside(positions: Floats, floor: float, points: Floats) -> list[Pose]:
     return [Pose.planar(float(x), float(y), 0.0, floor) for x, y in positions[away <= 2.0]]
 
 
-def _before(container: Place, poses: Sequence[Pose], seconds: Floats) -> int | None:
+def _before(container: BeliefPlace, poses: Sequence[Pose], seconds: Floats) -> int | None:
     """The nearest candidate that stands beside a container; None if there is none."""
     if container.footprint is None or not len(poses):
         return None

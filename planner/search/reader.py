@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
-from semmap.belief.places import Place
+from semmap.belief.places import BeliefPlace
 from semmap.belief.reader import read_height, read_occluders, read_places
 from semmap.belief.store import read_belief
 from semmap.query.storey_reader import read_entities
@@ -48,7 +48,7 @@ class BelievedObject:
 
     name: str
     belief: dict[str, float]
-    places: Sequence[Place]
+    places: Sequence[BeliefPlace]
     occluders: NDArray[np.float64]
     height: float
     shut: frozenset[str]

@@ -24,7 +24,7 @@ from planner.search.receding_horizon import Decision, decide
 from planner.search.search_problem import NOT_SEEN
 from planner.search.viewpoints import Sight
 
-__all__ = ["Answer", "NotFoundError", "SearchPlanner", "explain"]
+__all__ = ["NotFoundError", "SearchPlanner", "SearchResult", "explain"]
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class NotFoundError(ValueError):
 
 
 @dataclass(frozen=True)
-class Answer:
+class SearchResult:
     """What a search ends with.
 
     Attributes
@@ -107,7 +107,7 @@ class SearchPlanner:
         self.detector = detector or Detector()
         self._say = say or (lambda text: None)
         self._states: dict[str, _State] = {}
-        self.answers: dict[str, Answer] = {}
+        self.answers: dict[str, SearchResult] = {}
 
     def begin(
         self,
@@ -228,7 +228,7 @@ class SearchPlanner:
         chances = search.problem.by_place(state.belief)[0]
         best = int(chances.argmax())
         place, chance = search.problem.places[best], float(chances[best])
-        self.answers[name] = Answer(place, chance, place in state.seen_in, state.looks)
+        self.answers[name] = SearchResult(place, chance, place in state.seen_in, state.looks)
         if place == ELSEWHERE:
             others = _likeliest(search, state.belief)
             raise NotFoundError(

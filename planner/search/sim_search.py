@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.mission.behaviours import Look, Observation, Sighting
+from planner.mission.behaviours import PlaceLook, RobotObservation, Sighting
 from planner.mission.command import Command
 from planner.mission.sim_body import Work, lasting
 from planner.mission.sim_hands import place as _placing
 from planner.mission.sim_robot import SimBehaviour, SimulatedRobot
 from planner.search.problem_builder import Detector
 from planner.search.viewpoints import Sight
-from semmap.belief.places import Place, place_at
+from semmap.belief.places import BeliefPlace, place_at
 from semmap.belief.views import visible_shares
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
@@ -50,7 +50,7 @@ class SimEyes:
         Of detections and false alarms.
     """
 
-    places: Sequence[Place]
+    places: Sequence[BeliefPlace]
     entities: Mapping[str, SceneEntity]
     sight: Sight
     detector: Detector
@@ -120,7 +120,7 @@ class SearchingRobot(SimulatedRobot):
     def __init__(self, *arguments: Any, eyes: Mapping[str, SimEyes], **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._eyes = eyes
-        self._looks: tuple[Look, ...] = ()
+        self._looks: tuple[PlaceLook, ...] = ()
         self._known: set[str] = set()
 
     def look(self, command: Command) -> SimBehaviour:
@@ -135,7 +135,7 @@ class SearchingRobot(SimulatedRobot):
         """Put an object down; the robot knows where it is then."""
         return SimBehaviour(self._place(command), self.speed)
 
-    def observe(self) -> Observation:
+    def observe(self) -> RobotObservation:
         """The robot, what it holds, what it knows to be around it, and the last look's answers."""
         seen = super().observe()
         looks, self._looks = self._looks, ()
@@ -155,7 +155,7 @@ class SearchingRobot(SimulatedRobot):
         outcome = yield from _placing(self._body, command)
         if outcome[0] is None:
             self._known.add(item)
-            self._looks = (Look(item, command.arguments[-1], True),)
+            self._looks = (PlaceLook(item, command.arguments[-1], True),)
         return outcome
 
     def _look(self, command: Command) -> Work:
@@ -190,7 +190,7 @@ class SearchingRobot(SimulatedRobot):
             self._known.discard(name)
         if found is not None:
             shares[found] = max(shares.get(found, 0.0), LEAST_SHARE)
-        self._looks = tuple(Look(name, p, p == found, share) for p, share in shares.items())
+        self._looks = tuple(PlaceLook(name, p, p == found, share) for p, share in shares.items())
         if found is not None:
             return None, f"{name} is seen at {found}"
         return None, f"{name} is not seen" + (f" at {', '.join([*shares][:4])}" if shares else "")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from semmap.api.database import Database
     from semmap.api.semantic_map import SemanticMap
-    from semmap.belief.teaching import Action
+    from semmap.belief.teaching import KnownAction
 
 __all__ = ["MapQuestions"]
 
@@ -137,7 +137,7 @@ class MapQuestions:
 
         return read_belief(self._session(), name, at)
 
-    def how_to(self, goal: str, given: Sequence[str] = ()) -> list[Action]:
+    def how_to(self, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
         """The shortest chain of taught actions that brings about a goal, the first one first.
 
         Raises

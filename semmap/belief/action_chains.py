@@ -6,18 +6,18 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 
 from semmap.belief.error import BeliefError
-from semmap.belief.teaching import Action
+from semmap.belief.teaching import KnownAction
 from semmap.suggestions import suggestion
 
 __all__ = ["action_chain"]
 
 
 def action_chain(
-    actions: Sequence[Action],
+    actions: Sequence[KnownAction],
     goal: str,
     is_a: Callable[[str, str], bool],
     given: Collection[str] = (),
-) -> list[Action]:
+) -> list[KnownAction]:
     """Return the shortest chain of actions that brings about a goal, the first action first.
 
     An action brings about a goal if its effect is a kind of the goal, or the goal a kind of its
@@ -36,14 +36,14 @@ def action_chain(
 
     Examples
     --------
-    >>> fetch = Action("grasp", "object_found", "object_held")
-    >>> bring = Action("bring", "object_held", "object_delivered")
+    >>> fetch = KnownAction("grasp", "object_found", "object_held")
+    >>> bring = KnownAction("bring", "object_held", "object_delivered")
     >>> chain = action_chain([bring, fetch], "object_delivered", str.__eq__)
     >>> [action.name for action in chain]
     ['grasp', 'bring']
     """
 
-    def achieving(name: str) -> list[Action]:
+    def achieving(name: str) -> list[KnownAction]:
         return [a for a in actions if is_a(a.effect, name) or is_a(name, a.effect)]
 
     if any(is_a(fact, goal) for fact in given):
@@ -51,7 +51,7 @@ def action_chain(
     if not achieving(goal):
         effects = [action.effect for action in actions]
         raise BeliefError(f"no action brings about {goal}{suggestion(goal, effects, 'teach one')}")
-    found: deque[tuple[str, list[Action]]] = deque([(goal, [])])
+    found: deque[tuple[str, list[KnownAction]]] = deque([(goal, [])])
     visited = {goal}
     while found:
         name, chain = found.popleft()

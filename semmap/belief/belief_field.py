@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from semmap.belief.places import Place, Surface
+from semmap.belief.places import BeliefPlace, Surface
 from semmap.fields.maps.grids import empty_grid
 from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.representation_map import RepresentationMap
@@ -23,7 +23,7 @@ HEADROOM = 0.2
 
 def belief_map(
     vocabulary: Properties,
-    places: Iterable[Place],
+    places: Iterable[BeliefPlace],
     belief: Mapping[str, float],
     *,
     about: str,
@@ -54,7 +54,7 @@ def belief_map(
     return RepresentationMap(vocabulary["probability"], grid, about=about, time=time)
 
 
-def _spaces(place: Place) -> list[tuple[Surface, float]]:
+def _spaces(place: BeliefPlace) -> list[tuple[Surface, float]]:
     """The surfaces of a place, and the height above each that belongs to it."""
     found = [(surface, HEADROOM) for surface in place.surfaces]
     within = place.stores or not found

@@ -14,7 +14,7 @@ from semmap.belief.looks import observe_view
 from semmap.belief.store import Row, driver
 from semmap.draw.depth_camera import DepthCamera
 from semmap.geometry.mesh import Mesh
-from semmap.perception.models import ObjectModel, train_model
+from semmap.perception.models import KnownObject, train_model
 from semmap.perception.placeholders import Placeholder
 from semmap.perception.point_cloud import Floats
 from semmap.perception.recognition import RATES, recognise
@@ -102,7 +102,7 @@ def observe_cloud(
     )
 
 
-def read_models(connection: Connection, names: Collection[str]) -> list[ObjectModel]:
+def read_models(connection: Connection, names: Collection[str]) -> list[KnownObject]:
     """Return models of objects, trained from their meshes as they stand in the map.
 
     The origin is the lowest corner of the box around the mesh.

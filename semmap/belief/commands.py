@@ -82,7 +82,7 @@ def where_command(
 ) -> None:
     """Show where objects or agents probably are."""
     from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
-    from semmap.belief.motion import Motion
+    from semmap.belief.motion import MotionModel
     from semmap.belief.store import where
     from semmap.ingest.regions.commands import zoned
 
@@ -90,7 +90,7 @@ def where_command(
         raise typer.BadParameter("--draw is for one name")
     if occlusion and moves is not None:
         raise typer.BadParameter("choose --occlusion or --moves: no model has both")
-    motion = None if moves is None else Motion(moves)
+    motion = None if moves is None else MotionModel(moves)
     moment = zoned(at)
     with cli.open_database() as db:
         session = db.map(map_name).session_of_map()
@@ -353,7 +353,7 @@ belief = typer.Typer(
 )
 
 
-class Format(StrEnum):
+class GrammarFormat(StrEnum):
     """Of grammars."""
 
     gbnf = "gbnf"
@@ -414,13 +414,13 @@ def identify(
     semmap belief identify mug=1.2,3.4,0.8 mug=6.1,0.9,0.5,0.08,0.08,0.1
     """
     from semmap.belief.identify import identify
-    from semmap.belief.motion import Motion
+    from semmap.belief.motion import MotionModel
     from semmap.ingest.regions.commands import zoned
 
     detections = [_detection(text) for text in seen]
     with cli.open_map(map_name) as connection:
         found = identify(
-            connection, detections, frame=frame, at=zoned(at), motion=Motion(moves), new=new
+            connection, detections, frame=frame, at=zoned(at), motion=MotionModel(moves), new=new
         )
     rows = [
         {"seen": text, "place": one.place, "object": name, "probability": round(probability, 4)}
@@ -442,7 +442,7 @@ def _detection(text: str) -> Detection:
 
 @belief.command()
 def grammar(
-    format_: Annotated[Format, typer.Option("--format")] = Format.gbnf,
+    format_: Annotated[GrammarFormat, typer.Option("--format")] = GrammarFormat.gbnf,
     map_name: cli.MapName = None,
 ) -> None:
     """Print a grammar of the names that the map knows, for a speech recogniser."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.belief.error import BeliefError
-from semmap.belief.motion import Motion, infer_with_motion
+from semmap.belief.motion import MotionModel, infer_with_motion
 from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.reader import BeliefColumns, read_columns, read_model
 from semmap.belief.store import MapConnection
@@ -44,7 +44,7 @@ def belief_with_occlusion(
 
 
 def belief_with_motion(
-    connection: MapConnection, names: Sequence[str], motion: Motion, at: datetime | None = None
+    connection: MapConnection, names: Sequence[str], motion: MotionModel, at: datetime | None = None
 ) -> Belief:
     """Return where objects are, if they may have moved since they were observed.
 

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
 
-from semmap.belief.places import Place
+from semmap.belief.places import BeliefPlace
 from semmap.belief.store import ELSEWHERE
 from semmap.draw.floor_plan import FLAT, HIDDEN, floor_plan
 from semmap.draw.view import StoreyView
@@ -32,7 +32,7 @@ PALE = "#f4f4f1"
 
 def heat_map(
     storey: StoreyView,
-    places: Sequence[Place],
+    places: Sequence[BeliefPlace],
     belief: Mapping[str, float],
     path: Path | str,
     *,

@@ -12,7 +12,7 @@ from sqlalchemy import Connection
 
 from semmap.belief.association import moved_or_new
 from semmap.belief.error import BeliefError
-from semmap.belief.motion import DAILY, Motion, infer_with_motion
+from semmap.belief.motion import DAILY, MotionModel, infer_with_motion
 from semmap.belief.places import place_at
 from semmap.belief.reader import read_agent_pose, read_columns, read_model, read_places
 from semmap.belief.store import driver
@@ -65,7 +65,7 @@ def identify(
     *,
     frame: str | None = None,
     at: datetime | None = None,
-    motion: Motion = DAILY,
+    motion: MotionModel = DAILY,
     new: float = 0.05,
 ) -> list[Identity]:
     """Return for each detection of one view which objects of its type it may be.

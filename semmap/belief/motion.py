@@ -24,11 +24,11 @@ from semmap.belief.inference import (
 from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS, SightingRates
 
-__all__ = ["DAILY", "Motion", "infer_with_motion"]
+__all__ = ["DAILY", "MotionModel", "infer_with_motion"]
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionModel:
     """How often objects move.
 
     Attributes
@@ -38,7 +38,7 @@ class Motion:
 
     Examples
     --------
-    >>> Motion(seconds=3600.0).after([[1.0, 0.0]], [[0.5, 0.5]], [1.0], [3600.0]).round(3)
+    >>> MotionModel(seconds=3600.0).after([[1.0, 0.0]], [[0.5, 0.5]], [1.0], [3600.0]).round(3)
     array([[0.684, 0.316]])
     """
 
@@ -70,7 +70,7 @@ class Motion:
         return np.asarray(keep * np.asarray(belief) + (1 - keep) * np.asarray(destinations))
 
 
-DAILY = Motion()
+DAILY = MotionModel()
 """An object of mobility 1 moves once a day."""
 
 
@@ -78,7 +78,7 @@ def infer_with_motion(
     prior: ArrayLike,
     observations: Observations,
     mobility: ArrayLike,
-    motion: Motion = DAILY,
+    motion: MotionModel = DAILY,
     destinations: ArrayLike | None = None,
     model: SightingRates = THESIS,
 ) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from semmap.geometry.pose import IDENTITY, Pose
 
-__all__ = ["Place", "Surface", "place_at", "sample_points"]
+__all__ = ["BeliefPlace", "Surface", "place_at", "sample_points"]
 
 BELOW, ABOVE = 0.05, 0.5
 """Metres that a detected point may be below a surface, and above it: an object has its height."""
@@ -38,7 +38,7 @@ class Surface:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class BeliefPlace:
     """An object or room at which other objects can be.
 
     Attributes
@@ -64,7 +64,7 @@ class Place:
     stores: bool = False
 
 
-def place_at(places: Iterable[Place], point: ArrayLike) -> Place | None:
+def place_at(places: Iterable[BeliefPlace], point: ArrayLike) -> BeliefPlace | None:
     """Return the place of a point: the surface below it, else a container, else the room.
 
     Parameters
@@ -103,13 +103,13 @@ def place_at(places: Iterable[Place], point: ArrayLike) -> Place | None:
     return min(inside, key=lambda found: found[0])[1] if inside else None
 
 
-def _volume(place: Place) -> float:
+def _volume(place: BeliefPlace) -> float:
     assert place.low is not None
     assert place.high is not None
     return float(np.prod(place.high - place.low))
 
 
-def sample_points(place: Place, step: float, lift: float) -> NDArray[np.float64]:
+def sample_points(place: BeliefPlace, step: float, lift: float) -> NDArray[np.float64]:
     """Return points evenly over the surfaces of a place, and in the middle of what can store.
 
     A view of the top of a closed cabinet shows a part of the place, not all of it.

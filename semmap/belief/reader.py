@@ -14,7 +14,7 @@ from sqlalchemy import Connection, text
 
 from semmap.belief.error import BeliefError
 from semmap.belief.observation_columns import Observations
-from semmap.belief.places import Place, Surface
+from semmap.belief.places import BeliefPlace, Surface
 from semmap.belief.sighting_model import SightingModel
 from semmap.belief.store import ELSEWHERE, MapConnection, driver
 from semmap.geometry.pose import Pose
@@ -55,7 +55,7 @@ ROOM_HEIGHT = 2.5
 """Metres, of a room whose ceiling is unknown."""
 
 
-def read_places(connection: Connection, name: str) -> list[Place]:
+def read_places(connection: Connection, name: str) -> list[BeliefPlace]:
     """Return the places at which an object or agent of the map has room.
 
     Raises
@@ -67,7 +67,7 @@ def read_places(connection: Connection, name: str) -> list[Place]:
     return [_place(row) for row in connection.execute(text(_PLACES), {"id": number})]
 
 
-def _place(row: Any) -> Place:
+def _place(row: Any) -> BeliefPlace:
     footprint = None if row.footprint is None else shapely.from_wkb(bytes(row.footprint))
     surfaces = [
         Surface(shapely.from_wkb(bytes(outline)), float(height))
@@ -82,7 +82,7 @@ def _place(row: Any) -> Place:
         high[2] = top
         surfaces = [Surface(footprint, float(low[2]))]
     pose = Pose(*row.pose)
-    return Place(
+    return BeliefPlace(
         row.name,
         row.kind,
         tuple(surfaces),

@@ -18,9 +18,9 @@ from semmap.limits import TEXT_BYTES
 from semmap.snake_case import snake_case
 
 __all__ = [
-    "Action",
     "Knowledge",
-    "Relation",
+    "KnownAction",
+    "KnownRelation",
     "TaughtObject",
     "Teaching",
     "is_a",
@@ -68,7 +68,7 @@ class Knowledge:
 
 
 @dataclass(frozen=True)
-class Relation:
+class KnownRelation:
     """A directed relation: subject, its name, object, such as coke isA sodacan."""
 
     subject: str
@@ -80,7 +80,7 @@ class Relation:
 
 
 @dataclass(frozen=True)
-class Action:
+class KnownAction:
     """An action, what it needs, and what it brings about."""
 
     name: str
@@ -117,8 +117,8 @@ class Teaching:
     """
 
     knowledge: tuple[Knowledge, ...] = ()
-    relations: tuple[Relation, ...] = ()
-    actions: tuple[Action, ...] = ()
+    relations: tuple[KnownRelation, ...] = ()
+    actions: tuple[KnownAction, ...] = ()
     objects: tuple[TaughtObject, ...] = ()
     observations: tuple[Row, ...] = ()
     model: dict[str, float] = field(default_factory=dict)
@@ -180,7 +180,8 @@ def parse_teaching(data: Any, where: str = "teaching") -> Teaching:
     --------
     >>> parse_teaching({"relations": [{"master": "coke", "action": "isA", "slave": "sodacan"}]})
     ... # doctest: +NORMALIZE_WHITESPACE
-    Teaching(knowledge=(), relations=(Relation(subject='coke', relation='isA', object='sodacan'),),
+    Teaching(knowledge=(),
+             relations=(KnownRelation(subject='coke', relation='isA', object='sodacan'),),
              actions=(), objects=(), observations=(), model={})
     """
     given = _renamed(data, where)
@@ -234,19 +235,19 @@ def _knowledge(row: Row, where: str) -> Knowledge:
     return Knowledge(_name(row, "name", where), _properties(row, where))
 
 
-def _relation(row: Row, where: str) -> Relation:
+def _relation(row: Row, where: str) -> KnownRelation:
     if "relation" not in row and "action" in row:
         row = {("relation" if key == "action" else key): value for key, value in row.items()}
     _only(row, ("subject", "relation", "object"), where)
-    found = Relation(*(_name(row, key, where) for key in ("subject", "relation", "object")))
+    found = KnownRelation(*(_name(row, key, where) for key in ("subject", "relation", "object")))
     if found.subject == found.object:
         raise BeliefError(f"{where}: {found}: a relation is between two names")
     return found
 
 
-def _action(row: Row, where: str) -> Action:
+def _action(row: Row, where: str) -> KnownAction:
     _only(row, ("action", "cause", "effect"), where)
-    found = Action(*(_name(row, key, where) for key in ("action", "cause", "effect")))
+    found = KnownAction(*(_name(row, key, where) for key in ("action", "cause", "effect")))
     if found.cause == found.effect:
         raise BeliefError(f"{where}: {found.name}: cause and effect are both {found.cause}")
     return found

@@ -13,7 +13,7 @@ from psycopg.types.json import Jsonb
 from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
 from semmap.belief.store import MapConnection, add_observations, driver, refusal
-from semmap.belief.teaching import Action, Relation, TaughtObject, Teaching, is_a
+from semmap.belief.teaching import KnownAction, KnownRelation, TaughtObject, Teaching, is_a
 from semmap.ingest.ontology.tbox import KINDS
 from semmap.snake_case import snake_case
 from semmap.suggestions import suggestion
@@ -63,7 +63,7 @@ def teach(connection: MapConnection, teaching: Teaching) -> dict[str, int]:
         ) from error
 
 
-def how_to(connection: MapConnection, goal: str, given: Sequence[str] = ()) -> list[Action]:
+def how_to(connection: MapConnection, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
     """Return the shortest chain of taught actions that brings about a goal.
 
     Raises
@@ -77,7 +77,7 @@ def how_to(connection: MapConnection, goal: str, given: Sequence[str] = ()) -> l
     ).fetchall()
     lesson = _Lesson(session)
     return action_chain(
-        [Action(*row) for row in actions], lesson.resolved(goal), lesson.subsumes, given
+        [KnownAction(*row) for row in actions], lesson.resolved(goal), lesson.subsumes, given
     )
 
 
@@ -254,7 +254,7 @@ class _Lesson:
 
     # -- classes --------------------------------------------------------------------------------
 
-    def _subsume(self, relations: Sequence[Relation]) -> None:
+    def _subsume(self, relations: Sequence[KnownRelation]) -> None:
         """Subsumption of types, then the types of entities."""
         pairs = []
         for relation in relations:
@@ -338,7 +338,7 @@ class _Lesson:
 
     # -- other relations, actions, occurrences --------------------------------------------------
 
-    def _relate(self, relation: Relation) -> list[dict[str, Any]]:
+    def _relate(self, relation: KnownRelation) -> list[dict[str, Any]]:
         """Store a relation; return the sighting that it is, if it says where something is."""
         subject, other = self.resolved(relation.subject), self.resolved(relation.object)
         both = subject in self.kinds and other in self.kinds
@@ -359,7 +359,7 @@ class _Lesson:
             )
         return []
 
-    def _add_actions(self, actions: Sequence[Action]) -> int:
+    def _add_actions(self, actions: Sequence[KnownAction]) -> int:
         for action in actions:
             self.session.execute(
                 "INSERT INTO taught_action (map_id, action, cause, effect) "

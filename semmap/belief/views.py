@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semmap.belief.error import BeliefError
-from semmap.belief.places import Place, sample_points
+from semmap.belief.places import BeliefPlace, sample_points
 from semmap.draw.depth_camera import DepthCamera
 
 __all__ = ["camera_at", "visible_points", "visible_shares"]
@@ -100,7 +100,7 @@ def visible_points(
 
 
 def visible_shares(
-    places: Iterable[Place],
+    places: Iterable[BeliefPlace],
     camera: DepthCamera,
     depths: NDArray[np.float32],
     *,

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from semmap.interlinking.k_medoids import best_k_medoids
 from semmap.interlinking.property_statistics import common_words, is_numeric, property_statistics
-from semmap.interlinking.records import Column, Records
+from semmap.interlinking.records import PropertyColumn, Records
 
 __all__ = ["Correspondence", "find_correspondences"]
 
@@ -65,7 +65,7 @@ def _assign(
     return [(int(a[i]), int(b[j])) for i, j in zip(rows, columns, strict=True)]
 
 
-def _measure(left: Column, right: Column) -> str:
+def _measure(left: PropertyColumn, right: PropertyColumn) -> str:
     if is_numeric(left) and is_numeric(right):
         return "number"
     words = np.mean([text.count(" ") + 1 for c in (left, right) for text in c.texts[:5000]])

@@ -8,7 +8,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.interlinking.records import Column, Records
+from semmap.interlinking.records import PropertyColumn, Records
 
 __all__ = ["NAMES", "common_words", "is_numeric", "property_statistics"]
 
@@ -37,7 +37,7 @@ def property_statistics(records: Records) -> NDArray[np.float64]:
     return np.array([_statistics(column, len(records)) for column in records.columns.values()])
 
 
-def _statistics(column: Column, records: int) -> list[float]:
+def _statistics(column: PropertyColumn, records: int) -> list[float]:
     sample = _sample(column)
     lengths = np.array([len(t) for t in sample], dtype=float)
     total = lengths.sum()
@@ -58,7 +58,7 @@ def _statistics(column: Column, records: int) -> list[float]:
     ]
 
 
-def _sample(column: Column) -> list[str]:
+def _sample(column: PropertyColumn) -> list[str]:
     step = max(len(column.texts) // SAMPLE, 1)
     return column.texts[::step].tolist()  # type: ignore[no-any-return]
 
@@ -75,14 +75,14 @@ def _numbers(texts: Sequence[str]) -> NDArray[np.float64]:
     return found
 
 
-def is_numeric(column: Column) -> bool:
+def is_numeric(column: PropertyColumn) -> bool:
     """Return whether the values are measurements: numbers of which some have a fraction."""
     numbers = _numbers(_sample(column))
     share = np.isfinite(numbers).mean()
     return bool(share > 0.9 and np.any(numbers[np.isfinite(numbers)] % 1))
 
 
-def common_words(columns: Sequence[Column]) -> NDArray[np.float64]:
+def common_words(columns: Sequence[PropertyColumn]) -> NDArray[np.float64]:
     """Return the share of words that properties have in common, (n, n), in [0, 1].
 
     It is the overlap coefficient of their sets of words: that of the smaller set.
@@ -91,7 +91,7 @@ def common_words(columns: Sequence[Column]) -> NDArray[np.float64]:
     return np.array([[len(a & b) / min(len(a), len(b)) for b in words] for a in words])
 
 
-def _words_of(column: Column) -> list[str]:
+def _words_of(column: PropertyColumn) -> list[str]:
     """Texts of a column; where there are too many, those whose hash is smallest.
 
     Equal texts have equal hashes, so that samples of two properties have the same texts.

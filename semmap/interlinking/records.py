@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from semmap.interlinking.error import InterlinkingError
 
-__all__ = ["Column", "Records", "Values", "plain_text"]
+__all__ = ["PropertyColumn", "Records", "Values", "plain_text"]
 
 Values = tuple[str, ...]
 
@@ -44,7 +44,7 @@ def plain_text(value: str) -> str:
 
 
 @dataclass(frozen=True)
-class Column:
+class PropertyColumn:
     """The values of a property in all records, as plain text.
 
     `texts` has all values record after record, and `starts` (n + 1) where each record's begin.
@@ -101,7 +101,7 @@ class Records:
         return {key: i for i, key in enumerate(self.keys)}
 
     @cached_property
-    def columns(self) -> dict[str, Column]:
+    def columns(self) -> dict[str, PropertyColumn]:
         """The values of each property that has any, as plain text."""
         found = {}
         for name, values in self.properties.items():
@@ -109,7 +109,7 @@ class Records:
             starts = np.concatenate([[0], np.cumsum([len(of) for of in plain])]).astype(np.int64)
             if starts[-1]:
                 texts = np.array([text for of in plain for text in of], dtype=object)
-                found[name] = Column(texts, starts)
+                found[name] = PropertyColumn(texts, starts)
         if not found:
             raise InterlinkingError(f"{self.name}: no record has a value: nothing to compare")
         return found

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from semmap.interlinking.correspondences import Correspondence
 from semmap.interlinking.error import InterlinkingError
-from semmap.interlinking.records import Column, Records
+from semmap.interlinking.records import PropertyColumn, Records
 
 __all__ = ["MEASURES", "compare"]
 
@@ -98,7 +98,10 @@ def compare(
 
 
 def _best(
-    left: Column, right: Column, pairs: NDArray[np.int64], measure: Callable[[Texts, Texts], Floats]
+    left: PropertyColumn,
+    right: PropertyColumn,
+    pairs: NDArray[np.int64],
+    measure: Callable[[Texts, Texts], Floats],
 ) -> Floats:
     """The similarity of the most similar values of each pair."""
     counts = np.diff(left.starts)[pairs[:, 0]], np.diff(right.starts)[pairs[:, 1]]

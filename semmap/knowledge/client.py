@@ -18,10 +18,10 @@ from sqlalchemy import Engine
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.patterns import Pattern, name_of, parse_pattern, query_text, variables
+from semmap.knowledge.patterns import ClientPattern, name_of, parse_pattern, query_text, variables
 from semmap.knowledge.queries import Answer, limited, query
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
-from semmap.knowledge.updates import Changes
+from semmap.knowledge.updates import GraphChanges
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
 from semmap.query.maps import see_map
 
@@ -78,7 +78,7 @@ class KnowledgeClient:
         *,
         lifespan: float = 0,
         model: str | None = None,
-    ) -> Changes:
+    ) -> GraphChanges:
         """Change statements, all of them or none.
 
         Parameters
@@ -107,28 +107,28 @@ class KnowledgeClient:
             with _refusals(), with_consequences(view):
                 if method == "retract":
                     gone = [fact for p in patterns for fact in _matching(view, p, graph)]
-                    return Changes(0, FactWriter(view).delete(gone))
+                    return GraphChanges(0, FactWriter(view).delete(gone))
                 facts = [_fact(pattern, graph) for pattern in patterns]
                 removed = 0
                 if method == "update":
                     gone = [fact for new in facts for fact in _replaced(view, new)]
                     removed = FactWriter(view).delete(f for f in gone if f not in facts)
                 added = FactWriter(view, _end(view, lifespan)).insert(facts)
-                return Changes(added, removed)
+                return GraphChanges(added, removed)
 
     def add(
         self, statements: Statements, *, lifespan: float = 0, model: str | None = None
-    ) -> Changes:
+    ) -> GraphChanges:
         """Add statements."""
         return self.revise(statements, "add", lifespan=lifespan, model=model)
 
-    def retract(self, statements: Statements, *, model: str | None = None) -> Changes:
+    def retract(self, statements: Statements, *, model: str | None = None) -> GraphChanges:
         """Remove statements, and all that match those with variables or ``*``."""
         return self.revise(statements, "retract", model=model)
 
     def update(
         self, statements: Statements, *, lifespan: float = 0, model: str | None = None
-    ) -> Changes:
+    ) -> GraphChanges:
         """Add statements; those with a functional property replace former ones."""
         return self.revise(statements, "update", lifespan=lifespan, model=model)
 
@@ -294,7 +294,7 @@ class KnowledgeClient:
                 view.deadline = deadline
                 yield view
 
-    def parsed(self, statements: Statements) -> list[Pattern]:
+    def parsed(self, statements: Statements) -> list[ClientPattern]:
         """Return the terms of statements, of which there is at least one."""
         texts = [statements] if isinstance(statements, str) else list(statements)
         if not texts:
@@ -337,7 +337,7 @@ def _driver(connection: Any) -> psycopg.Connection[Any]:
     return driver
 
 
-def _refuse_variables(patterns: Sequence[Pattern]) -> None:
+def _refuse_variables(patterns: Sequence[ClientPattern]) -> None:
     for pattern in patterns:
         for term in pattern.terms:
             if not isinstance(term, (rdflib.URIRef, rdflib.Literal)):
@@ -366,11 +366,11 @@ def _end(view: MapView, lifespan: float) -> datetime | None:
     return row[0]  # type: ignore[no-any-return]
 
 
-def _fact(pattern: Pattern, graph: rdflib.URIRef | None) -> Fact:
+def _fact(pattern: ClientPattern, graph: rdflib.URIRef | None) -> Fact:
     return Fact(pattern.subject, pattern.verb, pattern.object, graph)
 
 
-def _matching(view: MapView, pattern: Pattern, graph: rdflib.URIRef | None) -> Iterator[Fact]:
+def _matching(view: MapView, pattern: ClientPattern, graph: rdflib.URIRef | None) -> Iterator[Fact]:
     """Yield the facts that a pattern stands for."""
     names = [str(t) for t in pattern.terms if isinstance(t, (rdflib.Variable, rdflib.BNode))]
     if not isinstance(pattern.verb, (rdflib.URIRef, rdflib.Variable, rdflib.BNode)):

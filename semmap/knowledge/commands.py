@@ -276,7 +276,7 @@ def serve(
     try:
         import uvicorn
 
-        from semmap.knowledge.service import Endpoint, read_tokens, session_opener
+        from semmap.knowledge.service import SparqlEndpoint, read_tokens, session_opener
     except ModuleNotFoundError as error:
         raise typer.BadParameter(
             f"{error.name} is not installed: pip install 'semmap[knowledge]'"
@@ -288,7 +288,7 @@ def serve(
     reader = as_reader(engine)
     with engine.connect() as connection:
         name = cli.choose_map(connection, map_name)
-    endpoint = Endpoint(
+    endpoint = SparqlEndpoint(
         session_opener(reader or engine, name),
         session_opener(engine, name),
         known,

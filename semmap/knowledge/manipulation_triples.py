@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import product
 
-from semmap.knowledge.triple_map import Column, Node, Source, TripleMap, columns_of, constant
+from semmap.knowledge.triple_map import Column, Node, TripleMap, TripleTables, columns_of, constant
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
 __all__ = ["MANIPULATION_NODES", "MANIPULATION_TRIPLES"]
@@ -24,13 +24,13 @@ MANIPULATION_NODES: dict[str, Node] = {
     "path": Node("urn:semmap:path:"),
 }
 
-DEVICE = Source((("a", "device"),), key="{a}.id")
-GRIPPER = Source((("a", "gripper"),), key="{a}.device_id")
-AUTOMATON = Source((("a", "automaton"),), key="{a}.id")
-OBJECT = Source((("a", "object_model"),), key="{a}.id")
-ACTION = Source((("a", "action"),), key="{a}.id")
-TASK = Source((("a", "task"),), map_id="{a}.map_id", key="{a}.id")
-PATH = Source((("a", "path"),), map_id="{a}.map_id", key="{a}.id")
+DEVICE = TripleTables((("a", "device"),), key="{a}.id")
+GRIPPER = TripleTables((("a", "gripper"),), key="{a}.device_id")
+AUTOMATON = TripleTables((("a", "automaton"),), key="{a}.id")
+OBJECT = TripleTables((("a", "object_model"),), key="{a}.id")
+ACTION = TripleTables((("a", "action"),), key="{a}.id")
+TASK = TripleTables((("a", "task"),), map_id="{a}.map_id", key="{a}.id")
+PATH = TripleTables((("a", "path"),), map_id="{a}.map_id", key="{a}.id")
 
 _DEVICE = Column("device", "{a}.id")
 _AUTOMATON = Column("automaton", "{a}.id")
@@ -43,7 +43,7 @@ _TYPE_FUNCTIONS = (
     "(SELECT DISTINCT c.sub, f.use FROM type_closure c JOIN semantic_type t ON t.name = c.super, "
     "unnest(t.functions) f (use)) AS {b}"
 )
-_MODELLED = Source(
+_MODELLED = TripleTables(
     (("a", "entity_object"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id"
 )
 
@@ -58,10 +58,12 @@ def _text_of_pose(name: str) -> str:
     return f"array_to_string({{a}}.{name}, ' ')"
 
 
-def _typed(source: Source, subject: Column, *types: str, where: str = "") -> Iterator[TripleMap]:
+def _typed(
+    source: TripleTables, subject: Column, *types: str, where: str = ""
+) -> Iterator[TripleMap]:
     """Yield triple maps that give the rows of a source classes of the ontology."""
     if where:
-        source = Source(source.tables, (*source.where, where), source.map_id, source.key)
+        source = TripleTables(source.tables, (*source.where, where), source.map_id, source.key)
     for type_ in types:
         yield TripleMap(f"{RDF}type", source, subject, constant(f"{SEMMAP}{type_}"))
 
@@ -75,7 +77,7 @@ def _kinds() -> Iterator[TripleMap]:
         names = ("Push", "Turn") if kind == "turn" else (kind.capitalize(),)
         yield from _typed(ACTION, _ACTION, *names, where=f"{{a}}.kind = '{kind}'")
     for shape in ("sphere", "cylinder", "cone", "cuboid"):
-        source = Source(OBJECT.tables, (f"{{a}}.shape = '{shape}'",), key=OBJECT.key)
+        source = TripleTables(OBJECT.tables, (f"{{a}}.shape = '{shape}'",), key=OBJECT.key)
         yield TripleMap(
             f"{SEMMAP}hasShape", source, _OBJECT, constant(f"{SEMMAP}{shape.capitalize()}")
         )
@@ -86,19 +88,19 @@ def _functions() -> Iterator[TripleMap]:
     name = f"{SEMMAP}hasFunction"
     yield TripleMap(
         f"{SEMMAP}usedFor",
-        Source((("a", "semantic_type"), ("b", "unnest({a}.functions) AS {b}(use)"))),
+        TripleTables((("a", "semantic_type"), ("b", "unnest({a}.functions) AS {b}(use)"))),
         Column("type", "{a}.name"),
         _class_of("{b}.use"),
     )
     yield TripleMap(
         name,
-        Source((("a", "object_model"), ("b", _TYPE_FUNCTIONS)), ("{b}.sub = {a}.type",)),
+        TripleTables((("a", "object_model"), ("b", _TYPE_FUNCTIONS)), ("{b}.sub = {a}.type",)),
         _OBJECT,
         _class_of("{b}.use"),
     )
     yield TripleMap(
         name,
-        Source(
+        TripleTables(
             (("a", "object_model"), ("b", "unnest({a}.functions) AS {b}(use)")),
             ("{b}.use <> ALL (functions_of({a}.type))",),
         ),
@@ -107,14 +109,16 @@ def _functions() -> Iterator[TripleMap]:
     )
     yield TripleMap(
         name,
-        Source((("a", "entity"), ("b", _TYPE_FUNCTIONS)), ("{b}.sub = {a}.type",), "{a}.map_id"),
+        TripleTables(
+            (("a", "entity"), ("b", _TYPE_FUNCTIONS)), ("{b}.sub = {a}.type",), "{a}.map_id"
+        ),
         Column("entity", "{a}.id"),
         _class_of("{b}.use"),
     )
     own = "(SELECT o.id, f.use FROM object_model o, unnest(o.functions) f (use)) AS {c}"
     yield TripleMap(
         name,
-        Source(
+        TripleTables(
             (*_MODELLED.tables, ("c", own)),
             (*_MODELLED.where, "{c}.id = {a}.object_id", "{c}.use <> ALL (functions_of({b}.type))"),
             _MODELLED.map_id,
@@ -136,7 +140,7 @@ def _links() -> Iterator[TripleMap]:
         in_map = "entity" in (left, right)
         yield TripleMap(
             f"{OWL}sameAs",
-            Source(
+            TripleTables(
                 (("a", "same_as()"),),
                 (f"{a} IS NOT NULL", f"{b} IS NOT NULL"),
                 "{a}.map_id" if in_map else None,
@@ -154,7 +158,7 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
     TripleMap(f"{RDFS}label", DEVICE, _DEVICE, Column("string", "{a}.name"), shared=True),
     TripleMap(
         f"{SEMMAP}capability",
-        Source((("a", "device"), ("b", "unnest({a}.capabilities) AS {b}(name)"))),
+        TripleTables((("a", "device"), ("b", "unnest({a}.capabilities) AS {b}(name)"))),
         _DEVICE,
         _class_of("{b}.name"),
     ),
@@ -228,13 +232,13 @@ MANIPULATION_TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}contributor",
-        Source((("a", "action"), ("b", "contributor")), ("{b}.id = {a}.contributor_id",)),
+        TripleTables((("a", "action"), ("b", "contributor")), ("{b}.id = {a}.contributor_id",)),
         _ACTION,
         Column("string", "{b}.name"),
     ),
     TripleMap(
         f"{SEMMAP}hasStep",
-        Source((("a", "action_step"),)),
+        TripleTables((("a", "action_step"),)),
         Column("action", "{a}.whole_id"),
         Column("action", "{a}.step_id"),
     ),

@@ -16,7 +16,7 @@ from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, resolve
 from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, Term, term_of
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred
-from semmap.knowledge.sparql.translator import Statement, translate
+from semmap.knowledge.sparql.translator import SqlStatement, translate
 from semmap.knowledge.vocabulary import map_namespace
 from semmap.query.entity_query import pick_map
 
@@ -104,7 +104,7 @@ class MapView:
         limit: int | None = None,
         kept: dict[Any, Any] | None = None,
         basis: Basis | None = None,
-    ) -> Statement:
+    ) -> SqlStatement:
         """Translate a pattern.
 
         Parameters
@@ -137,7 +137,7 @@ class MapView:
             if read < len(self.statements) + len(self.notes):
                 return made  # it has rows of fields, which change
             kept[key] = made
-        found: Statement = kept[key]
+        found: SqlStatement = kept[key]
         return found
 
     def _fields(self) -> FieldRows:
@@ -157,7 +157,7 @@ class MapView:
             self.notes.append,
         )
 
-    def run(self, statement: Statement) -> list[Row]:
+    def run(self, statement: SqlStatement) -> list[Row]:
         """Return the solutions of a statement."""
         self.statements.append(_shown(statement))
         if time.monotonic() > self.deadline:
@@ -191,6 +191,6 @@ class MapView:
             yield s, p, o
 
 
-def _shown(statement: Statement) -> str:
+def _shown(statement: SqlStatement) -> str:
     values = "".join(f"\n-- {name} = {value!r}" for name, value in statement.parameters.items())
     return statement.sql + values

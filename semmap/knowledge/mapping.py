@@ -15,8 +15,8 @@ from semmap.knowledge.triple_map import (
     Computed,
     Form,
     Node,
-    Source,
     TripleMap,
+    TripleTables,
     columns_of,
     constant,
 )
@@ -43,8 +43,8 @@ __all__ = [
     "Column",
     "Computed",
     "Form",
-    "Source",
     "TripleMap",
+    "TripleTables",
     "is_mapped",
 ]
 
@@ -79,29 +79,29 @@ DATATYPES: dict[Form, str] = {
 }
 
 
-ENTITY = Source((("a", "entity"),), map_id="{a}.map_id", key="{a}.id")
-TYPED = Source((("a", "object_type"),), map_id="{a}.map_id")
-WORLD = Source((("a", "world"),), map_id="{a}.map_id", key="{a}.entity_id")
-SHAPED = Source(
+ENTITY = TripleTables((("a", "entity"),), map_id="{a}.map_id", key="{a}.id")
+TYPED = TripleTables((("a", "object_type"),), map_id="{a}.map_id")
+WORLD = TripleTables((("a", "world"),), map_id="{a}.map_id", key="{a}.entity_id")
+SHAPED = TripleTables(
     (("a", "world"),), ("{a}.footprint IS NOT NULL",), map_id="{a}.map_id", key="{a}.entity_id"
 )
-PLACEMENT = Source((("a", "placement"),), key="{a}.entity_id", one_map=True)
-CONNECTOR = Source((("a", "connector"),), key="{a}.entity_id")
-ROOM = Source((("a", "room"),), key="{a}.entity_id")
-STOREY = Source((("a", "storey"),), key="{a}.entity_id")
-REGION = Source((("a", "region"),), key="{a}.entity_id")
-LINK = Source((("a", "link"),))
-CLASS = Source((("a", "semantic_type"),), key="{a}.name")
-BELIEF = Source(
+PLACEMENT = TripleTables((("a", "placement"),), key="{a}.entity_id", one_map=True)
+CONNECTOR = TripleTables((("a", "connector"),), key="{a}.entity_id")
+ROOM = TripleTables((("a", "room"),), key="{a}.entity_id")
+STOREY = TripleTables((("a", "storey"),), key="{a}.entity_id")
+REGION = TripleTables((("a", "region"),), key="{a}.entity_id")
+LINK = TripleTables((("a", "link"),))
+CLASS = TripleTables((("a", "semantic_type"),), key="{a}.name")
+BELIEF = TripleTables(
     (("a", "belief"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id"
 )
-OBSERVATION = Source(
+OBSERVATION = TripleTables(
     (("a", "observation"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id", "{a}.id"
 )
-FORMER = Source(
+FORMER = TripleTables(
     (("a", "placement_history"), ("b", "entity")), ("{b}.id = {a}.entity_id",), "{b}.map_id"
 )
-MODEL = Source(
+MODEL = TripleTables(
     (("a", "model"),),
     key="{a}.id",
 )
@@ -123,7 +123,7 @@ _BOX = "prism_tin(ST_Envelope({a}.box), ST_ZMin({a}.box), ST_ZMax({a}.box))"
 def _typed_as(iri: str, *types: str) -> Iterator[TripleMap]:
     """Yield triple maps that give the entities of a type a class of another vocabulary."""
     for type_ in types:
-        source = Source((("a", "object_type"),), (f"{{a}}.type = '{type_}'",), "{a}.map_id")
+        source = TripleTables((("a", "object_type"),), (f"{{a}}.type = '{type_}'",), "{a}.map_id")
         yield TripleMap(f"{RDF}type", source, _ID, constant(iri))
 
 
@@ -182,7 +182,7 @@ def _facts_of(table: str, condition: str, of_entity: str = "") -> Iterator[Tripl
                 *(of_entity.replace("{id}", each) for each in ids if of_entity),
                 condition,
             )
-            source = Source((("a", table),), where, "{a}.map_id")
+            source = TripleTables((("a", table),), where, "{a}.map_id")
             yield TripleMap("", source, subject, object_, name="{a}.predicate")
 
 
@@ -231,7 +231,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         PROPERTY,
-        Source((("a", "entity"), ("b", "jsonb_each({a}.properties)")), map_id="{a}.map_id"),
+        TripleTables((("a", "entity"), ("b", "jsonb_each({a}.properties)")), map_id="{a}.map_id"),
         _ID,
         Column("term", "json_text({b}.value)", "json_tag({b}.value)"),
         name="{b}.key",
@@ -253,14 +253,14 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}holds",
-        Source((("a", "placement"),), ("{a}.holder_id IS NOT NULL",), one_map=True),
+        TripleTables((("a", "placement"),), ("{a}.holder_id IS NOT NULL",), one_map=True),
         Column("entity", "{a}.holder_id"),
         _OF,
     ),
     *(
         TripleMap(
             iri,
-            Source((("a", "placement"),), (f"{{a}}.relation = '{relation}'",), one_map=True),
+            TripleTables((("a", "placement"),), (f"{{a}}.relation = '{relation}'",), one_map=True),
             _OF,
             Column("entity", "{a}.holder_id"),
             nullable=True,
@@ -274,13 +274,13 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{BOT}containsElement",
-        Source((("a", "placement"), ("b", "room")), ("{b}.entity_id = {a}.holder_id",)),
+        TripleTables((("a", "placement"), ("b", "room")), ("{b}.entity_id = {a}.holder_id",)),
         Column("entity", "{a}.holder_id"),
         _OF,
     ),
     TripleMap(
         f"{BOT}hasSpace",
-        Source(
+        TripleTables(
             (("a", "room"), ("b", "world")),
             ("{b}.entity_id = {a}.entity_id", "{b}.storey_id IS NOT NULL"),
             "{b}.map_id",
@@ -330,21 +330,21 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}connects",
-        Source((("a", "connector"),), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
+        TripleTables((("a", "connector"),), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
         _OF,
         Column("entity", "{a}.place_b"),
     ),
     TripleMap(f"{BOT}interfaceOf", CONNECTOR, _OF, Column("entity", "{a}.place_a")),
     TripleMap(
         f"{BOT}interfaceOf",
-        Source((("a", "connector"),), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
+        TripleTables((("a", "connector"),), ("{a}.place_b <> {a}.place_a",), key="{a}.entity_id"),
         _OF,
         Column("entity", "{a}.place_b"),
     ),
     *columns_of(REGION, _OF, ("partOf", "entity", "{a}.of_id"), ("origin", "string", "{a}.origin")),
     TripleMap(
         f"{SEMMAP}hasModel",
-        Source(
+        TripleTables(
             (("a", "entity_model"), ("b", "entity")),
             (
                 "{b}.id = {a}.entity_id",
@@ -386,7 +386,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     TripleMap(f"{SEMMAP}hasFormerPlacement", FORMER, _OF, _FORMER),
     TripleMap(
         f"{SEMMAP}formerHolder",
-        Source(
+        TripleTables(
             (("a", "placement_history"), ("b", "entity"), ("c", "entity")),
             ("{b}.id = {a}.entity_id", "{c}.id = {a}.holder_id"),
             "{b}.map_id",
@@ -406,7 +406,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     TripleMap(f"{RDF}type", CLASS, _TYPE, constant(f"{OWL}Class")),
     TripleMap(
         f"{RDFS}subClassOf",
-        Source((("a", "type_parent"),)),
+        TripleTables((("a", "type_parent"),)),
         Column("type", "{a}.type"),
         Column("type", "{a}.parent"),
         shared=True,
@@ -417,7 +417,7 @@ TRIPLES: tuple[TripleMap, ...] = (
     ),
     TripleMap(
         f"{SEMMAP}foundIn",
-        Source((("a", "semantic_type"), ("b", "unnest({a}.found_in) AS {b}(place)"))),
+        TripleTables((("a", "semantic_type"), ("b", "unnest({a}.found_in) AS {b}(place)"))),
         _TYPE,
         Column("type", "{b}.place"),
     ),
@@ -467,7 +467,7 @@ TOPOLOGICAL: dict[str, str] = _SF | {name: _by_pattern(*rule) for name, rule in 
 def _rewritten() -> Iterator[TripleMap]:
     """Yield the topological relations of features and geometries (GeoSPARQL 1.1, section 12)."""
     for name, condition in TOPOLOGICAL.items():
-        source = Source(
+        source = TripleTables(
             (("a", "world"), ("b", "world")),
             (
                 "{a}.footprint IS NOT NULL",

@@ -20,7 +20,7 @@ from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, SEMMAP, map_namespace, p
 from semmap.language.error import QueryError
 from semmap.language.parser import parse_sparql
 
-__all__ = ["Pattern", "name_of", "parse_pattern", "query_text", "variables"]
+__all__ = ["ClientPattern", "name_of", "parse_pattern", "query_text", "variables"]
 
 _BARE = re.compile(r"[^\W\d](?:[\w.%-]*[\w%-])?")
 _NAMELESS = "__"
@@ -43,7 +43,7 @@ _ABOUT_VOCABULARY = frozenset(
 
 
 @dataclass(frozen=True)
-class Pattern:
+class ClientPattern:
     """A triple of terms, some of which may be variables; the verb, its property, may be a path."""
 
     subject: Any
@@ -56,7 +56,7 @@ class Pattern:
         return self.subject, self.verb, self.object
 
 
-def parse_pattern(statement: str, map_name: str) -> Pattern:
+def parse_pattern(statement: str, map_name: str) -> ClientPattern:
     """Return the terms of a statement.
 
     A bare word is an individual of the map (`:word`), as property or class a term of KnowledgeCore
@@ -99,7 +99,7 @@ def parse_pattern(statement: str, map_name: str) -> Pattern:
         node = node.p
     if node.name != "BGP" or len(node.triples) != 1:
         raise ValueError(f"{statement!r}: this is more than one statement: give a list of them")
-    return Pattern(*map(_plain, node.triples[0]))
+    return ClientPattern(*map(_plain, node.triples[0]))
 
 
 def _word(word: str, prefix: str) -> str:
@@ -114,7 +114,7 @@ def _plain(term: Any) -> Any:
     return term if isinstance(term, (rdflib.Variable, Path)) else plain(term)
 
 
-def variables(patterns: Iterable[Pattern]) -> list[str]:
+def variables(patterns: Iterable[ClientPattern]) -> list[str]:
     """Return the names of the variables of patterns, in order; without those of ``*``."""
     terms = (term for pattern in patterns for term in pattern.terms)
     names = dict.fromkeys(str(term) for term in terms if isinstance(term, rdflib.Variable))
@@ -122,7 +122,7 @@ def variables(patterns: Iterable[Pattern]) -> list[str]:
 
 
 def query_text(
-    patterns: Sequence[Pattern], names: Sequence[str], graph: rdflib.URIRef | None
+    patterns: Sequence[ClientPattern], names: Sequence[str], graph: rdflib.URIRef | None
 ) -> str:
     """Return the query for all patterns: SELECT of the names, or ASK where there are none."""
     body = " . ".join(" ".join(term.n3() for term in pattern.terms) for pattern in patterns)

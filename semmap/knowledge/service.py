@@ -43,7 +43,7 @@ from semmap.knowledge.vocabulary import prefixes
 from semmap.knowledge.whole_graph import facts, serialized
 from semmap.language.error import QueryError
 
-__all__ = ["Endpoint", "read_tokens", "session_opener"]
+__all__ = ["SparqlEndpoint", "read_tokens", "session_opener"]
 
 Connect = Callable[[], psycopg.Connection[Any]]
 
@@ -79,7 +79,7 @@ class _ProtocolError(Exception):
         self.status, self.reason = status, reason
 
 
-class Endpoint:
+class SparqlEndpoint:
     """The endpoint of one map.
 
     Parameters

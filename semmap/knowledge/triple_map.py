@@ -12,8 +12,8 @@ __all__ = [
     "Computed",
     "Form",
     "Node",
-    "Source",
     "TripleMap",
+    "TripleTables",
     "columns_of",
     "constant",
 ]
@@ -56,7 +56,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Source:
+class TripleTables:
     """Tables, or functions of tables before them, by the letters that columns use for them.
 
     Attributes
@@ -88,7 +88,7 @@ class TripleMap:
     """
 
     property: str
-    source: Source
+    source: TripleTables
     subject: Column
     object: Column
     name: str | None = None
@@ -120,7 +120,7 @@ def constant(iri: str) -> Column:
 
 
 def columns_of(
-    source: Source, subject: Column, *columns: tuple[str, Form, str]
+    source: TripleTables, subject: Column, *columns: tuple[str, Form, str]
 ) -> Iterator[TripleMap]:
     """Yield a triple map for each property, form and column of a source."""
     for name, form, sql in columns:

@@ -22,11 +22,11 @@ from semmap.knowledge.vocabulary import prefixes
 from semmap.language.error import QueryError
 from semmap.language.parser import ParsedText, parse_sparql
 
-__all__ = ["Changes", "update"]
+__all__ = ["GraphChanges", "update"]
 
 
 @dataclass(frozen=True)
-class Changes:
+class GraphChanges:
     """What an update changed.
 
     Attributes
@@ -44,7 +44,7 @@ def update(
     *,
     seconds: float | None = None,
     dataset: Chosen | None = None,
-) -> Changes:
+) -> GraphChanges:
     """Carry out an update on the map that a session sees, as a whole or not at all.
 
     Facts that tables have columns for change these tables: a type, a label, a property, a link, a
@@ -83,7 +83,7 @@ def update(
                 with errors_of(parsed), _refusals(parsed, request):
                     more, less = _carried_out(view, request, dataset)
                 added, removed = added + more, removed + less
-    return Changes(added, removed)
+    return GraphChanges(added, removed)
 
 
 def _carried_out(view: MapView, request: Any, dataset: Chosen | None) -> tuple[int, int]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from semmap.manipulation.collision import Obstacles
     from semmap.manipulation.motion import Stroke
 
-__all__ = ["Motion", "approachable_rows", "plan_grasp", "plan_place", "plan_push"]
+__all__ = ["ArmMotion", "approachable_rows", "plan_grasp", "plan_place", "plan_push"]
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ LIFT = 0.1
 
 
 @dataclass(frozen=True)
-class Motion:
+class ArmMotion:
     """A motion of an arm that does an action.
 
     Attributes
@@ -102,7 +102,7 @@ def plan_grasp(
     *,
     state: Mapping[str, float] | None = None,
     seconds: float = 5.0,
-) -> Motion | None:
+) -> ArmMotion | None:
     """Return a motion of a robot's arm to the first grasp that it reaches; None if not found.
 
     A stored path to one of the grasps is followed if nothing has moved into its way. Else a motion
@@ -151,7 +151,7 @@ def plan_place(
     *,
     state: Mapping[str, float] | None = None,
     seconds: float = 5.0,
-) -> Motion | None:
+) -> ArmMotion | None:
     """Return a motion that puts an object down at the first place that is possible; else None.
 
     The object is in the gripper from the start on: the convex hull of its mesh is a part of the
@@ -204,7 +204,7 @@ def plan_push(
     *,
     state: Mapping[str, float] | None = None,
     seconds: float = 5.0,
-) -> Motion | None:
+) -> ArmMotion | None:
     """Return a motion of the closed gripper that does the first push that is possible; else None.
 
     Parameters
@@ -318,7 +318,7 @@ class _Planner(NamedTuple):
 
     def first(
         self, rows: Sequence[dict[str, Any]], strokes: _Strokes, back: _Strokes, seconds: float
-    ) -> Motion | None:
+    ) -> ArmMotion | None:
         """The motion to the first action for which a stored path, else a planned one, is free.
 
         Parameters
@@ -374,12 +374,12 @@ class _Planner(NamedTuple):
 
     def _motion(
         self, row: dict[str, Any], path: int, found: Sequence[Floats], back: Floats, *, reused: bool
-    ) -> Motion:
+    ) -> ArmMotion:
         joints = tuple(joint.name for joint in self.arm.joints)
         way, approach, *others = found
         after = others[0] if others else np.empty((0, len(joints)))
         spent = time.perf_counter() - self.begun
-        return Motion(row, joints, way, approach, after, back, path, reused, spent)
+        return ArmMotion(row, joints, way, approach, after, back, path, reused, spent)
 
     def _palm(self, grasp: Floats) -> Floats:
         """The pose of the palm in the map where the grasp frame is at a pose of the robot's."""

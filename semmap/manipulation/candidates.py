@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.gripper import PAD, Gripper
-from semmap.manipulation.solids import Shape, Solid, solid_of
+from semmap.manipulation.solids import ConvexSolid, PrimitiveShape, solid_of
 
 __all__ = ["ANGLES", "Grasp", "Grasps", "grasp_candidates", "without_duplicates"]
 
@@ -151,7 +151,7 @@ class Grasps:
 
 
 def grasp_candidates(
-    shape: Shape, gripper: Gripper, *, friction: float = 0.5, distance: float = 0.1
+    shape: PrimitiveShape, gripper: Gripper, *, friction: float = 0.5, distance: float = 0.1
 ) -> Grasps:
     """Return all grasps of a shape that fit the gripper and hold by friction, the best first.
 
@@ -251,7 +251,7 @@ def _none(gripper: Gripper) -> Grasps:
     return Grasps(gripper, poses, poses, numbers, numbers, texts, texts)
 
 
-def _frames(solid: Solid, gripper: Gripper) -> tuple[Floats, Floats, NDArray[np.intp]] | None:
+def _frames(solid: ConvexSolid, gripper: Gripper) -> tuple[Floats, Floats, NDArray[np.intp]] | None:
     """Rotations (N, 3, 3), targets (N, 3) of the pads, and offsets (N,) along y: -1, 0 or 1."""
     closing, approach = [], []
     angle = np.pi / (ANGLES - 1) * np.arange(2 * (ANGLES - 1))
@@ -300,7 +300,7 @@ class _Contacts(NamedTuple):
 
 
 def _contacts(
-    solid: Solid, gripper: Gripper, rotations: Floats, targets: Floats, friction: float
+    solid: ConvexSolid, gripper: Gripper, rotations: Floats, targets: Floats, friction: float
 ) -> _Contacts:
     x, y, z = np.moveaxis(rotations, 2, 0)
     count, fingers = len(targets), len(gripper.spread)

@@ -14,7 +14,7 @@ import typer
 from semmap import cli
 
 if TYPE_CHECKING:
-    from semmap.manipulation.arm_motions import Motion
+    from semmap.manipulation.arm_motions import ArmMotion
 
 __all__ = ["grasp_command", "manipulation", "place_command", "push_command"]
 
@@ -209,7 +209,7 @@ def _check_robot(
 
 
 def _moved(
-    motion: Motion | None, robot: str, rows: Sequence[Any], keys: Sequence[str]
+    motion: ArmMotion | None, robot: str, rows: Sequence[Any], keys: Sequence[str]
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The row of a motion with its positions under these keys; and why there is none."""
     if motion is None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.manipulation.candidates import Grasp
-from semmap.manipulation.trial import HEIGHT, Outcome, Rest
+from semmap.manipulation.trial import HEIGHT, Rest, TrialOutcome
 
 __all__ = [
     "Attempt",
@@ -59,7 +59,7 @@ class Expected:
     slipped: float = 0.03
     turned: float = 0.35
 
-    def mismatch(self, outcome: Outcome) -> Cause | None:
+    def mismatch(self, outcome: TrialOutcome) -> Cause | None:
         """Return how an outcome differs from the expected one; None for a success."""
         if outcome.pushed > self.pushed:
             return "pushed"
@@ -103,7 +103,7 @@ class Attempt:
     """
 
     grasp: Grasp
-    outcome: Outcome
+    outcome: TrialOutcome
     cause: Cause | None
     correction: Floats
 
@@ -127,7 +127,7 @@ def group_of(family: str) -> str:
     return " ".join((*words[:2], words[3])) if len(words) == 5 else family
 
 
-def corrected(grasp: Grasp, outcome: Outcome, cause: Cause, down: Floats) -> Floats | None:
+def corrected(grasp: Grasp, outcome: TrialOutcome, cause: Cause, down: Floats) -> Floats | None:
     """Return how to move a failed grasp, (3,) metres in its own frame; None for no idea.
 
     Parameters
@@ -150,7 +150,7 @@ def corrected(grasp: Grasp, outcome: Outcome, cause: Cause, down: Floats) -> Flo
 
 def learn_grasp(
     grasps: Iterable[Grasp],
-    attempt: Callable[[Grasp], Outcome],
+    attempt: Callable[[Grasp], TrialOutcome],
     upright: Callable[[Grasp], Floats],
     *,
     expected: Expected | None = None,

@@ -21,7 +21,7 @@ from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.automata import facing_first, reachable_rows
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.placing import Place, place_candidates, stability
+from semmap.manipulation.placing import PlacePose, place_candidates, stability
 from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import (
@@ -311,7 +311,7 @@ class _FreePlaces:
         self.before = np.array([_in_model(row, "pre_pose") for row in places])
         self.near = self.met = 0
 
-    def at(self, spot: Place) -> list[dict[str, Any]]:
+    def at(self, spot: PlacePose) -> list[dict[str, Any]]:
         """The rows of the free places at a spot, the best first."""
         from semmap.manipulation.collision import free_places
 
@@ -319,7 +319,11 @@ class _FreePlaces:
         return [_row(self.places[int(i)], spot) for i in np.flatnonzero(free)]
 
     def first(
-        self, spots: Sequence[Place], limit: int, arm: Arm | None = None, base: Pose | None = None
+        self,
+        spots: Sequence[PlacePose],
+        limit: int,
+        arm: Arm | None = None,
+        base: Pose | None = None,
     ) -> list[dict[str, Any]]:
         """For each spot, the first free place, or the first one that an arm reaches."""
         found: dict[tuple[float, ...], dict[str, Any]] = {}
@@ -338,7 +342,7 @@ class _FreePlaces:
                 break
         return list(found.values())
 
-    def _is_far(self, spot: Place, arm: Arm | None, base: Pose | None) -> bool:
+    def _is_far(self, spot: PlacePose, arm: Arm | None, base: Pose | None) -> bool:
         """Whether a spot is beyond the stretched arm, whatever the grasp."""
         if arm is None or base is None:
             return False
@@ -364,8 +368,8 @@ def _doubt(row: dict[str, Any]) -> float:
 
 
 def _in_order(
-    spots: Sequence[Place], towards: Sequence[float] | None, room: float = 0.5
-) -> list[Place]:
+    spots: Sequence[PlacePose], towards: Sequence[float] | None, room: float = 0.5
+) -> list[PlacePose]:
     """The spots with most room first; else, of those with enough, the nearest to a point first."""
     if towards is None:
         return list(spots)
@@ -375,7 +379,7 @@ def _in_order(
     )
 
 
-def _row(place: dict[str, Any], spot: Place) -> dict[str, Any]:
+def _row(place: dict[str, Any], spot: PlacePose) -> dict[str, Any]:
     """A place at a spot: its poses in the map's frame."""
     row = place | {"spot": Pose.from_matrix(spot.pose), "clearance": spot.clearance}
     for key in ("pose", "pre_pose", "post_pose"):

@@ -14,7 +14,7 @@ from shapely import Geometry, Polygon
 from semmap.geometry.surfaces import LevelPatch
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["Place", "place_candidates", "stability"]
+__all__ = ["PlacePose", "place_candidates", "stability"]
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ BASE = 0.003
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class PlacePose:
     """A pose of an object on a surface.
 
     Attributes
@@ -64,7 +64,7 @@ def place_candidates(
     margin: float = 0.01,
     spacing: float = 0.04,
     all_headings: bool = False,
-) -> list[Place]:
+) -> list[PlacePose]:
     """Return poses at which an object stands free on a surface, the ones with most room first.
 
     Parameters
@@ -127,7 +127,7 @@ def place_candidates(
             at, angle = spots[which[i]], float(angles[turn[i]])
             pose = _turned(upright, angle, middle, at, bottom - low[2])
             share = min(1.0, float(gap) / radius)
-            found.append(Place(pose, (float(at[0]), float(at[1])), number, float(gap), share))
+            found.append(PlacePose(pose, (float(at[0]), float(at[1])), number, float(gap), share))
     return sorted(found, key=lambda place: -place.clearance)
 
 

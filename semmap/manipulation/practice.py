@@ -23,7 +23,7 @@ from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
 from semmap.manipulation.shape_store import model_mesh
 from semmap.manipulation.task_store import record_task, replace_action
-from semmap.manipulation.trial import HEIGHT, Outcome, Rest, Trial, body_of
+from semmap.manipulation.trial import HEIGHT, Rest, Trial, TrialOutcome, body_of
 
 __all__ = ["NOT_HELD", "practise", "practise_places", "practise_pushes", "try_place"]
 
@@ -51,7 +51,7 @@ def practise(
     rows: Sequence[dict[str, Any]] | None = None,
     robot: str | None = None,
     counted: bool = True,
-    attempt: Callable[[Grasp], Outcome] | None = None,
+    attempt: Callable[[Grasp], TrialOutcome] | None = None,
     simulated: bool = True,
 ) -> list[dict[str, Any]]:
     """Try grasps of an object until one succeeds; store each outcome and what worked.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.error import ManipulationError
 
-__all__ = ["SIZES", "Shape", "Solid", "solid_of"]
+__all__ = ["SIZES", "ConvexSolid", "PrimitiveShape", "solid_of"]
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ SIZES = {
 """The sizes of each kind, metres."""
 
 
-class Shape(Protocol):
+class PrimitiveShape(Protocol):
     """A primitive that was fitted to points or to a mesh (`semmap.perception`)."""
 
     @property
@@ -48,7 +48,7 @@ class Shape(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class ConvexSolid:
     """A convex solid: the points p with N p <= b and p A p + k p <= c.
 
     Attributes
@@ -134,7 +134,7 @@ class Solid:
         return Mesh(np.asarray(made.vertices, np.float64), np.asarray(made.faces, np.int32))
 
 
-def solid_of(kind: str, size: Sequence[float]) -> Solid:
+def solid_of(kind: str, size: Sequence[float]) -> ConvexSolid:
     """Return the solid of a kind and its sizes.
 
     Raises
@@ -162,22 +162,24 @@ def solid_of(kind: str, size: Sequence[float]) -> Solid:
     if kind == "cuboid":
         normals = np.concatenate([np.eye(3), -np.eye(3)])
         offsets = np.tile(np.array(sizes) / 2, 2)
-        return Solid(kind, sizes, normals, offsets, none, none, 0.0, none, float(np.prod(sizes)))
+        return ConvexSolid(
+            kind, sizes, normals, offsets, none, none, 0.0, none, float(np.prod(sizes))
+        )
     radius = sizes[0]
     if kind == "sphere":
         nothing = np.zeros((0, 3)), np.zeros(0)
         volume = 4 / 3 * np.pi * radius**3
-        return Solid(kind, sizes, *nothing, np.ones(3), none, radius**2, none, float(volume))
+        return ConvexSolid(kind, sizes, *nothing, np.ones(3), none, radius**2, none, float(volume))
     height = sizes[1]
     if kind == "cylinder":
         ends = np.array([[0.0, 0, 1], [0, 0, -1]])
         volume = np.pi * radius**2 * height
         disc = np.array([1.0, 1, 0])
         half = np.full(2, height / 2)
-        return Solid(kind, sizes, ends, half, disc, none, radius**2, none, float(volume))
+        return ConvexSolid(kind, sizes, ends, half, disc, none, radius**2, none, float(volume))
     # (x, y) within r (1 - z / h): x² + y² - (r/h)² z² + 2 (r²/h) z <= r²
     slope = radius / height
-    return Solid(
+    return ConvexSolid(
         kind,
         sizes,
         np.array([[0.0, 0, -1], [0, 0, 1]]),

@@ -21,9 +21,9 @@ from semmap.manipulation.extra import library
 from semmap.manipulation.gripper import Gripper
 from semmap.manipulation.placing import ABOVE
 from semmap.manipulation.pushing import Push
-from semmap.manipulation.solids import Solid
+from semmap.manipulation.solids import ConvexSolid
 
-__all__ = ["Body", "Outcome", "Rest", "Trial", "body_of"]
+__all__ = ["Body", "Rest", "Trial", "TrialOutcome", "body_of"]
 
 Floats = NDArray[np.float64]
 
@@ -66,12 +66,12 @@ class Body:
     mass: float
     friction: float
     centre: Floats
-    solid: Solid | None = None
+    solid: ConvexSolid | None = None
     pose: Floats | None = None
 
 
 def body_of(
-    given: Solid | Mesh,
+    given: ConvexSolid | Mesh,
     *,
     pose: Floats | None = None,
     mass: float | None = None,
@@ -93,7 +93,7 @@ def body_of(
         A mesh without a volume, or a mass or friction that is not above 0.
     """
     pose = np.eye(4) if pose is None else pose
-    if isinstance(given, Solid):
+    if isinstance(given, ConvexSolid):
         made = given.mesh()
         mesh = Mesh(made.vertices @ pose[:3, :3].T + pose[:3, 3], made.faces)
         volume, centre = given.volume, pose[:3, :3] @ given.centre + pose[:3, 3]
@@ -105,7 +105,7 @@ def body_of(
         raise ManipulationError(
             f"object: mass {mass:g} kg and friction {friction:g}: above 0, each"
         )
-    solid = given if isinstance(given, Solid) else None
+    solid = given if isinstance(given, ConvexSolid) else None
     return Body(mesh, mass, friction, centre + np.array(offset), solid, pose)
 
 
@@ -130,7 +130,7 @@ def _hull_volume(mesh: Mesh) -> tuple[float, Floats]:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrialOutcome:
     """What a trial led to, as sensors would tell.
 
     Attributes
@@ -369,7 +369,7 @@ class Trial:
         *,
         closing: Mapping[str, float] | None = None,
         error: Floats | None = None,
-    ) -> Outcome:
+    ) -> TrialOutcome:
         """Try a grasp and return what happened.
 
         Parameters
@@ -402,7 +402,7 @@ class Trial:
         slip = (in_hand @ centre - held @ centre)[:3]
         turn = Rotation.from_matrix(in_hand[:3, :3] @ held[:3, :3].T).as_rotvec()
         moved = (held @ centre)[:3] - was
-        return Outcome(
+        return TrialOutcome(
             float((end @ centre)[2] - (start @ centre)[2]),
             float(np.linalg.norm(slip)),
             float(np.linalg.norm((reached @ centre)[:3] - (start @ centre)[:3])),

@@ -32,17 +32,17 @@ from semmap.model.history import (
 )
 from semmap.model.interlinking import DataRecord, DataSet, LinkSet, RecordLink
 from semmap.model.manipulation import (
-    Action,
     ActionStep,
     Automaton,
     Contributor,
     Device,
     EntityObject,
     Experience,
-    Gripper,
     ManipulationTask,
     ObjectMesh,
     ObjectModel,
+    StoredAction,
+    StoredGripper,
     StoredPath,
 )
 from semmap.model.mission import Mission, MissionStep, Reservation
@@ -59,7 +59,6 @@ from semmap.model.topology import (
 )
 
 __all__ = [
-    "Action",
     "ActionStep",
     "Agent",
     "Automaton",
@@ -86,7 +85,6 @@ __all__ = [
     "FieldBlock",
     "FieldVersion",
     "GeometricModel",
-    "Gripper",
     "Import",
     "Link",
     "LinkSet",
@@ -112,6 +110,8 @@ __all__ = [
     "Room",
     "SemanticType",
     "Statement",
+    "StoredAction",
+    "StoredGripper",
     "StoredPath",
     "Storey",
     "SupportSurface",

@@ -28,17 +28,17 @@ from semmap.model.entity import Entity, Map
 from semmap.model.semantics import SemanticType
 
 __all__ = [
-    "Action",
     "ActionStep",
     "Automaton",
     "Contributor",
     "Device",
     "EntityObject",
     "Experience",
-    "Gripper",
     "ManipulationTask",
     "ObjectMesh",
     "ObjectModel",
+    "StoredAction",
+    "StoredGripper",
     "StoredPath",
 ]
 
@@ -76,7 +76,7 @@ class Device(Base):
     capabilities: Mapped[list[str]] = mapped_column(ARRAY(Text), server_default=EMPTY)
 
 
-class Gripper(Base):
+class StoredGripper(Base):
     """A device that grips: how wide it opens and how deep its fingers are, metres."""
 
     __tablename__ = "gripper"
@@ -106,12 +106,12 @@ class Automaton(Base):
     id: Mapped[int] = mapped_column(Integer, Identity(), primary_key=True)
     name: Mapped[str] = mapped_column(unique=True)
     robot_id: Mapped[int] = mapped_column(ForeignKey(Device.id))
-    gripper_id: Mapped[int | None] = mapped_column(ForeignKey(Gripper.device_id))
+    gripper_id: Mapped[int | None] = mapped_column(ForeignKey(StoredGripper.device_id))
     sensor_id: Mapped[int | None] = mapped_column(ForeignKey(Device.id))
     posture: Mapped[dict[str, Any]] = mapped_column(server_default=EMPTY)
 
     robot: Mapped[Device] = relationship(foreign_keys=robot_id)
-    gripper: Mapped[Gripper | None] = relationship()
+    gripper: Mapped[StoredGripper | None] = relationship()
     sensor: Mapped[Device | None] = relationship(foreign_keys=sensor_id)
 
 
@@ -143,7 +143,7 @@ class ObjectModel(Base):
     contributor_id: Mapped[int] = mapped_column(ForeignKey(Contributor.id), server_default=OWN)
 
     meshes: Mapped[list[ObjectMesh]] = relationship(back_populates="object")
-    actions: Mapped[list[Action]] = relationship(back_populates="object")
+    actions: Mapped[list[StoredAction]] = relationship(back_populates="object")
 
 
 class ObjectMesh(Base):
@@ -170,7 +170,7 @@ class EntityObject(Base):
     object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
 
 
-class Action(Base):
+class StoredAction(Base):
     """How a gripper acts on an object model; poses of its grasp frame in the model's frame.
 
     `kind` is grasp, place, push, turn, open or put. `expected` is the expected share of successes.
@@ -207,7 +207,7 @@ class Action(Base):
     key: Mapped[UUID] = mapped_column(unique=True, server_default=text("gen_random_uuid()"))
     kind: Mapped[str]
     object_id: Mapped[int] = mapped_column(ForeignKey(ObjectModel.id, ondelete="CASCADE"))
-    gripper_id: Mapped[int] = mapped_column(ForeignKey(Gripper.device_id, ondelete="CASCADE"))
+    gripper_id: Mapped[int] = mapped_column(ForeignKey(StoredGripper.device_id, ondelete="CASCADE"))
     pose: Mapped[Pose | None] = mapped_column(PoseColumn)
     pre_pose: Mapped[Pose | None] = mapped_column(PoseColumn)
     post_pose: Mapped[Pose | None] = mapped_column(PoseColumn)
@@ -231,9 +231,9 @@ class Action(Base):
     created_at: Mapped[datetime] = mapped_column(server_default=NOW)
 
     object: Mapped[ObjectModel] = relationship(back_populates="actions")
-    gripper: Mapped[Gripper] = relationship()
+    gripper: Mapped[StoredGripper] = relationship()
     contributor: Mapped[Contributor] = relationship()
-    steps: Mapped[list[Action]] = relationship(
+    steps: Mapped[list[StoredAction]] = relationship(
         secondary="semmap.action_step",
         primaryjoin="Action.id == ActionStep.whole_id",
         secondaryjoin="Action.id == ActionStep.step_id",
@@ -249,10 +249,10 @@ class ActionStep(Base):
     __table_args__ = (Index("action_step_step", "step_id"),)
 
     whole_id: Mapped[int] = mapped_column(
-        ForeignKey(Action.id, ondelete="CASCADE"), primary_key=True
+        ForeignKey(StoredAction.id, ondelete="CASCADE"), primary_key=True
     )
     number: Mapped[int] = mapped_column(primary_key=True)
-    step_id: Mapped[int] = mapped_column(ForeignKey(Action.id, ondelete="CASCADE"))
+    step_id: Mapped[int] = mapped_column(ForeignKey(StoredAction.id, ondelete="CASCADE"))
 
 
 class Experience(Base):
@@ -262,7 +262,7 @@ class Experience(Base):
     __table_args__ = (Index("experience_contributor", "contributor_id"),)
 
     action_id: Mapped[int] = mapped_column(
-        ForeignKey(Action.id, ondelete="CASCADE"), primary_key=True
+        ForeignKey(StoredAction.id, ondelete="CASCADE"), primary_key=True
     )
     contributor_id: Mapped[int] = mapped_column(
         ForeignKey(Contributor.id, ondelete="CASCADE"), primary_key=True
@@ -316,7 +316,7 @@ class ManipulationTask(Base):
     robot_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
     kind: Mapped[str]
     entity_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
-    action_id: Mapped[int | None] = mapped_column(ForeignKey(Action.id, ondelete="SET NULL"))
+    action_id: Mapped[int | None] = mapped_column(ForeignKey(StoredAction.id, ondelete="SET NULL"))
     start: Mapped[Pose | None] = mapped_column(PoseColumn)
     goal: Mapped[Pose | None] = mapped_column(PoseColumn)
     deadline: Mapped[datetime | None]
@@ -327,4 +327,4 @@ class ManipulationTask(Base):
     ended_at: Mapped[datetime | None]
 
     entity: Mapped[Entity | None] = relationship(foreign_keys=entity_id)
-    action: Mapped[Action | None] = relationship()
+    action: Mapped[StoredAction | None] = relationship()

@@ -24,9 +24,9 @@ from semmap.perception.registration import IcpTarget
 
 __all__ = [
     "VOXEL",
-    "Look",
+    "KnownObject",
     "ModelView",
-    "ObjectModel",
+    "PointView",
     "depth_points",
     "describe",
     "sphere_directions",
@@ -43,7 +43,7 @@ WIDEST = 0.3
 """Metres that the bins reach from the middle."""
 
 
-class Look(NamedTuple):
+class PointView(NamedTuple):
     """Points as seen along the line of sight to their mean.
 
     Attributes
@@ -72,11 +72,11 @@ class ModelView(NamedTuple):
 
     direction: Floats
     points: Floats
-    look: Look
+    look: PointView
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectModel:
+class KnownObject:
     """A known object.
 
     Attributes
@@ -121,7 +121,7 @@ class ObjectModel:
         return np.array([view.direction for view in self.views])
 
 
-def train_model(name: str, mesh: Mesh, *, views: int = 42) -> ObjectModel:
+def train_model(name: str, mesh: Mesh, *, views: int = 42) -> KnownObject:
     """Return a model of a mesh, seen from directions that cover the sphere evenly.
 
     Parameters
@@ -151,7 +151,7 @@ def train_model(name: str, mesh: Mesh, *, views: int = 42) -> ObjectModel:
         )
     middle = (used.min(axis=0) + used.max(axis=0)) / 2
     radius = float(np.linalg.norm(width)) / 2
-    return ObjectModel(
+    return KnownObject(
         name, tuple(_view(mesh.triangles, middle, radius, d) for d in sphere_directions(views))
     )
 
@@ -179,7 +179,7 @@ def depth_points(camera: DepthCamera, depths: ArrayLike) -> Floats:
     return np.asarray(rays * ahead[..., None])
 
 
-def describe(points: Floats, eye: Floats) -> Look:
+def describe(points: Floats, eye: Floats) -> PointView:
     """Return the descriptor of points (n, 3) that a camera at `eye` (3,) sees."""
     centre = points.mean(axis=0)
     sight = centre - eye
@@ -196,7 +196,7 @@ def describe(points: Floats, eye: Floats) -> Look:
     sector = (angle / (2 * np.pi) * TURN).astype(int) % TURN
     channels = (rho, rho * local[:, 2] * 10, rho * np.abs(normals[:, 2]))
     signature = np.array([np.bincount(sector, w, TURN) for w in channels]) / len(points)
-    return Look(centre, frame, descriptor, signature)
+    return PointView(centre, frame, descriptor, signature)
 
 
 def _view(triangles: Floats, middle: Floats, radius: float, direction: Floats) -> ModelView:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from semmap.perception.error import PerceptionError
-from semmap.perception.models import VOXEL, Look, ModelView, ObjectModel, describe
+from semmap.perception.models import VOXEL, KnownObject, ModelView, PointView, describe
 from semmap.perception.placeholders import Placeholder, subtract_placeholder
 from semmap.perception.plane import unit_vector
 from semmap.perception.point_cloud import Floats, checked_points, voxel_downsample
@@ -112,7 +112,7 @@ class Scene:
 
 def recognise(
     points: ArrayLike,
-    models: Sequence[ObjectModel],
+    models: Sequence[KnownObject],
     *,
     up: ArrayLike = (0, 0, 1),
     eye: ArrayLike = (0, 0, 0),
@@ -176,7 +176,7 @@ def _clusters(points: Floats) -> list[Floats]:
 
 def recognise_cluster(
     cluster: ArrayLike,
-    models: Sequence[ObjectModel],
+    models: Sequence[KnownObject],
     scene: Scene,
     *,
     least_score: float = LEAST_SCORE,
@@ -209,7 +209,9 @@ def recognise_cluster(
     return Recognition(name if known else None, pose if known else None, score, look.centre)
 
 
-def _fit(points: Floats, look: Look, model: ObjectModel, scene: Scene) -> tuple[float, Floats, str]:
+def _fit(
+    points: Floats, look: PointView, model: KnownObject, scene: Scene
+) -> tuple[float, Floats, str]:
     """The score and pose of the model's best fit to a cluster."""
     distance = np.linalg.norm(model.descriptors - look.descriptor, axis=1)
     starts = [
@@ -232,7 +234,7 @@ def _fit(points: Floats, look: Look, model: ObjectModel, scene: Scene) -> tuple[
     return found
 
 
-def _nearest(poses: list[Floats], points: Floats, model: ObjectModel, count: int) -> list[Floats]:
+def _nearest(poses: list[Floats], points: Floats, model: KnownObject, count: int) -> list[Floats]:
     """The poses of the camera in the model's frame that bring points nearest to the model."""
     off = [
         np.minimum(model.tree.query(moved(pose, points), distance_upper_bound=0.03)[0], 0.03).mean()
@@ -245,7 +247,7 @@ def _inverse(pose: Floats) -> Floats:
     return np.asarray(np.linalg.inv(pose), float)
 
 
-def _poses(look: Look, view: ModelView) -> list[Floats]:
+def _poses(look: PointView, view: ModelView) -> list[Floats]:
     """The camera's frame in the model's, for the rolls that bring a view to the cluster."""
     spectrum = np.fft.rfft(look.signature) * np.conj(np.fft.rfft(view.look.signature))
     alike = np.fft.irfft(spectrum, look.signature.shape[1]).sum(axis=0)
@@ -263,7 +265,7 @@ def _poses(look: Look, view: ModelView) -> list[Floats]:
     return poses
 
 
-def _score(points: Floats, pose: Floats, model: ObjectModel, scene: Scene) -> float:
+def _score(points: Floats, pose: Floats, model: KnownObject, scene: Scene) -> float:
     """How well a pose of the camera in the model's frame explains what is and is not seen."""
     on_model = float((model.tree.query(moved(pose, points))[0] < NEAR).mean())
     eye = moved(pose, scene.eye[None])[0] - model.points.mean(axis=0)

@@ -12,7 +12,7 @@ import semmap as library
 from semmap import SemanticMap
 from semmap.belief.error import BeliefError
 from semmap.belief.estimates import belief_with_motion, belief_with_occlusion, known_volumes
-from semmap.belief.motion import Motion
+from semmap.belief.motion import MotionModel
 from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model
 from semmap.belief.store import add_observations, read_belief
@@ -59,7 +59,7 @@ def test_an_old_sighting_fades_into_the_prior_when_objects_move(flat: SemanticMa
     new = weight / (weight + 1 - prior)
     for seconds in (10.0, 1000.0, 1e9):
         keep = math.exp(-1000.0 / seconds)
-        found = belief_with_motion(session, ["coke"], Motion(seconds), NOW)["coke"]
+        found = belief_with_motion(session, ["coke"], MotionModel(seconds), NOW)["coke"]
         assert found["bench"] == pytest.approx(keep * new + (1 - keep) * prior)
 
 

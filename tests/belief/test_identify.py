@@ -12,12 +12,12 @@ from sqlalchemy import Connection
 from semmap import SemanticMap
 from semmap.belief.error import BeliefError
 from semmap.belief.identify import Detection, identify
-from semmap.belief.motion import Motion
+from semmap.belief.motion import MotionModel
 from semmap.belief.store import add_observations, read_belief
 from semmap.query.maps import see_map
 
 ON_BENCH, ON_TABLE = (6.0, 1.0, 0.5), (1.5, 1.5, 0.8)
-SELDOM = Motion(1e12)
+SELDOM = MotionModel(1e12)
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_a_mug_elsewhere_is_new_unless_the_known_one_may_have_moved(
     (one,) = identify(connection, [Detection("mug", ON_TABLE)], motion=SELDOM)
     assert one.place == "table"
     assert one.new > 0.95
-    (one,) = identify(connection, [Detection("mug", ON_TABLE)], motion=Motion(1e-9))
+    (one,) = identify(connection, [Detection("mug", ON_TABLE)], motion=MotionModel(1e-9))
     belief = read_belief(connection, "mug")["table"]
     assert one.known["mug"] > 0.3 > belief
 

@@ -61,8 +61,10 @@ def test_a_detection_is_put_onto_its_place_in_the_frame_of_the_place(
     assert row["position"] == pytest.approx([-0.1, 0.1, 0.5])
     assert observe_point(connection, "mug", (2.6, 0.3, 0.05))["place"] == "kitchen"
     assert [found[:2] for found in observations(connection)] == [
-        ("table", True), ("bench", True), ("kitchen", True)
-    ]  # fmt: skip
+        ("table", True),
+        ("bench", True),
+        ("kitchen", True),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from semmap.belief.error import BeliefError
 from semmap.belief.inference import Observations, infer
-from semmap.belief.motion import Motion, infer_with_motion
+from semmap.belief.motion import MotionModel, infer_with_motion
 from semmap.belief.sighting_model import SightingModel
 from tests.belief.cases import Case, looks_of, random_case
 
@@ -50,7 +50,7 @@ def test_agrees_with_the_sum_over_all_paths(seed: int) -> None:
     random = np.random.default_rng(seed)
     case = random_case(random, *random.integers((1, 1, 0), (4, 4, 7)))
     destinations = random.dirichlet(np.ones(case.prior.shape[1]), len(case.prior))
-    found = infer_with_motion(*case[:3], Motion(40.0), destinations)
+    found = infer_with_motion(*case[:3], MotionModel(40.0), destinations)
     np.testing.assert_allclose(found, by_paths(case, destinations, 40.0), rtol=0, atol=1e-12)
 
 
@@ -68,7 +68,7 @@ def test_many_steps_are_one(seed: int, steps: int) -> None:
     random = np.random.default_rng(seed)
     belief, goals = random.dirichlet(np.ones(5), 3), random.dirichlet(np.ones(5), 3)
     mobility, seconds = random.random(3), random.random(3) * 1000
-    motion = Motion(500.0)
+    motion = MotionModel(500.0)
     once = motion.after(belief, goals, mobility, seconds)
     for _ in range(steps):
         belief = motion.after(belief, goals, mobility, seconds / steps)
@@ -94,7 +94,7 @@ def test_beliefs_are_distributions(seed: int, looks: int, oldest: float, mobilit
 def test_an_old_sighting_fades_into_the_destinations() -> None:
     def table(age: float) -> float:
         seen = Observations([0], [0], [age], [True])
-        return float(infer_with_motion([[0.1, 0.9]], seen, [1.0], Motion(100.0))[0, 0])
+        return float(infer_with_motion([[0.1, 0.9]], seen, [1.0], MotionModel(100.0))[0, 0])
 
     fresh = 0.1 * 3.5 / (0.1 * 3.5 + 0.9)
     assert table(0.0) == pytest.approx(fresh)
@@ -104,7 +104,7 @@ def test_an_old_sighting_fades_into_the_destinations() -> None:
 
 def test_numbers_that_are_no_motion() -> None:
     with pytest.raises(BeliefError, match="seconds is 0: give a number above 0"):
-        Motion(0.0)
+        MotionModel(0.0)
     nothing = Observations([], [], [], [])
     with pytest.raises(BeliefError, match=r"destinations have shape \(1, 3\)"):
         infer_with_motion([[0.5, 0.5]], nothing, [1.0], destinations=[[0.2, 0.3, 0.5]])

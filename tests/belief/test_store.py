@@ -196,9 +196,12 @@ def test_a_new_observation_is_announced(flat_map: SemanticMap) -> None:
         assert [(c["what"], c["names"]) for c in flat_map.changes(cursor)] == [("belief", ["mug"])]
         with flat_map.session() as session:
             row = session.scalars(
-                select(Belief).join(Belief.entity).where(Entity.name == "mug")
-                .order_by(Belief.probability.desc()).limit(1)
-            ).one()  # fmt: skip
+                select(Belief)
+                .join(Belief.entity)
+                .where(Entity.name == "mug")
+                .order_by(Belief.probability.desc())
+                .limit(1)
+            ).one()
             assert row.place is not None
             assert row.place.name == "bench"
     finally:

@@ -13,7 +13,7 @@ from semmap import SemanticMap
 from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
 from semmap.belief.grammar import spoken, write_grammar
-from semmap.belief.teaching import Action, parse_teaching, read_teaching
+from semmap.belief.teaching import KnownAction, parse_teaching, read_teaching
 from semmap.belief.teaching_store import vocabulary
 from semmap.ingest.world import WorldError
 
@@ -35,14 +35,17 @@ THESIS: dict[str, Any] = {
     ],
     "objs": [
         {
-            "name": "coke2", "clas": "SodaCan", "base_area": "0.0035", "volume": "0.0004",
+            "name": "coke2",
+            "clas": "SodaCan",
+            "base_area": "0.0035",
+            "volume": "0.0004",
             "occurrences": [
                 {"place": "table", "x": 0.2, "y": -0.1, "time": 1.6e9},
                 {"place": "kitchen", "time": "2026-05-01T12:00:00Z", "seen": False},
             ],
         }
     ],
-}  # fmt: skip
+}
 STATES = ("object_found", "object_held", "object_delivered")
 
 
@@ -56,9 +59,7 @@ def lesson(**more: Any) -> dict[str, Any]:
 
 def test_each_field_of_the_thesis_has_a_home(flat: SemanticMap) -> None:
     counts = flat.teach(lesson())
-    assert counts == {
-        "types": 6, "relations": 4, "actions": 2, "objects": 1, "observations": 2
-    }  # fmt: skip
+    assert counts == {"types": 6, "relations": 4, "actions": 2, "objects": 1, "observations": 2}
     coke = flat["coke2"]
     assert coke.is_a("movable_object")
     assert coke.properties == {"base_area": 0.0035, "volume": 0.0004}
@@ -136,7 +137,7 @@ def seen_at(name: str, **occurrence: Any) -> dict[str, Any]:
         ({}, "teaches nothing"),
         ([], r"is \[\]: give names"),
     ],
-)  # fmt: skip
+)
 def test_contradictions_are_refused_and_nothing_is_stored(
     flat: SemanticMap, taught: Any, message: str
 ) -> None:
@@ -206,7 +207,7 @@ def test_the_map_file_of_the_thesis_is_read(tmp_path: Path, flat: SemanticMap) -
     (coke,) = teaching.objects
     assert coke.properties == pytest.approx({"base_area": 6.6e-5, "volume": 6.6e-6})
     assert coke.occurrences[0]["position"] == [0.1, 0.2, 0.0]
-    assert teaching.actions == (Action("bring", "sodacan", "object"),)
+    assert teaching.actions == (KnownAction("bring", "sodacan", "object"),)
     assert str(teaching.relations[0]) == "sodacan isA object"
     assert flat.teach(path)["observations"] == 1
     for broken, message in (
@@ -229,11 +230,14 @@ def test_the_map_file_of_the_thesis_is_read(tmp_path: Path, flat: SemanticMap) -
 
 def test_the_shortest_chain_of_actions_is_found() -> None:
     actions = [
-        Action("walk", "awake", "at_shop"), Action("buy", "at_shop", "food"),
-        Action("grow", "seed", "food"), Action("dig", "garden", "seed"),
-        Action("eat", "food", "fed"),
-        Action("spin", "dizzy", "round"), Action("turn", "round", "dizzy"),
-    ]  # fmt: skip
+        KnownAction("walk", "awake", "at_shop"),
+        KnownAction("buy", "at_shop", "food"),
+        KnownAction("grow", "seed", "food"),
+        KnownAction("dig", "garden", "seed"),
+        KnownAction("eat", "food", "fed"),
+        KnownAction("spin", "dizzy", "round"),
+        KnownAction("turn", "round", "dizzy"),
+    ]
 
     def is_a(name: str, other: str) -> bool:
         return name == other or (name, other) == ("pear", "food")
@@ -258,10 +262,13 @@ def accepts(gbnf: str, sentence: str) -> bool:
     def pattern(rule: str) -> str:
         parts = re.findall(r'"(?:[^"\\]|\\.)*"|\(|\)\??|\||[a-z]+', rules[rule])
         return "".join(
-            re.escape(p[1:-1].replace('\\"', '"')) if p.startswith('"')
-            else p if p[0] in "()|" else f"(?:{pattern(p)})"
+            re.escape(p[1:-1].replace('\\"', '"'))
+            if p.startswith('"')
+            else p
+            if p[0] in "()|"
+            else f"(?:{pattern(p)})"
             for p in parts
-        )  # fmt: skip
+        )
 
     return re.fullmatch(pattern("root"), sentence) is not None
 

@@ -12,14 +12,14 @@ import shapely
 import trimesh
 
 from semmap.belief.error import BeliefError
-from semmap.belief.places import Place, Surface, place_at, sample_points
+from semmap.belief.places import BeliefPlace, Surface, place_at, sample_points
 from semmap.belief.views import camera_at, visible_points, visible_shares
 
 
-def box_place(name: str, x: float, y: float, top: float, size: float = 1.0) -> Place:
+def box_place(name: str, x: float, y: float, top: float, size: float = 1.0) -> BeliefPlace:
     outline = shapely.box(x - size / 2, y - size / 2, x + size / 2, y + size / 2)
     low = np.array([x - size / 2, y - size / 2, 0])
-    return Place(
+    return BeliefPlace(
         name, "object", (Surface(outline, top),), low, low + np.array([size, size, top]), outline
     )
 
@@ -94,21 +94,27 @@ def test_points_are_spread_over_the_surfaces_of_a_place() -> None:
 def test_a_point_is_at_the_surface_below_it_else_in_the_room() -> None:
     shelf = box_place("shelf", 1, 1, 0.4)
     board = Surface(shapely.box(0.5, 0.5, 1.5, 1.5), 0.9)
-    shelf = Place(
+    shelf = BeliefPlace(
         "shelf", "object", (*shelf.surfaces, board), shelf.low, shelf.high, shelf.footprint
     )
     table = box_place("table", 3, 1, 0.75)
     floor = shapely.box(0, 0, 5, 5)
-    room = Place(
+    room = BeliefPlace(
         "room", "room", (Surface(floor, 0.0),), np.zeros(3), np.array([5.0, 5, 2.5]), floor
     )
     bin_ = replace(box_place("bin", 4, 4, 0.6, 0.4), surfaces=(), stores=True)
     places = [room, shelf, table, bin_]
     names = {
-        (1, 1, 0.5): "shelf", (1, 1, 0.95): "shelf", (3, 1, 0.8): "table", (3.51, 1, 0.8): "table",
+        (1, 1, 0.5): "shelf",
+        (1, 1, 0.95): "shelf",
+        (3, 1, 0.8): "table",
+        (3.51, 1, 0.8): "table",
         (4, 4, 0.3): "bin",
-        (3, 1, 0.05): "room", (4.5, 4.5, 0.1): "room", (4.5, 4.5, 9): None, (-1, 0, 0.1): None,
-    }  # fmt: skip
+        (3, 1, 0.05): "room",
+        (4.5, 4.5, 0.1): "room",
+        (4.5, 4.5, 9): None,
+        (-1, 0, 0.1): None,
+    }
     for point, name in names.items():
         found = place_at(places, point)
         assert (found.name if found else None) == name, point

@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from semmap.fields.relations.facts import Fact, RelationEvent
+from semmap.fields.relations.facts import RelationEvent, RelationFact
 
 SCRIPT = Path(__file__).parents[2] / "examples/moving_solids.py"
 
@@ -41,16 +41,16 @@ def test_the_story(example: ModuleType) -> None:
         for name, by, turn in moves:
             scene.move(name, by, turn)
     for begins, fact in (
-        (True, Fact("on", "mug", "table")),
-        (False, Fact("on", "mug", "table")),
-        (True, Fact("in", "mug", "zone_943")),
-        (False, Fact("in", "mug", "zone_943")),
-        (True, Fact("sees", "human1", "mug")),
-        (False, Fact("sees", "human1", "mug")),
-        (True, Fact("touching", "ball", "ring")),
-        (False, Fact("touching", "ball", "ring")),
-        (True, Fact("touching", "mug", "wedge")),
-        (True, Fact("on", "wedge", "table")),
+        (True, RelationFact("on", "mug", "table")),
+        (False, RelationFact("on", "mug", "table")),
+        (True, RelationFact("in", "mug", "zone_943")),
+        (False, RelationFact("in", "mug", "zone_943")),
+        (True, RelationFact("sees", "human1", "mug")),
+        (False, RelationFact("sees", "human1", "mug")),
+        (True, RelationFact("touching", "ball", "ring")),
+        (False, RelationFact("touching", "ball", "ring")),
+        (True, RelationFact("touching", "mug", "wedge")),
+        (True, RelationFact("on", "wedge", "table")),
     ):
         assert sum(e.fact == fact and e.began == begins for e in heard) == 1, (begins, fact)
     sets = scene.sets()

@@ -18,7 +18,7 @@ import rdflib
 import uvicorn
 
 from semmap import SemanticMap
-from semmap.knowledge.service import Endpoint, read_tokens, session_opener
+from semmap.knowledge.service import SparqlEndpoint, read_tokens, session_opener
 from semmap.knowledge.whole_graph import without_warnings
 
 WRITER, READER = "w" * 20, "r" * 20
@@ -41,7 +41,7 @@ def connector(loft_map: SemanticMap, role: str | None) -> Callable[[], psycopg.C
 
 
 @contextmanager
-def serving(endpoint: Endpoint) -> Iterator[httpx.Client]:
+def serving(endpoint: SparqlEndpoint) -> Iterator[httpx.Client]:
     """Serve an endpoint on a free port of this machine."""
     server = uvicorn.Server(
         uvicorn.Config(endpoint.app, host="127.0.0.1", port=0, log_level="error", ws="none")
@@ -61,7 +61,7 @@ def serving(endpoint: Endpoint) -> Iterator[httpx.Client]:
 
 @pytest.fixture(scope="module")
 def client(loft_map: SemanticMap) -> Iterator[httpx.Client]:
-    endpoint = Endpoint(
+    endpoint = SparqlEndpoint(
         connector(loft_map, "semmap_reader"),
         connector(loft_map, None),
         {WRITER: "semmap_robot", READER: "semmap_reader"},
@@ -208,7 +208,7 @@ def test_an_update_reads_the_dataset_of_its_request(client: httpx.Client) -> Non
 
 def test_a_query_that_takes_too_long_is_stopped(loft_map: SemanticMap) -> None:
     connect = connector(loft_map, "semmap_reader")
-    endpoint = Endpoint(connect, connect, seconds=0.2)
+    endpoint = SparqlEndpoint(connect, connect, seconds=0.2)
     text = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
     with serving(endpoint) as client:
         answer = client.get("/sparql", params={"query": text})
@@ -226,7 +226,7 @@ def test_a_session_serves_many_queries_until_the_server_ends_it(loft_map: Semant
         opened.append(session.info.backend_pid)
         return session
 
-    with serving(Endpoint(connect, connect)) as client:
+    with serving(SparqlEndpoint(connect, connect)) as client:
         for _ in range(3):
             assert client.get("/sparql", params={"query": QUERY}).status_code == 200
         assert len(opened) == 1

@@ -18,7 +18,7 @@ from semmap.manipulation.retrieval import (
     stored_gripper,
 )
 from semmap.manipulation.solids import solid_of
-from semmap.manipulation.trial import Outcome, Trial, body_of
+from semmap.manipulation.trial import Trial, TrialOutcome, body_of
 from tests.manipulation.grippers import urdf
 
 
@@ -137,7 +137,9 @@ def test_a_correction_that_leads_back_is_not_tried(cups):
     turn = tuple((0.6 * np.cross([0.0, *down[2:0:-1] * [1, -1]], down)).tolist())
     back = tuple(-v for v in turn)
     held = {"lifted": 0.15, "slipped": 0.0, "pushed": 0.0, "grip": 0.05, "width": 0.05}
-    outcomes = iter(Outcome(**held, turned=t, shift=(0, 0, 0)) for t in (turn, back, (0, 0, 0)))
+    outcomes = iter(
+        TrialOutcome(**held, turned=t, shift=(0, 0, 0)) for t in (turn, back, (0, 0, 0))
+    )
     attempts = practise(session, "cup1", "panda", attempt=lambda grasp: next(outcomes))
     assert [a["outcome"] for a in attempts] == ["turned", "turned", "completed"]
     assert [a["moved"] > 0 for a in attempts] == [False, True, False]

@@ -31,7 +31,7 @@ from semmap.manipulation.reader import (
     path_between,
 )
 from semmap.manipulation.task_store import add_task, end_task, record_task
-from semmap.model import Action, Automaton, ManipulationTask, ObjectModel
+from semmap.model import Automaton, ManipulationTask, ObjectModel, StoredAction
 from semmap.snake_case import snake_case
 from tests.manipulation.cup_map import candidate, primitive
 
@@ -312,7 +312,7 @@ def test_the_orm_has_the_rows(cup_map: SemanticMap) -> None:
     (id_,) = add_actions(here, "cup1", None, [candidate()])
     try:
         with Session(cup_map.database.engine) as orm:
-            action = orm.scalars(select(Action).where(Action.id == id_)).one()
+            action = orm.scalars(select(StoredAction).where(StoredAction.id == id_)).one()
             assert action.object.key.startswith("mesh:")
             assert action.gripper.device.name == "two_fingers"
             assert action.pose.matrix == pytest.approx(candidate().pose)
@@ -338,12 +338,12 @@ def test_the_orm_has_composed_actions_pushes_doors_deadlines_and_automata(
     add_automaton(here, "all of it", "lift", "wide", "eye")
     try:
         with Session(cup_map.database.engine) as orm:
-            put = orm.get_one(Action, whole)
+            put = orm.get_one(StoredAction, whole)
             assert [step.id for step in put.steps] == [grasp, place]
             assert put.pose is None
             kinds = {push: (PUSH, "push"), turn: (TURN, "turn"), door: (OPEN, "open")}
             for id_, (record, kind) in kinds.items():
-                stored = orm.get_one(Action, id_)
+                stored = orm.get_one(StoredAction, id_)
                 assert (stored.kind, stored.motion) == (kind, list(record.motion))
             ordered = orm.get_one(ManipulationTask, task)
             assert (ordered.deadline, ordered.outcome) == (deadline, "to run")

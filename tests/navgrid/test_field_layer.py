@@ -17,7 +17,7 @@ from semmap.database.files import schema_folder
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.regions.shapes import Box, Sphere
-from semmap.fields.sources import Motion, People, PersonalSpaceSource
+from semmap.fields.sources import People, PersonalSpaceSource, PersonMotion
 from tests.navgrid.scenes import ARM, BASE, room, scene, solid
 
 VOCABULARY = read_vocabulary([schema_folder() / "ontology" / "fields.ttl"])
@@ -75,7 +75,9 @@ def person(x: float, y: float, low: float, high: float) -> RepresentationMap:
 
 
 def space(x: float, y: float, vx: float) -> RepresentationMap:
-    (made,) = PersonalSpaceSource(VOCABULARY)(People({"human1": Motion(x, y, 0.0, vx, 0.0)}, NOW))
+    (made,) = PersonalSpaceSource(VOCABULARY)(
+        People({"human1": PersonMotion(x, y, 0.0, vx, 0.0)}, NOW)
+    )
     return made
 
 

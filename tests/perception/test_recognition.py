@@ -14,7 +14,7 @@ from semmap.geometry.mesh import Mesh, join
 from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.perception.cloud_file import read_cloud
 from semmap.perception.error import PerceptionError
-from semmap.perception.models import ObjectModel, depth_points, train_model
+from semmap.perception.models import KnownObject, depth_points, train_model
 from semmap.perception.placeholders import Placeholder, subtract_placeholder
 from semmap.perception.recognition import Scene, recognise, recognise_cluster
 from tests.perception.views import cloud_of, solid
@@ -28,7 +28,7 @@ def meshes(worlds: Path) -> dict[str, Mesh]:
 
 
 @pytest.fixture(scope="module")
-def models(meshes: dict[str, Mesh]) -> list[ObjectModel]:
+def models(meshes: dict[str, Mesh]) -> list[KnownObject]:
     return [train_model(name, mesh) for name, mesh in meshes.items()]
 
 

@@ -34,7 +34,7 @@ from semmap.database.files import schema_folder
 from semmap.fields import Box
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
-from semmap.fields.sources import Motion, People, PersonalSpaceSource
+from semmap.fields.sources import People, PersonalSpaceSource, PersonMotion
 from semmap.fields.store import field_store
 from semmap.fields.store.map_store import save_map
 from semmap.fields.store.voxel_mirror import VoxelMirror
@@ -80,7 +80,9 @@ def fields(house: Engine, bare: Costmap, spot: tuple[float, float]) -> Iterator[
     x, y = spot
     floor = bare.scene.elevation
     body = Box((x, y, floor + 0.85), (0.4, 0.3, 1.7))
-    (space,) = PersonalSpaceSource(VOCABULARY)(People({"human7": Motion(x, y, floor, 0, 0)}, NOW))
+    (space,) = PersonalSpaceSource(VOCABULARY)(
+        People({"human7": PersonMotion(x, y, floor, 0, 0)}, NOW)
+    )
     with house.begin() as connection:
         save_map(connection, "people", person(body))
         save_map(connection, "space of human7", space)

@@ -22,7 +22,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.practice import practise
 from semmap.manipulation.retrieval import find_grasps
 from semmap.manipulation.shape_store import model_mesh, shape_of
-from semmap.manipulation.trial import HEIGHT, Outcome
+from semmap.manipulation.trial import HEIGHT, TrialOutcome
 from tests.command_line import semmap
 from tests.manipulation.grippers import BY_HAND
 
@@ -269,10 +269,10 @@ def test_a_correction_of_a_linked_grasp_belongs_to_the_object(house: House) -> N
     name = "Vase_01_001"
     poses: list[Any] = []
 
-    def attempt(grasp: Grasp) -> Outcome:
+    def attempt(grasp: Grasp) -> TrialOutcome:
         poses.append(grasp.pose)
         turned = (0.8, 0.0, 0.0) if np.allclose(grasp.pose, poses[0]) else (0.0, 0.0, 0.0)
-        return Outcome(HEIGHT, 0.0, 0.0, 0.05, 0.05, turned, (0.0, 0.0, 0.0))
+        return TrialOutcome(HEIGHT, 0.0, 0.0, 0.05, 0.05, turned, (0.0, 0.0, 0.0))
 
     with package.connect(house.url) as db:
         session = db.map("house").session_of_map()

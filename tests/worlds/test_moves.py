@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 import semmap
 from planner.demo.choices import DemoChoices, figure_3
-from planner.mission.behaviours import Observation, Sighting
+from planner.mission.behaviours import RobotObservation, Sighting
 from planner.mission.observations import write_observation
 from semmap.geometry.pose import Pose
 from semmap.model import Entity, Placement
@@ -194,7 +194,7 @@ def move_by_observation(connection: Connection) -> None:
     ).scalar_one()
     connection.execute(text("INSERT INTO placement (entity_id) VALUES (:id)"), {"id": robot})
     seen = {TABLET: Sighting("living-room", "in", Pose(*PLACE))}
-    write_observation(connection, robot, Observation("kitchen", Pose(6, 2), seen=seen))
+    write_observation(connection, robot, RobotObservation("kitchen", Pose(6, 2), seen=seen))
 
 
 WAYS: dict[str, str | Callable[[Connection], None]] = {

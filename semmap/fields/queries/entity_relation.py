@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.fields.queries.statements import Entities, Statements, UnknownError
-from semmap.fields.relations.facts import Fact
+from semmap.fields.relations.facts import RelationFact
 from semmap.fields.relations.rules import RelationRule
 from semmap.language.schema import Property
 
@@ -24,7 +24,7 @@ class Relations(Protocol):
         """The rules of the relations."""
         ...
 
-    def holding(self, relation: str | None = None) -> Mapping[Fact, Any]:
+    def holding(self, relation: str | None = None) -> Mapping[RelationFact, Any]:
         """Return the facts, of one relation if given."""
         ...
 

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from semmap.fields.queries.context import Context
 from semmap.fields.queries.expressions import evaluate_expression, is_true
-from semmap.fields.queries.statements import Entities, Numbers, StatementColumn, Voxels
+from semmap.fields.queries.statements import Entities, Numbers, StatementColumn, VoxelColumn
 from semmap.fields.queries.table import (
     EMPTY,
     UNIT,
-    Column,
     Table,
+    TermColumn,
     codes_of,
     compatible_pairs,
     join,
@@ -148,7 +148,7 @@ def _read(triple: TriplePattern, table: Table, context: Context, limits: Limits)
     relation = context.relation(about)
     statements = relation.statements(subjects=subjects, objects=objects, within=within)
     subject, object_ = (_column(each, context) for each in statements)
-    columns: dict[str, Column] = {}
+    columns: dict[str, TermColumn] = {}
     kept: NDArray[np.bool_] | None = None
     for side, column in ((triple.subject, subject), (triple.object, object_)):
         if isinstance(side, float):
@@ -178,14 +178,14 @@ def _wanted_names(side: object, kind: str, table: Table, context: Context) -> li
     return [context.names.names[c] for c in codes.tolist()] if len(codes) <= MOST_NAMES else None
 
 
-def _column(stated: StatementColumn, context: Context) -> Column:
+def _column(stated: StatementColumn, context: Context) -> TermColumn:
     match stated:
-        case Voxels(keys):
-            return Column("voxel", keys)
+        case VoxelColumn(keys):
+            return TermColumn("voxel", keys)
         case Entities(codes, names):
-            return Column("entity", context.names.codes(names)[codes])
+            return TermColumn("entity", context.names.codes(names)[codes])
         case Numbers(values):
-            return Column("number", values)
+            return TermColumn("number", values)
 
 
 # Patterns that combine others
@@ -264,7 +264,7 @@ def _(pattern: InlineData, context: Context, limits: Limits) -> Table:
     return Table(pattern.count, columns)
 
 
-def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -> Column:
+def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -> TermColumn:
     bound = np.array([value is not None for value in values], np.bool_)
     if kind == "entity":
         codes = [0 if name is None else context.names.code(name) for name in values]
@@ -272,7 +272,7 @@ def _inline_column(kind: ValueKind, values: tuple[Any, ...], context: Context) -
     else:
         plain = [0 if value is None else value for value in values]
         column = np.array(plain, np.bool_ if kind == "boolean" else np.float64)
-    return Column(kind, column, None if bound.all() else bound)
+    return TermColumn(kind, column, None if bound.all() else bound)
 
 
 # Solution modifiers
@@ -310,7 +310,7 @@ def _(pattern: OrderBy, context: Context, limits: Limits) -> Table:
     return table.take(np.lexsort(ranks[::-1]))
 
 
-def _ranks(column: Column, context: Context) -> NDArray[np.int64]:
+def _ranks(column: TermColumn, context: Context) -> NDArray[np.int64]:
     """Return the rank of each value in ascending order; unbound ones come first."""
     values = column.values
     if column.kind in ("entity", "text"):
@@ -376,8 +376,8 @@ def _counted(pattern: GroupPattern, context: Context) -> Table | None:
         found = {name: n for name, n in found.items() if name in entity} or {"": 0}
     else:
         found = {name: n for name, n in found.items() if n}
-    named = Column("entity", context.names.codes(tuple(found)))
-    numbers = Column("number", np.array([*found.values()], np.int64))
+    named = TermColumn("entity", context.names.codes(tuple(found)))
+    numbers = TermColumn("number", np.array([*found.values()], np.int64))
     columns = {a.name: named if _is_key(a, keys) else numbers for a in pattern.aggregates}
     return Table(len(found), columns | dict.fromkeys(keys, named))
 
@@ -395,48 +395,48 @@ def _is_key(each: Aggregate, keys: tuple[str, ...]) -> bool:
 
 def _aggregated(
     each: Aggregate, context: Context, table: Table, group: NDArray[np.intp], count: int
-) -> Column:
+) -> TermColumn:
     """Return one value for each group; rows without a value do not count, as in rdflib."""
     if each.of is None:
         if each.distinct:
-            rows = Table(table.rows, {**table.columns, "*group": Column("number", group)})
+            rows = Table(table.rows, {**table.columns, "*group": TermColumn("number", group)})
             group = rows.distinct().columns["*group"].values
-        return Column("number", np.bincount(group, minlength=count))
+        return TermColumn("number", np.bincount(group, minlength=count))
     column = evaluate_expression(each.of, context, table)
     there = np.flatnonzero(column.is_bound)
     of, values = group[there], column.values[there]
     if each.distinct and len(there):
-        both = {"*group": Column("number", of), "*value": Column(column.kind, values)}
+        both = {"*group": TermColumn("number", of), "*value": TermColumn(column.kind, values)}
         once = Table(len(there), both).distinct()
         of, values = once.columns["*group"].values, once.columns["*value"].values
     counts = np.bincount(of, minlength=count)
     match each.function:
         case "Count":
-            return Column("number", counts)
+            return TermColumn("number", counts)
         case "Sum":
-            return Column("number", np.bincount(of, values, count))
+            return TermColumn("number", np.bincount(of, values, count))
         case "Avg":
-            return Column("number", np.bincount(of, values, count) / np.maximum(counts, 1))
+            return TermColumn("number", np.bincount(of, values, count) / np.maximum(counts, 1))
     if len(of) == 0:
         return unbound(column.kind, count)
     # Sort so that the row sought is the first of its group.
     rank = np.arange(len(of))
     if each.function != "Sample":
-        rank = _ranks(Column(column.kind, values), context)
+        rank = _ranks(TermColumn(column.kind, values), context)
     order = np.lexsort((-rank if each.function == "Max" else rank, of))
     starts = np.flatnonzero(np.diff(of[order], prepend=-1))
     result = np.zeros(count, values.dtype)
     result[of[order][starts]] = values[order][starts]
-    return Column(column.kind, result, None if counts.all() else counts > 0)
+    return TermColumn(column.kind, result, None if counts.all() else counts > 0)
 
 
 # EXISTS
 
 
 @evaluate_expression.register
-def _(expression: Exists, context: Context, table: Table) -> Column:
+def _(expression: Exists, context: Context, table: Table) -> TermColumn:
     found = _exists(expression, context, table)
-    return Column("boolean", ~found if expression.negated else found)
+    return TermColumn("boolean", ~found if expression.negated else found)
 
 
 def _exists(expression: Exists, context: Context, table: Table) -> NDArray[np.bool_]:

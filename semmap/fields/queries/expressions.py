@@ -14,7 +14,7 @@ import regex
 from numpy.typing import NDArray
 
 from semmap.fields.queries.context import Context
-from semmap.fields.queries.table import Column, LimitError, Table, unbound
+from semmap.fields.queries.table import LimitError, Table, TermColumn, unbound
 from semmap.fields.queries.voxel_functions import evaluate_function
 from semmap.language.algebra import (
     Arithmetic,
@@ -36,7 +36,7 @@ Values = NDArray[Any]
 
 
 @singledispatch
-def evaluate_expression(expression: Expression, context: Context, table: Table) -> Column:
+def evaluate_expression(expression: Expression, context: Context, table: Table) -> TermColumn:
     """Return the values of an expression for the rows of a table.
 
     Raises
@@ -55,40 +55,40 @@ def is_true(condition: Expression, context: Context, table: Table) -> NDArray[np
 
 
 @evaluate_expression.register
-def _(expression: VariableValue, context: Context, table: Table) -> Column:
+def _(expression: VariableValue, context: Context, table: Table) -> TermColumn:
     return table.columns.get(expression.name) or unbound(expression.kind, table.rows)
 
 
 @evaluate_expression.register
-def _(expression: Constant, context: Context, table: Table) -> Column:
+def _(expression: Constant, context: Context, table: Table) -> TermColumn:
     value = expression.value
     if isinstance(value, str):
-        return Column(expression.kind, np.full(table.rows, context.names.code(value), np.int64))
-    return Column(expression.kind, np.broadcast_to(np.asarray(value), (table.rows,)))
+        return TermColumn(expression.kind, np.full(table.rows, context.names.code(value), np.int64))
+    return TermColumn(expression.kind, np.broadcast_to(np.asarray(value), (table.rows,)))
 
 
 @evaluate_expression.register
-def _(expression: Bound, context: Context, table: Table) -> Column:
+def _(expression: Bound, context: Context, table: Table) -> TermColumn:
     column = table.columns.get(expression.name)
     bound = np.zeros(table.rows, np.bool_) if column is None else column.is_bound
-    return Column("boolean", bound)
+    return TermColumn("boolean", bound)
 
 
 @evaluate_expression.register
-def _(expression: Membership, context: Context, table: Table) -> Column:
+def _(expression: Membership, context: Context, table: Table) -> TermColumn:
     column = evaluate_expression(expression.of, context, table)
     found = np.isin(column.values, context.names.codes(sorted(expression.entities)))
-    return Column("boolean", ~found if expression.negated else found, column.bound)
+    return TermColumn("boolean", ~found if expression.negated else found, column.bound)
 
 
 @evaluate_expression.register
-def _(expression: RegexMatch, context: Context, table: Table) -> Column:
+def _(expression: RegexMatch, context: Context, table: Table) -> TermColumn:
     column = evaluate_expression(expression.of, context, table)
     return _of_names("boolean", lambda name: _matches(expression.pattern, name), column, context)
 
 
 @evaluate_expression.register
-def _(expression: Arithmetic, context: Context, table: Table) -> Column:
+def _(expression: Arithmetic, context: Context, table: Table) -> TermColumn:
     columns = [evaluate_expression(each, context, table) for each in expression.operands]
     bound = _all_bound(columns)
     value = columns[0].values
@@ -101,19 +101,19 @@ def _(expression: Arithmetic, context: Context, table: Table) -> Column:
             value = np.divide(value, np.where(zero, 1, other))
         else:
             value = _OPERATORS[operator](value, other)
-    return Column("number", value, bound)
+    return TermColumn("number", value, bound)
 
 
 @evaluate_expression.register
-def _(expression: ExtensionCall, context: Context, table: Table) -> Column:
+def _(expression: ExtensionCall, context: Context, table: Table) -> TermColumn:
     columns = [evaluate_expression(each, context, table) for each in expression.arguments]
     arguments = [column.values for column in columns]
     values = evaluate_function(expression.function.name, arguments, context.voxel_size)
-    return Column("number", values, _all_bound(columns))
+    return TermColumn("number", values, _all_bound(columns))
 
 
 @evaluate_expression.register
-def _(expression: Call, context: Context, table: Table) -> Column:
+def _(expression: Call, context: Context, table: Table) -> TermColumn:
     function, arguments = expression.function, expression.arguments
     if function in _OF_TEXT_AND_CONSTANT:
         text, part = arguments
@@ -131,10 +131,10 @@ def _(expression: Call, context: Context, table: Table) -> Column:
     if kind == "text" and function in _ORDERS:
         ranks = context.names.ranks()
         values = [ranks[each] for each in values]
-    return Column(expression.kind, _ELEMENTWISE[function](*values), _all_bound(columns))
+    return TermColumn(expression.kind, _ELEMENTWISE[function](*values), _all_bound(columns))
 
 
-def _all_bound(columns: Iterable[Column]) -> NDArray[np.bool_] | None:
+def _all_bound(columns: Iterable[TermColumn]) -> NDArray[np.bool_] | None:
     """Return where all columns have a value; None for everywhere."""
     bound: NDArray[np.bool_] | None = None
     for column in columns:
@@ -146,44 +146,44 @@ def _all_bound(columns: Iterable[Column]) -> NDArray[np.bool_] | None:
 # Logic and choices
 
 
-def _any(columns: list[Column]) -> Column:
+def _any(columns: list[TermColumn]) -> TermColumn:
     """Return true where one is; an error where none is true and one is an error."""
     value = np.zeros(len(columns[0]), np.bool_)
     for column in columns:
         value |= column.is_bound & column.values
     bound = _all_bound(columns)
-    return Column("boolean", value, None if bound is None else bound | value)
+    return TermColumn("boolean", value, None if bound is None else bound | value)
 
 
-def _all(columns: list[Column]) -> Column:
+def _all(columns: list[TermColumn]) -> TermColumn:
     """Return false where one is; an error where none is false and one is an error."""
     value = np.ones(len(columns[0]), np.bool_)
     for column in columns:
         value &= ~column.is_bound | column.values
     bound = _all_bound(columns)
-    return Column("boolean", value, None if bound is None else bound | ~value)
+    return TermColumn("boolean", value, None if bound is None else bound | ~value)
 
 
-def _if(columns: list[Column]) -> Column:
+def _if(columns: list[TermColumn]) -> TermColumn:
     which, yes, no = columns
     bound = which.is_bound & np.where(which.values, yes.is_bound, no.is_bound)
-    return Column(yes.kind, np.where(which.values, yes.values, no.values), bound)
+    return TermColumn(yes.kind, np.where(which.values, yes.values, no.values), bound)
 
 
-def _coalesce(columns: list[Column]) -> Column:
+def _coalesce(columns: list[TermColumn]) -> TermColumn:
     value, bound = columns[0].values, columns[0].is_bound
     for column in columns[1:]:
         value = np.where(bound, value, column.values)
         bound = bound | column.is_bound
-    return Column(columns[0].kind, value, bound)
+    return TermColumn(columns[0].kind, value, bound)
 
 
 # Texts
 
 
 def _of_names(
-    kind: ValueKind, function: Callable[[str], Any], column: Column, context: Context
-) -> Column:
+    kind: ValueKind, function: Callable[[str], Any], column: TermColumn, context: Context
+) -> TermColumn:
     """Return a function of texts, evaluated once for each different text."""
     context.check_time()
     codes, places = np.unique(column.values, return_inverse=True)
@@ -192,7 +192,7 @@ def _of_names(
     if kind == "text":
         each = [context.names.code(text) for text in each]
     values = np.array(each, np.int64 if kind == "text" else None)
-    return Column(kind, values[places] if len(codes) else values.astype(bool), column.bound)
+    return TermColumn(kind, values[places] if len(codes) else values.astype(bool), column.bound)
 
 
 def _matches(pattern: regex.Pattern[str], name: str) -> bool:
@@ -260,7 +260,7 @@ _OF_TEXT_AND_CONSTANT: Mapping[str, Callable[[str, str], bool]] = {
     "STRENDS": str.endswith,
     "CONTAINS": str.__contains__,
 }
-_CHOICES: Mapping[str, Callable[[list[Column]], Column]] = {
+_CHOICES: Mapping[str, Callable[[list[TermColumn]], TermColumn]] = {
     "&&": _all,
     "||": _any,
     "IF": _if,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semmap.fields.maps import operators
 from semmap.fields.maps.lattice import VoxelBox
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.queries.statements import Entities, Numbers, Statements, Voxels
+from semmap.fields.queries.statements import Entities, Numbers, Statements, VoxelColumn
 from semmap.fields.queries.table import LimitError
 from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -107,7 +107,7 @@ class NumberMapRelation:
         order = np.lexsort((value, key))
         key, value = key[order], value[order]
         last = np.append(key[1:] != key[:-1], True) if len(key) else np.zeros(0, np.bool_)
-        return Statements(Voxels(key[last]), Numbers(value[last]))
+        return Statements(VoxelColumn(key[last]), Numbers(value[last]))
 
 
 class OccupancyRelation:
@@ -222,13 +222,13 @@ class FreeSpaceRelation:
     ) -> Statements:
         """Return the statements; see `StatementRelation.statements`."""
         voxels, rooms = self._rooms.statements(objects=objects, within=within)
-        assert isinstance(voxels, Voxels)
+        assert isinstance(voxels, VoxelColumn)
         assert isinstance(rooms, Entities)
         if self._occupancy is None:
             return Statements(voxels, rooms)
         size = self._occupancy.regions.voxel_size
         free = ~self._occupancy.occupied((voxels_of_keys(voxels.keys) + 0.5) * size)
-        return Statements(Voxels(voxels.keys[free]), Entities(rooms.codes[free], rooms.names))
+        return Statements(VoxelColumn(voxels.keys[free]), Entities(rooms.codes[free], rooms.names))
 
 
 class TypeRelation:
@@ -288,7 +288,7 @@ def _by_entity(found: Sequence[tuple[str, Keys]]) -> Statements:
     for name, keys in found:
         keys_of_entity.setdefault(name, []).append(keys)
     each = [np.unique(np.concatenate(keys)) for keys in keys_of_entity.values()]
-    voxels = Voxels(np.concatenate([np.zeros(0, np.int64), *each]))
+    voxels = VoxelColumn(np.concatenate([np.zeros(0, np.int64), *each]))
     codes = np.repeat(np.arange(len(each), dtype=np.int32), [len(keys) for keys in each])
     return Statements(voxels, Entities(codes, tuple(keys_of_entity)))
 

@@ -19,7 +19,7 @@ from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.entity_relation import EntityRelation
 from semmap.fields.queries.statements import UnknownError
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap, Role, SpacesOf
-from semmap.fields.relations.facts import Fact
+from semmap.fields.relations.facts import RelationFact
 from semmap.fields.relations.rules import RULES, RelationRule
 from semmap.fields.relations.tracker import RelationTracker
 from semmap.fields.store.map_store import load_maps_during
@@ -164,11 +164,11 @@ class _PastEntities:
 class _Held:
     """The facts that were true at any time, as `RelationTracker.holding` returns them."""
 
-    def __init__(self, rules: tuple[RelationRule, ...], facts: Iterable[Fact]) -> None:
+    def __init__(self, rules: tuple[RelationRule, ...], facts: Iterable[RelationFact]) -> None:
         self.rules = rules
         self._facts = set(facts)
 
-    def holding(self, relation: str | None = None) -> dict[Fact, None]:
+    def holding(self, relation: str | None = None) -> dict[RelationFact, None]:
         return {fact: None for fact in self._facts if relation in (None, fact.relation)}
 
 
@@ -191,7 +191,7 @@ def _held(
     entity_names: dict[Any, Any] = names
     tracker = RelationTracker(past.regions, names=entity_names, views=views, spaces=SpacesOf(roles))
     poses = dict(states)
-    facts: set[Fact] = set()
+    facts: set[RelationFact] = set()
     past.bring(states[0][1])
     for number, time in enumerate(times):
         changed: set[Any] = past.bring(poses[time]) if time in poses and number else set()

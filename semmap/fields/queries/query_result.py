@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from semmap.fields.maps.grids import empty_grid
 from semmap.fields.maps.lattice import Lattice
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.queries.statements import Entities, Numbers, Statements, Voxels
-from semmap.fields.queries.table import Column
+from semmap.fields.queries.statements import Entities, Numbers, Statements, VoxelColumn
+from semmap.fields.queries.table import TermColumn
 from semmap.fields.queries.voxel_functions import centres
 from semmap.geometry.voxel_keys import voxels_of_keys
 from semmap.language.schema import Property, with_article
@@ -40,7 +40,7 @@ class SelectResult:
     """
 
     names: tuple[str, ...]
-    columns: tuple[Column, ...]
+    columns: tuple[TermColumn, ...]
     count: int
     strings: tuple[str, ...]
     voxel_size: float
@@ -55,7 +55,7 @@ class SelectResult:
             return iter([()] * self.count)
         return iter(zip(*(self._plain(column) for column in self.columns), strict=True))
 
-    def column(self, name: str) -> Column:
+    def column(self, name: str) -> TermColumn:
         """Return the column of a variable.
 
         Raises
@@ -86,7 +86,7 @@ class SelectResult:
         """Return names and rows for `json.dumps`: {"variables": [...], "rows": [[...], ...]}."""
         return {"variables": list(self.names), "rows": [list(row) for row in self]}
 
-    def _plain(self, column: Column) -> list[Any]:
+    def _plain(self, column: TermColumn) -> list[Any]:
         values: list[Any]
         if column.kind == "voxel":
             points = centres(column.values, self.voxel_size)
@@ -125,7 +125,7 @@ class StoreResult:
     @builtins.property
     def voxels(self) -> NDArray[np.int32]:
         """(N, 3) the voxel of each statement."""
-        assert isinstance(self.statements.subject, Voxels)
+        assert isinstance(self.statements.subject, VoxelColumn)
         return voxels_of_keys(self.statements.subject.keys)
 
     def to_map(self, time: datetime | None = None) -> RepresentationMap:

@@ -13,7 +13,7 @@ from semmap.fields.queries.statements import (
     Entities,
     StatementRelation,
     Statements,
-    Voxels,
+    VoxelColumn,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.fields.regions.region_map import RegionMap
@@ -123,5 +123,5 @@ class _OccupiesRelation:
         codes = np.repeat(np.arange(len(keys), dtype=np.int32), [len(each) for each in keys])
         return Statements(
             Entities(codes, tuple(map(str, entities))),
-            Voxels(np.concatenate([*keys, np.zeros(0, np.int64)])),
+            VoxelColumn(np.concatenate([*keys, np.zeros(0, np.int64)])),
         )

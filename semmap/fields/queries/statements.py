@@ -24,7 +24,7 @@ __all__ = [
     "StatementRelation",
     "Statements",
     "UnknownError",
-    "Voxels",
+    "VoxelColumn",
 ]
 
 
@@ -33,7 +33,7 @@ class UnknownError(LookupError):
 
 
 @dataclass(frozen=True, eq=False)
-class Voxels:
+class VoxelColumn:
     """A column of voxels: (N,) keys."""
 
     keys: NDArray[np.int64]
@@ -80,7 +80,7 @@ class Numbers:
         return len(self.values)
 
 
-StatementColumn = Voxels | Entities | Numbers
+StatementColumn = VoxelColumn | Entities | Numbers
 
 
 class Statements(NamedTuple):

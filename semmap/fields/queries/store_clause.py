@@ -11,7 +11,7 @@ import numpy as np
 
 from semmap.fields.queries.context import Context
 from semmap.fields.queries.query_result import StoreResult
-from semmap.fields.queries.statements import Catalogue, Entities, Numbers, Statements, Voxels
+from semmap.fields.queries.statements import Catalogue, Entities, Numbers, Statements, VoxelColumn
 from semmap.fields.queries.table import Table, unbound
 from semmap.language.algebra import Pattern, TriplePattern, Union
 from semmap.language.checker import Checker
@@ -85,13 +85,13 @@ class StoreChecker(Checker):
         keys, values = keys[new], values[new]
         size = self._catalogue.voxel_size
         if kind != "entity":
-            stated = Statements(Voxels(keys), Numbers(values.astype(np.float64)))
+            stated = Statements(VoxelColumn(keys), Numbers(values.astype(np.float64)))
             return StoreResult(self.property, stated, None, size)
         used, codes = np.unique(values, return_inverse=True)
         entities = tuple(context.names.names[code] for code in used.tolist())
         for entity in entities:
             self._check_type(entity)
-        stated = Statements(Voxels(keys), Entities(codes.astype(np.int32), entities))
+        stated = Statements(VoxelColumn(keys), Entities(codes.astype(np.int32), entities))
         about = entities[0] if len(entities) == 1 else None
         return StoreResult(self.property, stated, about, size)
 

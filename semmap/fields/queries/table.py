@@ -18,11 +18,11 @@ from semmap.limits import QUERY_ROWS
 __all__ = [
     "EMPTY",
     "UNIT",
-    "Column",
     "LimitError",
     "NameCodes",
     "RowPairs",
     "Table",
+    "TermColumn",
     "codes_of",
     "compatible_pairs",
     "is_ascending",
@@ -84,7 +84,7 @@ class NameCodes:
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
+class TermColumn:
     """The values of a variable in N solutions.
 
     Attributes
@@ -102,10 +102,12 @@ class Column:
         """Return the number of solutions."""
         return len(self.values)
 
-    def take(self, rows: Rows | NDArray[np.bool_]) -> Column:
+    def take(self, rows: Rows | NDArray[np.bool_]) -> TermColumn:
         """Return a column of some rows, given by index or by a mask."""
         bound = None if self.bound is None else self.bound[rows]
-        return Column(self.kind, self.values[rows], None if bound is None or bound.all() else bound)
+        return TermColumn(
+            self.kind, self.values[rows], None if bound is None or bound.all() else bound
+        )
 
     @property
     def is_bound(self) -> NDArray[np.bool_]:
@@ -122,9 +124,11 @@ _DTYPES = {
 }
 
 
-def unbound(kind: ValueKind, rows: int) -> Column:
+def unbound(kind: ValueKind, rows: int) -> TermColumn:
     """Return a column without values."""
-    return Column(kind, np.zeros(rows, _DTYPES[kind]), np.zeros(rows, np.bool_) if rows else None)
+    return TermColumn(
+        kind, np.zeros(rows, _DTYPES[kind]), np.zeros(rows, np.bool_) if rows else None
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +142,7 @@ class Table:
     """
 
     rows: int
-    columns: Mapping[str, Column]
+    columns: Mapping[str, TermColumn]
 
     def take(self, rows: Rows | NDArray[np.bool_]) -> Table:
         """Return a table of some rows, given by index or by a mask."""
@@ -340,7 +344,7 @@ def merge(a: Table, b: Table, rows: RowPairs) -> Table:
         elif columns[name].bound is not None:
             mine, theirs = columns[name], column.take(rows.right)
             bound = mine.is_bound | theirs.is_bound
-            columns[name] = Column(
+            columns[name] = TermColumn(
                 mine.kind,
                 np.where(mine.is_bound, mine.values, theirs.values),
                 None if bound.all() else bound,
@@ -369,7 +373,7 @@ def union(tables: Sequence[Table]) -> Table:
         kind = next(t.columns[name].kind for t in tables if name in t.columns)
         each = [t.columns.get(name) or unbound(kind, t.rows) for t in tables]
         bound = np.concatenate([column.is_bound for column in each])
-        columns[name] = Column(
+        columns[name] = TermColumn(
             kind, np.concatenate([c.values for c in each]), None if bound.all() else bound
         )
     return Table(sum(table.rows for table in tables), columns)

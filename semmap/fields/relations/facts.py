@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple
 
-__all__ = ["Fact", "RelationEvent"]
+__all__ = ["RelationEvent", "RelationFact"]
 
 
-class Fact(NamedTuple):
+class RelationFact(NamedTuple):
     """A relation between two entities, such as `human1 sees book_326`."""
 
     relation: str
@@ -36,9 +36,9 @@ class RelationEvent:
     time: datetime
 
     @property
-    def fact(self) -> Fact:
+    def fact(self) -> RelationFact:
         """The fact that begins or ends."""
-        return Fact(self.relation, self.subject, self.object)
+        return RelationFact(self.relation, self.subject, self.object)
 
     def __str__(self) -> str:
         """Return the event as a sentence."""

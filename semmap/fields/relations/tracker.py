@@ -20,7 +20,7 @@ from typing import Any
 
 from semmap.fields.regions.measures import Neighbour
 from semmap.fields.regions.region_map import RegionMap
-from semmap.fields.relations.facts import Fact, RelationEvent
+from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.rules import RULES, Kind, PairGeometry, RelationRule
 
 __all__ = ["RelationTracker"]
@@ -90,10 +90,10 @@ class RelationTracker:
                 self._between[kinds].append(rule)
         self._reach = max((rule.reach(regions.voxel_size) for rule in self.rules), default=0.0)
         # By entities of the map. An agent may have several views: facts are counted.
-        self._active: dict[tuple[Hashable, Hashable], dict[str, Fact]] = {}
+        self._active: dict[tuple[Hashable, Hashable], dict[str, RelationFact]] = {}
         self._partners: dict[Hashable, set[Hashable]] = defaultdict(set)
-        self._count: dict[Fact, int] = defaultdict(int)
-        self._since: dict[Fact, datetime] = {}
+        self._count: dict[RelationFact, int] = defaultdict(int)
+        self._since: dict[RelationFact, datetime] = {}
         self._last: datetime | None = None
         self._lock = threading.RLock()
 
@@ -128,7 +128,7 @@ class RelationTracker:
                     raise ValueError(f"{now} is before {self._last}, the last update: give later")
                 now = self._last  # the clock was set back
             self._last = now
-            former: dict[Fact, bool] = {}
+            former: dict[RelationFact, bool] = {}
             done: set[Hashable] = set()
             for entity in dict.fromkeys(changed):
                 reach = None if entity in self._views else self._reach
@@ -156,7 +156,7 @@ class RelationTracker:
         *,
         subject: Hashable | None = None,
         object: Hashable | None = None,
-    ) -> dict[Fact, datetime]:
+    ) -> dict[RelationFact, datetime]:
         """Return the facts that are true now, and since when.
 
         Parameters
@@ -173,18 +173,18 @@ class RelationTracker:
             }
 
     def _compare(
-        self, a: Hashable, b: Hashable, neighbour: Neighbour, former: dict[Fact, bool]
+        self, a: Hashable, b: Hashable, neighbour: Neighbour, former: dict[RelationFact, bool]
     ) -> None:
         """Update the facts of a about b; `former` records which were true before."""
         before = self._active.get((a, b), {})
-        after: dict[str, Fact] = {}
+        after: dict[str, RelationFact] = {}
         agent = self._views.get(a, a)
         if agent != b:
             pair = PairGeometry(self.regions, a, b, neighbour)
             for rule in self._between.get((self._kind(a), self._kind(b)), ()):
                 if rule.is_true(pair, rule.name in before):
                     subject, object = (self._names.get(each, each) for each in (agent, b))
-                    after[rule.name] = Fact(rule.name, subject, object)
+                    after[rule.name] = RelationFact(rule.name, subject, object)
         if before == after:
             return
         for fact in before.values():
@@ -198,7 +198,7 @@ class RelationTracker:
                 del self._count[fact]
         self._set_active(a, b, after)
 
-    def _set_active(self, a: Hashable, b: Hashable, facts: dict[str, Fact]) -> None:
+    def _set_active(self, a: Hashable, b: Hashable, facts: dict[str, RelationFact]) -> None:
         if facts:
             self._active[a, b] = facts
             self._partners[a].add(b)

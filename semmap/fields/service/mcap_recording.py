@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.fields.sources.percepts import Gaze, Motion, People, RobotState, Segmentation
+from semmap.fields.sources.percepts import Gaze, People, PersonMotion, RobotState, Segmentation
 from semmap.geometry.pose import Pose
 
 __all__ = ["KIND_OF_SOURCE", "McapPercepts"]
@@ -365,14 +365,14 @@ class _PeopleReader(_PosesReader):
         self._before = dict(self._poses.now)
         return lambda when: People(people, when)
 
-    def _motion(self, name: str, pose: Matrix, time: float) -> Motion:
+    def _motion(self, name: str, pose: Matrix, time: float) -> PersonMotion:
         velocity = np.zeros(2)
         former, since = self._before.get(name, (pose, time))
         if 0 < time - since <= STEADY:
             velocity = (pose[:2, 3] - former[:2, 3]) / (time - since)
         x, y = map(float, pose[:2, 3])
         yaw = float(np.arctan2(pose[1, 0], pose[0, 0]))
-        return Motion(x, y, yaw, float(velocity[0]), float(velocity[1]), self._floor)
+        return PersonMotion(x, y, yaw, float(velocity[0]), float(velocity[1]), self._floor)
 
 
 class _RobotReader(_PosesReader):

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.draw.depth_camera import look_at
-from semmap.fields.sources.percepts import Gaze, Motion, People, RobotState, Segmentation
+from semmap.fields.sources.percepts import Gaze, People, PersonMotion, RobotState, Segmentation
 from semmap.geometry.pose import Pose
 
 __all__ = ["read_percept"]
@@ -84,7 +84,7 @@ def _people(percept: Mapping[str, Any], time: datetime, _: Path | None) -> Peopl
         numbers = {str(key): float(value) for key, value in motion.items()}
         if not all(np.isfinite(list(numbers.values()))):
             raise ValueError(f"people.{name} has a number that is not finite: give metres")
-        people[str(name)] = Motion(**({"yaw": 0.0} | numbers))
+        people[str(name)] = PersonMotion(**({"yaw": 0.0} | numbers))
     return People(people, time)
 
 

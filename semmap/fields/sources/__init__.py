@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from semmap.fields.sources.manager import SourceManager, SourceStatus
     from semmap.fields.sources.percepts import (
         Gaze,
-        Motion,
         People,
+        PersonMotion,
         RobotState,
         Segmentation,
         Zone,
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 __all__ = [
     "Gaze",
     "GazeSource",
-    "Motion",
     "ObjectSource",
     "People",
     "PeopleSource",
+    "PersonMotion",
     "PersonalSpaceSource",
     "RobotBodySource",
     "RobotState",
@@ -50,7 +50,7 @@ __all__ = [
 _HOMES = {
     "Gaze": "semmap.fields.sources.percepts",
     "GazeSource": "semmap.fields.sources.gaze",
-    "Motion": "semmap.fields.sources.percepts",
+    "PersonMotion": "semmap.fields.sources.percepts",
     "ObjectSource": "semmap.fields.sources.segmentation",
     "People": "semmap.fields.sources.percepts",
     "PeopleSource": "semmap.fields.sources.segmentation",

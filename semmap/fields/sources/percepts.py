@@ -10,7 +10,7 @@ from typing import Any, Literal
 from numpy.typing import ArrayLike
 from shapely import MultiPolygon, Polygon, from_wkb, to_wkb
 
-__all__ = ["Gaze", "Motion", "People", "RobotState", "Segmentation", "Zone", "Zones"]
+__all__ = ["Gaze", "People", "PersonMotion", "RobotState", "Segmentation", "Zone", "Zones"]
 
 Pose = ArrayLike
 """A (4, 4) rigid transform: a frame in the shared frame."""
@@ -54,7 +54,7 @@ class Gaze:
 
 
 @dataclass(frozen=True)
-class Motion:
+class PersonMotion:
     """Position, heading and velocity of a person: metres, radians, metres per second."""
 
     x: float
@@ -75,7 +75,7 @@ class People:
     time : aware
     """
 
-    people: Mapping[str, Motion]
+    people: Mapping[str, PersonMotion]
     time: datetime
 
 

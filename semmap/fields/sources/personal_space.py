@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from semmap.fields.checks import positive
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import Vocabulary
-from semmap.fields.sources.percepts import Motion, People
+from semmap.fields.sources.percepts import People, PersonMotion
 from semmap_vdb import FloatGrid
 
 __all__ = ["PersonalSpaceSource", "disturbance"]
 
 
-def disturbance(person: Motion, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def disturbance(person: PersonMotion, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how much somebody at a point disturbs a person: 1 at the person, less further away.
 
     The standard deviation is max(2 v, 0.5) metres ahead at a speed of v m/s, two thirds of that to
@@ -79,7 +79,7 @@ class PersonalSpaceSource:
             for name, motion in percept.people.items()
         ]
 
-    def _field(self, person: Motion) -> FloatGrid:
+    def _field(self, person: PersonMotion) -> FloatGrid:
         size = self._voxel_size
         ahead = max(2 * math.hypot(person.vx, person.vy), 0.5)
         reach = ahead * math.sqrt(-2 * math.log(min(self._least, 1.0)))

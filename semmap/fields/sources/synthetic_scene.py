@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from trimesh.creation import capsule, icosphere
 
 from semmap.draw.depth_camera import DepthCamera, look_at
-from semmap.fields.sources.percepts import Gaze, Motion, People, Segmentation
+from semmap.fields.sources.percepts import Gaze, People, PersonMotion, Segmentation
 
 __all__ = ["EYES", "ScenePerson", "SyntheticScene", "VisibleObject", "standpoints"]
 
@@ -152,7 +152,7 @@ class SyntheticScene:
         motions = {}
         for each in self.people:
             yaw = math.atan2(each.looks_at[1] - each.y, each.looks_at[0] - each.x)
-            motions[each.name] = Motion(each.x, each.y, yaw, z=each.z)
+            motions[each.name] = PersonMotion(each.x, each.y, yaw, z=each.z)
         return People(motions, self.time)
 
 

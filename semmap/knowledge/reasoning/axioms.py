@@ -24,13 +24,13 @@ from semmap.knowledge.reasoning.told_facts import COLUMNS, Hierarchy, fact_of
 from semmap.knowledge.sparql.constants import Constants, tag_and_text
 from semmap.knowledge.vocabulary import prefixes, short
 
-__all__ = ["Ontology", "Words", "node_of"]
+__all__ = ["OntologyAxioms", "Words", "node_of"]
 
 _EQUALITY = " with equality"
 
 
 @dataclass(frozen=True)
-class Ontology:
+class OntologyAxioms:
     """The axioms of a map.
 
     Attributes
@@ -51,7 +51,7 @@ class Ontology:
     rules: Compiled
 
     @classmethod
-    def read(cls, view: MapView, state: str = "") -> Ontology:
+    def read(cls, view: MapView, state: str = "") -> OntologyAxioms:
         """Return the axioms of a map: of the T-Box and of its statements.
 
         Parameters
@@ -79,7 +79,7 @@ class Ontology:
         rules = _compiled(view, digest, hierarchy, axioms, equality)
         return cls(digest, hierarchy, axioms, same, equality, rules)
 
-    def with_equality(self, view: MapView, equality: bool) -> Ontology:
+    def with_equality(self, view: MapView, equality: bool) -> OntologyAxioms:
         """Return the same axioms with the rules of equality, or without, where none is stated."""
         equality = equality or self.stated_same
         rules = _compiled(view, self.digest, self.hierarchy, self.axioms, equality)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.reasoning.axioms import Ontology
+from semmap.knowledge.reasoning.axioms import OntologyAxioms
 from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, close, retract
 from semmap.knowledge.reasoning.store import Stored, StoredFacts
 from semmap.knowledge.reasoning.told_facts import DIRECT_TYPE, KIND, told_facts
@@ -47,7 +47,7 @@ class Changed:
         return None if len(ids) > MANY else cls(frozenset(ids), others)
 
 
-def consider(view: MapView, ontology: Ontology, changed: Changed) -> Stored | None:
+def consider(view: MapView, ontology: OntologyAxioms, changed: Changed) -> Stored | None:
     """Store what follows from changed facts, and remove what no longer does.
 
     Returns

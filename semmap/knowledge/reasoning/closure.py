@@ -24,14 +24,14 @@ from semmap.knowledge.reasoning.engine import (
     variables,
 )
 
-__all__ = ["Relations", "Rows", "close_all", "one_step"]
+__all__ = ["FactIndex", "Rows", "close_all", "one_step"]
 
 Rows = set[Any]
 """The resources of a class, or the pairs of a property."""
 Row = tuple[Node, ...]
 
 
-class Relations:
+class FactIndex:
     """Facts by class and property.
 
     Attributes
@@ -79,7 +79,7 @@ def _fill(index: defaultdict[Node, list[Node]], rows: Iterable[Any], side: int) 
         index[row[side]].append(row[1 - side])
 
 
-def close_all(facts: Relations, rules: RuleSet) -> Relations:
+def close_all(facts: FactIndex, rules: RuleSet) -> FactIndex:
     """Add all that follows; return what was added.
 
     Parameters
@@ -87,7 +87,7 @@ def close_all(facts: Relations, rules: RuleSet) -> Relations:
     facts : all but those that rules without a body state are told
     rules : without variables for properties and classes
     """
-    added = Relations()
+    added = FactIndex()
     new: dict[object, Rows] = {}
     for rule, heads in one_step(facts, rules):
         _note(new, facts, rule, heads)
@@ -102,7 +102,7 @@ def close_all(facts: Relations, rules: RuleSet) -> Relations:
     return added
 
 
-def one_step(facts: Relations, rules: RuleSet) -> Iterator[tuple[Rule, Rows]]:
+def one_step(facts: FactIndex, rules: RuleSet) -> Iterator[tuple[Rule, Rows]]:
     """Yield what each rule makes of told facts: the rows of its head."""
     for rule in rules.rules:
         if not rule.body:
@@ -117,7 +117,7 @@ def one_step(facts: Relations, rules: RuleSet) -> Iterator[tuple[Rule, Rows]]:
                 yield rule, _heads(facts, rule, first, facts.rows[key_of(first)], rest)
 
 
-def _note(new: dict[object, Rows], facts: Relations, rule: Rule, heads: Rows) -> None:
+def _note(new: dict[object, Rows], facts: FactIndex, rule: Rule, heads: Rows) -> None:
     key = key_of(rule.head)
     heads = heads - facts.rows.get(key, set())
     if heads:
@@ -128,7 +128,7 @@ def _note(new: dict[object, Rows], facts: Relations, rule: Rule, heads: Rows) ->
 
 
 def _heads(
-    facts: Relations, rule: Rule, first: Triple, given: Rows, rest: tuple[Triple, ...]
+    facts: FactIndex, rule: Rule, first: Triple, given: Rows, rest: tuple[Triple, ...]
 ) -> Rows:
     """Return what a rule makes of some rows of its first triple, and of all of the others."""
     if not given:
@@ -178,7 +178,7 @@ def _started(atom: Triple, given: Rows) -> tuple[tuple[Node, ...], list[Row]]:
 
 
 def _joined(
-    facts: Relations, names: tuple[Node, ...], rows: list[Row], atom: Triple
+    facts: FactIndex, names: tuple[Node, ...], rows: list[Row], atom: Triple
 ) -> tuple[tuple[Node, ...], list[Row]]:
     """Return rows with the variables of one more triple."""
     subject, verb, node = atom

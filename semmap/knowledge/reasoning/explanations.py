@@ -10,7 +10,7 @@ import rdflib
 
 from semmap.knowledge.map_view import MapView, Session
 from semmap.knowledge.queries import limited
-from semmap.knowledge.reasoning.axioms import Ontology, Words, node_of
+from semmap.knowledge.reasoning.axioms import OntologyAxioms, Words, node_of
 from semmap.knowledge.reasoning.engine import TYPE_OF, Proof
 from semmap.knowledge.reasoning.rules import CONTRADICTION
 from semmap.knowledge.reasoning.store import StoredFacts
@@ -120,4 +120,4 @@ def _facts(session: Session) -> tuple[MapView, StoredFacts]:
         raise LookupError(
             f"nothing is inferred from the map {view.name}: run semmap knowledge reason"
         )
-    return view, StoredFacts(view, Ontology.read(view, state[0]))
+    return view, StoredFacts(view, OntologyAxioms.read(view, state[0]))

@@ -6,8 +6,8 @@ import gc
 from collections.abc import Iterator
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.reasoning.axioms import Ontology
-from semmap.knowledge.reasoning.closure import Relations, Rows, close_all
+from semmap.knowledge.reasoning.axioms import OntologyAxioms
+from semmap.knowledge.reasoning.closure import FactIndex, Rows, close_all
 from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, close
 from semmap.knowledge.reasoning.store import Stored, StoredFacts
 from semmap.knowledge.reasoning.told_facts import (
@@ -21,7 +21,7 @@ from semmap.knowledge.reasoning.told_facts import (
 __all__ = ["first_run"]
 
 
-def first_run(view: MapView, ontology: Ontology) -> tuple[Ontology, Stored]:
+def first_run(view: MapView, ontology: OntologyAxioms) -> tuple[OntologyAxioms, Stored]:
     """Store all that follows from the facts of a map; return the rules that were needed, too.
 
     The rules of equality are about all facts, and are left out as long as nothing is the same.
@@ -37,11 +37,11 @@ def first_run(view: MapView, ontology: Ontology) -> tuple[Ontology, Stored]:
     return ontology, done
 
 
-def _by_relation(view: MapView, ontology: Ontology) -> Stored | None:
+def _by_relation(view: MapView, ontology: OntologyAxioms) -> Stored | None:
     """Infer without rules of equality; None where they apply, and nothing is stored."""
     rules = ontology.rules
     wanted = rules.classes | rules.heads
-    told, facts = Relations(), Relations()
+    told, facts = FactIndex(), FactIndex()
     for fact in told_facts(view, ontology.hierarchy, rules.properties, wanted):
         told.add(fact)
     for key, rows in told.rows.items():
@@ -64,7 +64,7 @@ def _by_relation(view: MapView, ontology: Ontology) -> Stored | None:
 
 
 def _types(
-    told: Relations, hierarchy: Hierarchy, wanted: frozenset[Node]
+    told: FactIndex, hierarchy: Hierarchy, wanted: frozenset[Node]
 ) -> Iterator[tuple[object, Rows]]:
     """Yield the wanted classes that entities are of by their types, with the entities."""
     for verb in (DIRECT_TYPE, KIND):
@@ -102,7 +102,7 @@ def _escaped(text: str) -> str:
     return text.translate(_ESCAPES)
 
 
-def _by_fact(view: MapView, ontology: Ontology) -> Stored:
+def _by_fact(view: MapView, ontology: OntologyAxioms) -> Stored:
     """Infer with rules of equality, a fact at a time."""
     facts, rules = StoredFacts(view, ontology, empty=True), ontology.rules
     wanted = rules.classes | rules.heads

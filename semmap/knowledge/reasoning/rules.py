@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
-from semmap.knowledge.reasoning.closure import Relations, close_all, one_step
+from semmap.knowledge.reasoning.closure import FactIndex, close_all, one_step
 from semmap.knowledge.reasoning.engine import SAME_AS, TYPE_OF, Node, Rule, RuleSet, Triple, Var
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP
 
@@ -144,7 +144,7 @@ def compile_rules(
         never one resource
     same : whether the rules of equality are among them; None: where a rule infers ``owl:sameAs``
     """
-    facts = Relations()
+    facts = FactIndex()
     given = set(axioms)
     for fact in given:
         facts.add(fact)
@@ -178,7 +178,7 @@ def compile_rules(
     return Compiled(RuleSet(rules), classes, heads, None if everything else properties)
 
 
-def _lists(facts: Relations, name: str) -> Iterator[tuple[Node, list[Node]]]:
+def _lists(facts: FactIndex, name: str) -> Iterator[tuple[Node, list[Node]]]:
     """Yield the subjects of a property of lists, with the members."""
     firsts, rests = (facts.by(f"{RDF}{part}", 0) for part in ("first", "rest"))
     for subject, node in sorted(facts.rows.get(_owl(name), ()), key=str):
@@ -191,7 +191,7 @@ def _lists(facts: Relations, name: str) -> Iterator[tuple[Node, list[Node]]]:
         yield subject, items
 
 
-def _steps(facts: Relations, given: set[Triple]) -> set[Triple]:
+def _steps(facts: FactIndex, given: set[Triple]) -> set[Triple]:
     """Close axioms under table 9; return the subsumptions that are not mere chains of others."""
     close_all(facts, RuleSet(SCHEMA_RULES))
     others = RuleSet(r for r in SCHEMA_RULES if r.name not in _CHAINS)
@@ -219,7 +219,7 @@ class _Compiler:
 
     def __init__(
         self,
-        facts: Relations,
+        facts: FactIndex,
         show: Callable[[Node], str],
         direct: set[Triple],
         built_in: frozenset[tuple[Node, Node]],

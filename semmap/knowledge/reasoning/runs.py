@@ -8,7 +8,7 @@ from typing import Any
 
 from semmap.knowledge.map_view import MapView, Session
 from semmap.knowledge.queries import limited
-from semmap.knowledge.reasoning.axioms import Ontology
+from semmap.knowledge.reasoning.axioms import OntologyAxioms
 from semmap.knowledge.reasoning.changes import Changed, consider
 from semmap.knowledge.reasoning.explanations import Why, contradictions, why
 from semmap.knowledge.reasoning.first_run import first_run
@@ -87,7 +87,7 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
     # Before the changes are read: what is committed after this is read by the next run.
     news = view.session.execute("SELECT change_cursor(), statement_timestamp()").fetchone()
     assert news is not None
-    ontology = Ontology.read(view, state)
+    ontology = OntologyAxioms.read(view, state)
     changed = None
     if ontology.is_of(state) and not complete:
         changed = Changed.since(view, cursor, at)
@@ -105,7 +105,7 @@ def refresh(view: MapView, *, complete: bool = False) -> Reasoned | None:
 
 
 def _note(
-    view: MapView, ontology: Ontology, news: tuple[Any, Any], done: Stored
+    view: MapView, ontology: OntologyAxioms, news: tuple[Any, Any], done: Stored
 ) -> tuple[int, int]:
     """Write the state of the reasoner; return the numbers of inferences and contradictions."""
     properties = sorted({p for p, _ in done.added})

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from semmap.knowledge.map_view import MapView
-from semmap.knowledge.reasoning.axioms import Ontology
+from semmap.knowledge.reasoning.axioms import OntologyAxioms
 from semmap.knowledge.reasoning.engine import TYPE_OF, Facts, Node, Triple
 from semmap.knowledge.reasoning.rules import CONTRADICTION
 from semmap.knowledge.reasoning.told_facts import COLUMNS, DIRECT_TYPE, KIND, columns_of, fact_of
@@ -48,7 +48,7 @@ class StoredFacts(Facts):
     empty : there are none yet
     """
 
-    def __init__(self, view: MapView, ontology: Ontology, *, empty: bool = False) -> None:
+    def __init__(self, view: MapView, ontology: OntologyAxioms, *, empty: bool = False) -> None:
         super().__init__()
         self._view, self.ontology, self._empty = view, ontology, empty
         self._before: dict[Triple, bool] = {}

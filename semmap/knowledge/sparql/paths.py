@@ -12,7 +12,7 @@ from rdflib.paths import InvPath, MulPath, NegatedPath
 
 from semmap.knowledge.mapping import Form
 from semmap.knowledge.sparql.relation import Rows, in_form, union_form
-from semmap.knowledge.sparql.scope import Part, Scope
+from semmap.knowledge.sparql.scope import Part, PatternScope
 from semmap.knowledge.sparql.triple_match import TripleMatch
 from semmap.knowledge.sparql.values import Value, as_term
 
@@ -23,17 +23,17 @@ class PropertyPaths(TripleMatch, ABC):
     """Translates paths; each step is a triple pattern."""
 
     @abstractmethod
-    def triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: Scope) -> Rows:
+    def triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: PatternScope) -> Rows:
         """Return the solutions of triple patterns that must all match."""
 
-    def _one(self, subject: Part, predicate: Any, object_: Part, scope: Scope) -> Rows:
+    def _one(self, subject: Part, predicate: Any, object_: Part, scope: PatternScope) -> Rows:
         """Return the solutions of one pattern whose sides are parts already."""
         rows = self.triples(
             [(rdflib.Variable("*s"), predicate, rdflib.Variable("*o"))], self._inside(scope)
         )
         return self._renamed(rows, {"*s": subject, "*o": object_})
 
-    def _inside(self, scope: Scope) -> Scope:
+    def _inside(self, scope: PatternScope) -> PatternScope:
         return replace(scope, bindings={})
 
     def _renamed(self, rows: Rows, names: Mapping[str, Part]) -> Rows:
@@ -48,7 +48,7 @@ class PropertyPaths(TripleMatch, ABC):
         return found
 
     def _negated(
-        self, subject: Part, path: NegatedPath, object_: Part, scope: Scope
+        self, subject: Part, path: NegatedPath, object_: Part, scope: PatternScope
     ) -> Iterable[Rows]:
         """Yield the rows of a negated property set, for each direction."""
         forward = [a for a in path.args if not isinstance(a, InvPath)]
@@ -63,7 +63,7 @@ class PropertyPaths(TripleMatch, ABC):
                 rows.where.append(f"{value.sql} <> {self._bind(self.constants.property(str(iri)))}")
             yield rows
 
-    def _walk(self, rows: Rows, start: Part, path: MulPath, end: Part, scope: Scope) -> None:
+    def _walk(self, rows: Rows, start: Part, path: MulPath, end: Part, scope: PatternScope) -> None:
         """Join a path of any length: a recursive query, from the side that is known."""
         given = {}
         for side, part in (("a", start), ("b", end)):
@@ -119,7 +119,7 @@ class PropertyPaths(TripleMatch, ABC):
         value = Value(form, f"{q}.x", f"{q}.xt" if wide else None)
         return Rows([found], variables={"*": value})
 
-    def _all_paths(self, step: Rows, mod: str, scope: Scope) -> Rows:
+    def _all_paths(self, step: Rows, mod: str, scope: PatternScope) -> Rows:
         """Return all pairs of nodes that a path joins."""
         zero = mod in ("*", "?")
         form = "term" if zero else union_form([step.variables["*a"], step.variables["*b"]])
@@ -148,7 +148,7 @@ class PropertyPaths(TripleMatch, ABC):
             },
         )
 
-    def _every_node(self, scope: Scope) -> str:
+    def _every_node(self, scope: PatternScope) -> str:
         """Return a SELECT of each subject and object, twice."""
         rows = self._one("*s", rdflib.Variable("*p"), "*o", scope)
         selects = []

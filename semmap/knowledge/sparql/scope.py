@@ -8,7 +8,7 @@ from typing import Any
 
 from semmap.knowledge.sparql.values import Value
 
-__all__ = ["NOTHING_INFERRED", "Chosen", "Inferred", "Part", "Scope"]
+__all__ = ["NOTHING_INFERRED", "Chosen", "Inferred", "Part", "PatternScope"]
 
 Part = str | Value
 """A variable by its name, or a constant."""
@@ -57,7 +57,7 @@ NOTHING_INFERRED = Inferred()
 
 
 @dataclass(frozen=True)
-class Scope:
+class PatternScope:
     """Where a pattern stands.
 
     Attributes
@@ -76,6 +76,6 @@ class Scope:
     conditions: tuple[tuple[str, str, str], ...] = ()
     given: Mapping[str, Value] = field(default_factory=dict)
 
-    def joined(self, bindings: Mapping[str, Value]) -> Scope:
+    def joined(self, bindings: Mapping[str, Value]) -> PatternScope:
         """Return the scope of a pattern that is joined with more values."""
         return replace(self, bindings={**self.bindings, **bindings})

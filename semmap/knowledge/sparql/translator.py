@@ -19,7 +19,7 @@ from semmap.knowledge.sparql.expressions import Environment, Expressions, Untran
 from semmap.knowledge.sparql.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.sparql.relation import UNBOUND, Rows, in_form, union, union_form
 from semmap.knowledge.sparql.row_sharing import entity_iri
-from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, Scope
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, PatternScope
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.sparql.values import (
     NUMERIC,
@@ -33,14 +33,14 @@ from semmap.knowledge.sparql.values import (
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import XSD
 
-__all__ = ["GIVEN", "Statement", "translate", "translate_each"]
+__all__ = ["GIVEN", "SqlStatement", "translate", "translate_each"]
 
 GIVEN = "given p"
 """Stands for the table with the given values; no text of a user is in a statement."""
 
 
 @dataclass(frozen=True)
-class Statement:
+class SqlStatement:
     """A statement of SQL with its parameters; a text and a tag for each variable.
 
     Attributes
@@ -66,7 +66,7 @@ def translate(
     chosen: Chosen | None = None,
     fields: FieldRows | None = None,
     inferred: Inferred = NOTHING_INFERRED,
-) -> Statement:
+) -> SqlStatement:
     """Translate a pattern with its solution modifiers.
 
     Parameters
@@ -90,7 +90,7 @@ def translate(
     sql = translator.result(algebra, names)
     if limit is not None:
         sql = f"SELECT * FROM ({sql}) result LIMIT {translator.parameters.bind(limit, 'bigint')}"
-    return Statement(sql, translator.parameters.values, names)
+    return SqlStatement(sql, translator.parameters.values, names)
 
 
 def translate_each(
@@ -102,7 +102,7 @@ def translate_each(
     given: Mapping[str, Form],
     *,
     inferred: Inferred = NOTHING_INFERRED,
-) -> Statement:
+) -> SqlStatement:
     """Translate a pattern that is answered for each row of a table with values of variables.
 
     Parameters
@@ -127,15 +127,17 @@ def translate_each(
         if not names:
             result = f"SELECT * FROM ({result}) q LIMIT 1"
         sql = f"SELECT p.n, r.* FROM {GIVEN}, LATERAL ({result}) r"
-        return Statement(sql, translator.parameters.values, names)
+        return SqlStatement(sql, translator.parameters.values, names)
     values = {
         name: Value(form, f"p.s{i}", f"p.t{i}" if form == "term" else None)
         for i, (name, form) in enumerate(given.items())
     }
     rows = Rows([GIVEN], variables=dict(values))
-    rows.join(translator.rows(algebra, Scope(bindings=values, given=values)), translator.namespace)
+    rows.join(
+        translator.rows(algebra, PatternScope(bindings=values, given=values)), translator.namespace
+    )
     sql = f"SELECT {', '.join(['p.n', *translator.columns(rows, names)])}{rows.tables()}"
-    return Statement(sql, translator.parameters.values, names)
+    return SqlStatement(sql, translator.parameters.values, names)
 
 
 class _Translator(TriplePatterns):
@@ -152,14 +154,14 @@ class _Translator(TriplePatterns):
         inferred: Inferred = NOTHING_INFERRED,
     ) -> None:
         super().__init__(constants, namespace, map_id, chosen, fields, uses, inferred)
-        self._scope = Scope()
+        self._scope = PatternScope()
         self.expressions = Expressions(
             self.parameters.bind, self.namespace, self.constant, self._exists
         )
 
     def result(self, node: Any, names: tuple[str, ...]) -> str:
         """Return a SELECT of the text and the tag of each variable, in order."""
-        rows, order, tail = self._modified(node, Scope())
+        rows, order, tail = self._modified(node, PatternScope())
         sql = f"SELECT {', '.join(self.columns(rows, names)) or '1 AS v0'}{rows.tables()}"
         return f"{sql}{order}{tail}"
 
@@ -177,46 +179,48 @@ class _Translator(TriplePatterns):
 
     # Patterns
 
-    def rows(self, node: Any, scope: Scope) -> Rows:
+    def rows(self, node: Any, scope: PatternScope) -> Rows:
         """Return the solutions of a pattern."""
-        method: Callable[[Any, Scope], Rows] | None = getattr(self, f"_rows_{node.name}", None)
+        method: Callable[[Any, PatternScope], Rows] | None = getattr(
+            self, f"_rows_{node.name}", None
+        )
         if method is None:
             raise UntranslatedError(f"{node.name} has no translation to SQL", node)
         return method(node, scope)
 
-    def _rows_BGP(self, node: Any, scope: Scope) -> Rows:
+    def _rows_BGP(self, node: Any, scope: PatternScope) -> Rows:
         if not node.triples:
             return Rows()
         return self.triples(node.triples, scope)
 
-    def _rows_Join(self, node: Any, scope: Scope) -> Rows:
+    def _rows_Join(self, node: Any, scope: PatternScope) -> Rows:
         left = self.rows(node.p1, scope)
         right = self.rows(node.p2, scope.joined(left.sure()))
         left.join(right, self.namespace)
         return left
 
-    def _rows_Union(self, node: Any, scope: Scope) -> Rows:
+    def _rows_Union(self, node: Any, scope: PatternScope) -> Rows:
         parts = [self.rows(p, scope) for p in (node.p1, node.p2)]
         return union(parts, self.parameters, self.namespace)
 
-    def _rows_Filter(self, node: Any, scope: Scope) -> Rows:
+    def _rows_Filter(self, node: Any, scope: PatternScope) -> Rows:
         conditions = (*scope.conditions, *comparisons(node.expr))
         rows = self.rows(node.p, replace(scope, conditions=conditions))
         rows.where.append(self._condition(node.expr, rows, scope))
         return rows
 
-    def _condition(self, tree: Any, rows: Rows, scope: Scope) -> str:
+    def _condition(self, tree: Any, rows: Rows, scope: PatternScope) -> str:
         found: str = self._in(scope, partial(self.expressions.condition, tree), rows)
         return found
 
-    def _in(self, scope: Scope, make: Callable[[Environment], Any], rows: Rows) -> Any:
+    def _in(self, scope: PatternScope, make: Callable[[Environment], Any], rows: Rows) -> Any:
         outside, self._scope = self._scope, scope
         try:
             return make({**scope.outer, **rows.variables})
         finally:
             self._scope = outside
 
-    def _rows_Extend(self, node: Any, scope: Scope) -> Rows:
+    def _rows_Extend(self, node: Any, scope: PatternScope) -> Rows:
         name = str(node.var)
         bindings = {n: v for n, v in scope.bindings.items() if n != name}
         rows = self.rows(node.p, replace(scope, bindings=bindings))
@@ -232,7 +236,7 @@ class _Translator(TriplePatterns):
             rows.nullable.discard(name)
         return rows
 
-    def _rows_LeftJoin(self, node: Any, scope: Scope) -> Rows:
+    def _rows_LeftJoin(self, node: Any, scope: PatternScope) -> Rows:
         left = self.rows(node.p1, scope).closed(self.parameters)
         right = self.rows(node.p2, replace(scope, bindings=left.sure()))
         right = right.closed(self.parameters)
@@ -255,7 +259,7 @@ class _Translator(TriplePatterns):
         columns = zip(x.columns(), y.columns(), strict=True)
         return Value.of_columns(form, (f"coalesce({p}, {q})" for p, q in columns))
 
-    def _rows_Minus(self, node: Any, scope: Scope) -> Rows:
+    def _rows_Minus(self, node: Any, scope: PatternScope) -> Rows:
         left = self.rows(node.p1, scope)
         right = self.rows(node.p2, replace(scope, bindings=left.sure(), conditions=()))
         shared = [n for n in right.variables if n in left.variables]
@@ -278,7 +282,7 @@ class _Translator(TriplePatterns):
     def _exists(self, graph: Any, seen: Environment) -> str:
         """Return the condition that a pattern has a solution with the values of a row."""
         scope = self._scope
-        inner = Scope(scope.graph, bindings=dict(seen), outer=dict(seen))
+        inner = PatternScope(scope.graph, bindings=dict(seen), outer=dict(seen))
         # What may be unbound outside cannot limit the pattern.
         rows = self.rows(self._translated(graph), replace(inner, bindings={}))
         for name in [n for n in rows.variables if n in seen]:
@@ -293,7 +297,7 @@ class _Translator(TriplePatterns):
             raise UntranslatedError("EXISTS is translated in FILTER and BIND only", graph)
         return graph
 
-    def _rows_Graph(self, node: Any, scope: Scope) -> Rows:
+    def _rows_Graph(self, node: Any, scope: PatternScope) -> Rows:
         graph = self.part(node.term)
         if isinstance(graph, Value) or _is_of_one_graph(node.p):
             return self.rows(node.p, replace(scope, graph=graph))
@@ -316,12 +320,12 @@ class _Translator(TriplePatterns):
 
     # VALUES and subqueries
 
-    def _rows_ToMultiSet(self, node: Any, scope: Scope) -> Rows:
+    def _rows_ToMultiSet(self, node: Any, scope: PatternScope) -> Rows:
         if isinstance(node.p, list):
             return Rows(where=["false"] if not node.p else [])
         if node.p.name == "values":
             return self._values(node.p.res)
-        rows, order, tail = self._modified(node.p, Scope(scope.graph, outer=scope.outer))
+        rows, order, tail = self._modified(node.p, PatternScope(scope.graph, outer=scope.outer))
         if not tail:
             return rows.closed(self.parameters)
         return self._sliced(rows, order, tail)
@@ -367,7 +371,7 @@ class _Translator(TriplePatterns):
 
     # Solution modifiers
 
-    def _modified(self, node: Any, scope: Scope) -> tuple[Rows, str, str]:
+    def _modified(self, node: Any, scope: PatternScope) -> tuple[Rows, str, str]:
         """Return the solutions of a SELECT, ORDER BY, and LIMIT with OFFSET."""
         tail, distinct, projected, order = "", False, None, []
         while True:
@@ -410,7 +414,7 @@ class _Translator(TriplePatterns):
             tail += f" OFFSET {self.parameters.bind(int(node.start), 'bigint')}"
         return tail
 
-    def _order(self, each: Any, rows: Rows, scope: Scope) -> list[str]:
+    def _order(self, each: Any, rows: Rows, scope: PatternScope) -> list[str]:
         """Return the keys of an order: unbound, blank nodes, IRIs, literals (section 15.1)."""
         value = self._in(scope, lambda seen: self.expressions.value(each.expr, seen), rows)
         end = " DESC NULLS LAST" if each.order == "DESC" else " NULLS FIRST"
@@ -427,11 +431,11 @@ class _Translator(TriplePatterns):
 
     # Groups
 
-    def _rows_Group(self, node: Any, scope: Scope) -> Rows:
+    def _rows_Group(self, node: Any, scope: PatternScope) -> Rows:
         raise UntranslatedError("a group without aggregates has no translation to SQL", node)
 
-    def _rows_AggregateJoin(self, node: Any, scope: Scope) -> Rows:
-        inner_scope = Scope(scope.graph, outer=scope.outer)
+    def _rows_AggregateJoin(self, node: Any, scope: PatternScope) -> Rows:
+        inner_scope = PatternScope(scope.graph, outer=scope.outer)
         rows = self.rows(node.p.p, inner_scope)
         keys: dict[str, Value] = {}
         for i, key in enumerate(node.p.expr or ()):

@@ -23,7 +23,7 @@ from semmap.knowledge.sparql.scope import Chosen, Part
 from semmap.knowledge.sparql.values import Parameters, Value, is_literal, same, text_of
 from semmap.knowledge.vocabulary import decode
 
-__all__ = ["Pattern", "TripleMatch"]
+__all__ = ["MatchedPattern", "TripleMatch"]
 
 _IN_NO_EARLIER = (
     "NOT EXISTS (SELECT FROM statement d WHERE d.map_id = {a}.map_id "
@@ -36,7 +36,7 @@ _IN_NO_EARLIER = (
 
 
 @dataclass
-class Pattern:
+class MatchedPattern:
     """A triple pattern, and the triple maps that can match it."""
 
     subject: Part
@@ -101,7 +101,7 @@ class TripleMatch:
     # Rows
 
     def _match(
-        self, pattern: Pattern, triple: TripleMap, aliases: dict[tuple[str, Part | str], str]
+        self, pattern: MatchedPattern, triple: TripleMap, aliases: dict[tuple[str, Part | str], str]
     ) -> Rows:
         """Return the rows of a triple map that match a pattern.
 
@@ -172,7 +172,7 @@ class TripleMatch:
             rows.bind(graph, Value("iri", f"{alias}.graph"), self.namespace)
 
     def _match_verb(
-        self, rows: Rows, pattern: Pattern, triple: TripleMap, letters: Mapping[str, str]
+        self, rows: Rows, pattern: MatchedPattern, triple: TripleMap, letters: Mapping[str, str]
     ) -> None:
         name = triple.name and triple.name.format(**letters)
         if isinstance(pattern.predicate, str):
@@ -186,7 +186,7 @@ class TripleMatch:
             rows.where.append("false" if key is None else f"{name} = {self._bind(key)}")
 
     def _use_index_of_properties(
-        self, rows: Rows, pattern: Pattern, letters: Mapping[str, str]
+        self, rows: Rows, pattern: MatchedPattern, letters: Mapping[str, str]
     ) -> None:
         """Add a condition that the index on all properties answers."""
         assert isinstance(pattern.object, Value)

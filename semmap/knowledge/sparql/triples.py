@@ -28,8 +28,8 @@ from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.paths import PropertyPaths
 from semmap.knowledge.sparql.relation import UNBOUND, Rows, can_join, union
 from semmap.knowledge.sparql.row_sharing import share_rows
-from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, Part, Scope
-from semmap.knowledge.sparql.triple_match import Pattern
+from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, Part, PatternScope
+from semmap.knowledge.sparql.triple_match import MatchedPattern
 from semmap.knowledge.sparql.values import Value, key_of, same
 from semmap.knowledge.vocabulary import RDF
 
@@ -83,7 +83,7 @@ class TriplePatterns(PropertyPaths):
             Fields state the property.
         """
         subject, predicate, object_ = triple
-        scope = Scope(None if graph is None else self.part(graph))
+        scope = PatternScope(None if graph is None else self.part(graph))
         if isinstance(predicate, rdflib.URIRef):
             computed = self._computed(predicate, scope)
             if computed is not None:
@@ -99,7 +99,7 @@ class TriplePatterns(PropertyPaths):
         start = self.part(subject)
         return [m for m in self._maps(verb, scope) if self._fits(start, verb, end, m, scope)]
 
-    def triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: Scope) -> Rows:
+    def triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: PatternScope) -> Rows:
         """Return the solutions of triple patterns that must all match."""
         outside, self._graph = self._graph, scope.graph
         try:
@@ -107,8 +107,8 @@ class TriplePatterns(PropertyPaths):
         finally:
             self._graph = outside
 
-    def _all_triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: Scope) -> Rows:
-        plain: list[Pattern] = []
+    def _all_triples(self, triples: Iterable[tuple[Any, Any, Any]], scope: PatternScope) -> Rows:
+        plain: list[MatchedPattern] = []
         paths: list[tuple[Part, MulPath, Part]] = []
         computed: list[tuple[Part, Computed, Part]] = []
         stated: list[tuple[Part, Any, Part]] = []
@@ -144,7 +144,7 @@ class TriplePatterns(PropertyPaths):
             maps = [
                 m for m in self._maps(verb, scope) if self._fits(subject, verb, object_, m, scope)
             ]
-            plain.append(Pattern(subject, verb, object_, maps))
+            plain.append(MatchedPattern(subject, verb, object_, maps))
 
         for subject, predicate, object_ in triples:
             end = self.part(object_)
@@ -178,17 +178,19 @@ class TriplePatterns(PropertyPaths):
     def _field(self, iri: Any) -> Any:
         return field_property(self.constants.property(str(iri)))
 
-    def _is_of_fields(self, predicate: Any, scope: Scope) -> bool:
+    def _is_of_fields(self, predicate: Any, scope: PatternScope) -> bool:
         iri = isinstance(predicate, rdflib.URIRef) and self.constants.property(str(predicate))
         return self._is_map(scope) and bool(iri) and is_of_fields(str(iri))
 
-    def _may_be_of_fields(self, predicate: Any, scope: Scope) -> bool:
+    def _may_be_of_fields(self, predicate: Any, scope: PatternScope) -> bool:
         """Return whether a property is one of voxels and, of other subjects, one of tables."""
         iri = isinstance(predicate, rdflib.URIRef)
         found = self._field(predicate) if iri and self._is_map(scope) else None
         return found is not None and found.subject == "voxel"
 
-    def _join_fields(self, rows: Rows, stated: list[tuple[Part, Any, Part]], scope: Scope) -> None:
+    def _join_fields(
+        self, rows: Rows, stated: list[tuple[Part, Any, Part]], scope: PatternScope
+    ) -> None:
         """Join what fields answer; variables that nothing else needs are counted there."""
         if self.fields is None:
             raise UntranslatedError("fields cannot be asked here", stated[0][1])
@@ -204,16 +206,16 @@ class TriplePatterns(PropertyPaths):
                 part.where.append(self._equals(part.variables.pop(name), equal[name]))
             rows.join(part, self.namespace)
 
-    def _computed(self, iri: Any, scope: Scope) -> Any:
+    def _computed(self, iri: Any, scope: PatternScope) -> Any:
         if not self._is_map(scope):
             return None
         return _COMPUTED.get(self.constants.property(str(iri)))
 
-    def _is_map(self, scope: Scope) -> bool:
+    def _is_map(self, scope: PatternScope) -> bool:
         """Return whether a pattern reads the map, and not only statements of chosen graphs."""
         return scope.graph is None and self._chosen is None
 
-    def _maps(self, verb: Part, scope: Scope) -> Iterable[TripleMap]:
+    def _maps(self, verb: Part, scope: PatternScope) -> Iterable[TripleMap]:
         """Yield the triple maps of a property; all facts for a variable."""
         if not self._is_map(scope):
             if not _is_inferred_graph(scope.graph):
@@ -233,7 +235,7 @@ class TriplePatterns(PropertyPaths):
         if not is_mapped(iri) and self.constants.is_stated(iri):
             yield from STATEMENTS
 
-    def _reads_inferences(self, scope: Scope) -> bool:
+    def _reads_inferences(self, scope: PatternScope) -> bool:
         """Return whether graphs that a pattern reads have the inferences among them."""
         if self._chosen is None:
             return isinstance(scope.graph, str) or _is_inferred_graph(scope.graph)
@@ -247,7 +249,7 @@ class TriplePatterns(PropertyPaths):
             yield from INFERENCES
 
     def _fits(
-        self, subject: Part, verb: Part, object_: Part, triple: TripleMap, scope: Scope
+        self, subject: Part, verb: Part, object_: Part, triple: TripleMap, scope: PatternScope
     ) -> bool:
         """Return whether the constants of a pattern can match a triple map."""
         for part, column in ((subject, triple.subject), (object_, triple.object)):
@@ -264,7 +266,7 @@ class TriplePatterns(PropertyPaths):
         own = own and self._is_map(scope)
         return not (own and triple in STATEMENTS)
 
-    def _prune(self, patterns: list[Pattern], scope: Scope) -> None:
+    def _prune(self, patterns: list[MatchedPattern], scope: PatternScope) -> None:
         """Remove the triple maps whose terms no other pattern can have, until all are needed."""
         while True:
             forms: dict[str, list[set[Form]]] = {
@@ -295,7 +297,7 @@ class TriplePatterns(PropertyPaths):
             if not changed:
                 return
 
-    def _joined(self, patterns: list[Pattern], scope: Scope) -> Rows:
+    def _joined(self, patterns: list[MatchedPattern], scope: PatternScope) -> Rows:
         rows = Rows()
         aliases: dict[tuple[str, Part | str], str] = {}
         loose: list[tuple[str, Value]] = []
@@ -367,7 +369,9 @@ class TriplePatterns(PropertyPaths):
 
     # Relations that functions compute
 
-    def _relate(self, rows: Rows, a: Part, relation: Computed, b: Part, scope: Scope) -> None:
+    def _relate(
+        self, rows: Rows, a: Part, relation: Computed, b: Part, scope: PatternScope
+    ) -> None:
         """Join a relation between entities, by its index where one side is known."""
         known: dict[str, str] = {}
         for side, part in (("a", a), ("b", b)):
@@ -408,7 +412,7 @@ class TriplePatterns(PropertyPaths):
         return value.sql
 
 
-def _is_anchored(pattern: Pattern, triple: TripleMap, anchored: set[str]) -> bool:
+def _is_anchored(pattern: MatchedPattern, triple: TripleMap, anchored: set[str]) -> bool:
     """Return whether the other end of a triple limits its subject to the map."""
     end = pattern.object
     known = end in anchored if isinstance(end, str) else end.form == "entity"

@@ -13,8 +13,8 @@ import rdflib
 from semmap.knowledge.map_view import MapView, Row, Term, term_of
 from semmap.knowledge.queries import Answer, errors_of, limited, query
 from semmap.knowledge.sparql.constants import tag_and_text
-from semmap.knowledge.sparql.translator import GIVEN, Statement
-from semmap.knowledge.standing.parts import Part, Solution
+from semmap.knowledge.sparql.translator import GIVEN, SqlStatement
+from semmap.knowledge.standing.parts import QueryPart, Solution
 from semmap.knowledge.standing.shapes import parsed_text, translated
 from semmap.knowledge.triple_map import Form
 from semmap.limits import QUERY_SECONDS
@@ -32,7 +32,7 @@ _PARAMETER = re.compile(r"%\((\w+)\)s::(\w+)")
 class Job(NamedTuple):
     """The solutions of a part with some terms are to be evaluated."""
 
-    part: Part
+    part: QueryPart
     solution: tuple[tuple[str, Term], ...]
 
     @property
@@ -41,7 +41,7 @@ class Job(NamedTuple):
         return [each for each in self.solution if each[0] in self.part.ends]
 
 
-_Group = list[tuple[Job, Statement]]
+_Group = list[tuple[Job, SqlStatement]]
 """Jobs of one shape."""
 
 
@@ -54,16 +54,16 @@ class Regions:
     known : those that are known
     """
 
-    def __init__(self, parts: Iterable[Part]) -> None:
+    def __init__(self, parts: Iterable[QueryPart]) -> None:
         self.jobs: dict[Job, None] = {Job(part, ()): None for part in parts}
         self.known: dict[Job, set[Row]] = {}
 
-    def evaluate(self, part: Part, solution: Solution) -> None:
+    def evaluate(self, part: QueryPart, solution: Solution) -> None:
         """The solutions with these terms are to be evaluated."""
         if Job(part, ()) not in self.jobs:
             self.jobs[Job(part, tuple(sorted(solution.items())))] = None
 
-    def known_as(self, part: Part, region: Solution, solutions: Iterable[Solution]) -> None:
+    def known_as(self, part: QueryPart, region: Solution, solutions: Iterable[Solution]) -> None:
         """The solutions with these terms are known."""
         if Job(part, ()) not in self.jobs:
             rows: set[Row] = {tuple(each[name] for name in part.names) for each in solutions}
@@ -210,11 +210,13 @@ def _solutions(group: _Group, rows: Iterable[tuple[Any, ...]]) -> dict[Job, set[
     return found
 
 
-def _statement(view: MapView, part: Part, given: tuple[tuple[str, Form], ...]) -> Statement | None:
+def _statement(
+    view: MapView, part: QueryPart, given: tuple[tuple[str, Form], ...]
+) -> SqlStatement | None:
     """Return the statement of a part for given terms; None if it has no translation."""
     if given not in part.statements:
         part.statements[given] = translated(view, part, part.constants, dict(given))
-    found: Statement | None = part.statements[given]
+    found: SqlStatement | None = part.statements[given]
     return found
 
 
@@ -229,7 +231,7 @@ def _alone(view: MapView, job: Job, nodes: Mapping[Term, tuple[Form, int]]) -> s
         return _solutions(group, view.session.execute(sql, values).fetchall())[job]
 
 
-def _value(part: Part, statement: Statement, name: str) -> Any:
+def _value(part: QueryPart, statement: SqlStatement, name: str) -> Any:
     """Return a parameter of a statement; that of the part's own where it has one."""
     value = statement.parameters[name]
     return part.values.get(value, value) if isinstance(value, (str, int)) else value

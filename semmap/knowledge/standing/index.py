@@ -16,9 +16,9 @@ from semmap.knowledge.map_view import Term
 from semmap.knowledge.mapping import COMPUTED, TOPOLOGICAL
 from semmap.knowledge.standing.parts import (
     SIDES,
-    Part,
-    Pattern,
+    PartPattern,
     Quad,
+    QueryPart,
     is_variable,
     name_of_variable,
 )
@@ -56,14 +56,14 @@ class PatternIndex:
 
     def __init__(self) -> None:
         self.listed: dict[Key, dict[frozenset[Needed], dict[Term | None, Any]]] = {}
-        self.fixed: dict[Term, dict[Part, None]] = {}
-        self.unlisted: dict[Part, None] = {}
+        self.fixed: dict[Term, dict[QueryPart, None]] = {}
+        self.unlisted: dict[QueryPart, None] = {}
         self._keyed: dict[Any, Any] = {}
         self._stated: dict[Any, Any] = {}
         self._ground: dict[Any, Any] = {}
-        self._paths: dict[Part, list[tuple[dict[Any, Any], _Path]]] = {}
+        self._paths: dict[QueryPart, list[tuple[dict[Any, Any], _Path]]] = {}
 
-    def insert(self, part: Part) -> None:
+    def insert(self, part: QueryPart) -> None:
         """Put the patterns of a part into the index."""
         paths = dict.fromkeys(self._places(part))
         self._paths[part] = [(getattr(self, name), path) for name, path in paths]
@@ -72,12 +72,12 @@ class PatternIndex:
                 tree = tree.setdefault(key, {})
             tree[path[-1]] = None
 
-    def remove(self, part: Part) -> None:
+    def remove(self, part: QueryPart) -> None:
         """Remove the patterns of a part."""
         for tree, path in self._paths.pop(part, ()):
             _drop(tree, path)
 
-    def _places(self, part: Part) -> Iterator[tuple[str, _Path]]:
+    def _places(self, part: QueryPart) -> Iterator[tuple[str, _Path]]:
         if part.unlisted:
             yield "unlisted", (part,)
         for (name, form), numbers in part.keyed.items():
@@ -99,7 +99,7 @@ class PatternIndex:
                 if not any(is_variable(pattern.terms[side]) for side in SIDES):
                     yield "_ground", (pattern.index_key, member)
 
-    def keyed(self, quad: Quad, side: int, form: Form) -> Iterator[tuple[Part, str, int]]:
+    def keyed(self, quad: Quad, side: int, form: Form) -> Iterator[tuple[QueryPart, str, int]]:
         """Yield the parts that a listed triple may concern, with variable and pattern."""
         index = self._keyed.get(side, {}).get(form)
         if index:
@@ -108,7 +108,7 @@ class PatternIndex:
 
     def stated(
         self, quad: Quad, known: Triples, nodes: Mapping[Term, tuple[Form, int]]
-    ) -> Iterator[tuple[Part, int]]:
+    ) -> Iterator[tuple[QueryPart, int]]:
         """Yield the parts that a new statement may concern, with their patterns.
 
         Parameters
@@ -128,20 +128,20 @@ class PatternIndex:
                 for some in members.values():
                     yield from some
 
-    def ground(self, quad: Quad) -> Iterator[tuple[Part, int]]:
+    def ground(self, quad: Quad) -> Iterator[tuple[QueryPart, int]]:
         """Yield the parts with a pattern without variables that a statement may concern."""
         for key in _keys_of(quad):
             yield from self._ground.get(key, ())
 
 
-def _generality(pattern: Pattern) -> tuple[bool, bool]:
+def _generality(pattern: PartPattern) -> tuple[bool, bool]:
     """Return a key that sorts patterns by how many triples match."""
     constants = sum(isinstance(pattern.terms[side], rdflib.URIRef) for side in SIDES)
     return not constants, pattern.property in COSTLY
 
 
 def _listed_for(
-    part: Part, pattern: Pattern, side: int, form: Form
+    part: QueryPart, pattern: PartPattern, side: int, form: Form
 ) -> tuple[frozenset[Needed], Term | None]:
     """Return which other triples a node needs, and which other end of this one."""
     if pattern.property not in COSTLY:
@@ -158,7 +158,7 @@ def _listed_for(
     return frozenset(needed), None if is_variable(end) else end
 
 
-def _told_apart(part: Part, pattern: Pattern) -> tuple[Any, Term | None]:
+def _told_apart(part: QueryPart, pattern: PartPattern) -> tuple[Any, Term | None]:
     """Return the listed triple of an end of a statement by which parts are told apart.
 
     It is a side of the statement, with property, side and form of the triple; and the other end

@@ -9,8 +9,8 @@ from semmap.knowledge.standing.changes import Touched
 from semmap.knowledge.standing.index import COSTLY, PatternIndex, Triples
 from semmap.knowledge.standing.parts import (
     SIDES,
-    Part,
-    Pattern,
+    PartPattern,
+    QueryPart,
     Solution,
     is_variable,
     name_of_variable,
@@ -21,7 +21,7 @@ __all__ = ["has_all", "joined", "may_match"]
 
 
 def joined(
-    part: Part,
+    part: QueryPart,
     region: Solution,
     left: Iterable[int],
     known: Triples,
@@ -62,7 +62,7 @@ def joined(
 
 
 def _list_of(
-    pattern: Pattern, solution: Solution, touched: Touched, index: PatternIndex
+    pattern: PartPattern, solution: Solution, touched: Touched, index: PatternIndex
 ) -> tuple[str, int, Term] | None:
     """Return the key of a list with all triples that match a pattern with some terms."""
     if pattern.graph is not None or not pattern.listed or pattern.property in COSTLY:
@@ -77,7 +77,7 @@ def _list_of(
     return None
 
 
-def has_all(part: Part, name: str, form: Form, term: Term, known: Triples) -> bool:
+def has_all(part: QueryPart, name: str, form: Form, term: Term, known: Triples) -> bool:
     """Return whether a node has a listed triple for each pattern that needs one."""
     for number in part.keyed[name, form]:
         pattern = part.patterns[number]
@@ -92,7 +92,7 @@ def has_all(part: Part, name: str, form: Form, term: Term, known: Triples) -> bo
 
 
 def may_match(
-    part: Part, number: int, solution: Solution, known: Triples, touched: Touched
+    part: QueryPart, number: int, solution: Solution, known: Triples, touched: Touched
 ) -> bool:
     """Return whether the other patterns may match, by what is known of the touched entities."""
     for other, pattern in enumerate(part.patterns):

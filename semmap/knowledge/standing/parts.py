@@ -25,7 +25,7 @@ from semmap.knowledge.sparql.relation import can_join
 from semmap.knowledge.triple_map import Computed, Form, TripleMap
 from semmap.knowledge.vocabulary import GEO, SEMMAP
 
-__all__ = ["SIDES", "Condition", "Part", "Pattern", "Quad", "Solution", "split"]
+__all__ = ["SIDES", "Condition", "PartPattern", "Quad", "QueryPart", "Solution", "split"]
 
 SIDES = (0, 2)
 """Where subject and object are in a triple."""
@@ -79,7 +79,7 @@ class WholeError(Exception):
 
 
 @dataclass(eq=False)
-class Pattern:
+class PartPattern:
     """A triple pattern of a part.
 
     Attributes
@@ -152,7 +152,7 @@ class Condition(NamedTuple):
 
 
 @dataclass(eq=False)
-class Part:
+class QueryPart:
     """A part of a query, and its solutions.
 
     Attributes
@@ -179,7 +179,7 @@ class Part:
 
     tree: Any
     names: tuple[str, ...]
-    patterns: list[Pattern]
+    patterns: list[PartPattern]
     plain: bool = False
     conditions: tuple[Condition, ...] = ()
     projected: tuple[int | None, ...] = ()
@@ -270,7 +270,7 @@ Canonical = Callable[[Any, str], Term]
 
 def split(
     tree: Any, names: tuple[str, ...], sources: Sources, canonical: Canonical
-) -> list[Part] | None:
+) -> list[QueryPart] | None:
     """Return the parts of a query; None where it has to be evaluated as a whole.
 
     Parameters
@@ -338,7 +338,7 @@ def _choices(verb: Any) -> Iterator[Any]:
         yield verb
 
 
-def _part(node: Any, names: tuple[str, ...], sources: Sources, canonical: Canonical) -> Part:
+def _part(node: Any, names: tuple[str, ...], sources: Sources, canonical: Canonical) -> QueryPart:
     found = _Found()
     tree = found.rewritten(node, None)
     if not found.triples:
@@ -355,7 +355,7 @@ def _part(node: Any, names: tuple[str, ...], sources: Sources, canonical: Canoni
         if is_variable(term)
     ) | dict.fromkeys(found.variables)
     variables = tuple(known)
-    return Part(
+    return QueryPart(
         tree,
         variables,
         patterns,
@@ -489,7 +489,7 @@ def _pattern(
     graph: Any,
     found: list[TripleMap] | Computed,
     canonical: Canonical,
-) -> Pattern:
+) -> PartPattern:
     subject, verb, object_ = triple
     of_class = str(verb) == str(rdflib.RDF.type)
     terms = (
@@ -504,13 +504,13 @@ def _pattern(
         both = frozenset((side, "entity") for side in SIDES)
         listed = found.members is not None and found.converse is not None
         terms = (terms[0], rdflib.URIRef(found.property), terms[2])
-        return Pattern(terms, None, both, listed, stated=False, exact=True)
+        return PartPattern(terms, None, both, listed, stated=False, exact=True)
     tables = [each for each in found if each not in FACTS]
     only_inferred = graph is None and not any(each in STATEMENTS for each in found)
     if is_variable(verb) and (graph is None or tables):
         raise WholeError  # all properties of the map
     keys = frozenset(key for each in tables for key in _keys(each))
-    return Pattern(
+    return PartPattern(
         terms,
         named,
         keys,

@@ -25,18 +25,18 @@ from semmap.knowledge.standing.evaluation import Evaluation, Job, Regions
 from semmap.knowledge.standing.index import PatternIndex, Triples
 from semmap.knowledge.standing.joins import has_all, joined, may_match
 from semmap.knowledge.standing.parts import (
-    Part,
-    Pattern,
+    PartPattern,
     Quad,
+    QueryPart,
     Solution,
 )
 from semmap.knowledge.standing.shapes import (
     Filled,
     Node,
     Nodes,
-    Shape,
     Template,
     Templates,
+    TemplateShape,
     parsed_text,
 )
 from semmap.knowledge.standing.triples import TripleLists
@@ -68,7 +68,7 @@ class StandingQuery:
     template: Template
     filling: tuple[str, ...]
     names: tuple[str, ...]
-    parts: list[Part] = field(default_factory=list)
+    parts: list[QueryPart] = field(default_factory=list)
     counts: Counter[Row] = field(default_factory=Counter)
 
     @property
@@ -83,7 +83,7 @@ class StandingQueries:
     def __init__(self) -> None:
         self.queries: dict[str, StandingQuery] = {}
         self._templates = Templates()
-        self._shapes: dict[Any, Shape] = {}
+        self._shapes: dict[Any, TemplateShape] = {}
         self._known: dict[str, Node] = {}
         self._types: dict[str, str] = {}
         self._resolved: dict[str, Nodes] = {}
@@ -92,9 +92,9 @@ class StandingQueries:
         self._index = PatternIndex()
         self._lists = TripleLists()
         self._evaluation = Evaluation()
-        self._named: dict[str, set[Part]] = defaultdict(set)
-        self._whole: set[Part] = set()
-        self._having: dict[Term, dict[tuple[Part, str], int]] = defaultdict(dict)
+        self._named: dict[str, set[QueryPart]] = defaultdict(set)
+        self._whole: set[QueryPart] = set()
+        self._having: dict[Term, dict[tuple[QueryPart, str], int]] = defaultdict(dict)
         self._names: dict[int, str] = {}  # of entities that had another name
         self._inferred = NOTHING_INFERRED
 
@@ -149,7 +149,7 @@ class StandingQueries:
             for part in found.parts:
                 self._insert(part)
 
-    def _parts(self, view: MapView, found: StandingQuery, iris: frozenset[str]) -> list[Part]:
+    def _parts(self, view: MapView, found: StandingQuery, iris: frozenset[str]) -> list[QueryPart]:
         def canonical(term: Any, role: str) -> Term:
             return self._canonical(view, term, role)
 
@@ -160,16 +160,16 @@ class StandingQueries:
             constants = self._constants.only(template.iris)
             key = template.parsed.text.sparql, forms, constants.key, view.inferred
             if key not in self._shapes:
-                self._shapes[key] = Shape(view, template, constants, canonical, nodes)
+                self._shapes[key] = TemplateShape(view, template, constants, canonical, nodes)
             if not self._shapes[key].is_open:
                 return self._shapes[key].filled(
                     found, iris, Filled(filling, nodes, canonical, constants.class_of)
                 )
             template = Template(parsed_text(view, found.text), iris)
-        shape = Shape(view, template, self._constants.only(iris), canonical)
+        shape = TemplateShape(view, template, self._constants.only(iris), canonical)
         return shape.filled(found, iris, None)
 
-    def _insert(self, part: Part) -> None:
+    def _insert(self, part: QueryPart) -> None:
         for iri in part.iris:
             self._named[iri].add(part)
         if not part.patterns:
@@ -292,7 +292,7 @@ class StandingQueries:
 
     def _of_entities(self, touched: Touched, known: Triples, regions: Regions) -> None:
         """Find the solutions with nodes of changed entities."""
-        met: set[tuple[Part, str, Term]] = set()
+        met: set[tuple[QueryPart, str, Term]] = set()
         for (_, side, term), quads in known.items():
             form = touched.changed.get(term)
             if form is None:
@@ -348,7 +348,7 @@ class StandingQueries:
 
     def _find(
         self,
-        part: Part,
+        part: QueryPart,
         region: Solution,
         left: Iterable[int],
         known: Triples,
@@ -451,13 +451,13 @@ class StandingQueries:
         """Return whether fields state no more what a query asks, such as a source that ended."""
         return found.text in self.queries and isinstance(error.__cause__, FieldError)
 
-    def _add(self, part: Part, row: Row) -> None:
+    def _add(self, part: QueryPart, row: Row) -> None:
         part.add(row)
         for name, term in part.terms(row):
             counts = self._having[term]
             counts[part, name] = counts.get((part, name), 0) + 1
 
-    def _remove(self, part: Part, row: Row) -> None:
+    def _remove(self, part: QueryPart, row: Row) -> None:
         part.remove(row)
         for name, term in part.terms(row):
             counts = self._having[term]
@@ -473,9 +473,9 @@ class _Matches:
 
     def __init__(self, quad: Quad) -> None:
         self._quad = quad
-        self._found: dict[Pattern, Solution | None] = {}
+        self._found: dict[PartPattern, Solution | None] = {}
 
-    def of(self, pattern: Pattern) -> Solution | None:
+    def of(self, pattern: PartPattern) -> Solution | None:
         """Return the terms of the variables with which the quad matches; None if it does not."""
         if pattern not in self._found:
             self._found[pattern] = pattern.match(self._quad)

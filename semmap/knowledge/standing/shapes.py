@@ -17,9 +17,9 @@ from rdflib.plugins.sparql.parserutils import CompValue
 from semmap.knowledge.map_view import MapView, Term
 from semmap.knowledge.sparql.constants import Constants, iris_in, parts_of
 from semmap.knowledge.sparql.expressions import UntranslatedError
-from semmap.knowledge.sparql.translator import Statement, translate_each
+from semmap.knowledge.sparql.translator import SqlStatement, translate_each
 from semmap.knowledge.sparql.triples import TriplePatterns
-from semmap.knowledge.standing.parts import Part, Pattern, split
+from semmap.knowledge.standing.parts import PartPattern, QueryPart, split
 from semmap.knowledge.standing.whole import whole_part
 from semmap.knowledge.triple_map import Form
 from semmap.knowledge.vocabulary import TYPE, prefixes
@@ -27,7 +27,7 @@ from semmap.language.error import QueryError
 from semmap.language.normalise import normalise, tokens
 from semmap.language.parser import ParsedText, parse_sparql
 
-__all__ = ["Filled", "Nodes", "Shape", "Template", "Templates", "parsed_text", "translated"]
+__all__ = ["Filled", "Nodes", "Template", "TemplateShape", "Templates", "parsed_text", "translated"]
 
 _HOLE = "urn:semmap:hole:"
 _PLAIN = re.compile(r"[A-Za-z0-9_-]+")
@@ -142,7 +142,7 @@ def _properties(tree: Any) -> Iterator[str]:
             yield from _properties(part)
 
 
-class Shape:
+class TemplateShape:
     """The parts of queries of one template, whose names stand for nodes of the same forms.
 
     Parameters
@@ -181,7 +181,7 @@ class Shape:
         if parts is None:
             parts = [whole_part(algebra, names, self._constants, translator)]
         self._parts = parts
-        self._statements: list[dict[Any, Statement | None]] = [{} for _ in parts]
+        self._statements: list[dict[Any, SqlStatement | None]] = [{} for _ in parts]
         self.is_open = False
         for part, kept in zip(parts, self._statements, strict=True):
             kept[()] = None
@@ -189,7 +189,7 @@ class Shape:
                 kept[()] = translated(view, part, self._constants, {})
             self.is_open |= bool(filling) and not _is_closed(kept[()], filling)
 
-    def filled(self, query: Any, iris: frozenset[str], filling: Filled | None) -> list[Part]:
+    def filled(self, query: Any, iris: frozenset[str], filling: Filled | None) -> list[QueryPart]:
         """Return the parts of a query, with its terms in the holes.
 
         Parameters
@@ -200,7 +200,7 @@ class Shape:
         """
         parts = []
         for part, kept in zip(self._parts, self._statements, strict=True):
-            made = Part(
+            made = QueryPart(
                 part.tree,
                 part.names,
                 [_filled(each, filling) if filling else each for each in part.patterns],
@@ -256,8 +256,8 @@ class Filled:
 
 
 def translated(
-    view: MapView, part: Part, constants: Constants, given: Mapping[str, Form]
-) -> Statement | None:
+    view: MapView, part: QueryPart, constants: Constants, given: Mapping[str, Form]
+) -> SqlStatement | None:
     """Return the statement of a part; None if it has no translation."""
     try:
         return translate_each(
@@ -307,7 +307,7 @@ def _with_holes_filled(known: Constants, filling: tuple[Nodes, ...]) -> Constant
     return known.and_also(nodes, types, classes)
 
 
-def _is_closed(statement: Statement | None, filling: tuple[Nodes, ...]) -> bool:
+def _is_closed(statement: SqlStatement | None, filling: tuple[Nodes, ...]) -> bool:
     """Return whether the holes of a statement are whole values of parameters."""
     holes = range(len(filling))
     whole = {text for i in holes for text in (_hole(i), _name_in(i), _class_in(i))}
@@ -325,7 +325,7 @@ def _canonical(term: Any, role: str, canonical: Canonical) -> Term:
     return _marked(str(term), role) if is_hole else canonical(term, role)
 
 
-def _filled(pattern: Pattern, filling: Filled) -> Pattern:
+def _filled(pattern: PartPattern, filling: Filled) -> PartPattern:
     """Return a pattern with its holes filled; one without holes is the same for all queries."""
     subject, verb, object_ = (filling.terms.get(term, term) for term in pattern.terms)
     graph = pattern.graph
@@ -333,7 +333,7 @@ def _filled(pattern: Pattern, filling: Filled) -> Pattern:
         return pattern
     if graph is not None and isinstance(graph, rdflib.URIRef) and _is_hole(graph):
         graph = rdflib.URIRef(filling.values[str(graph)])
-    return Pattern(
+    return PartPattern(
         (subject, verb, object_),
         graph,
         pattern.keys,

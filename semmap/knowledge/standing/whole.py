@@ -14,7 +14,7 @@ from semmap.knowledge.sparql.constants import Constants, iris_in
 from semmap.knowledge.sparql.expressions import UntranslatedError
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.standing.changes import Changes
-from semmap.knowledge.standing.parts import Part
+from semmap.knowledge.standing.parts import QueryPart
 from semmap.knowledge.vocabulary import SEMMAP
 
 __all__ = ["concerns", "whole_part"]
@@ -22,9 +22,9 @@ __all__ = ["concerns", "whole_part"]
 
 def whole_part(
     tree: Any, names: tuple[str, ...], constants: Constants, translator: TriplePatterns
-) -> Part:
+) -> QueryPart:
     """Return the part that is a whole query."""
-    return Part(
+    return QueryPart(
         tree,
         names,
         [],
@@ -35,7 +35,7 @@ def whole_part(
     )
 
 
-def concerns(part: Part, changes: Changes) -> bool:
+def concerns(part: QueryPart, changes: Changes) -> bool:
     """Return whether changes can concern a whole query."""
     if changes.removed or ((changes.others or changes.entities) and part.of_tables):
         return True

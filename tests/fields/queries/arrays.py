@@ -16,7 +16,7 @@ from semmap.fields.queries.statements import (
     StatementColumn,
     StatementRelation,
     Statements,
-    Voxels,
+    VoxelColumn,
 )
 from semmap.fields.queries.voxel_functions import VOXEL_FUNCTIONS
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -77,7 +77,7 @@ class Listed:
 
 def _column(kind: SideKind, values: list) -> StatementColumn:  # type: ignore[type-arg]
     if kind == "voxel":
-        return Voxels(keys_of(np.array(values, np.int32).reshape(-1, 3)))
+        return VoxelColumn(keys_of(np.array(values, np.int32).reshape(-1, 3)))
     if kind == "number":
         return Numbers(np.array(values, float))
     names = tuple(sorted(set(values)))
@@ -154,7 +154,7 @@ class Arrays:
 def terms(column: StatementColumn) -> list[rdflib.term.Identifier]:
     """Return a term for each value."""
     match column:
-        case Voxels(keys):
+        case VoxelColumn(keys):
             return [voxel_iri(voxel) for voxel in voxels_of_keys(keys).tolist()]
         case Entities(codes, names):
             return [rdflib.URIRef(KB + names[code]) for code in codes.tolist()]

@@ -15,7 +15,7 @@ from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries import StoreResult, query
 from semmap.fields.queries.catalogue import RDF_TYPE, FieldCatalogue
-from semmap.fields.queries.statements import Entities, Numbers, Statements, Voxels
+from semmap.fields.queries.statements import Entities, Numbers, Statements, VoxelColumn
 from semmap.fields.regions.region_map import NamedRegionMap, RegionMap
 from semmap.fields.regions.shapes import Box, Sphere, voxels_of
 from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
@@ -42,7 +42,7 @@ def rows(stated: Statements) -> set[tuple[Any, ...]]:
     """Return voxels as triples of integers, and entities by name."""
 
     def plain(column: Any) -> list[Any]:
-        if isinstance(column, Voxels):
+        if isinstance(column, VoxelColumn):
             return [tuple(v) for v in voxels_of_keys(column.keys).tolist()]
         if isinstance(column, Entities):
             return [column.names[code] for code in column.codes]

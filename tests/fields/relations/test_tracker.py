@@ -23,7 +23,7 @@ from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.entity_relation import EntityRelation
 from semmap.fields.regions.shapes import Region
-from semmap.fields.relations.facts import Fact, RelationEvent
+from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.rules import RULES, RelationRule, near_rule
 from semmap.fields.relations.tracker import RelationTracker
 from semmap.language.schema import Property
@@ -57,7 +57,7 @@ class Model:
         voxels = [] if region is None else voxels_of(region, SIZE).tolist()
         self.voxels[entity] = {(x, y, z) for x, y, z in voxels}
 
-    def update(self) -> set[Fact]:
+    def update(self) -> set[RelationFact]:
         present = [entity for entity, voxels in self.voxels.items() if voxels]
         self.standing = {
             (name, a, b)
@@ -66,7 +66,7 @@ class Model:
             if self.holds(name, a, b, (name, a, b) in self.standing)
         }
         return {
-            Fact(name, *(NAMES.get(each, each) for each in (VIEWS.get(a, a), b)))
+            RelationFact(name, *(NAMES.get(each, each) for each in (VIEWS.get(a, a), b)))
             for name, a, b in self.standing
         }
 
@@ -186,7 +186,7 @@ class Moving(RuleBasedStateMachine):
     @invariant()
     def events_tell_all(self) -> None:
         """The events, replayed, give the facts that are true; each fact begins and ends in turn."""
-        replayed: dict[Fact, datetime] = {}
+        replayed: dict[RelationFact, datetime] = {}
         for event in self.heard:
             assert event.began == (event.fact not in replayed)
             if event.began:
@@ -283,7 +283,7 @@ def test_a_mug_is_carried() -> None:
     for x in np.linspace(0, 0.5, 11):
         here.move("mug", Box((x, 0, 0.80), (0.1, 0.1, 0.1)))
         assert sentences(tracker.update(["mug"])) == set()
-    since = tracker.holding("on")[Fact("on", "mug", "table")]
+    since = tracker.holding("on")[RelationFact("on", "mug", "table")]
     here.remove("mug")
     events = tracker.update(["mug"])
     assert sentences(events) == {
@@ -295,7 +295,7 @@ def test_a_mug_is_carried() -> None:
         "human1 sees mug ends",
     }
     assert all(event.time >= since for event in events)
-    assert set(tracker.holding()) == {Fact("sees", "human1", "table")}
+    assert set(tracker.holding()) == {RelationFact("sees", "human1", "table")}
     assert tracker.update(["mug", "nobody"]) == []
 
 

@@ -19,11 +19,11 @@ from semmap.fields.maps.vocabulary import read_vocabulary
 from semmap.fields.sources import (
     Gaze,
     GazeSource,
-    Motion,
     ObjectSource,
     People,
     PeopleSource,
     PersonalSpaceSource,
+    PersonMotion,
     RobotBodySource,
     RobotState,
     Segmentation,
@@ -130,7 +130,10 @@ def test_wrong_images_are_refused(changes: dict[str, Any], says: str) -> None:
 def test_personal_space() -> None:
     """1 at the person, further ahead than behind, wider the faster."""
     source = PersonalSpaceSource(VOCABULARY, voxel_size=SIZE)
-    people = {"standing": Motion(0, 0, math.pi / 2), "walking": Motion(5, 0, 0, 0, 1.0, z=0.1)}
+    people = {
+        "standing": PersonMotion(0, 0, math.pi / 2),
+        "walking": PersonMotion(5, 0, 0, 0, 1.0, z=0.1),
+    }
     still, moving = source(People(people, NOW))
     assert (still.about, still.property.measure) == ("standing", "personalSpace")
     ahead, behind, aside = still.at([(0.0, 0.8, 1), (0, -0.8, 1), (0.7, 0, 1)])

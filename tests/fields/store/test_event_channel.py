@@ -14,7 +14,7 @@ from sqlalchemy.exc import DBAPIError
 
 from semmap.fields import Cone
 from semmap.fields.relations.event_bus import EventBus
-from semmap.fields.relations.facts import Fact, RelationEvent
+from semmap.fields.relations.facts import RelationEvent, RelationFact
 from semmap.fields.relations.tracker import RelationTracker
 from semmap.fields.store.event_channel import CHANNEL, EventListener, EventPublisher
 from semmap.fields.store.voxel_mirror import VoxelMirror
@@ -135,7 +135,7 @@ def test_from_the_database_to_the_channel(engine: Engine, tmp_path: Path) -> Non
         change(engine, "SELECT move_to(entity_id('a'), 3.0, 0.0, 0.6, 0.0)")
         assert mirror.catch_up() == {number(engine, "a")}
         on_change({number(engine, "a")})
-        assert Fact("on", "a", "b") in tracker.holding()
+        assert RelationFact("on", "a", "b") in tracker.holding()
         change(engine, "DELETE FROM entity WHERE name = 'a'")
         on_change(mirror.catch_up())
         assert [str(event) for event in heard] == [

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rdflib import OWL, RDFS
 
-from semmap.knowledge.reasoning.closure import Relations, close_all
+from semmap.knowledge.reasoning.closure import FactIndex, close_all
 from semmap.knowledge.reasoning.engine import (
     TYPE_OF,
     Facts,
@@ -160,7 +160,7 @@ def test_relations_close_as_facts_do(axioms: list[str], stated: list[str]) -> No
     given_axioms = {fact for fact in everything if is_axiom(fact)}
     told = everything - given_axioms
     compiled = compile_rules(given_axioms, same=False)
-    relations = Relations()
+    relations = FactIndex()
     for fact in told:
         relations.add(fact)
     added = set(close_all(relations, compiled.rules).triples())

@@ -3,7 +3,7 @@
 import pytest
 from sqlalchemy import text
 
-from planner.mission.behaviours import Observation
+from planner.mission.behaviours import RobotObservation
 from planner.mission.observations import write_observation
 from semmap.cli import choose_map
 from semmap.geometry.pose import Pose
@@ -19,7 +19,9 @@ def test_doors_that_it_sees_are_in_the_map_as_it_saw_them(office_engine, state):
                 "RETURNING id"
             )
         ).scalar_one()
-        seen = Observation("lab1", Pose.planar(13.0, 3.0), doors={"door1": state, "door2": "odd"})
+        seen = RobotObservation(
+            "lab1", Pose.planar(13.0, 3.0), doors={"door1": state, "door2": "odd"}
+        )
         write_observation(connection, robot, seen)
         states = dict(
             connection.execute(
