@@ -162,8 +162,6 @@ class Costmap:
         self.obstacles = ObstacleLayers(members, grid, threads=threads)
         self._compute()
 
-    # -- the whole computation ------------------------------------------------------------------
-
     def _compute(self) -> None:
         start = time.perf_counter()
         self.occupied = {
@@ -242,8 +240,6 @@ class Costmap:
         found: NDArray[np.bool_] = self.obstacles.solids([(height, height)])[0]
         return found
 
-    # -- costs ----------------------------------------------------------------------------------
-
     @property
     def reach(self) -> int:
         """The number of cells beyond which an occupied cell has no effect."""
@@ -270,8 +266,6 @@ class Costmap:
             cost[hidden & (cost < INSCRIBED)] = UNKNOWN
             self.costs[number][window] = cost
         self.master[window] = joined(self.costs[:, *window])
-
-    # -- changes --------------------------------------------------------------------------------
 
     def update(self, entities: Iterable[SceneEntity], gone: Iterable[int] = ()) -> Window | None:
         """Replace or add entities, remove others, and compute the costs near them again.
@@ -349,8 +343,6 @@ class Costmap:
         rows, columns = np.nonzero(touched.any(axis=1))[0], np.nonzero(touched.any(axis=0))[0]
         window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
         return grown(window, self.reach, self.grid)
-
-    # -- explanation ----------------------------------------------------------------------------
 
     def explain(self, x: float, y: float) -> list[CostSource]:
         """Return the causes of the cost at a point, the highest cost first.
