@@ -1,5 +1,6 @@
 """Plans cost what a stock planner finds for the exported problem."""
 
+import contextlib
 import warnings
 
 import pytest
@@ -23,7 +24,8 @@ def solved(problem, folder):
 
         get_environment().credits_stream = None
         task = PDDLReader().parse_problem(*map(str, write_pddl(problem, folder)))
-        with OneshotPlanner(name="fast-downward-opt") as planner:
+        # it writes its translation into the working folder, where other tests of it may run
+        with contextlib.chdir(folder), OneshotPlanner(name="fast-downward-opt") as planner:
             found = planner.solve(task).plan
     if found is None:
         return None
