@@ -235,8 +235,8 @@ class StoredAction(Base):
     contributor: Mapped[Contributor] = relationship()
     steps: Mapped[list[StoredAction]] = relationship(
         secondary="semmap.action_step",
-        primaryjoin="Action.id == ActionStep.whole_id",
-        secondaryjoin="Action.id == ActionStep.step_id",
+        primaryjoin=lambda: StoredAction.id == ActionStep.whole_id,
+        secondaryjoin=lambda: StoredAction.id == ActionStep.step_id,
         order_by="ActionStep.number",
         viewonly=True,
     )
