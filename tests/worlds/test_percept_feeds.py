@@ -139,13 +139,13 @@ from datetime import datetime, timezone
 import numpy as np
 
 from semmap.fields.maps.representation_map import RepresentationMap
-from semmap.fields.sources.percepts import Motion, People
+from semmap.fields.sources.percepts import People, PersonMotion
 from semmap_vdb import Int32Grid
 
 
 class Legs:
     def __init__(self, name, x, y):
-        self.people = {name: Motion(x, y, 0.0)}
+        self.people = {name: PersonMotion(x, y, 0.0)}
 
     def __call__(self):
         return People(self.people, datetime.now(timezone.utc))
