@@ -10,7 +10,7 @@ import psycopg
 import semmap
 from benchmarks.bench_map import fresh_map
 from benchmarks.timing import Row, median_seconds, print_rows
-from semmap.belief.store import add_observations, read_belief
+from semmap.belief.store.beliefs import add_observations, read_belief
 
 __all__ = ["main"]
 

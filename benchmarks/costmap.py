@@ -17,8 +17,8 @@ from benchmarks import office
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, medians_in_turn, print_rows
 from navgrid.costmap import Costmap
-from navgrid.field_reader import read_mirror
 from navgrid.grid import Grid
+from navgrid.readers.fields import read_mirror
 from semmap.database import connect
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.mesh import join

@@ -9,8 +9,8 @@ from typing import Any
 import semmap
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, medians_in_turn, print_rows
-from semmap.manipulation.device_store import add_gripper
 from semmap.manipulation.reader import actions_by_shape, actions_on, known_actions
+from semmap.manipulation.store.devices import add_gripper
 
 __all__ = ["main"]
 

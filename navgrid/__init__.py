@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from navgrid.nav2 import write_nav2
     from navgrid.occupancy_grid import StoreyGrid, storey_grid
     from navgrid.policy import Policy
-    from navgrid.reader import read_costmaps
+    from navgrid.readers.costmaps import read_costmaps
     from navgrid.slabs import occupancy
     from navgrid.terrain import DriveLimits
 
@@ -73,7 +73,7 @@ _MODULES = {
     "write_nav2": "nav2",
     "occupancy": "slabs",
     "Policy": "policy",
-    "read_costmaps": "reader",
+    "read_costmaps": "readers.costmaps",
     "StoreyGrid": "occupancy_grid",
     "storey_grid": "occupancy_grid",
     "DriveLimits": "terrain",

@@ -85,7 +85,7 @@ class Costmap:
     static : mapping of (rows, columns) bool arrays, optional
         Further layers by name, such as a SLAM map; they are obstacles at every height.
     fields : mapping of RepresentationMap or FieldVoxels, optional
-        Fields by name, such as those of `navgrid.field_reader`. The policy states by property
+        Fields by name, such as those of `navgrid.readers.fields`. The policy states by property
         whether they are obstacles at their heights or social costs.
     threads : int, optional
         By default one a processor.

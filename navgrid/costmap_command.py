@@ -92,7 +92,7 @@ def costmap_command(
     from navgrid.map_file import file_name
     from navgrid.nav2 import write_nav2
     from navgrid.policy import Policy
-    from navgrid.reader import read_costmaps
+    from navgrid.readers.costmaps import read_costmaps
     from navgrid.terrain import DriveLimits
 
     if folder is None and explain is None:

@@ -71,7 +71,7 @@ VoxelSize = Annotated[
 
 def voxels_of(connection: Any, from_voxels: bool, voxel_size: float) -> dict[int, Voxels] | None:
     """Return the voxels of the map as options choose them; None for its meshes."""
-    from navgrid.field_reader import read_mirror
+    from navgrid.readers.fields import read_mirror
 
     return read_mirror(connection, voxel_size) if from_voxels else None
 
@@ -86,7 +86,7 @@ def fields_of(connection: Any, names: list[str] | None, no_fields: bool) -> dict
     LookupError
         There is no field of a given name.
     """
-    from navgrid.field_reader import LIVE, read_ended_fields, read_fields
+    from navgrid.readers.fields import LIVE, read_ended_fields, read_fields
     from semmap import cli
 
     if no_fields and names:

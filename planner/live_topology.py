@@ -14,12 +14,10 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from datetime import UTC, datetime
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from sqlalchemy import Connection
-
-from navgrid.field_reader import read_field_versions, read_fields, read_live_versions
 from navgrid.policy import NONE, Policy
+from navgrid.readers.fields import read_field_versions, read_fields, read_live_versions
 from planner.duration import Durations
 from planner.readers.entity_lookup import MapLookup
 from planner.readers.map_source import MapSource, open_feed
@@ -33,6 +31,9 @@ from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceConnector, Topology
 from semmap.query.change_feed import ChangeFeed, Look
 from semmap.query.storey_scene import StoreyScene
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 __all__ = ["LiveTopology", "TopologyChange"]
 

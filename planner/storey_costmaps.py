@@ -81,7 +81,7 @@ class StoreyCostmaps:
         How much slower the robot drives on the most expensive passable cells than on clear ones: 1
         doubles the time.
     fields
-        Fields by name, from `navgrid.field_reader.read_fields`: obstacles and social costs.
+        Fields by name, from `navgrid.readers.fields.read_fields`: obstacles and social costs.
 
     Raises
     ------

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from sqlalchemy import Connection
 
 from planner.base_pose import poses_in, poses_to_reach
 from planner.entity_lookup import LocatedEntity
@@ -26,6 +26,9 @@ from planner.tasks.solver import PATIENCE, find_plan
 from planner.tasks.world import TaskState, TaskWorld
 from planner.topology import Place, PlaceRegion
 from semmap.geometry.pose import Pose
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 __all__ = ["Task", "TaskPlanner", "plan_task"]
 

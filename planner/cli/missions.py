@@ -93,7 +93,7 @@ def missions_command(
     json_: cli.Json = False,
 ) -> None:
     """List missions, or the steps of one; cancel one."""
-    from planner.mission.mission_store import MissionError, MissionStore
+    from planner.mission.store.missions import MissionError, MissionStore
 
     with cli.database() as engine, MissionStore(engine, map_name) as store:
         if cancel is not None and not store.cancel(cancel):

@@ -16,9 +16,9 @@ import typer
 from semmap import cli
 
 if TYPE_CHECKING:
-    from planner.mission.grasp_memory import GraspMemory
-    from planner.mission.mission_list import MissionList
     from planner.mission.runner import MissionEvent, MissionResult
+    from planner.mission.store.grasp_memory import GraspMemory
+    from planner.mission.store.mission_list import MissionList
     from planner.search.problem_builder import Detector
     from planner.search.search_mission import SearchResult
     from planner.search.viewpoints import Sight
@@ -62,11 +62,11 @@ class SimulatedRun:
         """
         from planner.live_topology import LiveTopology
         from planner.mission.failures import FailureRule
-        from planner.mission.mission_list import MissionList
-        from planner.mission.mission_store import MissionStore
         from planner.mission.runner import Runner
         from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
-        from planner.mission.simulation_map import simulation_map
+        from planner.mission.store.mission_list import MissionList
+        from planner.mission.store.missions import MissionStore
+        from planner.mission.store.simulation_map import simulation_map
         from planner.search.problem_builder import Detector
         from planner.search.search_mission import SearchPlanner
         from planner.search.setup import put_objects, searching_robot
@@ -158,7 +158,7 @@ class SimulatedRun:
 
     def _grasps(self) -> GraspMemory:
         """Chooses grasps and places; tries them in simulation, as far as that is possible."""
-        from planner.mission.grasp_memory import GraspMemory
+        from planner.mission.store.grasp_memory import GraspMemory
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.extra import library
 
@@ -243,7 +243,7 @@ def _show_event(event: MissionEvent) -> None:
 
 def _resumed(missions: MissionList, mission: int | None) -> int:
     """The number of the mission to resume."""
-    from planner.mission.map_connection import MissionError
+    from planner.mission.store.map_connection import MissionError
 
     if mission is not None:
         return mission

@@ -11,11 +11,11 @@ from typing import Any
 from navgrid.grid_output import with_grid, write_grid
 from navgrid.map_file import file_name
 from navgrid.occupancy_grid import StoreyGrid, storey_grid
-from planner.demo.choices import DemoChoices, choose, figure_3, read_choices
 from planner.demo.costmaps import robot_demo
 from planner.demo.demo_robot import DemoRobot
 from planner.demo.fields import field_demo
 from planner.demo.office import demo_robot, office_files
+from planner.demo.reader import DemoChoices, choose, figure_3, read_choices
 from planner.demo.route_lines import Line, route_lines
 from planner.demo.search import search_demo
 from planner.demo.sparql import ask_in_sparql

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from planner.demo.choices import DemoChoices
+from planner.demo.reader import DemoChoices
 from planner.live_topology import LiveTopology
 from planner.readers.entity_lookup import find_entities
 from planner.search.picture import search_picture

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from planner.demo.choices import DemoChoices
+from planner.demo.reader import DemoChoices
 from semmap import cli
 from semmap.knowledge import query
 from semmap.knowledge.map_view import MapView

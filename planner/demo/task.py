@@ -7,12 +7,12 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from planner.demo.choices import DemoChoices
+from planner.demo.reader import DemoChoices
 from planner.live_topology import LiveTopology
-from planner.mission.mission_store import MissionError, MissionStore
 from planner.mission.runner import MissionEvent, MissionResult, Runner
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
-from planner.mission.simulation_map import simulation_map
+from planner.mission.store.missions import MissionError, MissionStore
+from planner.mission.store.simulation_map import simulation_map
 from planner.plan import Plan
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass

@@ -8,8 +8,8 @@ from planner.mission.behaviours import (
     Sighting,
 )
 from planner.mission.command import Command, commands_of
-from planner.mission.mission_store import MissionError, MissionStore
 from planner.mission.runner import MissionResult, Runner
+from planner.mission.store.missions import MissionError, MissionStore
 
 __all__ = [
     "Behaviours",

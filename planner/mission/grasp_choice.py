@@ -147,7 +147,7 @@ class GraspChooser:
         from semmap.manipulation.arm_motions import approachable_rows
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.retrieval import find_grasps
-        from semmap.manipulation.shape_store import shape_of
+        from semmap.manipulation.store.shapes import shape_of
 
         try:
             with self.session.transaction():
@@ -210,7 +210,7 @@ class GraspChooser:
         """The best place that ends a grasp, without a motion."""
         from semmap.manipulation.places import place_of
         from semmap.manipulation.practice import NOT_HELD, try_place
-        from semmap.manipulation.task_store import record_task
+        from semmap.manipulation.store.tasks import record_task
 
         gripper = self.hand.gripper
         action = place_of(self.session, item, grasp, gripper)
@@ -295,7 +295,7 @@ class GraspChooser:
 
     def _record(self, item: str, action: int) -> None:
         """Store that a grasp succeeded in a trial, where the mission uses another one."""
-        from semmap.manipulation.task_store import record_task
+        from semmap.manipulation.store.tasks import record_task
 
         record_task(
             self.session,

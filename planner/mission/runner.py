@@ -17,8 +17,8 @@ from py_trees.common import Status
 from planner.mission.behaviours import Behaviours, Outcome, RobotObservation, RunningBehaviour
 from planner.mission.claims import claims_of
 from planner.mission.command import Command, commands_of, with_spot
-from planner.mission.mission_store import LostMissionError, MissionStore
 from planner.mission.retry_policy import RetryPolicy
+from planner.mission.store.missions import LostMissionError, MissionStore
 from planner.mission.tree import mission_tree
 from planner.plan import Plan
 

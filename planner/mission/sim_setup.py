@@ -8,9 +8,9 @@ from typing import Any
 
 from planner.live_topology import LiveTopology
 from planner.mission.failures import FailureRule
-from planner.mission.mission_store import MissionError, MissionStore
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_world import SimWorld
+from planner.mission.store.missions import MissionError, MissionStore
 from planner.topology import Topology
 from semmap.geometry.pose import Pose
 

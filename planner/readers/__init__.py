@@ -1,1 +1,1 @@
-"""Database access of the planner: no other module here but `*.reader` and `*.stores` has SQL."""
+"""Database access of the planner, beside its modules `reader` and `planner.mission.store`."""

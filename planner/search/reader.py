@@ -11,7 +11,7 @@ from sqlalchemy import Connection, text
 
 from semmap.belief.places import BeliefPlace
 from semmap.belief.reader import read_height, read_occluders, read_places
-from semmap.belief.store import read_belief
+from semmap.belief.store.beliefs import read_belief
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import SceneEntity
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 from planner.live_topology import LiveTopology
 from planner.mission.behaviours import Sighting
-from planner.mission.mission_store import MissionError, MissionStore
 from planner.mission.sim_setup import body_options
 from planner.mission.sim_world import SimWorld
+from planner.mission.store.missions import MissionError, MissionStore
 from planner.search.problem_builder import Detector
 from planner.search.reader import read_believed_object, read_entity_shapes, read_room
 from planner.search.sim_search import SearchingRobot, SimEyes

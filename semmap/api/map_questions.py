@@ -131,9 +131,9 @@ class MapQuestions:
         Raises
         ------
         LookupError, ValueError
-            As `semmap.belief.store.read_belief`.
+            As `semmap.belief.store.beliefs.read_belief`.
         """
-        from semmap.belief.store import read_belief
+        from semmap.belief.store.beliefs import read_belief
 
         return read_belief(self._session(), name, at)
 
@@ -145,7 +145,7 @@ class MapQuestions:
         ValueError
             As `semmap.belief.action_chains.action_chain`.
         """
-        from semmap.belief.teaching_store import how_to
+        from semmap.belief.store.teaching import how_to
 
         return how_to(self._session(), goal, given)
 

@@ -225,10 +225,10 @@ class SemanticMap(MapQuestions):
         Raises
         ------
         LookupError, ValueError
-            As `semmap.belief.teaching_store.teach`: what contradicts the map is refused.
+            As `semmap.belief.store.teaching.teach`: what contradicts the map is refused.
         """
+        from semmap.belief.store.teaching import teach
         from semmap.belief.teaching import parse_teaching, read_teaching
-        from semmap.belief.teaching_store import teach
 
         parsed = (
             read_teaching(Path(teaching))
@@ -243,14 +243,14 @@ class SemanticMap(MapQuestions):
         Parameters
         ----------
         values : `at`, `visible`, `hit`, `false_alarm`, `position`, `inside`, `observer`, as of
-            `semmap.belief.store.add_observations`
+            `semmap.belief.store.beliefs.add_observations`
 
         Raises
         ------
         LookupError, ValueError
-            As `semmap.belief.store.add_observations`.
+            As `semmap.belief.store.beliefs.add_observations`.
         """
-        from semmap.belief.store import add_observations
+        from semmap.belief.store.beliefs import add_observations
 
         add_observations(self._session(), [{"object": name, "place": place, "seen": seen} | values])
 

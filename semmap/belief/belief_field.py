@@ -39,7 +39,8 @@ def belief_map(
     Parameters
     ----------
     places, belief
-        As `semmap.belief.reader.read_places` and `semmap.belief.store.read_belief` return them.
+        As `semmap.belief.reader.read_places` and `semmap.belief.store.beliefs.read_belief` return
+        them.
     about
         The object that is looked for.
     voxel_size

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sqlalchemy import Connection
 
 from semmap.belief.error import BeliefError
 from semmap.belief.looks import observe_view
-from semmap.belief.store import Row, driver
+from semmap.belief.store.beliefs import Row, driver
 from semmap.draw.depth_camera import DepthCamera
 from semmap.geometry.mesh import Mesh
 from semmap.perception.models import KnownObject, train_model
@@ -22,6 +22,9 @@ from semmap.perception.registration import moved
 from semmap.query.entity_query import entity_id
 from semmap.query.storey_reader import read_entities
 from semmap.query.storey_scene import EntityKind
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 __all__ = ["observe_cloud", "read_models"]
 

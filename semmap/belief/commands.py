@@ -36,8 +36,8 @@ def teach_command(
 
     Each file is stored as a whole or not at all.
     """
+    from semmap.belief.store.teaching import teach
     from semmap.belief.teaching import parse_teaching, read_teaching
-    from semmap.belief.teaching_store import teach
 
     counts = []
     with cli.open_database() as db:
@@ -83,7 +83,7 @@ def where_command(
     """Show where objects or agents probably are."""
     from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
     from semmap.belief.motion import MotionModel
-    from semmap.belief.store import where
+    from semmap.belief.store.beliefs import where
     from semmap.ingest.regions.commands import zoned
 
     if draw is not None and len(names) > 1:
@@ -216,7 +216,8 @@ def observe_command(
     --view 1,2,1.2,0,0.4 --cloud view.ply --looked-for mug1
     """
     from semmap.belief.looks import observe_point
-    from semmap.belief.store import add_observations
+    from semmap.belief.reader import is_wide
+    from semmap.belief.store.beliefs import add_observations
     from semmap.ingest.regions.commands import zoned
 
     if sum(given is not None for given in (place, point, view)) != 1 or (view is None) != (
@@ -252,24 +253,13 @@ def observe_command(
             there = _numbers(point, 3, "--point")
             rows = [observe_point(connection, name, there, frame=frame, at=moment, **values)]
         else:
-            wide = _is_wide(connection, str(place))
+            wide = is_wide(connection, str(place))
             row = {"object": name, "place": place, "seen": not missed, "inside": wide, "at": moment}
             row |= {"visible": visible, "observer": frame} | values
             add_observations(connection, [row])
             rows = [row]
     columns = ("object", "place", "seen", "visible")
     cli.show_table([{"visible": 1.0} | row for row in rows], json_, columns)
-
-
-def _is_wide(connection: Connection, place: str) -> bool:
-    """Whether a place is a room or storey: a person means anywhere in it."""
-    from sqlalchemy import text
-
-    kind = connection.execute(
-        text("SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"),
-        {"name": place},
-    ).scalar()
-    return kind in ("room", "storey", "region")
 
 
 def _observe_view(
@@ -367,7 +357,7 @@ def initial(
     map_name: cli.MapName = None,
 ) -> None:
     """Print the initial belief as JSON: locations, and a distribution for each name."""
-    from semmap.belief.store import initial_belief
+    from semmap.belief.store.beliefs import initial_belief
     from semmap.ingest.regions.commands import zoned
 
     with cli.open_database() as db:
@@ -383,7 +373,7 @@ def how(
     json_: cli.Json = False,
 ) -> None:
     """Show the taught actions that bring about a goal, the first one first."""
-    from semmap.belief.teaching_store import how_to
+    from semmap.belief.store.teaching import how_to
 
     with cli.open_database() as db:
         chain = how_to(db.map(map_name).session_of_map(), goal, given or ())
@@ -447,7 +437,7 @@ def grammar(
 ) -> None:
     """Print a grammar of the names that the map knows, for a speech recogniser."""
     from semmap.belief.grammar import write_grammar
-    from semmap.belief.teaching_store import vocabulary
+    from semmap.belief.store.teaching import vocabulary
 
     with cli.open_database() as db:
         print(write_grammar(vocabulary(db.map(map_name).session_of_map()), format_))
@@ -466,7 +456,7 @@ def field(
     """Store a belief as a field of probabilities, for queries and costmaps."""
     from semmap.belief.belief_field import belief_map
     from semmap.belief.reader import read_places
-    from semmap.belief.store import read_belief
+    from semmap.belief.store.beliefs import read_belief
     from semmap.fields.store.map_store import save_map
     from semmap.fields.store.names import read_map_vocabulary
     from semmap.ingest.regions.commands import zoned

@@ -12,7 +12,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.motion import MotionModel, infer_with_motion
 from semmap.belief.occlusion import infer_with_occlusion
 from semmap.belief.reader import BeliefColumns, read_columns, read_model
-from semmap.belief.store import MapConnection
+from semmap.belief.store.beliefs import MapConnection
 
 __all__ = ["belief_with_motion", "belief_with_occlusion", "known_volumes"]
 

@@ -34,7 +34,7 @@ def write_grammar(names: Mapping[str, Sequence[str]], format: str = "gbnf") -> s
     Parameters
     ----------
     names
-        `things`, `places`, `types` and `actions`, as `semmap.belief.teaching_store.vocabulary`
+        `things`, `places`, `types` and `actions`, as `semmap.belief.store.teaching.vocabulary`
         returns them. Sentences about an empty list are left out.
     format
         ``gbnf``, of llama.cpp and others, or ``jsgf``, of speech recognisers.

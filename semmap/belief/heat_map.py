@@ -15,7 +15,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
 
 from semmap.belief.places import BeliefPlace
-from semmap.belief.store import ELSEWHERE
+from semmap.belief.store.beliefs import ELSEWHERE
 from semmap.draw.floor_plan import FLAT, HIDDEN, floor_plan
 from semmap.draw.view import StoreyView
 
@@ -48,7 +48,7 @@ def heat_map(
     places
         Those of the storey are coloured.
     belief
-        Probabilities by names of places, as `semmap.belief.store.read_belief` returns them.
+        Probabilities by names of places, as `semmap.belief.store.beliefs.read_belief` returns them.
     name
         Of the object, for the title.
     """

@@ -6,17 +6,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
-from sqlalchemy import Connection
 
 from semmap.belief.association import moved_or_new
 from semmap.belief.error import BeliefError
 from semmap.belief.motion import DAILY, MotionModel, infer_with_motion
 from semmap.belief.places import place_at
 from semmap.belief.reader import read_agent_pose, read_columns, read_model, read_places
-from semmap.belief.store import driver
+from semmap.belief.store.beliefs import driver
 from semmap.query.entity_query import find
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 __all__ = ["Detection", "Identity", "identify"]
 

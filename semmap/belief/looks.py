@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
-from typing import Any
-
-from sqlalchemy import Connection
+from typing import TYPE_CHECKING, Any
 
 from semmap.belief.error import BeliefError
 from semmap.belief.places import place_at
 from semmap.belief.reader import read_agent_pose, read_height, read_occluders, read_places
-from semmap.belief.store import Row, add_observations
+from semmap.belief.store.beliefs import Row, add_observations
 from semmap.belief.views import visible_shares
 from semmap.draw.depth_camera import DepthCamera
 from semmap.geometry.pose import Pose
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 __all__ = ["observe_point", "observe_view", "spot"]
 
@@ -50,7 +51,7 @@ def spot(
     Returns
     -------
     dict
-        `place` and `position`, as `semmap.belief.store.add_observations` takes them.
+        `place` and `position`, as `semmap.belief.store.beliefs.add_observations` takes them.
 
     Raises
     ------
@@ -90,7 +91,8 @@ def observe_point(
     connection, name, point, frame, at
         As for `spot`.
     **values
-        Other values of `semmap.belief.store.add_observations`, such as `hit` and `false_alarm`.
+        Other values of `semmap.belief.store.beliefs.add_observations`, such as `hit` and
+        `false_alarm`.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.observation_columns import Observations
 from semmap.belief.places import BeliefPlace, Surface
 from semmap.belief.sighting_model import SightingModel
-from semmap.belief.store import ELSEWHERE, MapConnection, driver
+from semmap.belief.store.beliefs import ELSEWHERE, MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.query.entity_query import entity_id
 from semmap.query.storey_reader import read_entities
@@ -24,6 +24,7 @@ from semmap.query.storey_scene import NO_TRIANGLES
 
 __all__ = [
     "BeliefColumns",
+    "is_wide",
     "read_agent_pose",
     "read_columns",
     "read_height",
@@ -141,6 +142,15 @@ def read_height(connection: Connection, name: str) -> float | None:
     number = entity_id(driver(connection), name)
     height = connection.execute(text("SELECT height FROM size_of(:id)"), {"id": number}).scalar()
     return None if height is None else float(height)
+
+
+def is_wide(connection: Connection, place: str) -> bool:
+    """Whether a place is a room, storey or region: a person means anywhere in it."""
+    kind = connection.execute(
+        text("SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"),
+        {"name": place},
+    ).scalar()
+    return kind in ("room", "storey", "region")
 
 
 @dataclass(frozen=True, eq=False)

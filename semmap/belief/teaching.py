@@ -97,7 +97,7 @@ class TaughtObject:
     name : of the entity
     type : its class, if taught
     properties : `base_area` (square metres), `volume` (cubic metres), `mobility` and others
-    occurrences : rows as for `semmap.belief.store.add_observations`, without `object`
+    occurrences : rows as for `semmap.belief.store.beliefs.add_observations`, without `object`
     """
 
     name: str
@@ -112,7 +112,7 @@ class Teaching:
 
     Attributes
     ----------
-    observations : rows as for `semmap.belief.store.add_observations`
+    observations : rows as for `semmap.belief.store.beliefs.add_observations`
     model : numbers of the table ``belief_model``
     """
 

@@ -465,16 +465,11 @@ def _kept_space(map_name: str | None, voxel_size: float) -> MirrorState | VoxelM
 
 
 def _resumed_mirror(engine: Any, map_name: str, voxel_size: float) -> VoxelMirror:
-    from contextlib import suppress
-
-    from sqlalchemy.exc import DBAPIError
-
     from semmap.fields.store.voxel_mirror import VoxelMirror
 
     mirror = VoxelMirror.resume(engine, map_name, voxel_size)
     if mirror.catch_up():
-        with suppress(DBAPIError):  # a user who may only read computes them each time
-            mirror.save()
+        mirror.try_to_save()  # a user who may only read computes them each time
     for name, reason in mirror.left_out.items():
         cli.err.print(f"left out: {name}: {reason}", style="yellow")
     return mirror

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.manipulation.automata import stored_arm
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.path_store import add_path
-from semmap.manipulation.shape_store import model_mesh
+from semmap.manipulation.store.paths import add_path
+from semmap.manipulation.store.shapes import model_mesh
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 
 if TYPE_CHECKING:

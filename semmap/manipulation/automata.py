@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.pose import Pose
-from semmap.manipulation.device_store import add_automaton, add_device
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.retrieval import register_gripper, stored_gripper
 from semmap.manipulation.sensors import CAPABILITIES, read_sensors
+from semmap.manipulation.store.devices import add_automaton, add_device
 from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:

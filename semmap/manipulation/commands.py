@@ -486,7 +486,7 @@ def shapes(
     json_: cli.Json = False,
 ) -> None:
     """Find and store the primitive of each model of the map: sphere, cylinder, cone, cuboid."""
-    from semmap.manipulation.shape_store import store_shapes
+    from semmap.manipulation.store.shapes import store_shapes
 
     with cli.open_database() as db:
         rows, problems = store_shapes(db.map(map_name).session_of_map(), names or None)
@@ -515,7 +515,7 @@ def record(
     map_name: cli.MapName = None,
 ) -> None:
     """Store how an attempt ended; later queries propose what succeeds most."""
-    from semmap.manipulation.task_store import record_task
+    from semmap.manipulation.store.tasks import record_task
 
     with cli.open_database() as db:
         task = record_task(
@@ -622,7 +622,7 @@ def export_command(
     ] = False,
 ) -> None:
     """Write what this database learned to a signed file, for other robots."""
-    from semmap.manipulation.bundle import export_bundle
+    from semmap.manipulation.store.bundle import export_bundle
 
     with cli.open_database() as db:
         counts = export_bundle(db.session, file, name or socket.gethostname(), simulated=simulated)
@@ -632,7 +632,7 @@ def export_command(
 @manipulation.command("import")
 def import_command(files: list[Path]) -> None:
     """Store the knowledge of signed files: each as a whole, from those whom you trust."""
-    from semmap.manipulation.bundle import import_bundle
+    from semmap.manipulation.store.bundle import import_bundle
 
     with cli.open_database() as db:
         for file in files:
@@ -655,7 +655,7 @@ def trust_command(
     level: Annotated[float, typer.Option(help="How much outcomes count; 0: refuse bundles.")] = 1.0,
 ) -> None:
     """Trust a contributor, so that its files can be imported."""
-    from semmap.manipulation.bundle import trust
+    from semmap.manipulation.store.bundle import trust
 
     with cli.open_database() as db:
         trust(db.session, name, key, level)

@@ -18,15 +18,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.ingest.naming import guess_type
 from semmap.limits import TEXT_BYTES
 from semmap.manipulation.action_record import ActionRecord, pose_of
-from semmap.manipulation.action_store import add_actions
-from semmap.manipulation.device_store import gripper_id
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.model_store import add_object
+from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.devices import gripper_id
+from semmap.manipulation.store.models import add_object
 
 __all__ = ["import_household_grasps", "read_rows"]
 

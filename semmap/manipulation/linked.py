@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.shape_store import model_mesh, shape_of
+from semmap.manipulation.store.shapes import model_mesh, shape_of
 
 __all__ = ["fitting_rows", "prepare_links"]
 

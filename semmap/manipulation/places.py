@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.manipulation.action_record import ActionRecord
-from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.automata import facing_first, reachable_rows
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.placing import PlacePose, place_candidates, stability
@@ -30,7 +29,8 @@ from semmap.manipulation.retrieval import (
     gripper_name,
     stored_gripper,
 )
-from semmap.manipulation.shape_store import model_mesh, shape_of
+from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import entity_triangles, obstacles_around
 from semmap.query.entity_query import entity_id
 

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
-from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.candidates import Grasp
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.evaluation import ExpectedRest, Lesson, learn_grasp
@@ -21,8 +20,9 @@ from semmap.manipulation.pushing import Push
 from semmap.manipulation.ranking import grasp_of_row
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import find_grasps, gripper_name, stored_gripper
-from semmap.manipulation.shape_store import model_mesh
-from semmap.manipulation.task_store import record_task, replace_action
+from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.shapes import model_mesh
+from semmap.manipulation.store.tasks import record_task, replace_action
 from semmap.manipulation.trial import HEIGHT, Rest, Trial, TrialOutcome, body_of
 
 __all__ = ["NOT_HELD", "practise", "practise_places", "practise_pushes", "try_place"]

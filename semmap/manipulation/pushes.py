@@ -10,12 +10,11 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
 from semmap.manipulation.action_record import ActionRecord
-from semmap.manipulation.action_store import add_actions
 from semmap.manipulation.automata import reachable_rows
 from semmap.manipulation.collision import Obstacles
 from semmap.manipulation.error import ManipulationError
@@ -23,7 +22,8 @@ from semmap.manipulation.pushing import Push, free_pushes, push_candidates
 from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import Found, gripper_name, stored_gripper
-from semmap.manipulation.shape_store import model_mesh, shape_of
+from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.shapes import model_mesh, shape_of
 from semmap.manipulation.surroundings import obstacles_around
 from semmap.query.entity_query import entity_id
 

@@ -15,12 +15,12 @@ from typing import Any
 import psycopg
 from psycopg.rows import dict_row
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import KINDS, pose_of
-from semmap.manipulation.device_store import ABLE, gripper_id
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.statements import refusals
+from semmap.manipulation.store.devices import ABLE, gripper_id
+from semmap.manipulation.store.statements import refusals
 from semmap.suggestions import suggestion
 
 __all__ = [

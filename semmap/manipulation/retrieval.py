@@ -12,14 +12,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from semmap.belief.store import MapConnection, driver
-from semmap.manipulation.action_store import add_actions
-from semmap.manipulation.device_store import add_gripper, gripper_id
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
 from semmap.manipulation.reader import actions_on, entities_meant
-from semmap.manipulation.shape_store import shape_of
+from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.devices import add_gripper, gripper_id
+from semmap.manipulation.store.shapes import shape_of
 from semmap.manipulation.surroundings import free_rows
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.query.meshes import models_triangles
 

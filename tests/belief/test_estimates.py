@@ -15,7 +15,7 @@ from semmap.belief.estimates import belief_with_motion, belief_with_occlusion, k
 from semmap.belief.motion import MotionModel
 from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model
-from semmap.belief.store import add_observations, read_belief
+from semmap.belief.store.beliefs import add_observations, read_belief
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.oracles.problog_engine import places_by_problog

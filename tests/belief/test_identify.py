@@ -13,7 +13,7 @@ from semmap import SemanticMap
 from semmap.belief.error import BeliefError
 from semmap.belief.identify import Detection, identify
 from semmap.belief.motion import MotionModel
-from semmap.belief.store import add_observations, read_belief
+from semmap.belief.store.beliefs import add_observations, read_belief
 from semmap.query.maps import see_map
 
 ON_BENCH, ON_TABLE = (6.0, 1.0, 0.5), (1.5, 1.5, 0.8)

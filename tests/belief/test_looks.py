@@ -21,7 +21,7 @@ from semmap.belief.inference import infer
 from semmap.belief.looks import observe_point, observe_view
 from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model, read_places
-from semmap.belief.store import add_observations, initial_belief, read_belief
+from semmap.belief.store.beliefs import add_observations, initial_belief, read_belief
 from semmap.belief.views import camera_at
 from semmap.draw.view import storey_view
 from semmap.fields.store.names import read_map_vocabulary

@@ -13,8 +13,8 @@ from semmap import SemanticMap
 from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
 from semmap.belief.grammar import spoken, write_grammar
+from semmap.belief.store.teaching import vocabulary
 from semmap.belief.teaching import KnownAction, parse_teaching, read_teaching
-from semmap.belief.teaching_store import vocabulary
 from semmap.ingest.world import WorldError
 
 THESIS: dict[str, Any] = {

@@ -23,14 +23,14 @@ import semmap
 from semmap.database.embedded import Cluster
 from semmap.fields.queries import QueryError
 from semmap.knowledge import KnowledgeError, query, update
-from semmap.manipulation.action_store import add_actions
-from semmap.manipulation.bundle import export_bundle, import_bundle, trust
-from semmap.manipulation.device_store import add_gripper
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.household_objects import import_household_grasps
-from semmap.manipulation.model_store import set_shape
 from semmap.manipulation.signing import public_key, sign
-from semmap.manipulation.task_store import record_task
+from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.bundle import export_bundle, import_bundle, trust
+from semmap.manipulation.store.devices import add_gripper
+from semmap.manipulation.store.models import set_shape
+from semmap.manipulation.store.tasks import record_task
 from tests.fuzz.grammar import Grammar
 from tests.fuzz.kind import SERVER, Kind
 from tests.fuzz.mutate import NUMBERS, bytes_of, json_tree, lines_of, words_of

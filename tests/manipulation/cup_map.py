@@ -14,7 +14,7 @@ import trimesh
 import semmap
 from semmap import SemanticMap
 from semmap.geometry.pose import Pose
-from semmap.manipulation.device_store import add_gripper
+from semmap.manipulation.store.devices import add_gripper
 from tests.conftest import MakeDatabase
 
 

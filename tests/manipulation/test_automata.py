@@ -11,7 +11,7 @@ from sqlalchemy import text
 
 from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
-from planner.mission.grasp_memory import GraspMemory
+from planner.mission.store.grasp_memory import GraspMemory
 from semmap.geometry.pose import Pose
 from semmap.manipulation.arm_motions import plan_grasp, plan_place
 from semmap.manipulation.automata import (
@@ -25,7 +25,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places
 from semmap.manipulation.reader import path_between
 from semmap.manipulation.retrieval import find_grasps
-from semmap.manipulation.task_store import record_task
+from semmap.manipulation.store.tasks import record_task
 from tests.command_line import semmap
 from tests.manipulation.grippers import gripper_by_hand, urdf
 

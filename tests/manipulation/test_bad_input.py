@@ -11,13 +11,13 @@ import pytest
 import trimesh
 
 import semmap as package
-from semmap.manipulation.action_store import add_actions
-from semmap.manipulation.bundle import export_bundle, trust
+from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.bundle import export_bundle, trust
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.manipulation.cup_map import candidate
 from tests.manipulation.grippers import BY_HAND
-from tests.manipulation.test_bundle import KEY, PUBLIC, changed, signed
+from tests.manipulation.store.test_bundle import KEY, PUBLIC, changed, signed
 from tests.stored import stored
 
 NO_FINGERS = """<robot name="stump">

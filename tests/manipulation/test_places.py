@@ -13,15 +13,15 @@ from scipy.spatial import ConvexHull
 
 from semmap import SemanticMap
 from semmap.geometry.pose import Pose
-from semmap.manipulation.action_store import add_put
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
 from semmap.manipulation.pushes import find_pushes
 from semmap.manipulation.ranking import ranked
 from semmap.manipulation.reader import actions_on
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper, stored_gripper
-from semmap.manipulation.shape_store import model_mesh
-from semmap.manipulation.task_store import record_task
+from semmap.manipulation.store.actions import add_put
+from semmap.manipulation.store.shapes import model_mesh
+from semmap.manipulation.store.tasks import record_task
 from tests.manipulation.grippers import BY_HAND
 
 VASE, BOX = "Vase_01", "SeasoningBox_01"

@@ -16,7 +16,6 @@ from semmap import SemanticMap
 from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.evaluation import group_of
-from semmap.manipulation.model_store import object_model_id
 from semmap.manipulation.reader import actions_by_shape, actions_on, list_grippers, read_shape
 from semmap.manipulation.retrieval import (
     DEFAULT_GRIPPER,
@@ -25,9 +24,10 @@ from semmap.manipulation.retrieval import (
     register_gripper,
     stored_gripper,
 )
-from semmap.manipulation.shape_store import model_mesh, shape_of, store_shapes
+from semmap.manipulation.store.models import object_model_id
+from semmap.manipulation.store.shapes import model_mesh, shape_of, store_shapes
+from semmap.manipulation.store.tasks import add_task, record_task
 from semmap.manipulation.surroundings import entity_triangles
-from semmap.manipulation.task_store import add_task, record_task
 from tests.command_line import semmap
 from tests.conftest import MakeDatabase
 from tests.manipulation.grippers import BY_HAND

@@ -20,10 +20,10 @@ from scipy.ndimage import distance_transform_edt
 from sqlalchemy import Engine, text
 
 from navgrid.costmap import Costmap
-from navgrid.field_reader import read_fields, read_mirror
 from navgrid.map_file import read_map
 from navgrid.occupancy_grid import storey_grid
-from navgrid.reader import read_costmaps
+from navgrid.readers.costmaps import read_costmaps
+from navgrid.readers.fields import read_fields, read_mirror
 from planner.live_topology import LiveTopology, TopologyChange
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass

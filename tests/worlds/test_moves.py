@@ -13,9 +13,9 @@ from sqlalchemy import Connection, Engine, select, text
 from sqlalchemy.orm import Session
 
 import semmap
-from planner.demo.choices import DemoChoices, figure_3
+from planner.demo.reader import DemoChoices, figure_3
 from planner.mission.behaviours import RobotObservation, Sighting
-from planner.mission.observations import write_observation
+from planner.mission.store.observations import write_observation
 from semmap.geometry.pose import Pose
 from semmap.model import Entity, Placement
 from semmap.query.maps import see_map

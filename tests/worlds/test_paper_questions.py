@@ -30,9 +30,9 @@ from semmap.knowledge import query, update
 from semmap.knowledge.manipulation_triples import MANIPULATION_TRIPLES
 from semmap.knowledge.vocabulary import SEMMAP
 from semmap.language.error import QueryError
-from semmap.manipulation.action_store import add_actions
-from semmap.manipulation.device_store import add_gripper
-from semmap.manipulation.task_store import record_task
+from semmap.manipulation.store.actions import add_actions
+from semmap.manipulation.store.devices import add_gripper
+from semmap.manipulation.store.tasks import record_task
 from tests.command_line import semmap as semmap_command
 from tests.knowledge.engines import Engines, comparable
 from tests.manipulation.cup_map import candidate

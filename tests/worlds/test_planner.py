@@ -21,15 +21,15 @@ from sqlalchemy.exc import DBAPIError
 import semmap
 from navgrid.occupancy_grid import storey_grid
 from planner.base_pose import NoBasePoseError
-from planner.demo.choices import DemoChoices, choose, figure_3
+from planner.demo.reader import DemoChoices, choose, figure_3
 from planner.live_topology import LiveTopology
 from planner.mission import Command, MissionResult, MissionStore, Runner
-from planner.mission.map_connection import MissionError
-from planner.mission.observations import find_placement
 from planner.mission.sim_robot import SimulatedRobot
 from planner.mission.sim_setup import entry_pose, open_world, simulated_robot
 from planner.mission.sim_world import SimWorld
-from planner.mission.simulation_map import simulation_map
+from planner.mission.store.map_connection import MissionError
+from planner.mission.store.observations import find_placement
+from planner.mission.store.simulation_map import simulation_map
 from planner.readers.robot_class import store_robot_class
 from planner.readers.topology import read_topology
 from planner.robot_class import RobotClass

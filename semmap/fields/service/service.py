@@ -11,10 +11,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
-from typing import Any
-
-from sqlalchemy import Connection, Engine
-from sqlalchemy.exc import DBAPIError
+from typing import TYPE_CHECKING, Any
 
 from semmap.fields.maps.live_entities import LiveEntities
 from semmap.fields.queries.catalogue import FieldCatalogue
@@ -29,7 +26,7 @@ from semmap.fields.service.query_reply import query_reply
 from semmap.fields.service.settings import ServiceSettings, SourceSettings
 from semmap.fields.sources.manager import SourceManager
 from semmap.fields.sources.source import make_source
-from semmap.fields.store.event_channel import EventPublisher, as_json
+from semmap.fields.store.event_channel import EventPublisher, ServerError, as_json
 from semmap.fields.store.map_store import load_maps
 from semmap.fields.store.names import read_map_vocabulary, read_names
 from semmap.fields.store.source_history import SourceHistory
@@ -38,6 +35,9 @@ from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.language.names import NameIndex
 from semmap.query.change_feed import announce_fields
 from semmap.query.maps import see_map
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection, Engine
 
 __all__ = ["FieldService"]
 
@@ -155,7 +155,7 @@ class FieldService:
         with self.bus.stream() as stream:
             while not self._stop.is_set():
                 event = stream.get(0.2)
-                with suppress(DBAPIError):  # the next call sends what waits
+                with suppress(ServerError):  # the next call sends what waits
                     publisher.publish([event] if event else [])
 
     def _announce(self) -> None:
@@ -165,7 +165,7 @@ class FieldService:
                 self._news.clear()
                 try:
                     announce_fields(self._engine, self.map_name)
-                except DBAPIError:
+                except ServerError:
                     self._news.set()  # while the server is away
 
     def _keep(self) -> None:
@@ -181,7 +181,7 @@ class FieldService:
         try:
             with self._transaction() as connection:
                 self._history.save(connection, updates)
-        except DBAPIError:
+        except ServerError:
             self._history = SourceHistory(self._most)  # all of it is tried again
         except (LookupError, ValueError):
             _log.exception("the maps of the sources cannot be kept")

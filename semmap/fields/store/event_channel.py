@@ -15,12 +15,16 @@ from types import TracebackType
 
 import psycopg
 from sqlalchemy import Engine, text
+from sqlalchemy.exc import DBAPIError
 
 from semmap.fields.relations.facts import RelationEvent
 
-__all__ = ["CHANNEL", "EventListener", "EventPublisher", "as_json"]
+__all__ = ["CHANNEL", "EventListener", "EventPublisher", "ServerError", "as_json"]
 
 CHANNEL = "semmap_events"
+
+ServerError = DBAPIError
+"""What a statement raises while the server is away."""
 
 LONGEST = 7999
 """The most bytes of a message of NOTIFY."""

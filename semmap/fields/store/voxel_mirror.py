@@ -300,8 +300,12 @@ class VoxelMirror:
 
         self._feed.follow(stop, wake, patience=patience)
         if save_every is not None and self._unsaved:
-            with suppress(DBAPIError):  # without a server, the next process reads the whole map
-                self._save_if_there_is_a_map()
+            self.try_to_save()
+
+    def try_to_save(self) -> None:
+        """Store the state; without the rights or a server, the next process reads the whole map."""
+        with suppress(DBAPIError):
+            self._save_if_there_is_a_map()
 
     def _save_if_there_is_a_map(self) -> None:
         with suppress(LookupError):  # it was dropped, and may be imported again

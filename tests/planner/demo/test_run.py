@@ -4,7 +4,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from planner.demo import run as demo
-from planner.demo.choices import DemoChoices, figure_3
+from planner.demo.reader import DemoChoices, figure_3
 from semmap import cli
 from semmap.cli.chosen import CliOptions
 from semmap.draw.palette import PATH

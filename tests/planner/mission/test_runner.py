@@ -8,8 +8,8 @@ import pytest
 from sqlalchemy import create_engine
 
 from planner.mission import MissionError, Sighting
-from planner.mission.mission_store import LostMissionError
 from planner.mission.runner import MissionEvent
+from planner.mission.store.missions import LostMissionError
 from semmap.geometry.pose import Pose
 from tests.planner.mission.conftest import START, World
 

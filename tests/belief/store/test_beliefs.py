@@ -14,7 +14,7 @@ from sqlalchemy import select
 from semmap import SemanticMap
 from semmap.belief.error import BeliefError
 from semmap.belief.inference import Observations, infer
-from semmap.belief.store import ELSEWHERE, add_observations, read_belief, where
+from semmap.belief.store.beliefs import ELSEWHERE, add_observations, read_belief, where
 from semmap.model import Belief, Entity
 from semmap.query.change_feed import ChangeFeed
 from semmap.query.maps import see_map

@@ -4,7 +4,7 @@ import pytest
 from sqlalchemy import text
 
 from planner.mission.behaviours import RobotObservation
-from planner.mission.observations import write_observation
+from planner.mission.store.observations import write_observation
 from semmap.cli import choose_map
 from semmap.geometry.pose import Pose
 

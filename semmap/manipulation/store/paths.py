@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.statements import column, number, refusals
+from semmap.manipulation.store.statements import column, number, refusals
 from semmap.suggestions import suggestion
 
 __all__ = ["add_path"]

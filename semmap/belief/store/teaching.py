@@ -12,7 +12,7 @@ from psycopg.types.json import Jsonb
 
 from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
-from semmap.belief.store import MapConnection, add_observations, driver, refusal
+from semmap.belief.store.beliefs import MapConnection, add_observations, driver, refusal
 from semmap.belief.teaching import KnownAction, KnownRelation, TaughtObject, Teaching, is_a
 from semmap.ingest.ontology.tbox import KINDS
 from semmap.snake_case import snake_case

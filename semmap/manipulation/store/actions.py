@@ -8,13 +8,13 @@ from typing import Any
 import psycopg
 from psycopg.types.json import Jsonb
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord, action_key, composed_key
-from semmap.manipulation.device_store import gripper_id
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.model_store import object_model_id
-from semmap.manipulation.statements import OWN, column, contributor_id, number, refusals
+from semmap.manipulation.store.devices import gripper_id
+from semmap.manipulation.store.models import object_model_id
+from semmap.manipulation.store.statements import OWN, column, contributor_id, number, refusals
 from semmap.suggestions import suggestion
 
 __all__ = ["add_actions", "add_put", "insert_actions"]

@@ -5,10 +5,16 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.statements import ASSUMED, SIMULATION, contributor_id, number, refusals
+from semmap.manipulation.store.statements import (
+    ASSUMED,
+    SIMULATION,
+    contributor_id,
+    number,
+    refusals,
+)
 from semmap.query.entity_query import entity_id
 
 __all__ = ["add_task", "end_task", "record_task", "replace_action"]

@@ -59,9 +59,9 @@ def read_costmaps(
     moment : datetime, optional
         Leave out regions that do not hold then.
     fields : mapping of FieldVoxels, optional
-        Fields by name, from `navgrid.field_reader.read_fields`.
+        Fields by name, from `navgrid.readers.fields.read_fields`.
     voxels : mapping of Voxels by id, optional
-        The geometry of objects, in place of their meshes: `navgrid.field_reader.read_mirror`.
+        The geometry of objects, in place of their meshes: `navgrid.readers.fields.read_mirror`.
     assume_sizes : bool
         Give objects without geometry a typical box for their type.
 

@@ -20,15 +20,15 @@ from uuid import UUID
 import psycopg
 from psycopg.rows import dict_row
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.limits import TEXT_BYTES
 from semmap.manipulation.action_record import ActionRecord, action_key, pose_of
-from semmap.manipulation.action_store import insert_actions
 from semmap.manipulation.bundle_entry import check_entry
-from semmap.manipulation.device_store import add_gripper
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.signing import is_signed, own_key, public_key, sign
-from semmap.manipulation.statements import refusals
+from semmap.manipulation.store.actions import insert_actions
+from semmap.manipulation.store.devices import add_gripper
+from semmap.manipulation.store.statements import refusals
 
 __all__ = ["VERSION", "export_bundle", "import_bundle", "trust"]
 

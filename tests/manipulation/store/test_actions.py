@@ -16,11 +16,7 @@ from semmap import SemanticMap
 from semmap.database.files import schema_folder
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord, action_key
-from semmap.manipulation.action_store import add_actions, add_put
-from semmap.manipulation.device_store import add_automaton, add_device
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.model_store import add_object, object_model_id, set_shape
-from semmap.manipulation.path_store import add_path
 from semmap.manipulation.reader import (
     actions_by_shape,
     actions_on,
@@ -30,7 +26,11 @@ from semmap.manipulation.reader import (
     known_actions,
     path_between,
 )
-from semmap.manipulation.task_store import add_task, end_task, record_task
+from semmap.manipulation.store.actions import add_actions, add_put
+from semmap.manipulation.store.devices import add_automaton, add_device
+from semmap.manipulation.store.models import add_object, object_model_id, set_shape
+from semmap.manipulation.store.paths import add_path
+from semmap.manipulation.store.tasks import add_task, end_task, record_task
 from semmap.model import Automaton, ManipulationTask, ObjectModel, StoredAction
 from semmap.snake_case import snake_case
 from tests.manipulation.cup_map import candidate, primitive

@@ -6,9 +6,9 @@ from typing import Any
 
 from sqlalchemy import Connection, text
 
-from planner.mission.map_connection import MapConnection, MissionError
-from planner.mission.mission_steps import read_failures, read_steps
 from planner.mission.retry_policy import Failure
+from planner.mission.store.map_connection import MapConnection, MissionError
+from planner.mission.store.mission_steps import read_failures, read_steps
 
 __all__ = ["MissionList", "read_mission"]
 

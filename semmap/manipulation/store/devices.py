@@ -8,9 +8,9 @@ from pathlib import Path
 
 from psycopg.types.json import Jsonb
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.statements import column, number, refusals
+from semmap.manipulation.store.statements import column, number, refusals
 from semmap.suggestions import suggestion
 
 __all__ = ["ABLE", "add_automaton", "add_device", "add_gripper", "gripper_id"]

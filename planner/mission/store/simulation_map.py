@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sqlalchemy import Connection, Engine, text
 
-from planner.mission.map_connection import MissionError
+from planner.mission.store.map_connection import MissionError
 
 __all__ = ["simulation_map"]
 

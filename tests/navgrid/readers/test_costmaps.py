@@ -12,7 +12,7 @@ from sqlalchemy import Connection, Engine, text
 
 from navgrid.costmap import Costmap
 from navgrid.grid import scene_grid
-from navgrid.reader import read_costmaps
+from navgrid.readers.costmaps import read_costmaps
 from semmap.ingest.regions.extraction import draw_region
 from semmap.query.change_feed import changed_since, cursor
 from semmap.query.storey_reader import read_entities, read_scene

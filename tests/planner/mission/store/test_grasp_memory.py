@@ -12,7 +12,7 @@ from sqlalchemy import Connection, text
 import semmap
 from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
-from planner.mission.grasp_memory import GraspMemory
+from planner.mission.store.grasp_memory import GraspMemory
 from semmap.geometry.pose import Pose
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper
 from semmap.query.maps import see_map

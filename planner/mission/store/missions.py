@@ -16,10 +16,10 @@ from sqlalchemy import Connection, Engine, text
 from planner.mission.behaviours import Outcome, RobotObservation
 from planner.mission.command import Command, with_spot
 from planner.mission.grasp_choice import Choice
-from planner.mission.grasp_memory import KINDS, GraspMemory
-from planner.mission.map_connection import MissionError
-from planner.mission.mission_list import MissionList, read_mission
-from planner.mission.mission_steps import (
+from planner.mission.store.grasp_memory import KINDS, GraspMemory
+from planner.mission.store.map_connection import MissionError
+from planner.mission.store.mission_list import MissionList, read_mission
+from planner.mission.store.mission_steps import (
     end_step,
     forget_planned,
     read_target,
@@ -27,7 +27,7 @@ from planner.mission.mission_steps import (
     replace_planned,
     start_step,
 )
-from planner.mission.observations import (
+from planner.mission.store.observations import (
     ObjectRow,
     find_placement,
     read_objects,
@@ -35,13 +35,13 @@ from planner.mission.observations import (
     write_execution,
     write_observation,
 )
-from planner.mission.reservations import (
+from planner.mission.store.reservations import (
     claim_all,
     release_all_claims,
     release_claims,
     renew_claims,
 )
-from planner.mission.robot_placement import read_home, read_robot, write_robot
+from planner.mission.store.robot_placement import read_home, read_robot, write_robot
 from planner.readers.topology import read_topology
 from planner.topology import Topology
 from semmap.geometry.pose import Pose

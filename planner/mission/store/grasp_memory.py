@@ -62,7 +62,7 @@ class GraspMemory:
         LookupError
             There is no such gripper, or there are several and none is preferred.
         """
-        from semmap.belief.store import driver
+        from semmap.belief.store.beliefs import driver
 
         known = connection.execute(text(_CLASS), {"name": robot}).scalar()
         stored = connection.execute(text("SELECT EXISTS (SELECT FROM gripper)")).scalar()
@@ -84,8 +84,8 @@ class GraspMemory:
         LookupError
             There is no such gripper, or there are several and none is preferred.
         """
-        from semmap.belief.store import driver
-        from semmap.manipulation.task_store import add_task
+        from semmap.belief.store.beliefs import driver
+        from semmap.manipulation.store.tasks import add_task
 
         session = driver(connection)
         item, kind = command.arguments[0], KINDS[command.behaviour]
@@ -118,7 +118,7 @@ class GraspMemory:
         where it has a stored one; empty where they are nowhere. It is not known for floors, for
         objects without a mesh, and for what the robot took without a known grasp.
         """
-        from semmap.belief.store import driver
+        from semmap.belief.store.beliefs import driver
         from semmap.manipulation.error import ManipulationError
         from semmap.manipulation.places import find_places
 
@@ -177,8 +177,8 @@ class GraspMemory:
 
     def _end_put(self, connection: Connection, place: int) -> None:
         """Store the put that a place has ended, from the begin of its grasp."""
-        from semmap.belief.store import driver
-        from semmap.manipulation.action_store import add_put
+        from semmap.belief.store.beliefs import driver
+        from semmap.manipulation.store.actions import add_put
 
         steps = connection.execute(text(_STEPS), {"place": place}).one_or_none()
         if steps is not None:

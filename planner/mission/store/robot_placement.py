@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sqlalchemy import Connection, text
 
-from planner.mission.map_connection import MissionError
+from planner.mission.store.map_connection import MissionError
 from semmap.geometry.pose import Pose
 
 __all__ = ["read_home", "read_robot", "write_robot"]

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from semmap.belief.store import MapConnection, driver
+from semmap.belief.store.beliefs import MapConnection, driver
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.model_store import object_model_id, set_shape
 from semmap.manipulation.reader import read_shape
+from semmap.manipulation.store.models import object_model_id, set_shape
 from semmap.perception.error import PerceptionError
 from semmap.query.meshes import models_triangles
 

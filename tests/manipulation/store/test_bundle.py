@@ -15,14 +15,14 @@ import semmap
 from semmap import SemanticMap
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord
-from semmap.manipulation.action_store import add_actions, add_put
-from semmap.manipulation.bundle import export_bundle, import_bundle, trust
-from semmap.manipulation.device_store import add_gripper
 from semmap.manipulation.error import ManipulationError
-from semmap.manipulation.model_store import object_model_id, set_shape
 from semmap.manipulation.reader import actions_by_shape, actions_on, approach_outcomes
 from semmap.manipulation.signing import own_key, public_key, sign
-from semmap.manipulation.task_store import record_task
+from semmap.manipulation.store.actions import add_actions, add_put
+from semmap.manipulation.store.bundle import export_bundle, import_bundle, trust
+from semmap.manipulation.store.devices import add_gripper
+from semmap.manipulation.store.models import object_model_id, set_shape
+from semmap.manipulation.store.tasks import record_task
 from tests.conftest import MakeDatabase
 from tests.manipulation.cup_map import candidate, primitive
 

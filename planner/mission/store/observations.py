@@ -15,7 +15,7 @@ from sqlalchemy import Connection, text
 from planner.mission.behaviours import Outcome, RobotObservation, Sighting
 from planner.mission.command import Command
 from planner.mission.placement_search import find_free_spot
-from semmap.belief.store import add_observations
+from semmap.belief.store.beliefs import add_observations
 from semmap.geometry.pose import Pose
 
 __all__ = [

@@ -1,0 +1,1 @@
+"""Database access of `navgrid`: no other module here has SQL."""

@@ -1,0 +1,1 @@
+"""Database access of beliefs: observations, what is inferred from them, what people teach."""

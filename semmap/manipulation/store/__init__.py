@@ -1,0 +1,1 @@
+"""Database access of manipulation: models, devices, actions, their outcomes, and bundles."""
