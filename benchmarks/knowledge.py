@@ -24,7 +24,7 @@ from semmap.knowledge.map_view import MapView
 from semmap.knowledge.mapping import TRIPLES
 from semmap.knowledge.queries import KEPT, limited
 from semmap.knowledge.vocabulary import GEO, RDF, SEMMAP, prefixes
-from semmap.knowledge.whole_graph import _select
+from semmap.knowledge.whole_graph import triple_query
 from semmap.language.parser import parse_sparql
 
 __all__ = ["main"]
@@ -122,7 +122,7 @@ def facts(session: psycopg.Connection[Any]) -> Iterator[tuple[str, str, str, str
     for triple in TRIPLES:
         wanted = triple.property in (f"{SEMMAP}heldBy", f"{SEMMAP}directType", f"{RDF}type")
         if wanted and triple.subject.form == "entity" and triple.object.form in ("entity", "type"):
-            for row in session.execute(_select(triple).encode(), values):
+            for row in session.execute(triple_query(triple).encode(), values):
                 yield row[0], row[2], row[3], "I"
     tables = session.execute(
         "SELECT entity_iri(w.entity_id), ST_AsText(w.footprint) FROM world w JOIN object_type o "

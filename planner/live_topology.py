@@ -35,7 +35,7 @@ from semmap.query.storey_scene import StoreyScene
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
-__all__ = ["LiveTopology", "TopologyChange"]
+__all__ = ["LiveTopology", "TopologyChange", "no_garbage_collection"]
 
 POLL = 1.0
 """Seconds between looks at live fields, which send no notifications."""
@@ -247,7 +247,7 @@ class LiveTopology:
     def _load(self, look: Look) -> TopologyChange:
         """Read everything, with the travel times that still hold; measure the others."""
         connection = look.connection
-        with _no_garbage_collection():
+        with no_garbage_collection():
             places = read_places(connection)
             connectors = read_connectors(connection, places)
             regions, validity = read_regions(connection)
@@ -388,7 +388,7 @@ class LiveTopology:
 
 
 @contextmanager
-def _no_garbage_collection() -> Iterator[None]:
+def no_garbage_collection() -> Iterator[None]:
     """Pause the garbage collector while thousands of objects are made that all stay alive.
 
     Each collection would look at all of them: a tenth of the time of loading 1,000 rooms.

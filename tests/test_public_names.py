@@ -18,3 +18,17 @@ def test_no_two_public_classes_have_one_name() -> None:
                     modules[node.name].append(str(file.relative_to(ROOT)))
     assert len(modules) > 300
     assert {name: files for name, files in modules.items() if len(files) > 1} == {}
+
+
+def test_no_module_imports_a_private_name_of_another() -> None:
+    private = []
+    for top in ("semmap", "navgrid", "planner", "tests", "benchmarks", "examples"):
+        for file in sorted((ROOT / top).rglob("*.py")):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.ImportFrom):
+                    private += [
+                        (str(file.relative_to(ROOT)), each.name)
+                        for each in node.names
+                        if each.name.startswith("_") and not each.name.startswith("__")
+                    ]
+    assert private == []

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from planner.route import Route, RouteStep
     from semmap.geometry.pose import Pose
 
-__all__ = ["route_command"]
+__all__ = ["readable_pose", "route_command"]
 
 
 def route_command(
@@ -219,7 +219,7 @@ def _show_route(route: Route, *, timed: bool = False) -> None:
         if step.behaviour == "switch_map":
             by = step.map
         row = [step.behaviour, by or "", step.from_place, step.to_place]
-        row += [_readable(step.approach), _readable(step.leave)]
+        row += [readable_pose(step.approach), readable_pose(step.leave)]
         table.add_row(*row, *([f"{step.seconds:.1f}"] if timed else []))
     if steps:
         cli.out.print(table)
@@ -228,7 +228,8 @@ def _show_route(route: Route, *, timed: bool = False) -> None:
     cli.out.print(f"{route.start} -> {route.goal}: {doors or 'no door'} ({took})")
 
 
-def _readable(pose: Pose | None) -> str:
+def readable_pose(pose: Pose | None) -> str:
+    """Return a place, metres, and where the front points, in words."""
     if pose is None:
         return "anywhere"
     heading = (round(math.degrees(pose.yaw)) + 179) % 360 - 179

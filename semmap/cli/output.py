@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     err: SafeConsole
 
 __all__ = [
+    "cell_width",
     "err",
     "out",
     "plain",
@@ -93,12 +94,13 @@ def show_rows(columns: list[str], rows: Iterable[tuple[Any, ...]], as_json: bool
 
 def _print_columns(lines: Sequence[Sequence[str]]) -> bool:
     """Print a line a row; without printing return False if a terminal is too narrow for that."""
-    widths = [max(map(_width, column)) for column in zip(*lines, strict=True)]
+    widths = [max(map(cell_width, column)) for column in zip(*lines, strict=True)]
     if sys.stdout.isatty() and sum(widths) + 2 * len(widths) > shutil.get_terminal_size().columns:
         return False
     padded = [
         "  ".join(
-            cell + " " * (width - _width(cell)) for cell, width in zip(line, widths, strict=True)
+            cell + " " * (width - cell_width(cell))
+            for cell, width in zip(line, widths, strict=True)
         ).rstrip()
         for line in lines
     ]
@@ -108,7 +110,7 @@ def _print_columns(lines: Sequence[Sequence[str]]) -> bool:
     return True
 
 
-def _width(text: str) -> int:
+def cell_width(text: str) -> int:
     """The columns of a terminal that a text takes."""
     if text.isascii():
         return len(text)

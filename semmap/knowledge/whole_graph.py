@@ -24,7 +24,7 @@ from semmap.knowledge.mapping import (
 from semmap.knowledge.sparql.values import Value, tag_of, text_of
 from semmap.knowledge.vocabulary import prefixes
 
-__all__ = ["dump", "facts", "has_graphs", "serialized", "without_warnings"]
+__all__ = ["dump", "facts", "has_graphs", "serialized", "triple_query", "without_warnings"]
 
 
 def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, Any, Any, Any]]:
@@ -37,7 +37,7 @@ def facts(session: Session, *, inferences: bool = False) -> Iterator[tuple[Any, 
     view = MapView.of(session)
     parameters = {"namespace": view.namespace, "map": view.number}
     for triple in (*TRIPLES, *STATEMENTS, *(INFERENCES if inferences else ())):
-        sql = _select(triple)
+        sql = triple_query(triple)
         with session.cursor() as cursor:
             for row in cursor.execute(sql.encode(), parameters, prepare=False):
                 subject = term_of(row[0], row[1])
@@ -121,7 +121,7 @@ class _ExactTrig(TrigSerializer):
 _EXACT: dict[str, Any] = {"turtle": _ExactTurtle, "trig": _ExactTrig}
 
 
-def _select(triple: TripleMap) -> str:
+def triple_query(triple: TripleMap) -> str:
     """Return the SELECT of a triple map: texts and tags, and the graph."""
     letters = {letter: letter for letter, _ in triple.source.tables}
     subject, object_ = (_value(column, letters) for column in (triple.subject, triple.object))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from semmap.cli import output
-from semmap.cli.output import _width, show_rows
+from semmap.cli.output import cell_width, show_rows
 
 
 def test_a_pipe_gets_one_line_a_row_however_long(capsys: pytest.CaptureFixture[str]) -> None:
@@ -31,4 +31,4 @@ def test_a_narrow_terminal_folds(capsys: pytest.CaptureFixture[str]) -> None:
 
 @given(st.text("aZ 9é杯한ｗ\u0301"))
 def test_cells_are_as_wide_as_rich_measures_them(cell: str) -> None:
-    assert _width(cell) == cell_len(cell)
+    assert cell_width(cell) == cell_len(cell)

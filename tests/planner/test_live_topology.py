@@ -13,7 +13,7 @@ import shapely
 from sqlalchemy import event, text
 
 from planner.demo.office import office_files
-from planner.live_topology import LiveTopology, _no_garbage_collection
+from planner.live_topology import LiveTopology, no_garbage_collection
 from planner.readers.robot_class import read_robot_class, store_robot_class
 from planner.readers.travel_times import may_store_travel_times, read_travel_times
 from planner.route import NoRouteError
@@ -628,7 +628,7 @@ def test_loading_leaves_the_collector_as_it_was(changing, usual):
         (gc.enable if usual else gc.disable)()
         LiveTopology(changing, "office", "tester")
         assert gc.isenabled() == usual
-        with pytest.raises(TopologyError), _no_garbage_collection():
+        with pytest.raises(TopologyError), no_garbage_collection():
             raise TopologyError
         assert gc.isenabled() == usual
     finally:

@@ -29,12 +29,12 @@ from semmap.fields.service.endpoint import socket_of
 from semmap.fields.service.server import serving
 from semmap.fields.service.service import FieldService
 from semmap.fields.service.settings import ServiceSettings, SourceSettings
-from semmap.fields.store.source_history import kept_span
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from semmap.query.entity_query import changes_since
 from semmap.query.maps import see_map
 from tests.soak.invariants import last_line, url_of
+from tests.soak.kept_span import kept_span
 
 __all__ = ["ACTORS", "COUNTED", "IMPORTED"]
 

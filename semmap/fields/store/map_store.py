@@ -14,7 +14,7 @@ from semmap.fields.store.field_store import StoredField
 if TYPE_CHECKING:
     from semmap.fields.maps.vocabulary import Properties
 
-__all__ = ["load_map", "load_maps", "load_maps_during", "save_map"]
+__all__ = ["load_maps", "load_maps_during", "save_map"]
 
 
 def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
@@ -37,32 +37,6 @@ def save_map(connection: Any, name: str, map: RepresentationMap) -> int:
         about=map.about,
         legend=map.legend or None,
     )
-
-
-def load_map(
-    connection: Any, vocabulary: Properties, name: str, version: int | None = None
-) -> RepresentationMap:
-    """Return a stored map.
-
-    Parameters
-    ----------
-    connection : sees the map of the database
-    vocabulary : the properties
-    name : of the field
-    version : the newest if not given
-
-    Raises
-    ------
-    LookupError
-        There is no such field or version, or the vocabulary does not have its property.
-    """
-    stored = field_store.load(connection, name, version)
-    if stored.property not in vocabulary:
-        raise LookupError(
-            f"the field {name} has the property {stored.property}, which the vocabulary does not "
-            "have: declare it"
-        )
-    return _map(stored, vocabulary)
 
 
 def load_maps(connection: Any, vocabulary: Properties) -> dict[str, RepresentationMap]:

@@ -20,7 +20,7 @@ from semmap.fields.store.statements import Connection, run
 if TYPE_CHECKING:
     from semmap.fields.maps.vocabulary import Properties
 
-__all__ = ["SourceHistory", "kept_span", "load_updates"]
+__all__ = ["SourceHistory", "load_updates"]
 
 RECORD = "urn:semmap:ontology#provides"
 """The property of records; no map has it."""
@@ -92,17 +92,6 @@ class SourceHistory:
         )
         self._versions[name] = (map, number)
         return number
-
-
-def kept_span(connection: Connection) -> tuple[datetime, datetime] | None:
-    """Return the times of the oldest and the newest update that are kept; None without any."""
-    (row,) = run(
-        connection,
-        "SELECT min(v.at) AS first, max(v.at) AS last FROM field_version v "
-        "JOIN field f ON f.id = v.field_id WHERE f.map_id = current_map() AND f.property = %(p)s",
-        {"p": RECORD},
-    )
-    return None if row.first is None else (row.first, row.last)
 
 
 def load_updates(

@@ -26,7 +26,7 @@ from semmap.ingest.world import (
     World,
 )
 
-__all__ = ["Progress", "StoreSummary", "store_world"]
+__all__ = ["Progress", "StoreSummary", "digest_of", "store_world"]
 
 
 @dataclass
@@ -67,7 +67,7 @@ def store_world(
         models, stored.models = store_models(cursor, entries, progress)
 
         known = _known(cursor, map_id)
-        digests = {entry.name: _digest(entry) for entry in entries}
+        digests = {entry.name: digest_of(entry) for entry in entries}
         fresh, changed, annotations = [], [], []
         for entry in entries:
             old = known.get(entry.name)
@@ -181,7 +181,8 @@ def _add_types(cursor: psycopg.Cursor[Any], entries: Iterable[Entry], stored: St
         stored.notes += [f"type {t}: not in the T-Box, added below {kinds[t]}" for t in new]
 
 
-def _digest(entry: Entry) -> str:
+def digest_of(entry: Entry) -> str:
+    """Return a digest of all that an entry says, by which a second import finds what changed."""
     given = {k: v for k, v in vars(entry).items() if k not in ("shapes", "detail", "pose")}
     given["pose"] = entry.pose._asdict() if entry.pose else None
     given["detail"] = asdict(entry.detail) if entry.detail else None

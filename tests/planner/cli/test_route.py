@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from navgrid.map_file import read_map
-from planner.cli.route import _readable
+from planner.cli.route import readable_pose
 from planner.route import NoRouteError
 from planner.topology import UnknownPlaceError
 from semmap.geometry.pose import Pose
@@ -33,7 +33,7 @@ def test_route_as_a_table_ends_with_the_doors(commands):
 
 def test_headings_are_above_minus_180_degrees():
     for yaw, said in ((-math.pi, "180°"), (math.pi, "180°"), (-1e-9, "0°"), (-math.pi / 2, "-90°")):
-        assert _readable(Pose.planar(1.0, 2.0, yaw)) == f"1.00 2.00 0.00; {said}"
+        assert readable_pose(Pose.planar(1.0, 2.0, yaw)) == f"1.00 2.00 0.00; {said}"
 
 
 def test_route_takes_things_and_labels(commands):
