@@ -17,6 +17,7 @@ from navgrid.inflation import INSCRIBED
 from navgrid.policy import FLOOR, NONE, SOCIAL, Policy
 from navgrid.terrain import FloorLevel
 from navgrid.voxel_cells import voxel_cells, voxels_between
+from semmap.geometry.voxel_keys import sorted_unique
 from semmap.geometry.voxels import Voxels
 
 if TYPE_CHECKING:  # fields need OpenVDB, a costmap without them does not
@@ -199,7 +200,7 @@ class FieldLayer:
             here = wanted & level.cells
             if not here.any():
                 continue
-            for number in np.unique(field.entities).tolist():
+            for number in sorted_unique(field.entities).tolist():
                 chosen = (field.entities == number) & voxels_between(
                     field.voxels, self._heights(level, interval)
                 )

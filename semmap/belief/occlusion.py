@@ -24,6 +24,7 @@ from semmap.belief.inference import (
 )
 from semmap.belief.observation_columns import Observations, observation_rates
 from semmap.belief.sighting_model import THESIS, SightingRates
+from semmap.geometry.voxel_keys import sorted_unique
 
 __all__ = ["check_hiding", "checked_volume", "infer_with_occlusion"]
 
@@ -125,7 +126,7 @@ def _groups(
     o, p = np.nonzero(hidden | (possible & (volume[:, None] > least)))
     edges = coo_array((np.ones(len(o)), (o, len(volume) + p)), (sum(possible.shape),) * 2)
     label = connected_components(edges, directed=False)[1][o]
-    return [(np.unique(o[label == k]), np.unique(p[label == k])) for k in np.unique(label)]
+    return [(sorted_unique(o[label == k]), sorted_unique(p[label == k])) for k in np.unique(label)]
 
 
 class _Step(NamedTuple):

@@ -206,7 +206,7 @@ def _levels(
     levels: dict[tuple[float, float], list[int]] = {}
     for k in range(len(walked)):
         levels.setdefault((round(low[k], 3), round(high[k], 3)), []).append(k)
-    others = np.setdiff1d(np.flatnonzero(solid < 0), walked)
+    others = np.setdiff1d(np.flatnonzero(solid < 0), walked, assume_unique=True)
     return (
         [
             _Level(shapely.union_all(shapes[k]), a, b, frozenset(solid[walked[k]].tolist()))

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AXIS_STEPS", "keys_of", "voxels_of_keys"]
+__all__ = ["AXIS_STEPS", "keys_of", "sorted_unique", "voxels_of_keys"]
+
+Integer = TypeVar("Integer", bound=np.integer)
 
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
@@ -54,3 +58,19 @@ def voxels_of_keys(keys: NDArray[np.int64]) -> NDArray[np.int32]:
     return np.column_stack(
         [((keys >> shift) & low) - _HALF for shift in (2 * _BITS, _BITS, 0)]
     ).astype(np.int32)
+
+
+def sorted_unique(numbers: NDArray[Integer]) -> NDArray[Integer]:
+    """Return (M,) the different ones of (N,) integers, ascending.
+
+    ``np.unique`` hashes integers since NumPy 2.3, which takes eighty times as long for a million.
+
+    Examples
+    --------
+    >>> sorted_unique(np.array([7, 2, 7])).tolist()
+    [2, 7]
+    """
+    ascending = np.sort(numbers)
+    first = np.ones(len(ascending), np.bool_)
+    first[1:] = ascending[1:] != ascending[:-1]
+    return ascending[first]

@@ -30,6 +30,7 @@ from semmap.fields.queries.table import (
     unbound,
     union,
 )
+from semmap.geometry.voxel_keys import sorted_unique
 from semmap.language.algebra import (
     Aggregate,
     BasicGraphPattern,
@@ -174,7 +175,7 @@ def _wanted_names(side: object, kind: str, table: Table, context: Context) -> li
     column = table.columns.get(side) if isinstance(side, str) and kind == "entity" else None
     if column is None or column.bound is not None:
         return None
-    codes = np.unique(column.values)
+    codes = sorted_unique(column.values)
     return [context.names.names[c] for c in codes.tolist()] if len(codes) <= MOST_NAMES else None
 
 

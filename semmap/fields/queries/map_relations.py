@@ -13,7 +13,7 @@ from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.queries.statements import Entities, Numbers, Statements, VoxelColumn
 from semmap.fields.queries.table import LimitError
 from semmap.fields.regions.region_map import BODIES, NamedRegionMap, Role
-from semmap.geometry.voxel_keys import keys_of, voxels_of_keys
+from semmap.geometry.voxel_keys import keys_of, sorted_unique, voxels_of_keys
 from semmap.language.schema import Property
 from semmap.limits import QUERY_ROWS
 
@@ -198,7 +198,7 @@ class FreeSpaceRelation:
         regions = self._occupancy.regions
         bodies = self._occupancy.entities(*BODIES).values()
         filled = [keys_of(regions.voxels(each)) for several in bodies for each in several]
-        keys = np.unique(np.concatenate([np.zeros(0, np.int64), *filled]))
+        keys = sorted_unique(np.concatenate([np.zeros(0, np.int64), *filled]))
         points = (voxels_of_keys(keys) + 0.5) * regions.voxel_size
         numbers, times = np.unique(regions.set_numbers_at(points), return_counts=True)
         sets = regions.sets(numbers)
@@ -287,7 +287,7 @@ def _by_entity(found: Sequence[tuple[str, Keys]]) -> Statements:
     keys_of_entity: dict[str, list[Keys]] = {}
     for name, keys in found:
         keys_of_entity.setdefault(name, []).append(keys)
-    each = [np.unique(np.concatenate(keys)) for keys in keys_of_entity.values()]
+    each = [sorted_unique(np.concatenate(keys)) for keys in keys_of_entity.values()]
     voxels = VoxelColumn(np.concatenate([np.zeros(0, np.int64), *each]))
     codes = np.repeat(np.arange(len(each), dtype=np.int32), [len(keys) for keys in each])
     return Statements(voxels, Entities(codes, tuple(keys_of_entity)))

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from semmap.geometry.voxel_keys import sorted_unique
 from semmap.language.schema import ValueKind
 from semmap.limits import QUERY_ROWS
 
@@ -158,7 +159,7 @@ class Table:
         column = self.columns.get(name)
         if column is None or column.kind != "voxel" or column.bound is not None:
             return None
-        return column.values if is_ascending(column.values) else np.unique(column.values)
+        return column.values if is_ascending(column.values) else sorted_unique(column.values)
 
     def distinct(self) -> Table:
         """Return each row once: the first of equal ones."""
@@ -399,7 +400,7 @@ def _among(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
     """Return where a key of `a` occurs in `b`."""
     if len(b) == 0:
         return np.zeros(len(a), np.bool_)
-    b = b if is_ascending(b) else np.unique(b)
+    b = b if is_ascending(b) else sorted_unique(b)
     if _similar_lengths(a, b) and is_ascending(a):
         found = np.zeros(len(a), np.bool_)
         found[_intersection(a, b).left] = True

@@ -25,6 +25,7 @@ from semmap.fields.queries.voxel_functions import centres
 from semmap.fields.regions.region_map import RegionMap
 from semmap.fields.regions.region_text import read_region
 from semmap.fields.regions.shapes import Region, shape_of
+from semmap.geometry.voxel_keys import sorted_unique
 from semmap.language.checker import Checker
 from semmap.language.error import TOO_DEEP
 from semmap.language.parser import ParsedText, parse_update
@@ -225,7 +226,7 @@ class _Template:
         return [(names[c], self._points(keys[codes == c])) for c in np.unique(codes).tolist()]
 
     def _points(self, keys: Keys) -> Region:
-        return centres(np.unique(keys), self.context.voxel_size)
+        return centres(sorted_unique(keys), self.context.voxel_size)
 
     def _check_kind(self, term: Any, kind: ValueKind) -> None:
         if not isinstance(term, rdflib.Variable):
