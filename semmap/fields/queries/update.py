@@ -220,7 +220,7 @@ class _Template:
         if region is not None:
             return [(names[code], region) for code in np.unique(codes).tolist()]
         both, keys = self._values(object_)
-        every = np.intersect1d(rows, both)
+        every = np.intersect1d(rows, both, assume_unique=True)
         codes = codes[np.searchsorted(rows, every)]
         keys = keys[np.searchsorted(both, every)]
         return [(names[c], self._points(keys[codes == c])) for c in np.unique(codes).tolist()]
