@@ -22,6 +22,9 @@ from semmap.language.schema import Property, with_article
 
 __all__ = ["SelectResult", "StoreResult", "UpdateResult"]
 
+_BLOCK = 4096
+"""Rows that become tuples at once."""
+
 
 @dataclass(frozen=True, eq=False)
 class SelectResult:
@@ -50,10 +53,15 @@ class SelectResult:
         return self.count
 
     def __iter__(self) -> Iterator[tuple[Any, ...]]:
-        """Yield a tuple for each solution."""
+        """Yield a tuple for each solution.
+
+        Tuples are made block by block: a reader of the first rows of a million pays for one block.
+        """
         if not self.columns:
-            return iter([()] * self.count)
-        return iter(zip(*(self._plain(column) for column in self.columns), strict=True))
+            yield from ((),) * self.count
+        for start in range(0, self.count, _BLOCK):
+            block = slice(start, start + _BLOCK)
+            yield from zip(*(self._plain(c.take(block)) for c in self.columns), strict=True)
 
     def column(self, name: str) -> TermColumn:
         """Return the column of a variable.

@@ -103,8 +103,8 @@ class TermColumn:
         """Return the number of solutions."""
         return len(self.values)
 
-    def take(self, rows: Rows | NDArray[np.bool_]) -> TermColumn:
-        """Return a column of some rows, given by index or by a mask."""
+    def take(self, rows: Rows | NDArray[np.bool_] | slice) -> TermColumn:
+        """Return a column of some rows, given by index, by a mask or by a slice."""
         bound = None if self.bound is None else self.bound[rows]
         return TermColumn(
             self.kind, self.values[rows], None if bound is None or bound.all() else bound
