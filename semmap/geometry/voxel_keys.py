@@ -40,15 +40,16 @@ def keys_of(voxels: NDArray[np.int32]) -> NDArray[np.int64]:
     >>> bool((np.diff(keys) > 0).all())
     True
     """
-    shifted = voxels.astype(np.int64) + _HALF
-    if shifted.size and (shifted.min() < 0 or shifted.max() >= 2 * _HALF):
+    if voxels.size and (voxels.min() < -_HALF or voxels.max() >= _HALF):
         raise ValueError(
             f"a voxel lies more than {_HALF} voxels from the origin: use larger voxels, or a frame "
             "nearer to it"
         )
-    keys: NDArray[np.int64] = (
-        (shifted[:, 0] << (2 * _BITS)) | (shifted[:, 1] << _BITS) | shifted[:, 2]
-    )
+    keys = voxels[:, 0].astype(np.int64)
+    keys += _HALF
+    for axis in (1, 2):
+        keys <<= _BITS
+        keys |= voxels[:, axis] + _HALF
     return keys
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -33,3 +34,12 @@ def test_keys_stand_for_voxels_in_their_order(voxels: NDArray[np.int32]) -> None
 )
 def test_different_numbers_are_those_of_numpy(numbers: NDArray[np.int64]) -> None:
     np.testing.assert_array_equal(sorted_unique(numbers), np.unique(numbers))
+
+
+@pytest.mark.parametrize("index", [FURTHEST, -FURTHEST - 1, 2**31 - 1, -(2**31)])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_voxel_too_far_away_is_an_error(index: int, axis: int) -> None:
+    voxels = np.zeros((2, 3), np.int32)
+    voxels[1, axis] = index
+    with pytest.raises(ValueError, match="larger voxels"):
+        keys_of(voxels)
