@@ -16,6 +16,7 @@ from semmap.fields.service.client import find_service
 from semmap.fields.service.commands import add_service_commands
 
 if TYPE_CHECKING:
+    from semmap.api.database import Database
     from semmap.fields.service.client import ServiceConnection
     from semmap.fields.store.mirror_state import MirrorState
     from semmap.fields.store.voxel_mirror import VoxelMirror
@@ -123,9 +124,8 @@ def _query_kept_state(
     from semmap.fields.store.names import read_map_vocabulary, read_names
 
     vocabulary = read_map_vocabulary()
-    mirror = _current_mirror(map_name, voxel_size)
     with cli.open_database() as database:
-        cli.show_map(database.session, map_name)
+        mirror = _current_mirror(database, map_name, voxel_size)
         newest = show_kept(mirror, database.session, vocabulary)
         seen = f", sources as kept at {newest:%Y-%m-%d %H:%M:%S %Z}" if newest else ""
         _note(f"no service is running: answered from the kept state of the map{seen}")
@@ -180,9 +180,8 @@ def _update_map(sparql: str, map_name: str | None, voxel_size: float) -> Any:
     from semmap.fields.store.names import read_map_vocabulary, read_names
 
     vocabulary = read_map_vocabulary()
-    mirror = _current_mirror(map_name, voxel_size)
     with cli.open_database() as database:
-        cli.show_map(database.session, map_name)
+        mirror = _current_mirror(database, map_name, voxel_size)
         show_kept(mirror, database.session, vocabulary)
         catalogue = mirror_catalogue(mirror, read_names(database.session), vocabulary)
         return update_map(mirror, catalogue, sparql, database.session)
@@ -330,7 +329,8 @@ def export(
         return
     if version is not None:
         raise ValueError("--version is a version of a stored field: name the field by --kept NAME")
-    _export_mirror(folder, _current_mirror(map_name, voxel_size), json_)
+    with cli.open_database() as database:
+        _export_mirror(folder, _current_mirror(database, map_name, voxel_size), json_)
 
 
 def _point(text: str) -> list[float]:
@@ -349,7 +349,7 @@ def _show_rows(reply: dict[str, Any]) -> None:
     rows = [tuple(_readable(value) for value in row) for row in reply["rows"]]
     cli.show_rows(reply["variables"], rows, False)
     if reply["total"] > len(rows):
-        cli.out.print(f"{reply['total'] - len(rows)} more rows: use --limit or --json")
+        print(f"{reply['total'] - len(rows)} more rows: use --limit or --json")
 
 
 def _readable(value: Any) -> Any:
@@ -432,29 +432,29 @@ def _export_stored(
         )
 
 
-def _current_mirror(map_name: str | None, voxel_size: float) -> MirrorState | VoxelMirror:
-    """Return the voxels of the present state of a map.
+def _current_mirror(
+    database: Database, map_name: str | None, voxel_size: float
+) -> MirrorState | VoxelMirror:
+    """Return the voxels of the present state of a map, which the session sees from then on.
 
     They are those of the kept state where the map did not change since. Else they are computed, and
     kept for the next command.
     """
     from semmap.fields.store.mirror_state import is_current, load_state
 
-    with cli.open_database() as database:
-        name = cli.show_map(database.session, map_name)
-        state = load_state(database.session, voxel_size)
-        if state is not None and is_current(database.session, state):
-            return state
-        return _resumed_mirror(database.engine, name, voxel_size)
+    name = cli.show_map(database.session, map_name)
+    state = load_state(database.session, voxel_size)
+    if state is not None and is_current(database.session, state):
+        return state
+    return _resumed_mirror(database.engine, name, voxel_size)
 
 
 def _kept_space(map_name: str | None, voxel_size: float) -> MirrorState | VoxelMirror:
     """Return the present state of a map, with what sources saw last."""
-    mirror = _current_mirror(map_name, voxel_size)
-    with cli.open_database() as database:
-        cli.show_map(database.session, map_name)
-        from semmap.fields.store.field_store import has_maps
+    from semmap.fields.store.field_store import has_maps
 
+    with cli.open_database() as database:
+        mirror = _current_mirror(database, map_name, voxel_size)
         if has_maps(database.session):
             from semmap.fields.service.kept_answer import PlainVocabulary, show_kept
 
