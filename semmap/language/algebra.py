@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
-
-import regex
+from typing import TYPE_CHECKING, Any
 
 from semmap.language.schema import Function, Property, ValueKind
+
+if TYPE_CHECKING:
+    import regex
 
 __all__ = [
     "Aggregate",

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import rdflib
-import regex
 from rdflib.plugins.sparql.parserutils import CompValue
 
 from semmap.language.algebra import (
@@ -317,6 +316,8 @@ def _constant_text(tree: Any, scope: Scope) -> str:
 
 
 def _regex(tree: Any, scope: Scope) -> Expression:
+    import regex  # most queries have none
+
     letters = _constant_text(tree.flags, scope) if tree.flags is not None else ""
     flags = regex.V0
     for letter in letters:

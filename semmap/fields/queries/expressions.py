@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import singledispatch
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import regex
 from numpy.typing import NDArray
 
 from semmap.fields.queries.context import Context
@@ -29,6 +28,9 @@ from semmap.language.algebra import (
 )
 from semmap.language.schema import ValueKind
 from semmap.limits import REGEX_SECONDS
+
+if TYPE_CHECKING:
+    import regex
 
 __all__ = ["evaluate_expression", "is_true"]
 
