@@ -43,12 +43,12 @@ def read_syntax(text: NormalisedText, form: Form, *, whole: bool = False) -> Any
     """
     with _LOCK:
         try:
-            return _grammars(whole)[form].parse_string(text.sparql, parse_all=True)
+            return _grammar(form, whole).parse_string(text.sparql, parse_all=True)
         except pyparsing.ParseBaseException as error:
-            grammars, failures = _recording_grammars(whole)
+            grammar, failures = _recording_grammar(form, whole)
             failures.clear()
             with suppress(pyparsing.ParseBaseException):
-                grammars[form].parse_string(text.sparql, parse_all=True)
+                grammar.parse_string(text.sparql, parse_all=True)
             raise _syntax_error(text, failures, error.loc) from None
 
 
@@ -65,44 +65,42 @@ def _syntax_error(
 
 
 @cache
-def _grammars(whole: bool) -> dict[Form, Any]:
-    return _own_grammars(whole)
+def _grammar(form: Form, whole: bool) -> Any:
+    return _own_grammar(form, whole)
 
 
 @cache
-def _recording_grammars(whole: bool) -> tuple[dict[Form, Any], list[tuple[int, str]]]:
-    """Return grammars for a second, slow reading, and the list to which they write failures.
+def _recording_grammar(form: Form, whole: bool) -> tuple[Any, list[tuple[int, str]]]:
+    """Return a grammar for a second, slow reading, and the list to which it writes failures.
 
     A failure is a position and the word that was expected there.
     """
-    grammars = _own_grammars(whole)
+    grammar = _own_grammar(form, whole)
     failures: list[tuple[int, str]] = []
 
     def record(_: str, position: int, element: Any, __: Exception) -> None:
         word = element.match if isinstance(element, pyparsing.Literal) else ""
         failures.append((position, word))
 
-    for grammar in grammars.values():
-        for element in _elements(grammar):
-            if isinstance(element, pyparsing.Token):
-                element.set_fail_action(record)
-    return grammars, failures
+    for element in _elements(grammar):
+        if isinstance(element, pyparsing.Token):
+            element.set_fail_action(record)
+    return grammar, failures
 
 
-def _own_grammars(whole: bool) -> dict[Form, Any]:
+def _own_grammar(form: Form, whole: bool) -> Any:
     parser = _loaded_parser()
-    query = parser.QueryUnit if whole else _extended_query(parser)
-    grammars: dict[Form, Any] = {"query": query, "update": parser.UpdateUnit}
+    if form == "update":
+        grammar = parser.UpdateUnit
+    else:
+        grammar = parser.QueryUnit if whole else _extended_query(parser)
     for original in () if whole else (parser.Collection, parser.CollectionPath):
         original.set_parse_action(_collection)
-    seen = set()
-    for grammar in grammars.values():
-        for element in _elements(grammar):
-            if id(element) not in seen and (element.parseAction or isinstance(element, Comp)):
-                element.add_parse_action(_set_position)
-            seen.add(id(element))
-        grammar.ignore("#" + pyparsing.rest_of_line)
-    return grammars
+    for element in _elements(grammar):
+        if element.parseAction or isinstance(element, Comp):
+            element.add_parse_action(_set_position)
+    grammar.ignore("#" + pyparsing.rest_of_line)
+    return grammar
 
 
 def _loaded_parser() -> ModuleType:
