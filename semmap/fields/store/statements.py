@@ -34,5 +34,6 @@ def run(connection: Connection, statement: str, parameters: Any = None) -> list[
         if isinstance(parameters, list):
             cursor.executemany(statement, parameters)
         else:
-            cursor.execute(statement, parameters or None)
+            # blocks of a field are bytes: as text each is twice as long, and read in hexadecimal
+            cursor.execute(statement, parameters or None, binary=True)
         return cursor.fetchall() if cursor.description else []
