@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import sys
@@ -404,11 +405,16 @@ app = typer.Typer(
 )
 
 
+_NEW_OBJECTS = 10_000
+"""Between looks for cycles; Python's 700 make dozens of them while modules are imported."""
+
+
 def main() -> None:
     """Run the command line; an expected error is one line and exit code 2."""
     guard_streams()
     # loading it takes a tenth of a second of the processor on two cores, for threads that wait
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(_NEW_OBJECTS)
     try:
         app()
     except Exception as error:
@@ -419,6 +425,8 @@ def main() -> None:
 
         err.print(f"error: {message}", style="red")
         sys.exit(2)
+    finally:
+        gc.freeze()  # the end of a process frees all: to look for cycles first takes a tenth of it
 
 
 def _expected(error: Exception) -> str | None:
