@@ -16,6 +16,7 @@ TABLES = (
     "inflation",
     "costmap",
     "fields",
+    "commands",
     "relations",
     "language",
     "routes",
