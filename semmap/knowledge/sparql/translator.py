@@ -20,6 +20,7 @@ from semmap.knowledge.sparql.geosparql import AGGREGATES, geometry_of
 from semmap.knowledge.sparql.relation import UNBOUND, Rows, in_form, union, union_form
 from semmap.knowledge.sparql.row_sharing import entity_iri
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred, PatternScope
+from semmap.knowledge.sparql.solution_counts import count_solutions
 from semmap.knowledge.sparql.triples import TriplePatterns
 from semmap.knowledge.sparql.values import (
     NUMERIC,
@@ -85,6 +86,7 @@ def translate(
     UntranslatedError
         A part has no translation to SQL.
     """
+    algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)
     translator = _Translator(constants, namespace, map_id, chosen, fields, uses, inferred)
     sql = translator.result(algebra, names)
@@ -120,6 +122,7 @@ def translate_each(
     UntranslatedError
         A part has no translation to SQL.
     """
+    algebra = count_solutions(algebra)
     uses = count_variables(algebra) + Counter(names)
     translator = _Translator(constants, namespace, map_id, None, None, uses, inferred)
     if not given:
