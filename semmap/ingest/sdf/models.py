@@ -302,11 +302,12 @@ class Models:
     def shape(self, model: SdfModel, role: Role) -> Shape | None:
         """Return all surfaces of a model as one mesh in its frame; None where it has none.
 
-        Where none of the requested role can be read, those of the other role are used.
+        Where none of the requested role can be read, those of the other role are used. What only
+        collides is in a robot's way, too: it stands for a model without visuals.
         """
         parts = self._bounded(model, role)
         mesh = self._mesh(parts, self._world.skipped)
-        if mesh is None and parts:
+        if mesh is None and (parts or role == "visual"):
             role = "collision" if role == "visual" else "visual"
             parts = self._bounded(model, role)
             mesh = self._mesh(parts, skipped=[])

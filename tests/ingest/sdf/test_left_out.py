@@ -143,6 +143,23 @@ def test_the_other_geometry_stands_in_for_a_missing_one(tmp_path: Path) -> None:
     assert "geometry is used" in world.notes[0]
 
 
+@pytest.mark.parametrize(
+    ("has", "geometry", "role"),
+    [
+        ("collision", "visual", "collision"),
+        ("collision", "collision", "collision"),
+        ("visual", "visual", "visual"),
+        ("visual", "collision", None),  # nothing collides with it
+    ],
+)
+def test_what_only_collides_is_there(
+    tmp_path: Path, has: str, geometry: str, role: str | None
+) -> None:
+    link = LINK.replace("visual", has)
+    world = read(tmp_path, f'<model name="m">{link}</model>', geometry=geometry)
+    assert [shape.role for shape in entry(world, "m").shapes] == ([role] if role else [])
+
+
 def test_defects_of_a_shared_file_are_reported_once(tmp_path: Path) -> None:
     model_file(tmp_path, "m", LINK.replace(BOX.format("1 2 3"), MESH.format("no.dae")))
     world = read(tmp_path, "<include><uri>model://m</uri></include>" * 3)
