@@ -1,7 +1,7 @@
 -- Poses (x, y, z, qx, qy, qz, qw) as arithmetic.
 
 CREATE FUNCTION pose_rotate(pose double precision[], x double precision, y double precision, z double precision)
-RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- The vector (x, y, z), turned by the pose's quaternion q: v + 2w(q x v) + 2q x (q x v).
 DECLARE
     qx double precision := pose[4]; qy double precision := pose[5];
@@ -16,7 +16,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION pose_compose(a double precision[], b double precision[])
-RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- The pose b, given in the frame a, in a's outer frame.
 DECLARE
     t double precision[];
@@ -36,7 +36,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION pose_inverse(a double precision[])
-RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS double precision[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- The outer frame, in the frame a.
 DECLARE
     conjugate double precision[] := ARRAY[0, 0, 0, -a[4], -a[5], -a[6], a[7]];
@@ -46,44 +46,50 @@ BEGIN
 END $$;
 
 CREATE FUNCTION pose_apply(geom geometry, pose double precision[])
-RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- A geometry of the frame `pose`, in the outer frame.
 SELECT ST_Affine(geom,
     1 - 2 * (pose[5]*pose[5] + pose[6]*pose[6]), 2 * (pose[4]*pose[5] - pose[6]*pose[7]), 2 * (pose[4]*pose[6] + pose[5]*pose[7]),
     2 * (pose[4]*pose[5] + pose[6]*pose[7]), 1 - 2 * (pose[4]*pose[4] + pose[6]*pose[6]), 2 * (pose[5]*pose[6] - pose[4]*pose[7]),
     2 * (pose[4]*pose[6] - pose[5]*pose[7]), 2 * (pose[5]*pose[6] + pose[4]*pose[7]), 1 - 2 * (pose[4]*pose[4] + pose[5]*pose[5]),
-    pose[1], pose[2], pose[3])
-$$;
+    pose[1], pose[2], pose[3]);
+END;
 
 CREATE FUNCTION pose_yaw(pose double precision[])
-RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- Heading of the frame's x axis in the outer xy plane, radians.
-SELECT atan2(2 * (pose[4]*pose[5] + pose[6]*pose[7]), 1 - 2 * (pose[5]*pose[5] + pose[6]*pose[6]))
-$$;
+SELECT atan2(2 * (pose[4]*pose[5] + pose[6]*pose[7]), 1 - 2 * (pose[5]*pose[5] + pose[6]*pose[6]));
+END;
 
 CREATE FUNCTION planar_pose(x double precision, y double precision, yaw double precision DEFAULT 0, z double precision DEFAULT 0)
-RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
-SELECT ARRAY[x, y, z, 0, 0, sin(yaw / 2), cos(yaw / 2)]
-$$;
+RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
+SELECT ARRAY[x, y, z, 0, 0, sin(yaw / 2), cos(yaw / 2)];
+END;
 
 CREATE FUNCTION diagonal(geom geometry)
-RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- The 3D box of a geometry, as the line from its lowest corner to its highest.
 SELECT ST_MakeLine(ST_MakePoint(ST_XMin(geom), ST_YMin(geom), ST_ZMin(geom)),
-                   ST_MakePoint(ST_XMax(geom), ST_YMax(geom), ST_ZMax(geom)))
-$$;
+                   ST_MakePoint(ST_XMax(geom), ST_YMax(geom), ST_ZMax(geom)));
+END;
 
 CREATE FUNCTION box_distance(box geometry, x double precision, y double precision, z double precision)
-RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- Metres from a point to a 3D box (given as its diagonal); 0 inside.
 SELECT sqrt(power(greatest(ST_XMin(box) - x, x - ST_XMax(box), 0), 2)
           + power(greatest(ST_YMin(box) - y, y - ST_YMax(box), 0), 2)
-          + power(greatest(ST_ZMin(box) - z, z - ST_ZMax(box), 0), 2))
-$$;
+          + power(greatest(ST_ZMin(box) - z, z - ST_ZMax(box), 0), 2));
+END;
 
 CREATE FUNCTION around(x double precision, y double precision, z double precision, distance double precision)
-RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The diagonal of the cube that reaches `distance` metres from a point to each side: the index is queried with it.
 SELECT ST_MakeLine(ST_MakePoint(x - distance, y - distance, z - distance),
-                   ST_MakePoint(x + distance, y + distance, z + distance))
-$$;
+                   ST_MakePoint(x + distance, y + distance, z + distance));
+END;

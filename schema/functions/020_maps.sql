@@ -1,9 +1,9 @@
 -- Which map the views show.
 
 CREATE FUNCTION current_map()
-RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- The map named by the setting `semmap.map` (SET semmap.map = 'office'), else the only one, apart from copies; NULL
--- without maps. Nearly every statement calls it: PL/pgSQL keeps its plan, and full names need no search_path.
+-- without maps. Nearly every statement calls it: PL/pgSQL keeps its plan.
 DECLARE
     chosen text := current_setting('semmap.map', true);
     found integer;
@@ -26,7 +26,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_id(entity_name text)
-RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- The id of the entity of that name in the current map; an error if there is none, so that a misspelt name
 -- does not read as false or as an empty list.
 DECLARE
@@ -46,74 +46,74 @@ RETURNS integer LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publ
 -- the copy they stay. Copies share the meshes. They are deleted with their map.
 -- For admins (roles.sql).
 DECLARE
-    original map := (SELECT m FROM map m WHERE name = map_name);
+    original semmap.map := (SELECT m FROM semmap.map m WHERE name = map_name);
     copied integer;
 BEGIN
     IF original.id IS NULL THEN
         RAISE EXCEPTION 'there is no map named %', map_name
-            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM map lists them.';
+            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM semmap.map lists them.';
     END IF;
     PERFORM set_config('semmap.deriving', 'off', true);
-    INSERT INTO map (name, crs, easting, northing, height, rotation, copy_of)
+    INSERT INTO semmap.map (name, crs, easting, northing, height, rotation, copy_of)
         VALUES (copy_name, original.crs, original.easting, original.northing, original.height, original.rotation,
                 original.id)
         RETURNING id INTO copied;
-    INSERT INTO entity (map_id, kind, name, label, type, properties, front)
-        SELECT copied, kind, name, label, type, properties, front FROM entity WHERE map_id = original.id;
+    INSERT INTO semmap.entity (map_id, kind, name, label, type, properties, front)
+        SELECT copied, kind, name, label, type, properties, front FROM semmap.entity WHERE map_id = original.id;
     CREATE TABLE pg_temp.twin AS
-        SELECT o.id AS old, n.id AS new FROM entity o JOIN entity n ON n.map_id = copied AND n.name = o.name
+        SELECT o.id AS old, n.id AS new FROM semmap.entity o JOIN semmap.entity n ON n.map_id = copied AND n.name = o.name
         WHERE o.map_id = original.id;
     CREATE UNIQUE INDEX ON pg_temp.twin (old);
     ANALYZE pg_temp.twin;
-    INSERT INTO storey (entity_id, elevation, height)
-        SELECT t.new, s.elevation, s.height FROM storey s JOIN pg_temp.twin t ON t.old = s.entity_id;
-    INSERT INTO elevator (entity_id) SELECT t.new FROM elevator e JOIN pg_temp.twin t ON t.old = e.entity_id;
-    INSERT INTO room (entity_id, floor, ceiling, elevator_id)
+    INSERT INTO semmap.storey (entity_id, elevation, height)
+        SELECT t.new, s.elevation, s.height FROM semmap.storey s JOIN pg_temp.twin t ON t.old = s.entity_id;
+    INSERT INTO semmap.elevator (entity_id) SELECT t.new FROM semmap.elevator e JOIN pg_temp.twin t ON t.old = e.entity_id;
+    INSERT INTO semmap.room (entity_id, floor, ceiling, elevator_id)
         SELECT t.new, r.floor, r.ceiling, l.new
-        FROM room r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin l ON l.old = r.elevator_id;
-    INSERT INTO connector (entity_id, form, place_a, place_b, pose_a, pose_b, direction, state, behaviour, width,
+        FROM semmap.room r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin l ON l.old = r.elevator_id;
+    INSERT INTO semmap.connector (entity_id, form, place_a, place_b, pose_a, pose_b, direction, state, behaviour, width,
                            height, step, permissions, seen_at)
         SELECT t.new, c.form, a.new, b.new, c.pose_a, c.pose_b, c.direction, c.state, c.behaviour, c.width,
                c.height, c.step, c.permissions, c.seen_at
-        FROM connector c JOIN pg_temp.twin t ON t.old = c.entity_id JOIN pg_temp.twin a ON a.old = c.place_a
+        FROM semmap.connector c JOIN pg_temp.twin t ON t.old = c.entity_id JOIN pg_temp.twin a ON a.old = c.place_a
         LEFT JOIN pg_temp.twin b ON b.old = c.place_b;
-    INSERT INTO link (from_id, relation, to_id, properties)
+    INSERT INTO semmap.link (from_id, relation, to_id, properties)
         SELECT a.new, l.relation, b.new, l.properties
-        FROM link l JOIN pg_temp.twin a ON a.old = l.from_id JOIN pg_temp.twin b ON b.old = l.to_id;
-    INSERT INTO field (map_id, name, property, about, value_type, voxel_size, edge, version)
+        FROM semmap.link l JOIN pg_temp.twin a ON a.old = l.from_id JOIN pg_temp.twin b ON b.old = l.to_id;
+    INSERT INTO semmap.field (map_id, name, property, about, value_type, voxel_size, edge, version)
         SELECT copied, f.name, f.property, f.about, f.value_type, f.voxel_size, f.edge, 1
-        FROM field f JOIN field_version v ON v.field_id = f.id AND v.version = f.version
+        FROM semmap.field f JOIN semmap.field_version v ON v.field_id = f.id AND v.version = f.version
         WHERE f.map_id = original.id AND (v.state IS NULL OR v.state ->> 'of' = 'source' AND EXISTS (
-            SELECT FROM field s JOIN field_version r ON r.field_id = s.id AND r.version = s.version
+            SELECT FROM semmap.field s JOIN semmap.field_version r ON r.field_id = s.id AND r.version = s.version
             WHERE s.map_id = original.id AND s.property = 'urn:semmap:ontology#provides'
               AND r.state -> 'maps' ? f.name AND r.at >= now() - interval '60 s'));
-    INSERT INTO field_version (field_id, version, at, background, placement, legend)
+    INSERT INTO semmap.field_version (field_id, version, at, background, placement, legend)
         SELECT n.id, 1, v.at, v.background, v.placement, v.legend
-        FROM field n JOIN field f ON f.map_id = original.id AND f.name = n.name
-        JOIN field_version v ON v.field_id = f.id AND v.version = f.version WHERE n.map_id = copied;
-    INSERT INTO field_block (field_id, x, y, z, since, digest, bytes)
+        FROM semmap.field n JOIN semmap.field f ON f.map_id = original.id AND f.name = n.name
+        JOIN semmap.field_version v ON v.field_id = f.id AND v.version = f.version WHERE n.map_id = copied;
+    INSERT INTO semmap.field_block (field_id, x, y, z, since, digest, bytes)
         SELECT n.id, b.x, b.y, b.z, 1, b.digest, b.bytes
-        FROM field n JOIN field f ON f.map_id = original.id AND f.name = n.name
-        JOIN field_block b ON b.field_id = f.id AND b.until IS NULL WHERE n.map_id = copied;
-    INSERT INTO placement (entity_id, holder_id, pose, relation, confidence)
+        FROM semmap.field n JOIN semmap.field f ON f.map_id = original.id AND f.name = n.name
+        JOIN semmap.field_block b ON b.field_id = f.id AND b.until IS NULL WHERE n.map_id = copied;
+    INSERT INTO semmap.placement (entity_id, holder_id, pose, relation, confidence)
         SELECT t.new, h.new, p.pose, p.relation, p.confidence
-        FROM placement p JOIN pg_temp.twin t ON t.old = p.entity_id LEFT JOIN pg_temp.twin h ON h.old = p.holder_id;
-    INSERT INTO entity_model (entity_id, model_id, role)
-        SELECT t.new, m.model_id, m.role FROM entity_model m JOIN pg_temp.twin t ON t.old = m.entity_id;
-    INSERT INTO region (entity_id, of_id, model_id, faces, origin, valid)
+        FROM semmap.placement p JOIN pg_temp.twin t ON t.old = p.entity_id LEFT JOIN pg_temp.twin h ON h.old = p.holder_id;
+    INSERT INTO semmap.entity_model (entity_id, model_id, role)
+        SELECT t.new, m.model_id, m.role FROM semmap.entity_model m JOIN pg_temp.twin t ON t.old = m.entity_id;
+    INSERT INTO semmap.region (entity_id, of_id, model_id, faces, origin, valid)
         SELECT t.new, o.new, r.model_id, r.faces, r.origin, r.valid
-        FROM region r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin o ON o.old = r.of_id;
-    INSERT INTO statement (map_id, graph, subject_id, subject, predicate, object_id, object, tag, since, until)
+        FROM semmap.region r JOIN pg_temp.twin t ON t.old = r.entity_id LEFT JOIN pg_temp.twin o ON o.old = r.of_id;
+    INSERT INTO semmap.statement (map_id, graph, subject_id, subject, predicate, object_id, object, tag, since, until)
         SELECT copied, s.graph, a.new, s.subject, s.predicate, b.new, s.object, s.tag, s.since, s.until
-        FROM statement s LEFT JOIN pg_temp.twin a ON a.old = s.subject_id LEFT JOIN pg_temp.twin b ON b.old = s.object_id
+        FROM semmap.statement s LEFT JOIN pg_temp.twin a ON a.old = s.subject_id LEFT JOIN pg_temp.twin b ON b.old = s.object_id
         WHERE s.map_id = original.id;
-    INSERT INTO taught_relation SELECT copied, subject, relation, object FROM taught_relation WHERE map_id = original.id;
-    INSERT INTO taught_action SELECT copied, action, cause, effect FROM taught_action WHERE map_id = original.id;
-    INSERT INTO belief_model SELECT copied, there, elsewhere, change, seconds, prior_elsewhere, prior_history, prior_typical
-        FROM belief_model WHERE map_id = original.id;
-    INSERT INTO observation (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id)
+    INSERT INTO semmap.taught_relation SELECT copied, subject, relation, object FROM semmap.taught_relation WHERE map_id = original.id;
+    INSERT INTO semmap.taught_action SELECT copied, action, cause, effect FROM semmap.taught_action WHERE map_id = original.id;
+    INSERT INTO semmap.belief_model SELECT copied, there, elsewhere, change, seconds, prior_elsewhere, prior_history, prior_typical
+        FROM semmap.belief_model WHERE map_id = original.id;
+    INSERT INTO semmap.observation (entity_id, place_id, at, seen, inside, position, visible, hit, false_alarm, observer_id)
         SELECT t.new, p.new, o.at, o.seen, o.inside, o.position, o.visible, o.hit, o.false_alarm, w.new
-        FROM observation o JOIN pg_temp.twin t ON t.old = o.entity_id JOIN pg_temp.twin p ON p.old = o.place_id
+        FROM semmap.observation o JOIN pg_temp.twin t ON t.old = o.entity_id JOIN pg_temp.twin p ON p.old = o.place_id
         LEFT JOIN pg_temp.twin w ON w.old = o.observer_id;
     DROP TABLE pg_temp.twin;
     PERFORM set_config('semmap.deriving', '', true);
@@ -128,27 +128,27 @@ DECLARE
     gone integer;
     n bigint;
 BEGIN
-    SELECT id INTO gone FROM map WHERE name = map_name FOR UPDATE;
+    SELECT id INTO gone FROM semmap.map WHERE name = map_name FOR UPDATE;
     IF gone IS NULL THEN
         RAISE EXCEPTION 'there is no map named %', map_name
-            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM map lists them.';
+            USING ERRCODE = 'no_data_found', HINT = 'SELECT name FROM semmap.map lists them.';
     END IF;
-    PERFORM drop_map(c.name) FROM map c WHERE c.copy_of = gone;
+    PERFORM semmap.drop_map(c.name) FROM semmap.map c WHERE c.copy_of = gone;
     PERFORM set_config('semmap.dropping', 'on', true);
-    DELETE FROM belief b USING entity e WHERE e.id = b.entity_id AND e.map_id = gone;
-    DELETE FROM observation o USING entity e WHERE e.id = o.entity_id AND e.map_id = gone;
-    DELETE FROM world WHERE map_id = gone;
-    DELETE FROM placement p USING entity e WHERE e.id = p.entity_id AND e.map_id = gone;
-    DELETE FROM entity_chunk c USING entity e WHERE e.id = c.entity_id AND e.map_id = gone;
-    DELETE FROM entity_model m USING entity e WHERE e.id = m.entity_id AND e.map_id = gone;
-    DELETE FROM object_type WHERE map_id = gone;
-    DELETE FROM entity WHERE map_id = gone;
+    DELETE FROM semmap.belief b USING semmap.entity e WHERE e.id = b.entity_id AND e.map_id = gone;
+    DELETE FROM semmap.observation o USING semmap.entity e WHERE e.id = o.entity_id AND e.map_id = gone;
+    DELETE FROM semmap.world WHERE map_id = gone;
+    DELETE FROM semmap.placement p USING semmap.entity e WHERE e.id = p.entity_id AND e.map_id = gone;
+    DELETE FROM semmap.entity_chunk c USING semmap.entity e WHERE e.id = c.entity_id AND e.map_id = gone;
+    DELETE FROM semmap.entity_model m USING semmap.entity e WHERE e.id = m.entity_id AND e.map_id = gone;
+    DELETE FROM semmap.object_type WHERE map_id = gone;
+    DELETE FROM semmap.entity WHERE map_id = gone;
     GET DIAGNOSTICS n = ROW_COUNT;
-    DELETE FROM placement_history h USING entity_history e WHERE e.entity_id = h.entity_id AND e.map_id = gone;
-    DELETE FROM entity_history WHERE map_id = gone;
-    DELETE FROM change WHERE map_id = gone;
-    DELETE FROM map WHERE id = gone;
-    PERFORM drop_unused_models();
+    DELETE FROM semmap.placement_history h USING semmap.entity_history e WHERE e.entity_id = h.entity_id AND e.map_id = gone;
+    DELETE FROM semmap.entity_history WHERE map_id = gone;
+    DELETE FROM semmap.change WHERE map_id = gone;
+    DELETE FROM semmap.map WHERE id = gone;
+    PERFORM semmap.drop_unused_models();
     PERFORM set_config('semmap.dropping', '', true);
     RETURN n;
 END $$;
@@ -159,9 +159,9 @@ RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publi
 DECLARE
     n bigint;
 BEGIN
-    DELETE FROM model m
-    WHERE NOT EXISTS (SELECT FROM entity_model e WHERE e.model_id = m.id)
-      AND NOT EXISTS (SELECT FROM region r WHERE r.model_id = m.id);
+    DELETE FROM semmap.model m
+    WHERE NOT EXISTS (SELECT FROM semmap.entity_model e WHERE e.model_id = m.id)
+      AND NOT EXISTS (SELECT FROM semmap.region r WHERE r.model_id = m.id);
     GET DIAGNOSTICS n = ROW_COUNT;
     RETURN n;
 END $$;

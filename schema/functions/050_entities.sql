@@ -1,7 +1,7 @@
 -- Triggers on entities: they maintain the supertypes, the history and the change log.
 
 CREATE FUNCTION entity_stamp()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Each version begins after the previous one, even if its transaction began earlier.
 BEGIN
     NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
@@ -11,13 +11,13 @@ END $$;
 CREATE FUNCTION entity_inserted()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    INSERT INTO object_type (map_id, type, id, label)
+    INSERT INTO semmap.object_type (map_id, type, id, label)
         SELECT n.map_id, s.super, n.id, n.name
         FROM fresh n
-        JOIN (SELECT k.type, k.kind, supertypes(k.type, k.kind) AS super
+        JOIN (SELECT k.type, k.kind, semmap.supertypes(k.type, k.kind) AS super
               FROM (SELECT DISTINCT type, kind FROM fresh) k) s
           ON s.kind = n.kind AND coalesce(s.type, '') = coalesce(n.type, '');
-    INSERT INTO change (map_id, what, entities)
+    INSERT INTO semmap.change (map_id, what, entities)
         SELECT map_id, 'added', array_agg(id ORDER BY id) FROM fresh GROUP BY map_id;
     RETURN NULL;
 END $$;
@@ -43,20 +43,20 @@ BEGIN
         RAISE EXCEPTION 'an entity keeps its map and its kind'
             USING ERRCODE = 'check_violation', HINT = 'Delete it and make a new one.';
     END IF;
-    INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during)
+    INSERT INTO semmap.entity_history (entity_id, map_id, kind, name, label, type, properties, front, during)
         SELECT o.id, o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front, tstzrange(o.since, n.since)
         FROM former o FULL JOIN fresh n USING (id)
         WHERE (o.map_id, o.kind, o.name, o.label, o.type, o.properties, o.front)
               IS DISTINCT FROM (n.map_id, n.kind, n.name, n.label, n.type, n.properties, n.front);
-    DELETE FROM entity_history h USING former o JOIN retention r ON r.kind = o.kind
+    DELETE FROM semmap.entity_history h USING former o JOIN semmap.retention r ON r.kind = o.kind
         WHERE h.entity_id = o.id AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for;
     IF retyped IS NOT NULL THEN
-        PERFORM refresh_object_type(retyped);
-        PERFORM follow_change(ARRAY(
+        PERFORM semmap.refresh_object_type(retyped);
+        PERFORM semmap.follow_change(ARRAY(
             SELECT n.id FROM former o FULL JOIN fresh n USING (id)
-            WHERE o.type IS DISTINCT FROM n.type AND is_building_part(o.type) <> is_building_part(n.type)));
+            WHERE o.type IS DISTINCT FROM n.type AND semmap.is_building_part(o.type) <> semmap.is_building_part(n.type)));
     END IF;
-    PERFORM record_change('changed', changed);
+    PERFORM semmap.record_change('changed', changed);
     RETURN NULL;
 END $$;
 
@@ -65,18 +65,18 @@ RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publ
 DECLARE
     emptied bigint[] := string_to_array(nullif(current_setting('semmap.emptied', true), ''), ',')::bigint[];
 BEGIN
-    DELETE FROM object_type t USING former o WHERE t.id = o.id;
-    INSERT INTO entity_history (entity_id, map_id, kind, name, label, type, properties, front, during, ended)
+    DELETE FROM semmap.object_type t USING former o WHERE t.id = o.id;
+    INSERT INTO semmap.entity_history (entity_id, map_id, kind, name, label, type, properties, front, during, ended)
         SELECT id, map_id, kind, name, label, type, properties, front,
                tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond')), true
         FROM former;
-    INSERT INTO change (map_id, what, entities)
+    INSERT INTO semmap.change (map_id, what, entities)
         SELECT o.map_id, 'removed', array_agg(o.id ORDER BY o.id)
         FROM former o GROUP BY o.map_id;
     IF emptied IS NOT NULL THEN
         PERFORM set_config('semmap.emptied', '', true);
         IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN
-            PERFORM derive_again(emptied);
+            PERFORM semmap.derive_again(emptied);
         END IF;
     END IF;
     RETURN NULL;
@@ -93,9 +93,9 @@ BEGIN
     IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
         PERFORM set_config('semmap.deriving', 'off', true);
         WITH contents AS (
-            UPDATE placement p
-            SET holder_id = h.holder_id, pose = pose_compose(h.pose, p.pose), relation = 'in'
-            FROM placement h
+            UPDATE semmap.placement p
+            SET holder_id = h.holder_id, pose = semmap.pose_compose(h.pose, p.pose), relation = 'in'
+            FROM semmap.placement h
             WHERE p.holder_id = OLD.id AND h.entity_id = OLD.id
             RETURNING p.entity_id)
         SELECT array_agg(entity_id) INTO emptied FROM contents;
@@ -110,7 +110,7 @@ CREATE FUNCTION connector_gone()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A connector is deleted with a place that it joins: its row by the foreign key, its entity here.
 BEGIN
-    DELETE FROM entity e USING former o WHERE e.id = o.entity_id;
+    DELETE FROM semmap.entity e USING former o WHERE e.id = o.entity_id;
     RETURN NULL;
 END $$;
 
@@ -118,7 +118,7 @@ CREATE FUNCTION properties_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A room's heights and a connector's state belong to the entity: record a change of the entity.
 BEGIN
-    PERFORM record_change('changed', ARRAY(SELECT entity_id FROM fresh));
+    PERFORM semmap.record_change('changed', ARRAY(SELECT entity_id FROM fresh));
     RETURN NULL;
 END $$;
 
@@ -126,7 +126,7 @@ CREATE FUNCTION heights_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A room's floor and ceiling, and which storeys there are, decide what holds an object.
 BEGIN
-    PERFORM follow_change(ARRAY(SELECT entity_id FROM fresh));
+    PERFORM semmap.follow_change(ARRAY(SELECT entity_id FROM fresh));
     RETURN NULL;
 END $$;
 
@@ -135,7 +135,7 @@ RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publ
 -- A link is a change of the entities that it joins.
 BEGIN
     IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
-        PERFORM record_change('linked', ARRAY(SELECT from_id FROM touched UNION SELECT to_id FROM touched));
+        PERFORM semmap.record_change('linked', ARRAY(SELECT from_id FROM touched UNION SELECT to_id FROM touched));
     END IF;
     RETURN NULL;
 END $$;

@@ -13,29 +13,29 @@ DECLARE
 BEGIN
 WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
     SELECT p.entity_id, e.map_id, CASE e.kind WHEN 'storey' THEN e.id ELSE h.storey_id END,
-           CASE WHEN p.holder_id IS NULL THEN p.pose ELSE pose_compose(h.pose, p.pose) END, 0
+           CASE WHEN p.holder_id IS NULL THEN p.pose ELSE semmap.pose_compose(h.pose, p.pose) END, 0
     FROM unnest(ids) AS given (id)
-    JOIN placement p ON p.entity_id = given.id
-    JOIN entity e ON e.id = p.entity_id
-    LEFT JOIN world h ON h.entity_id = p.holder_id
+    JOIN semmap.placement p ON p.entity_id = given.id
+    JOIN semmap.entity e ON e.id = p.entity_id
+    LEFT JOIN semmap.world h ON h.entity_id = p.holder_id
     LEFT JOIN unnest(ids) AS above (id) ON above.id = p.holder_id
     WHERE above.id IS NULL
   UNION ALL
     SELECT p.entity_id, e.map_id, CASE e.kind WHEN 'storey' THEN e.id ELSE t.storey_id END,
-           pose_compose(t.pose, p.pose), t.depth + 1
+           semmap.pose_compose(t.pose, p.pose), t.depth + 1
     FROM tree t
     -- for each entity of its own, since a join of all would read every placement of a small map
-    CROSS JOIN LATERAL (SELECT q.* FROM placement q WHERE q.holder_id = t.entity_id OFFSET 0) p
-    JOIN entity e ON e.id = p.entity_id
+    CROSS JOIN LATERAL (SELECT q.* FROM semmap.placement q WHERE q.holder_id = t.entity_id OFFSET 0) p
+    JOIN semmap.entity e ON e.id = p.entity_id
 ), placed AS (
     SELECT DISTINCT ON (entity_id) entity_id, map_id, storey_id, pose
     FROM tree ORDER BY entity_id, depth DESC
 ), kept AS (
     -- The models of each entity are looked up one entity after the other: a join of all could be planned as a nested
     -- loop, which is quadratic, because the plan is that of a move of one entity.
-    INSERT INTO world AS w (entity_id, map_id, storey_id, pose, box, footprint)
+    INSERT INTO semmap.world AS w (entity_id, map_id, storey_id, pose, box, footprint)
     SELECT t.entity_id, t.map_id, t.storey_id, t.pose,
-           coalesce(diagonal(x.hull), ST_MakeLine(here, here)), x.footprint
+           coalesce(semmap.diagonal(x.hull), ST_MakeLine(here, here)), x.footprint
     FROM placed t
     CROSS JOIN LATERAL ST_MakePoint(t.pose[1], t.pose[2], t.pose[3]) AS here
     CROSS JOIN LATERAL (
@@ -43,13 +43,13 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
                ST_Multi(CASE cardinality(g.flats) WHEN 1 THEN g.flats[1] ELSE ST_Union(g.flats) END)
         FROM (SELECT array_agg(h.hull) AS hulls,
                      array_agg(CASE ST_Dimension(f.flat) WHEN 2 THEN f.flat ELSE ST_Buffer(f.flat, 0.001, 1) END) AS flats
-              FROM entity_model em
-              JOIN model m ON m.id = em.model_id
-              CROSS JOIN LATERAL (SELECT pose_apply(m.hull, t.pose) OFFSET 0) h (hull)
+              FROM semmap.entity_model em
+              JOIN semmap.model m ON m.id = em.model_id
+              CROSS JOIN LATERAL (SELECT semmap.pose_apply(m.hull, t.pose) OFFSET 0) h (hull)
               -- The outline where the model has one and stands upright, else the convex hull on the ground.
               CROSS JOIN LATERAL (
                   SELECT coalesce(CASE WHEN abs(t.pose[4]) < 1e-6 AND abs(t.pose[5]) < 1e-6
-                                       THEN ST_Force2D(pose_apply(ST_Force3D(m.outline), t.pose)) END,
+                                       THEN ST_Force2D(semmap.pose_apply(ST_Force3D(m.outline), t.pose)) END,
                                   ST_ConvexHull(ST_Force2D(h.hull))) OFFSET 0) f (flat)
               WHERE em.entity_id = t.entity_id) g OFFSET 0) x (hull, footprint)
     ON CONFLICT (entity_id) DO UPDATE
@@ -61,14 +61,15 @@ RETURN moved;
 END $$;
 
 CREATE FUNCTION holders_of(ids bigint[])
-RETURNS SETOF bigint LANGUAGE sql STABLE AS $$
+RETURNS SETOF bigint LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- The chain of holders above the given entities, up to the map.
 WITH RECURSIVE up (id) AS (
     SELECT holder_id FROM semmap.placement WHERE entity_id = ANY (ids) AND holder_id IS NOT NULL
   UNION
     SELECT p.holder_id FROM up JOIN semmap.placement p ON p.entity_id = up.id WHERE p.holder_id IS NOT NULL)
-SELECT id FROM up
-$$;
+SELECT id FROM up;
+END;
 
 -- How concurrent transactions keep `world` equal to `placement`. A transaction that writes the world coordinates
 -- of an entity has a lock on its row in `placement`, or on that of an entity above it. Share locks keep the chains
@@ -91,16 +92,16 @@ BEGIN
                 SELECT unnest(holders)
               UNION
                 -- no join: its plan would read all placements of a small map
-                SELECT (SELECT p.holder_id FROM placement p WHERE p.entity_id = up.id) FROM up)
+                SELECT (SELECT p.holder_id FROM semmap.placement p WHERE p.entity_id = up.id) FROM up)
             SELECT id FROM up WHERE id IS NOT NULL);
         EXIT WHEN chain <@ locked;  -- another transaction may have moved a holder while this one waited
-        PERFORM FROM placement WHERE entity_id = ANY (chain) ORDER BY entity_id FOR SHARE;
+        PERFORM FROM semmap.placement WHERE entity_id = ANY (chain) ORDER BY entity_id FOR SHARE;
         locked := chain;
     END LOOP;
 END $$;
 
 CREATE FUNCTION queue_writer()
-RETURNS void LANGUAGE plpgsql AS $$
+RETURNS void LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Lets one transaction at a time move entities: two that move several entities in different orders could
 -- deadlock. It waits at most a second for the transaction before it. Then it continues: the row locks keep the
 -- world coordinates correct, and the server resolves a deadlock. It does not wait if the setting `semmap.queue`
@@ -121,9 +122,9 @@ BEGIN
             PERFORM set_config('lock_timeout', patience, true);
             RETURN;
         EXCEPTION WHEN lock_not_available THEN
-            SELECT l.virtualtransaction INTO holder FROM pg_locks l
+            SELECT l.virtualtransaction INTO holder FROM pg_catalog.pg_locks l
                 WHERE l.locktype = 'advisory' AND l.granted AND l.classid = 0 AND l.objid::bigint = key::bigint & 4294967295
-                  AND l.objsubid = 2 AND l.database = (SELECT oid FROM pg_database WHERE datname = current_database());
+                  AND l.objsubid = 2 AND l.database = (SELECT oid FROM pg_catalog.pg_database WHERE datname = current_database());
         END;
         EXIT WHEN holder = former_holder;
         former_holder := holder;
@@ -131,7 +132,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION placement_queued()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     PERFORM semmap.queue_writer();
     RETURN NULL;
@@ -139,7 +140,7 @@ END $$;
 
 CREATE FUNCTION check_holders(ids bigint[])
 RETURNS void LANGUAGE plpgsql
-SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off SET search_path = semmap, public, pg_temp AS $$
 DECLARE
     wrong text;
 BEGIN
@@ -179,15 +180,15 @@ BEGIN
     IF ids IS NULL THEN
         RETURN NULL;
     END IF;
-    PERFORM lock_holders(ARRAY(SELECT DISTINCT holder_id FROM fresh));
-    PERFORM check_holders(ids);
-    PERFORM record_change('moved', refresh_world(ids));
-    PERFORM follow_geometry(ids, ARRAY(SELECT entity_id FROM fresh WHERE holder_id IS NOT NULL AND confidence IS NULL));
+    PERFORM semmap.lock_holders(ARRAY(SELECT DISTINCT holder_id FROM fresh));
+    PERFORM semmap.check_holders(ids);
+    PERFORM semmap.record_change('moved', semmap.refresh_world(ids));
+    PERFORM semmap.follow_geometry(ids, ARRAY(SELECT entity_id FROM fresh WHERE holder_id IS NOT NULL AND confidence IS NULL));
     RETURN NULL;
 END $$;
 
 CREATE FUNCTION placement_stamp()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Each version begins after the previous one. A changed holder counts as stated, unless it is derived.
 BEGIN
     NEW.since := greatest(statement_timestamp(), OLD.since + interval '1 microsecond');
@@ -217,11 +218,11 @@ BEGIN
     IF moved IS NULL THEN
         RETURN NULL;
     END IF;
-    PERFORM lock_holders(ARRAY(SELECT holder_id FROM former UNION SELECT holder_id FROM fresh));
+    PERFORM semmap.lock_holders(ARRAY(SELECT holder_id FROM former UNION SELECT holder_id FROM fresh));
     IF rehung IS NOT NULL THEN
-        PERFORM check_holders(rehung);
+        PERFORM semmap.check_holders(rehung);
     END IF;
-    PERFORM record_change('moved', refresh_world(moved));
+    PERFORM semmap.record_change('moved', semmap.refresh_world(moved));
 
     -- Thin out the history: a placement within `keep_every` of the last stored one extends that one.
     WITH changed AS MATERIALIZED (
@@ -230,25 +231,25 @@ BEGIN
           AND (o.holder_id, o.pose, o.relation, o.confidence) IS DISTINCT FROM (n.holder_id, n.pose, n.relation, n.confidence)
     ), version AS (
         SELECT c.*, e.kind, r.keep_every
-        FROM changed c JOIN entity e ON e.id = c.entity_id LEFT JOIN retention r ON r.kind = e.kind
+        FROM changed c JOIN semmap.entity e ON e.id = c.entity_id LEFT JOIN semmap.retention r ON r.kind = e.kind
     ), prolonged AS (
-        UPDATE placement_history h SET during = tstzrange(lower(h.during), v.until)
+        UPDATE semmap.placement_history h SET during = tstzrange(lower(h.during), v.until)
         FROM version v
         WHERE v.keep_every IS NOT NULL AND h.entity_id = v.entity_id
           AND lower(h.during) > v.since - v.keep_every AND upper(h.during) = v.since
         RETURNING h.entity_id
     ), expired AS (
-        DELETE FROM placement_history h USING version v JOIN retention r ON r.kind = v.kind
+        DELETE FROM semmap.placement_history h USING version v JOIN semmap.retention r ON r.kind = v.kind
         WHERE h.entity_id = v.entity_id AND lower(h.during) < now() - r.keep_for AND upper(h.during) < now() - r.keep_for
     )
-    INSERT INTO placement_history (entity_id, holder_id, pose, relation, confidence, during, reason)
+    INSERT INTO semmap.placement_history (entity_id, holder_id, pose, relation, confidence, during, reason)
         SELECT entity_id, holder_id, pose, relation, confidence, tstzrange(since, until),
                CASE WHEN deriving THEN CASE WHEN confidence IS NULL AND holder_id IS NOT NULL
                                             THEN 'the geometry contradicted the stated holder'
                                             ELSE 'the geometry showed another holder' END END
         FROM version FULL JOIN (SELECT entity_id AS id FROM prolonged) p ON p.id = version.entity_id WHERE p.id IS NULL;
     IF NOT deriving THEN
-        PERFORM follow_geometry(moved, stated);
+        PERFORM semmap.follow_geometry(moved, stated);
     END IF;
     RETURN NULL;
 END $$;
@@ -265,30 +266,30 @@ BEGIN
     END IF;
     IF stated <> '{}' THEN
         SELECT e.name, h.name AS holder, round(ST_3DDistance(w.box, k.box)::numeric, 2) AS metres INTO wrong
-            FROM unnest(stated) s (id) JOIN placement p ON p.entity_id = s.id
-            JOIN entity e ON e.id = s.id AND e.kind = 'object' JOIN entity h ON h.id = p.holder_id
-            JOIN world w ON w.entity_id = e.id JOIN world k ON k.entity_id = h.id
-            WHERE is_apart(s.id, p.holder_id) LIMIT 1;
+            FROM unnest(stated) s (id) JOIN semmap.placement p ON p.entity_id = s.id
+            JOIN semmap.entity e ON e.id = s.id AND e.kind = 'object' JOIN semmap.entity h ON h.id = p.holder_id
+            JOIN semmap.world w ON w.entity_id = e.id JOIN semmap.world k ON k.entity_id = h.id
+            WHERE semmap.is_apart(s.id, p.holder_id) LIMIT 1;
         IF wrong IS NOT NULL THEN
             RAISE EXCEPTION '% is not in or on %: they are % m apart', wrong.name, wrong.holder, wrong.metres
                 USING ERRCODE = 'check_violation', HINT = 'Move it there, or give its pose together with its holder.';
         END IF;
     END IF;
-    PERFORM derive_again(neighbours_of(moved));
+    PERFORM semmap.derive_again(semmap.neighbours_of(moved));
 END $$;
 
 CREATE FUNCTION placement_deleted()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    INSERT INTO placement_history (entity_id, holder_id, pose, relation, confidence, during)
+    INSERT INTO semmap.placement_history (entity_id, holder_id, pose, relation, confidence, during)
         SELECT entity_id, holder_id, pose, relation, confidence,
                tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond'))
         FROM former;
-    PERFORM record_change('moved', ARRAY(SELECT entity_id FROM former));
+    PERFORM semmap.record_change('moved', ARRAY(SELECT entity_id FROM former));
     IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
         -- The contents of what has no place any more stay where they are.
-        UPDATE placement p SET holder_id = NULL, relation = 'in', confidence = NULL, pose = w.pose
-        FROM world w WHERE w.entity_id = p.entity_id AND p.holder_id IN (SELECT entity_id FROM former);
+        UPDATE semmap.placement p SET holder_id = NULL, relation = 'in', confidence = NULL, pose = w.pose
+        FROM semmap.world w WHERE w.entity_id = p.entity_id AND p.holder_id IN (SELECT entity_id FROM former);
     END IF;
     RETURN NULL;
 END $$;
@@ -297,7 +298,7 @@ CREATE FUNCTION placement_leaves()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Before a placement is deleted: a transaction that moves its holder must not write the entity's world row again.
 BEGIN
-    PERFORM lock_holders(ARRAY[OLD.holder_id]);
+    PERFORM semmap.lock_holders(ARRAY[OLD.holder_id]);
     RETURN OLD;
 END $$;
 
@@ -320,12 +321,12 @@ CREATE FUNCTION hold_still(thing bigint, into_holder bigint)
 RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Before a pose relative to a holder is computed from world coordinates: locks the holder against moves.
 BEGIN
-    PERFORM queue_writer();
-    PERFORM lock_holders(ARRAY[into_holder, (SELECT holder_id FROM placement WHERE entity_id = thing)]);
+    PERFORM semmap.queue_writer();
+    PERFORM semmap.lock_holders(ARRAY[into_holder, (SELECT holder_id FROM semmap.placement WHERE entity_id = thing)]);
 END $$;
 
 CREATE FUNCTION put(thing bigint, into_holder bigint, how text DEFAULT 'in', sure double precision DEFAULT NULL)
-RETURNS void LANGUAGE plpgsql AS $$
+RETURNS void LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Gives an entity another holder at the same world pose (null: the map itself).
 BEGIN
 PERFORM semmap.hold_still(thing, into_holder);
@@ -346,7 +347,7 @@ END IF;
 END $$;
 
 CREATE FUNCTION move_to(thing bigint, x double precision, y double precision, z double precision, yaw double precision DEFAULT NULL)
-RETURNS void LANGUAGE plpgsql AS $$
+RETURNS void LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Moves an entity to a pose in the map's frame. Its contents move along; its holder is derived from the geometry.
 BEGIN
 PERFORM semmap.hold_still(thing, NULL);

@@ -3,20 +3,20 @@
 CREATE FUNCTION models_given()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    INSERT INTO entity_chunk (entity_id, chunk_id)
-        SELECT n.entity_id, c.id FROM fresh n JOIN chunk c ON c.model_id = n.model_id
+    INSERT INTO semmap.entity_chunk (entity_id, chunk_id)
+        SELECT n.entity_id, c.id FROM fresh n JOIN semmap.chunk c ON c.model_id = n.model_id
         WHERE n.role = 'visual'
-           OR NOT EXISTS (SELECT FROM entity_model v WHERE v.entity_id = n.entity_id AND v.role = 'visual');
-    PERFORM reshape(ARRAY(SELECT DISTINCT entity_id FROM fresh));
+           OR NOT EXISTS (SELECT FROM semmap.entity_model v WHERE v.entity_id = n.entity_id AND v.role = 'visual');
+    PERFORM semmap.reshape(ARRAY(SELECT DISTINCT entity_id FROM fresh));
     RETURN NULL;
 END $$;
 
 CREATE FUNCTION models_taken()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    DELETE FROM entity_chunk e USING former o, chunk c
+    DELETE FROM semmap.entity_chunk e USING former o, semmap.chunk c
         WHERE e.entity_id = o.entity_id AND c.id = e.chunk_id AND c.model_id = o.model_id;
-    PERFORM reshape(ARRAY(SELECT DISTINCT entity_id FROM former));
+    PERFORM semmap.reshape(ARRAY(SELECT DISTINCT entity_id FROM former));
     RETURN NULL;
 END $$;
 
@@ -25,13 +25,13 @@ RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publ
 DECLARE
     ids bigint[] := ARRAY(SELECT entity_id FROM former UNION SELECT entity_id FROM fresh);
 BEGIN
-    DELETE FROM entity_chunk WHERE entity_id = ANY (ids);
-    INSERT INTO entity_chunk (entity_id, chunk_id)
-        SELECT em.entity_id, c.id FROM entity_model em JOIN chunk c ON c.model_id = em.model_id
+    DELETE FROM semmap.entity_chunk WHERE entity_id = ANY (ids);
+    INSERT INTO semmap.entity_chunk (entity_id, chunk_id)
+        SELECT em.entity_id, c.id FROM semmap.entity_model em JOIN semmap.chunk c ON c.model_id = em.model_id
         WHERE em.entity_id = ANY (ids)
           AND (em.role = 'visual'
-               OR NOT EXISTS (SELECT FROM entity_model v WHERE v.entity_id = em.entity_id AND v.role = 'visual'));
-    PERFORM reshape(ids);
+               OR NOT EXISTS (SELECT FROM semmap.entity_model v WHERE v.entity_id = em.entity_id AND v.role = 'visual'));
+    PERFORM semmap.reshape(ids);
     RETURN NULL;
 END $$;
 
@@ -43,19 +43,19 @@ DECLARE
     holders bigint[];
 BEGIN
     IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off'
-       AND EXISTS (SELECT FROM placement WHERE holder_id = ANY (ids)) THEN
+       AND EXISTS (SELECT FROM semmap.placement WHERE holder_id = ANY (ids)) THEN
         -- The contents can get other holders: they are locked before what holds them.
-        PERFORM queue_writer();
-        PERFORM FROM placement WHERE holder_id = ANY (ids) ORDER BY entity_id FOR NO KEY UPDATE;
+        PERFORM semmap.queue_writer();
+        PERFORM FROM semmap.placement WHERE holder_id = ANY (ids) ORDER BY entity_id FOR NO KEY UPDATE;
     END IF;
     SELECT array_agg(entity_id), array_agg(DISTINCT holder_id) INTO placed, holders
-        FROM (SELECT entity_id, holder_id FROM placement WHERE entity_id = ANY (ids)
+        FROM (SELECT entity_id, holder_id FROM semmap.placement WHERE entity_id = ANY (ids)
               ORDER BY entity_id FOR NO KEY UPDATE) locked;
-    PERFORM lock_holders(holders);
+    PERFORM semmap.lock_holders(holders);
     IF placed IS NOT NULL THEN
-        PERFORM refresh_world(placed);
-        PERFORM record_change('reshaped', placed);
-        PERFORM follow_change(placed);
+        PERFORM semmap.refresh_world(placed);
+        PERFORM semmap.record_change('reshaped', placed);
+        PERFORM semmap.follow_change(placed);
     END IF;
 END $$;
 

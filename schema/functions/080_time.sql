@@ -1,17 +1,18 @@
 -- Past poses, and how long they are kept.
 
 CREATE FUNCTION is_latest(since timestamptz, moment timestamptz)
-RETURNS boolean LANGUAGE sql STABLE AS $$
+RETURNS boolean LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- Whether a version that begins at `since` and has no successor is valid at a moment. After the server's clock
 -- was set back, the latest version can begin in the future: it is valid from now on.
-SELECT since <= moment OR since > statement_timestamp() AND moment >= now()
-$$;
+SELECT since <= moment OR since > statement_timestamp() AND moment >= now();
+END;
 
 CREATE FUNCTION placement_at(thing bigint, moment timestamptz, OUT holder_id bigint, OUT pose double precision[])
 LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
-SELECT p.holder_id, p.pose FROM placement p WHERE p.entity_id = thing AND is_latest(p.since, moment)
+SELECT p.holder_id, p.pose FROM semmap.placement p WHERE p.entity_id = thing AND semmap.is_latest(p.since, moment)
 UNION ALL
-(SELECT h.holder_id, h.pose FROM placement_history h
+(SELECT h.holder_id, h.pose FROM semmap.placement_history h
  WHERE h.entity_id = thing AND lower(h.during) <= moment AND upper(h.during) > moment
  ORDER BY lower(h.during) DESC LIMIT 1)
 LIMIT 1
@@ -26,11 +27,11 @@ DECLARE
     step record;
 BEGIN
     FOR depth IN 1..64 LOOP
-        SELECT * INTO step FROM placement_at(next, moment);
+        SELECT * INTO step FROM semmap.placement_at(next, moment);
         IF step.pose IS NULL THEN
             RETURN NULL;
         END IF;
-        at_pose := CASE WHEN at_pose IS NULL THEN step.pose ELSE pose_compose(step.pose, at_pose) END;
+        at_pose := CASE WHEN at_pose IS NULL THEN step.pose ELSE semmap.pose_compose(step.pose, at_pose) END;
         EXIT WHEN step.holder_id IS NULL;
         next := step.holder_id;
     END LOOP;
@@ -46,16 +47,16 @@ DECLARE
     n bigint;
     deleted bigint;
 BEGIN
-    DELETE FROM placement_history WHERE ctid IN (
-        SELECT h.ctid FROM placement_history h
-        JOIN (SELECT id, kind FROM entity
-              UNION ALL SELECT entity_id, kind FROM entity_history WHERE ended) e ON e.id = h.entity_id
-        JOIN retention r ON r.kind = e.kind AND upper(h.during) < now() - r.keep_for LIMIT most);
+    DELETE FROM semmap.placement_history WHERE ctid IN (
+        SELECT h.ctid FROM semmap.placement_history h
+        JOIN (SELECT id, kind FROM semmap.entity
+              UNION ALL SELECT entity_id, kind FROM semmap.entity_history WHERE ended) e ON e.id = h.entity_id
+        JOIN semmap.retention r ON r.kind = e.kind AND upper(h.during) < now() - r.keep_for LIMIT most);
     GET DIAGNOSTICS n = ROW_COUNT;
-    DELETE FROM entity_history WHERE ctid IN (
-        SELECT h.ctid FROM entity_history h
-        JOIN retention r ON r.kind = h.kind AND upper(h.during) < now() - r.keep_for
-        WHERE NOT EXISTS (SELECT FROM placement_history p WHERE p.entity_id = h.entity_id AND h.ended) LIMIT most - n);
+    DELETE FROM semmap.entity_history WHERE ctid IN (
+        SELECT h.ctid FROM semmap.entity_history h
+        JOIN semmap.retention r ON r.kind = h.kind AND upper(h.during) < now() - r.keep_for
+        WHERE NOT EXISTS (SELECT FROM semmap.placement_history p WHERE p.entity_id = h.entity_id AND h.ended) LIMIT most - n);
     GET DIAGNOSTICS deleted = ROW_COUNT;
     RETURN n + deleted;
 END $$;
@@ -67,8 +68,8 @@ RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publi
 DECLARE
     n bigint;
 BEGIN
-    DELETE FROM change c USING (SELECT id FROM change ORDER BY id LIMIT most) oldest
-        WHERE c.id = oldest.id AND c.at < now() - (SELECT keep_for FROM retention WHERE kind = 'change');
+    DELETE FROM semmap.change c USING (SELECT id FROM semmap.change ORDER BY id LIMIT most) oldest
+        WHERE c.id = oldest.id AND c.at < now() - (SELECT keep_for FROM semmap.retention WHERE kind = 'change');
     GET DIAGNOSTICS n = ROW_COUNT;
     RETURN n;
 END $$;
@@ -80,9 +81,9 @@ RETURNS bigint LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publi
 DECLARE
     n bigint;
 BEGIN
-    DELETE FROM observation o
-        USING (SELECT id FROM observation WHERE observer_id IS NOT NULL ORDER BY id LIMIT most) oldest
-        WHERE o.id = oldest.id AND o.at < now() - (SELECT keep_for FROM retention WHERE kind = 'observation');
+    DELETE FROM semmap.observation o
+        USING (SELECT id FROM semmap.observation WHERE observer_id IS NOT NULL ORDER BY id LIMIT most) oldest
+        WHERE o.id = oldest.id AND o.at < now() - (SELECT keep_for FROM semmap.retention WHERE kind = 'observation');
     GET DIAGNOSTICS n = ROW_COUNT;
     RETURN n;
 END $$;
@@ -100,7 +101,7 @@ BEGIN
         SELECT max(xid) INTO newest FROM former;
     END IF;
     IF newest IS NOT NULL THEN
-        INSERT INTO change_pruned (xid) VALUES (newest)
+        INSERT INTO semmap.change_pruned (xid) VALUES (newest)
             ON CONFLICT (id) DO UPDATE SET xid = greatest(change_pruned.xid, excluded.xid);
     END IF;
     RETURN NULL;
@@ -120,13 +121,13 @@ BEGIN
     IF NOT pg_try_advisory_xact_lock(hashtext('semmap.retention')) THEN
         RETURN;
     END IF;
-    PERFORM prune_changes(5000);
-    PERFORM prune_observations(1000);
+    PERFORM semmap.prune_changes(5000);
+    PERFORM semmap.prune_observations(1000);
     FOR ended IN
-        SELECT h.entity_id FROM entity_history h JOIN retention r ON r.kind = h.kind
+        SELECT h.entity_id FROM semmap.entity_history h JOIN semmap.retention r ON r.kind = h.kind
         WHERE h.ended AND upper(h.during) < now() - r.keep_for ORDER BY upper(h.during) LIMIT 100
     LOOP
-        DELETE FROM placement_history WHERE entity_id = ended.entity_id;
-        DELETE FROM entity_history WHERE entity_id = ended.entity_id;
+        DELETE FROM semmap.placement_history WHERE entity_id = ended.entity_id;
+        DELETE FROM semmap.entity_history WHERE entity_id = ended.entity_id;
     END LOOP;
 END $$;

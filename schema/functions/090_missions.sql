@@ -1,7 +1,7 @@
 -- Claims of connectors and elevators; times are those of the server's clock.
 
 CREATE FUNCTION reservation_stamp()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 DECLARE
     moment timestamptz := clock_timestamp();
 BEGIN
@@ -21,7 +21,7 @@ CREATE TRIGGER reservation_stamp BEFORE INSERT OR UPDATE ON reservation
     FOR EACH ROW EXECUTE FUNCTION reservation_stamp();
 
 CREATE FUNCTION claim(resource bigint, robot bigint, seconds double precision)
-RETURNS boolean LANGUAGE plpgsql AS $$
+RETURNS boolean LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Claims a connector or elevator for a robot for so many seconds, or renews its claim; false if another
 -- robot has claimed it.
 BEGIN
@@ -35,27 +35,30 @@ BEGIN
 END $$;
 
 CREATE FUNCTION is_own_robot(robot bigint)
-RETURNS boolean LANGUAGE sql STABLE AS $$
+RETURNS boolean LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- Whether an agent is a robot of the current role: it has the name of that role, or of one that the role is
 -- a member of. So each robot logs in by its own name, and a fleet manager is a member of several.
-SELECT EXISTS (SELECT FROM semmap.entity e JOIN pg_roles r ON r.rolname = e.name
-               WHERE e.id = robot AND e.kind = 'agent' AND pg_has_role(r.oid, 'MEMBER'))
-$$;
+SELECT EXISTS (SELECT FROM semmap.entity e JOIN pg_catalog.pg_roles r ON r.rolname = e.name
+               WHERE e.id = robot AND e.kind = 'agent' AND pg_has_role(r.oid, 'MEMBER'));
+END;
 
 CREATE FUNCTION is_other_robot(agent bigint)
-RETURNS boolean LANGUAGE sql STABLE AS $$
+RETURNS boolean LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- Whether an agent is a robot that logs in by a role of its own, which is not the current one.
-SELECT EXISTS (SELECT FROM semmap.entity e JOIN pg_roles r ON r.rolname = e.name
-               WHERE e.id = agent AND e.kind = 'agent' AND NOT pg_has_role(r.oid, 'MEMBER'))
-$$;
+SELECT EXISTS (SELECT FROM semmap.entity e JOIN pg_catalog.pg_roles r ON r.rolname = e.name
+               WHERE e.id = agent AND e.kind = 'agent' AND NOT pg_has_role(r.oid, 'MEMBER'));
+END;
 
 CREATE FUNCTION is_own_mission(mission bigint)
-RETURNS boolean LANGUAGE sql STABLE AS $$
-SELECT EXISTS (SELECT FROM semmap.mission m WHERE m.id = mission AND semmap.is_own_robot(m.robot_id))
-$$;
+RETURNS boolean LANGUAGE sql STABLE
+BEGIN ATOMIC
+SELECT EXISTS (SELECT FROM semmap.mission m WHERE m.id = mission AND semmap.is_own_robot(m.robot_id));
+END;
 
 CREATE FUNCTION seen_stamp()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- The time of an observation is not in the future.
 BEGIN
     NEW.seen_at := least(NEW.seen_at, clock_timestamp());

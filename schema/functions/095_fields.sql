@@ -4,9 +4,9 @@ CREATE FUNCTION field_stored()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- The state of a mirror is not a field.
 BEGIN
-    INSERT INTO change (map_id, what, entities)
+    INSERT INTO semmap.change (map_id, what, entities)
         SELECT DISTINCT f.map_id, 'field', '{}'::bigint[]
-        FROM stored s JOIN field f ON f.id = s.field_id WHERE s.state IS NULL;
+        FROM stored s JOIN semmap.field f ON f.id = s.field_id WHERE s.state IS NULL;
     RETURN NULL;
 END $$;
 
@@ -16,8 +16,8 @@ CREATE TRIGGER field_stored AFTER INSERT ON field_version REFERENCING NEW TABLE 
 CREATE FUNCTION field_forgotten()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    INSERT INTO change (map_id, what, entities)
-        SELECT DISTINCT m.id, 'field', '{}'::bigint[] FROM forgotten f JOIN map m ON m.id = f.map_id;
+    INSERT INTO semmap.change (map_id, what, entities)
+        SELECT DISTINCT m.id, 'field', '{}'::bigint[] FROM forgotten f JOIN semmap.map m ON m.id = f.map_id;
     RETURN NULL;
 END $$;
 

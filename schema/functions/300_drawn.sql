@@ -1,7 +1,7 @@
 -- Polygons drawn in a GIS, as models: the same checks as the API makes.
 
 CREATE FUNCTION check_outline(outline geometry, whose text)
-RETURNS geometry LANGUAGE plpgsql IMMUTABLE AS $$
+RETURNS geometry LANGUAGE plpgsql IMMUTABLE SET search_path = semmap, public, pg_temp AS $$
 -- The outline as a valid MULTIPOLYGON without SRID, or an error that says what to fix.
 BEGIN
     IF outline IS NULL OR ST_IsEmpty(outline) OR ST_Dimension(outline) <> 2 THEN
@@ -54,16 +54,17 @@ BEGIN
 END $$;
 
 CREATE FUNCTION kept_digest(digest text)
-RETURNS text LANGUAGE sql STABLE AS $$
+RETURNS text LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- The digest under which a model of the current role is stored. Equal digests share one model, so a
 -- robot's mesh must not replace one that an admin imports: a robot's models are stored under its own name.
-SELECT CASE WHEN pg_has_role((SELECT relowner FROM pg_class WHERE oid = 'semmap.model'::regclass), 'MEMBER')
+SELECT CASE WHEN pg_has_role((SELECT relowner FROM pg_catalog.pg_class WHERE oid = 'semmap.model'::regclass), 'MEMBER')
               OR pg_has_role('semmap_admin', 'MEMBER') THEN digest
-            ELSE current_user || '/' || digest END
-$$;
+            ELSE current_user || '/' || digest END;
+END;
 
 CREATE FUNCTION model_digest()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     NEW.digest := semmap.kept_digest(NEW.digest);
     RETURN NEW;
@@ -80,15 +81,15 @@ DECLARE
     mark text := 'drawn:' || md5(ST_AsBinary(outline)) || ':' || low || ':' || high;
     tin geometry;
 BEGIN
-    SELECT id INTO made FROM model WHERE digest IN (mark, kept_digest(mark)) LIMIT 1;
+    SELECT id INTO made FROM semmap.model WHERE digest IN (mark, semmap.kept_digest(mark)) LIMIT 1;
     IF made IS NULL THEN
-        tin := prism_tin(outline, low, high);
-        INSERT INTO model (digest, kind, triangles, closed, hull, outline)
+        tin := semmap.prism_tin(outline, low, high);
+        INSERT INTO semmap.model (digest, kind, triangles, closed, hull, outline)
             VALUES (mark, 'polygon', ST_NumGeometries(tin), true,
                     (SELECT ST_Collect(ST_Translate(ST_Force3D(p.geom), 0, 0, h.z))
                      FROM ST_DumpPoints(ST_ConvexHull(outline)) p, (VALUES (low), (high)) h (z)), outline)
             RETURNING id INTO made;
-        INSERT INTO chunk (model_id, number, geom) VALUES (made, 0, tin);
+        INSERT INTO semmap.chunk (model_id, number, geom) VALUES (made, 0, tin);
     END IF;
     RETURN made;
 END $$;

@@ -5,14 +5,14 @@ RETURNS geometry LANGUAGE sql STABLE STRICT PARALLEL SAFE SET search_path = semm
 -- Triangles of a model, in its own frame, by their numbers in the order of its chunks, from 0.
 WITH patch AS (
     SELECT id, sum(ST_NumGeometries(geom)) OVER (ORDER BY number) AS upto, ST_NumGeometries(geom) AS n
-    FROM chunk WHERE model_id = of_model
+    FROM semmap.chunk WHERE model_id = of_model
 ), asked AS (
     SELECT p.id, f - (p.upto - p.n) + 1 AS at
     FROM unnest(wanted) AS f JOIN patch p ON f >= p.upto - p.n AND f < p.upto
 )
 SELECT ST_Collect(part.geom)
 FROM (SELECT id, array_agg(at) AS places FROM asked GROUP BY id) a
-JOIN chunk c ON c.id = a.id
+JOIN semmap.chunk c ON c.id = a.id
 CROSS JOIN LATERAL ST_Dump(c.geom) part
 WHERE part.path[1] = ANY (a.places)
 $$;
@@ -21,7 +21,7 @@ CREATE FUNCTION region_gone()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A region is deleted with the room or object that it is a part of: its row by the foreign key, its entity here.
 BEGIN
-    DELETE FROM entity e USING former o WHERE e.id = o.entity_id;
+    DELETE FROM semmap.entity e USING former o WHERE e.id = o.entity_id;
     RETURN NULL;
 END $$;
 

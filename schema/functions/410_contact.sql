@@ -1,7 +1,7 @@
 -- How near surfaces come: is_touching, is_near. Distances in metres between surfaces, not boxes.
 
 CREATE FUNCTION patches_meet(of_a geometry[], of_b geometry[], reach double precision)
-RETURNS boolean LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS boolean LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- Whether some triangle of `of_a` comes within `reach` of one of `of_b`. Boxes decide whole sets where
 -- they can; else the larger set is halved along its longest side, so that large meshes cost
 -- about n log n, and small ones are compared triangle by triangle.
@@ -48,7 +48,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION surfaces_meet(a bigint, b bigint, reach double precision)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- Whether the surfaces of two entities come within `reach` metres of each other.
 DECLARE
     box_a box3d;
@@ -73,23 +73,25 @@ BEGIN
 END $$;
 
 CREATE FUNCTION is_touching(a bigint, b bigint, tolerance double precision DEFAULT 0.01)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 10000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 10000
+BEGIN ATOMIC
 -- The surfaces of a and b are at most `tolerance` metres apart, anywhere, or pass through each other.
 -- An entity that lies inside another one without contact does not touch it. Symmetric; needs no frame.
-SELECT semmap.surfaces_meet(a, b, tolerance)
-$$;
+SELECT semmap.surfaces_meet(a, b, tolerance);
+END;
 
 CREATE FUNCTION is_space(thing bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- Whether an entity is a room or a region: a piece of space rather than a body.
-SELECT EXISTS (SELECT FROM semmap.entity WHERE id = thing AND kind IN ('room', 'region'))
-$$;
+SELECT EXISTS (SELECT FROM semmap.entity WHERE id = thing AND kind IN ('room', 'region'));
+END;
 
 CREATE FUNCTION is_near(a bigint, b bigint, distance double precision)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
 -- The surfaces of a and b are at most `distance` metres apart, straight through whatever is between
 -- them, walls too; or one of them is a room or region that the other is in. Symmetric; needs no frame.
 BEGIN
-    RETURN surfaces_meet(a, b, distance)
-        OR is_space(b) AND is_in(a, b) OR is_space(a) AND is_in(b, a);
+    RETURN semmap.surfaces_meet(a, b, distance)
+        OR semmap.is_space(b) AND semmap.is_in(a, b) OR semmap.is_space(a) AND semmap.is_in(b, a);
 END $$;

@@ -1,24 +1,27 @@
 -- Containment and support: is_in, is_on.
 
 CREATE FUNCTION ground_share(a geometry, b geometry)
-RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- Which part (0 to 1) of the footprint a lies in the footprint b; a point: 0 or 1.
 SELECT CASE WHEN NOT a && b THEN 0
             WHEN ST_Covers(b, a) THEN 1
             WHEN ST_Dimension(a) = 0 THEN 0
-            ELSE ST_Area(ST_Intersection(a, b)) / ST_Area(a) END
-$$;
+            ELSE ST_Area(ST_Intersection(a, b)) / ST_Area(a) END;
+END;
 
 CREATE FUNCTION height_share(low double precision, high double precision, floor double precision, ceiling double precision)
-RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- Which part of the interval [low, high] lies in [floor, ceiling]; negative where they are apart.
 SELECT CASE WHEN high > low THEN (least(high, ceiling) - greatest(low, floor)) / (high - low)
             WHEN low BETWEEN floor AND ceiling THEN 1
-            ELSE -1 END
-$$;
+            ELSE -1 END;
+END;
 
 CREATE FUNCTION ceiling_of(place bigint)
-RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS double precision LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The height of a room's ceiling in the map's frame: as specified, else the top of its geometry, else that of
 -- its storey, else the floor of the storey above; infinite if none of them is known.
 SELECT coalesce(
@@ -29,21 +32,22 @@ SELECT coalesce(
     (SELECT min(sw.pose[3]) FROM semmap.storey s JOIN semmap.world sw ON sw.entity_id = s.entity_id
      WHERE sw.map_id = w.map_id AND sw.pose[3] > w.pose[3] + r.floor + 0.1),
     'Infinity')
-FROM semmap.room r JOIN semmap.world w ON w.entity_id = r.entity_id WHERE r.entity_id = place
-$$;
+FROM semmap.room r JOIN semmap.world w ON w.entity_id = r.entity_id WHERE r.entity_id = place;
+END;
 
 CREATE FUNCTION level_hull(thing bigint, heading double precision)
-RETURNS box3d LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS box3d LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The 3D box of an entity in the map's frame turned by `heading` about z.
 SELECT coalesce(
     (SELECT ST_3DExtent(ST_RotateZ(semmap.pose_apply(m.hull, w.pose), -heading))
      FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing),
     Box3D(ST_RotateZ(ST_MakePoint(w.pose[1], w.pose[2], w.pose[3]), -heading)))
-FROM semmap.world w WHERE w.entity_id = thing
-$$;
+FROM semmap.world w WHERE w.entity_id = thing;
+END;
 
 CREATE FUNCTION is_enclosed_by(a bigint, b bigint, tolerance double precision)
-RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- Whether the surface of b shuts a in. More than half of a's box lies in b's, both upright and along b's
 -- heading; and looking from a along b's axes, b is seen on four sides, or below and above, or below and
 -- on three sides. A side counts where three of five rays meet b: from a's middle and the corners of the
@@ -104,52 +108,53 @@ RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 5000 SET search_path 
 -- Anything else: b's surface encloses a, see is_enclosed_by.
 -- Without geometry (a storey, an elevator, a room that was not measured): by placement.
 DECLARE
-    wa world;
-    wb world;
-    b_kind text := (SELECT kind FROM entity WHERE id = b);
+    wa semmap.world;
+    wb semmap.world;
+    b_kind text := (SELECT kind FROM semmap.entity WHERE id = b);
     floor double precision;
     ceiling double precision;
     low double precision;
     high double precision;
 BEGIN
-    SELECT * INTO wa FROM world w WHERE w.entity_id = a;
-    SELECT * INTO wb FROM world w WHERE w.entity_id = b;
+    SELECT * INTO wa FROM semmap.world w WHERE w.entity_id = a;
+    SELECT * INTO wb FROM semmap.world w WHERE w.entity_id = b;
     IF a = b OR wa.map_id IS DISTINCT FROM wb.map_id OR wa.map_id IS NULL THEN
         RETURN false;
-    ELSIF wb.footprint IS NULL OR is_nowhere(a) THEN
-        RETURN is_held_by(a, b);
+    ELSIF wb.footprint IS NULL OR semmap.is_nowhere(a) THEN
+        RETURN semmap.is_held_by(a, b);
     ELSIF NOT wa.box && wb.box THEN
         RETURN false;
     ELSIF b_kind NOT IN ('room', 'region') THEN
-        RETURN wa.box &&& wb.box AND is_enclosed_by(a, b, tolerance);
+        RETURN wa.box &&& wb.box AND semmap.is_enclosed_by(a, b, tolerance);
     END IF;
     low := ST_ZMin(wa.box);
     high := ST_ZMax(wa.box);
     IF b_kind = 'room' THEN
-        floor := wb.pose[3] + (SELECT r.floor FROM room r WHERE r.entity_id = b);
-        ceiling := ceiling_of(b);
-        IF ceiling = 'Infinity' AND NOT same_storey(wa.storey_id, wb.storey_id) THEN
+        floor := wb.pose[3] + (SELECT r.floor FROM semmap.room r WHERE r.entity_id = b);
+        ceiling := semmap.ceiling_of(b);
+        IF ceiling = 'Infinity' AND NOT semmap.same_storey(wa.storey_id, wb.storey_id) THEN
             RETURN false;
         END IF;
     ELSE
         floor := ST_ZMin(wb.box);
         ceiling := ST_ZMax(wb.box);
     END IF;
-    RETURN (height_share(low, high, floor - tolerance, ceiling + tolerance) >= 0.5
+    RETURN (semmap.height_share(low, high, floor - tolerance, ceiling + tolerance) >= 0.5
             OR b_kind = 'region' AND abs(low - floor) <= tolerance)
-       AND ground_share(ground_of(wa), wb.footprint) > 0.5;
+       AND semmap.ground_share(semmap.ground_of(wa), wb.footprint) > 0.5;
 END $$;
 
 CREATE FUNCTION level_patch(patch geometry, low double precision, high double precision)
-RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS geometry LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The part of a triangle between two heights, projected to the ground; null if it has no area.
 SELECT CASE WHEN ST_Area(flat) > 1e-12 THEN flat END
 FROM ST_ConvexHull(ST_Force2D(ST_Points(ST_LocateBetweenElevations(patch, low, high)))) flat
-WHERE ST_Dimension(patch) = 2
-$$;
+WHERE ST_Dimension(patch) = 2;
+END;
 
 CREATE FUNCTION underside(thing bigint, thickness double precision)
-RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE AS $$
+RETURNS geometry LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- The ground that the lowest `thickness` metres of an entity's surface cover; a point or an edge on which
 -- it stands, one millimetre wide.
 DECLARE
@@ -182,9 +187,9 @@ RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path
 -- A room or region: a is in it and its bottom within `tolerance` of the floor (the region's heights).
 -- Rooms themselves rest on nothing.
 DECLARE
-    wa world;
-    wb world;
-    b_kind text := (SELECT kind FROM entity WHERE id = b);
+    wa semmap.world;
+    wb semmap.world;
+    b_kind text := (SELECT kind FROM semmap.entity WHERE id = b);
     bottom double precision;
     low double precision;
     high double precision;
@@ -192,20 +197,20 @@ DECLARE
     support geometry;
     common double precision;
 BEGIN
-    SELECT * INTO wa FROM world w WHERE w.entity_id = a;
-    SELECT * INTO wb FROM world w WHERE w.entity_id = b;
+    SELECT * INTO wa FROM semmap.world w WHERE w.entity_id = a;
+    SELECT * INTO wb FROM semmap.world w WHERE w.entity_id = b;
     IF a = b OR wa.map_id IS DISTINCT FROM wb.map_id OR wa.map_id IS NULL OR wb.footprint IS NULL
-       OR EXISTS (SELECT FROM entity WHERE id = a AND kind IN ('storey', 'elevator', 'room'))
-       OR NOT wa.box && grown(wb.box, tolerance) THEN
+       OR EXISTS (SELECT FROM semmap.entity WHERE id = a AND kind IN ('storey', 'elevator', 'room'))
+       OR NOT wa.box && semmap.grown(wb.box, tolerance) THEN
         RETURN false;
     END IF;
     bottom := ST_ZMin(wa.box);
     IF b_kind = 'room' THEN
-        RETURN abs(bottom - wb.pose[3] - (SELECT r.floor FROM room r WHERE r.entity_id = b)) <= tolerance
-           AND is_in(a, b, tolerance);
+        RETURN abs(bottom - wb.pose[3] - (SELECT r.floor FROM semmap.room r WHERE r.entity_id = b)) <= tolerance
+           AND semmap.is_in(a, b, tolerance);
     ELSIF b_kind = 'region' THEN
         RETURN bottom BETWEEN ST_ZMin(wb.box) - tolerance AND ST_ZMax(wb.box) + tolerance
-           AND ground_share(ground_of(wa), wb.footprint) > 0.5;
+           AND semmap.ground_share(semmap.ground_of(wa), wb.footprint) > 0.5;
     END IF;
     IF bottom < ST_ZMin(wb.box) - tolerance
        OR bottom <= ST_ZMin(wb.box) + tolerance AND ST_ZMax(wa.box) <= ST_ZMax(wb.box) THEN
@@ -217,13 +222,13 @@ BEGIN
     IF low > high OR ST_ZMax(wb.box) < low THEN
         RETURN false;
     END IF;
-    SELECT ST_Union(level_patch(p, low, high)) INTO support
-    FROM surface_within(b, ST_MakeLine(ST_MakePoint(ST_XMin(wa.box), ST_YMin(wa.box), low),
+    SELECT ST_Union(semmap.level_patch(p, low, high)) INTO support
+    FROM semmap.surface_within(b, ST_MakeLine(ST_MakePoint(ST_XMin(wa.box), ST_YMin(wa.box), low),
                                        ST_MakePoint(ST_XMax(wa.box), ST_YMax(wa.box), high))) p;
     IF support IS NULL THEN
         RETURN false;
     END IF;
-    base := underside(a, tolerance);
+    base := semmap.underside(a, tolerance);
     common := ST_Area(ST_Intersection(base, support));
     RETURN coalesce(common > 1e-7 AND common >= 0.02 * least(ST_Area(base), ST_Area(support)), false);
 END $$;

@@ -7,14 +7,16 @@
 --              front of b is on the observer's side of it, and left is the observer's left
 
 CREATE FUNCTION middle(thing bigint)
-RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS geometry LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The centroid of an entity's footprint; without geometry, the point where it is.
 SELECT ST_Centroid(semmap.ground_of(w))
-FROM semmap.world w WHERE w.entity_id = thing
-$$;
+FROM semmap.world w WHERE w.entity_id = thing;
+END;
 
 CREATE FUNCTION side_of(a bigint, b bigint, front double precision, leftward double precision, side text)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- Whether the middle of a is to the named side of b, whose front and left have these headings in the map.
 -- Measured from the sides of the rectangle around b's footprint along these headings: the side on which
 -- a is furthest out is its side, and both are on a diagonal. So all along a table's left side is left of it,
@@ -30,8 +32,8 @@ SELECT coalesce((
     CROSS JOIN LATERAL (SELECT ST_X(t.spot) - least(greatest(ST_X(t.spot), ST_XMin(t.ground)), ST_XMax(t.ground)),
                                sign(sin(leftward - front)) * (ST_Y(t.spot) - least(
                                    greatest(ST_Y(t.spot), ST_YMin(t.ground)), ST_YMax(t.ground)))) o (ahead, left_out)
-    WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b AND NOT semmap.is_nowhere(a) AND NOT semmap.is_nowhere(b)), false)
-$$;
+    WHERE wa.entity_id = a AND wb.entity_id = b AND a <> b AND NOT semmap.is_nowhere(a) AND NOT semmap.is_nowhere(b)), false);
+END;
 
 CREATE FUNCTION side_in_frame(a bigint, b bigint, frame text, side text)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
@@ -42,104 +44,116 @@ BEGIN
     IF frame = 'map' THEN
         heading := 0;
     ELSIF frame = 'object' THEN
-        SELECT pose_yaw(w.pose) + e.front INTO heading
-            FROM world w JOIN entity e ON e.id = w.entity_id WHERE w.entity_id = b;
+        SELECT semmap.pose_yaw(w.pose) + e.front INTO heading
+            FROM semmap.world w JOIN semmap.entity e ON e.id = w.entity_id WHERE w.entity_id = b;
     ELSE
         RAISE EXCEPTION 'there is no frame ''%''', frame
             USING ERRCODE = 'invalid_parameter_value',
                   HINT = 'It is ''map'', ''object'', or an observer: the id of an entity, or a pose.';
     END IF;
-    RETURN side_of(a, b, heading, heading + pi() / 2, side);
+    RETURN semmap.side_of(a, b, heading, heading + pi() / 2, side);
 END $$;
 
 CREATE FUNCTION side_as_seen(a bigint, b bigint, observer double precision[], side text)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- side_of as seen by an observer whose pose (of which x and y count) is given.
 DECLARE
-    target geometry := middle(b);
+    target geometry := semmap.middle(b);
     gaze double precision := atan2(ST_Y(target) - observer[2], ST_X(target) - observer[1]);
 BEGIN
     IF ST_DWithin(target, ST_MakePoint(observer[1], observer[2]), 1e-6) THEN
         RETURN false;                                          -- no direction of view
     END IF;
-    RETURN side_of(a, b, gaze + pi(), gaze + pi() / 2, side);
+    RETURN semmap.side_of(a, b, gaze + pi(), gaze + pi() / 2, side);
 END $$;
 
 CREATE FUNCTION is_left_of(a bigint, b bigint, frame text DEFAULT 'object')
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is left of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT semmap.side_in_frame(a, b, frame, 'left')
-$$;
+SELECT semmap.side_in_frame(a, b, frame, 'left');
+END;
 
 CREATE FUNCTION is_left_of(a bigint, b bigint, observer bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is left of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
 SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
-                                    WHERE o.entity_id = observer AND w.entity_id = b), 'left'), false)
-$$;
+                                    WHERE o.entity_id = observer AND w.entity_id = b), 'left'), false);
+END;
 
 CREATE FUNCTION is_left_of(a bigint, b bigint, observer double precision[])
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is left of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
-SELECT semmap.side_as_seen(a, b, observer, 'left')
-$$;
+SELECT semmap.side_as_seen(a, b, observer, 'left');
+END;
 
 CREATE FUNCTION is_right_of(a bigint, b bigint, frame text DEFAULT 'object')
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is right of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT semmap.side_in_frame(a, b, frame, 'right')
-$$;
+SELECT semmap.side_in_frame(a, b, frame, 'right');
+END;
 
 CREATE FUNCTION is_right_of(a bigint, b bigint, observer bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is right of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
 SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
-                                    WHERE o.entity_id = observer AND w.entity_id = b), 'right'), false)
-$$;
+                                    WHERE o.entity_id = observer AND w.entity_id = b), 'right'), false);
+END;
 
 CREATE FUNCTION is_right_of(a bigint, b bigint, observer double precision[])
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is right of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
-SELECT semmap.side_as_seen(a, b, observer, 'right')
-$$;
+SELECT semmap.side_as_seen(a, b, observer, 'right');
+END;
 
 CREATE FUNCTION is_in_front_of(a bigint, b bigint, frame text DEFAULT 'object')
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is in front of b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT semmap.side_in_frame(a, b, frame, 'front')
-$$;
+SELECT semmap.side_in_frame(a, b, frame, 'front');
+END;
 
 CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is in front of b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
 SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
-                                    WHERE o.entity_id = observer AND w.entity_id = b), 'front'), false)
-$$;
+                                    WHERE o.entity_id = observer AND w.entity_id = b), 'front'), false);
+END;
 
 CREATE FUNCTION is_in_front_of(a bigint, b bigint, observer double precision[])
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is in front of b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
-SELECT semmap.side_as_seen(a, b, observer, 'front')
-$$;
+SELECT semmap.side_as_seen(a, b, observer, 'front');
+END;
 
 CREATE FUNCTION is_behind(a bigint, b bigint, frame text DEFAULT 'object')
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is behind b in the frame 'object' (of b) or 'map': see above and side_of. No contact tolerance.
-SELECT semmap.side_in_frame(a, b, frame, 'behind')
-$$;
+SELECT semmap.side_in_frame(a, b, frame, 'behind');
+END;
 
 CREATE FUNCTION is_behind(a bigint, b bigint, observer bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is behind b as an entity sees it that looks at b from where it is; false where it is not placed in their map.
 SELECT coalesce(semmap.side_as_seen(a, b, (SELECT o.pose FROM semmap.world o JOIN semmap.world w ON w.map_id = o.map_id
-                                    WHERE o.entity_id = observer AND w.entity_id = b), 'behind'), false)
-$$;
+                                    WHERE o.entity_id = observer AND w.entity_id = b), 'behind'), false);
+END;
 
 CREATE FUNCTION is_behind(a bigint, b bigint, observer double precision[])
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000 AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE COST 1000
+BEGIN ATOMIC
 -- a is behind b as seen from a pose of the map (x, y, ...) by an observer that looks at b.
-SELECT semmap.side_as_seen(a, b, observer, 'behind')
-$$;
+SELECT semmap.side_as_seen(a, b, observer, 'behind');
+END;
 
 CREATE FUNCTION is_between(a bigint, b bigint, c bigint, tolerance double precision DEFAULT 0.01)
 RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path = semmap, public, pg_temp AS $$
@@ -147,28 +161,28 @@ RETURNS boolean LANGUAGE plpgsql STABLE PARALLEL SAFE COST 10000 SET search_path
 -- convex hull of both footprints (`tolerance` metres more), but in neither of them, and a's heights
 -- meet theirs. Or stacked: a is above one and under the other.
 DECLARE
-    wa world;
-    wb world;
-    wc world;
-    spot geometry := middle(a);
+    wa semmap.world;
+    wb semmap.world;
+    wc semmap.world;
+    spot geometry := semmap.middle(a);
     of_b geometry;
     of_c geometry;
 BEGIN
-    SELECT * INTO wa FROM world w WHERE w.entity_id = a;
-    SELECT * INTO wb FROM world w WHERE w.entity_id = b;
-    SELECT * INTO wc FROM world w WHERE w.entity_id = c;
-    IF a IN (b, c) OR b = c OR is_nowhere(a) OR is_nowhere(b) OR is_nowhere(c)
+    SELECT * INTO wa FROM semmap.world w WHERE w.entity_id = a;
+    SELECT * INTO wb FROM semmap.world w WHERE w.entity_id = b;
+    SELECT * INTO wc FROM semmap.world w WHERE w.entity_id = c;
+    IF a IN (b, c) OR b = c OR semmap.is_nowhere(a) OR semmap.is_nowhere(b) OR semmap.is_nowhere(c)
        OR wa.map_id IS NULL OR wa.map_id IS DISTINCT FROM wb.map_id
-       OR wa.map_id IS DISTINCT FROM wc.map_id OR NOT same_storey(wa.storey_id, wb.storey_id)
-       OR NOT same_storey(wa.storey_id, wc.storey_id) OR NOT same_storey(wb.storey_id, wc.storey_id) THEN
+       OR wa.map_id IS DISTINCT FROM wc.map_id OR NOT semmap.same_storey(wa.storey_id, wb.storey_id)
+       OR NOT semmap.same_storey(wa.storey_id, wc.storey_id) OR NOT semmap.same_storey(wb.storey_id, wc.storey_id) THEN
         RETURN false;
     END IF;
-    of_b := ground_of(wb);
-    of_c := ground_of(wc);
+    of_b := semmap.ground_of(wb);
+    of_c := semmap.ground_of(wc);
     RETURN ST_DWithin(ST_ConvexHull(ST_Collect(of_b, of_c)), spot, tolerance)
            AND NOT ST_Intersects(of_b, spot) AND NOT ST_Intersects(of_c, spot)
            AND ST_ZMax(wa.box) >= least(ST_ZMin(wb.box), ST_ZMin(wc.box)) - tolerance
            AND ST_ZMin(wa.box) <= greatest(ST_ZMax(wb.box), ST_ZMax(wc.box)) + tolerance
-        OR is_above(a, b, tolerance) AND is_under(a, c, tolerance)
-        OR is_above(a, c, tolerance) AND is_under(a, b, tolerance);
+        OR semmap.is_above(a, b, tolerance) AND semmap.is_under(a, c, tolerance)
+        OR semmap.is_above(a, c, tolerance) AND semmap.is_under(a, b, tolerance);
 END $$;

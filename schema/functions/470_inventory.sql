@@ -3,27 +3,30 @@
 -- holders of what moved again; a stated holder stays until the geometry contradicts it.
 
 CREATE FUNCTION building_parts()
-RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The types that are parts of the building.
 SELECT ARRAY(SELECT DISTINCT sub FROM semmap.type_closure
-             WHERE super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof'))
-$$;
+             WHERE super IN ('wall', 'floor', 'ceiling', 'window', 'door_leaf', 'roof'));
+END;
 
 CREATE FUNCTION is_building_part(of_type text)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- Whether a type is a part of the building: its holder is its storey, and it is not a holder.
-SELECT (of_type = ANY (semmap.building_parts())) IS TRUE
-$$;
+SELECT (of_type = ANY (semmap.building_parts())) IS TRUE;
+END;
 
 CREATE FUNCTION is_stated_in(a bigint, b bigint)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- Whether b is above a in the chain of holders, and one of those between them is stated.
 WITH RECURSIVE up (id, stated) AS (
     SELECT holder_id, confidence IS NULL FROM semmap.placement WHERE entity_id = a
   UNION
     SELECT p.holder_id, up.stated OR p.confidence IS NULL FROM up JOIN semmap.placement p ON p.entity_id = up.id)
-SELECT EXISTS (SELECT FROM up WHERE id = b AND stated)
-$$;
+SELECT EXISTS (SELECT FROM up WHERE id = b AND stated);
+END;
 
 CREATE FUNCTION derived_holders(ids bigint[])
 RETURNS TABLE (entity_id bigint, holder_id bigint, relation text, confidence double precision)
@@ -42,69 +45,69 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- would be nested loops, which are quadratic when a file is imported.
 DECLARE
     contact CONSTANT double precision := 0.03;
-    parts CONSTANT text[] := building_parts();
+    parts CONSTANT text[] := semmap.building_parts();
 BEGIN
     RETURN QUERY
     WITH item AS MATERIALIZED (
-        SELECT e.id, w.map_id, w.box, ground_of(w) AS ground, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
+        SELECT e.id, w.map_id, w.box, semmap.ground_of(w) AS ground, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high,
                e.kind = 'object' AND (e.type = ANY (parts)) IS NOT TRUE AS movable,
                e.kind = 'agent' OR (e.type = ANY (parts)) IS NOT TRUE AS inside
-        FROM (SELECT DISTINCT unnest(ids)) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent')
-        JOIN world w ON w.entity_id = e.id
+        FROM (SELECT DISTINCT unnest(ids)) given (id) JOIN semmap.entity e ON e.id = given.id AND e.kind IN ('object', 'agent')
+        JOIN semmap.world w ON w.entity_id = e.id
     ), below AS MATERIALIZED (
         -- objects that reach beneath an item
         SELECT i.id, i.low, i.ground, o.entity_id AS owner, o.pose, abs(o.pose[4]) < 1e-3 AND abs(o.pose[5]) < 1e-3 AS upright
         FROM item i
-        JOIN world o ON o.map_id = i.map_id AND o.box && i.box AND o.entity_id <> i.id
-        JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
+        JOIN semmap.world o ON o.map_id = i.map_id AND o.box && i.box AND o.entity_id <> i.id
+        JOIN semmap.entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
         WHERE i.movable AND o.footprint IS NOT NULL
           AND ST_ZMin(o.box) < i.low - 1e-6 AND ST_ZMax(o.box) >= i.low - contact
           AND (ST_ZMax(o.box) - ST_ZMin(o.box) > contact OR ST_Area(o.footprint) < 0.5)
     ), laid AS MATERIALIZED (
         SELECT b.id, b.owner, b.ground, abs(b.pose[3] + s.height - b.low) AS gap,
-               ST_Rotate(s.outline, pose_yaw(b.pose), 0, 0) AS outline, b.pose[1] AS x, b.pose[2] AS y
-        FROM below b JOIN entity_model em ON em.entity_id = b.owner
-        JOIN support_surface s ON s.model_id = em.model_id AND abs(b.pose[3] + s.height - b.low) <= contact
+               ST_Rotate(s.outline, semmap.pose_yaw(b.pose), 0, 0) AS outline, b.pose[1] AS x, b.pose[2] AS y
+        FROM below b JOIN semmap.entity_model em ON em.entity_id = b.owner
+        JOIN semmap.support_surface s ON s.model_id = em.model_id AND abs(b.pose[3] + s.height - b.low) <= contact
         WHERE b.upright
     ), placed AS MATERIALIZED (
         SELECT l.id, l.owner, l.gap, l.ground, ST_Translate(l.outline, l.x, l.y) AS outline FROM laid l
     ), surface AS (
-        SELECT l.id, l.owner, l.gap, ground_share(l.ground, l.outline) AS share FROM placed l
+        SELECT l.id, l.owner, l.gap, semmap.ground_share(l.ground, l.outline) AS share FROM placed l
       UNION ALL
-        SELECT b.id, b.owner, contact / 3, CASE WHEN is_on(b.id, b.owner, contact) THEN 1 ELSE 0 END
+        SELECT b.id, b.owner, contact / 3, CASE WHEN semmap.is_on(b.id, b.owner, contact) THEN 1 ELSE 0 END
         FROM below b
-        WHERE NOT EXISTS (SELECT FROM entity_model em JOIN support_surface s ON s.model_id = em.model_id
+        WHERE NOT EXISTS (SELECT FROM semmap.entity_model em JOIN semmap.support_surface s ON s.model_id = em.model_id
                           WHERE em.entity_id = b.owner)
     ), resting AS (
         SELECT DISTINCT ON (s.id) s.id, s.owner, s.share, s.gap
         FROM (SELECT id, owner, least(sum(share), 1) AS share, min(gap) AS gap FROM surface GROUP BY 1, 2) s
         WHERE s.share >= 0.5 - 1e-9
-          AND NOT (EXISTS (SELECT FROM placement p WHERE p.holder_id = s.id) AND is_stated_in(s.owner, s.id))
+          AND NOT (EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = s.id) AND semmap.is_stated_in(s.owner, s.id))
         ORDER BY s.id, s.share DESC, s.gap, s.owner
     ), enclosed AS (
         SELECT DISTINCT ON (i.id) i.id, o.entity_id AS owner
         FROM item i
-        JOIN world o ON o.map_id = i.map_id AND o.box && i.box AND o.box &&& i.box AND o.entity_id <> i.id
-        JOIN entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
+        JOIN semmap.world o ON o.map_id = i.map_id AND o.box && i.box AND o.box &&& i.box AND o.entity_id <> i.id
+        JOIN semmap.entity oe ON oe.id = o.entity_id AND oe.kind = 'object' AND (oe.type = ANY (parts)) IS NOT TRUE
         WHERE i.movable AND o.footprint IS NOT NULL AND ST_Area(o.footprint) < 4
           AND ST_Area(o.footprint) > ST_Area(i.ground) + 1e-9
           AND (i.low + i.high) / 2 BETWEEN ST_ZMin(o.box) AND ST_ZMax(o.box)
           AND round(ST_ZMin(o.box)::numeric, 6) <= round(i.low::numeric, 6)
           AND ST_Intersects(o.footprint, ST_Centroid(i.ground))
           AND i.id NOT IN (SELECT id FROM resting)
-          AND is_in(i.id, o.entity_id) AND NOT is_stated_in(o.entity_id, i.id)
+          AND semmap.is_in(i.id, o.entity_id) AND NOT semmap.is_stated_in(o.entity_id, i.id)
         ORDER BY i.id, ST_Area(o.footprint), o.entity_id
     ), roofed AS MATERIALIZED (
         -- rooms at the height of an item; materialised, so that no shares of other entities are computed
         SELECT i.id, i.ground, o.entity_id AS owner, o.footprint
-        FROM item i JOIN world o ON o.map_id = i.map_id AND o.footprint && i.ground
-        JOIN room r ON r.entity_id = o.entity_id
+        FROM item i JOIN semmap.world o ON o.map_id = i.map_id AND o.footprint && i.ground
+        JOIN semmap.room r ON r.entity_id = o.entity_id
         WHERE i.inside AND i.id NOT IN (SELECT id FROM resting)
           AND (i.low + i.high) / 2 BETWEEN o.pose[3] + r.floor - contact
               AND coalesce(o.pose[3] + r.ceiling, greatest(ST_ZMax(o.box), o.pose[3] + r.floor + 2.5)) + contact
     ), within AS (
         SELECT DISTINCT ON (s.id) s.id, s.owner, s.share
-        FROM (SELECT id, owner, ground_share(ground, footprint) AS share FROM roofed) s
+        FROM (SELECT id, owner, semmap.ground_share(ground, footprint) AS share FROM roofed) s
         WHERE s.share >= 0.5 - 1e-9 ORDER BY s.id, s.share DESC, s.owner
     ), ranked (id, rank, owner, relation, confidence, map_id, low) AS (
         SELECT r.id, 1, r.owner, 'on', CASE WHEN r.share >= 0.95 AND r.gap <= contact / 3 THEN 1
@@ -123,8 +126,8 @@ BEGIN
     )
     SELECT f.id, coalesce(f.owner, (
                -- storeys first, which are few: a plan that begins with world is quadratic
-               SELECT s.entity_id FROM storey s CROSS JOIN LATERAL (
-                   SELECT w.pose FROM world w WHERE w.entity_id = s.entity_id AND w.map_id = f.map_id OFFSET 0) o
+               SELECT s.entity_id FROM semmap.storey s CROSS JOIN LATERAL (
+                   SELECT w.pose FROM semmap.world w WHERE w.entity_id = s.entity_id AND w.map_id = f.map_id OFFSET 0) o
                ORDER BY o.pose[3] > f.low + 0.5, abs(o.pose[3] - f.low - 0.5), s.entity_id LIMIT 1)),
            f.relation, f.confidence::double precision
     FROM first f;
@@ -136,29 +139,30 @@ RETURNS boolean LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_tem
 -- an agent, half a metre from a room or region (the thickness of a doorway), below or above a storey. What has
 -- no geometry contradicts nothing.
 DECLARE
-    wt world;
-    wh world;
-    holder_kind text := (SELECT kind FROM entity WHERE id = holder);
+    wt semmap.world;
+    wh semmap.world;
+    holder_kind text := (SELECT kind FROM semmap.entity WHERE id = holder);
 BEGIN
-    SELECT * INTO wt FROM world w WHERE w.entity_id = thing;
-    SELECT * INTO wh FROM world w WHERE w.entity_id = holder;
+    SELECT * INTO wt FROM semmap.world w WHERE w.entity_id = thing;
+    SELECT * INTO wh FROM semmap.world w WHERE w.entity_id = holder;
     IF holder_kind = 'agent' THEN
-        RETURN box_gap(wt.box, wh.box) > 2;
+        RETURN semmap.box_gap(wt.box, wh.box) > 2;
     ELSIF holder_kind = 'storey' THEN
         RETURN ST_ZMax(wt.box) < wh.pose[3] - 0.5
-            OR ST_ZMin(wt.box) > (SELECT min(o.pose[3]) FROM storey s JOIN world o ON o.entity_id = s.entity_id
+            OR ST_ZMin(wt.box) > (SELECT min(o.pose[3]) FROM semmap.storey s JOIN semmap.world o ON o.entity_id = s.entity_id
                                   WHERE o.map_id = wh.map_id AND o.pose[3] > wh.pose[3] + 0.1);
     ELSIF wh.footprint IS NULL THEN
         RETURN false;
     ELSIF holder_kind IN ('room', 'region') THEN
-        RETURN ST_Distance(ground_of(wt), wh.footprint) > 0.5 OR ST_ZMax(wt.box) < ST_ZMin(wh.box) - 0.5
-            OR ST_ZMin(wt.box) > CASE holder_kind WHEN 'room' THEN ceiling_of(holder) ELSE ST_ZMax(wh.box) END + 0.5;
+        RETURN ST_Distance(semmap.ground_of(wt), wh.footprint) > 0.5 OR ST_ZMax(wt.box) < ST_ZMin(wh.box) - 0.5
+            OR ST_ZMin(wt.box) > CASE holder_kind WHEN 'room' THEN semmap.ceiling_of(holder) ELSE ST_ZMax(wh.box) END + 0.5;
     END IF;
-    RETURN box_gap(wt.box, wh.box) > 0.05;
+    RETURN semmap.box_gap(wt.box, wh.box) > 0.05;
 END $$;
 
 CREATE FUNCTION contradicts(thing bigint, stated bigint, derived bigint, sure double precision)
-RETURNS boolean LANGUAGE sql STABLE AS $$
+RETURNS boolean LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- Whether the geometry contradicts a stated holder: the entity is clearly elsewhere, or on or in another
 -- object that the stated one does not hold, or in another room and not in the stated one.
 SELECT semmap.is_apart(thing, stated)
@@ -166,8 +170,8 @@ SELECT semmap.is_apart(thing, stated)
        AND CASE (SELECT kind FROM semmap.entity WHERE id = derived) || ' ' || (SELECT kind FROM semmap.entity WHERE id = stated)
            WHEN 'object object' THEN NOT semmap.is_held_by(derived, stated)
            WHEN 'room room' THEN NOT semmap.is_in(thing, stated, 0.1)
-           ELSE false END
-$$;
+           ELSE false END;
+END;
 
 -- Each contradiction between the inventory and the geometry: a stated holder that the geometry excludes, a
 -- derived one that is not what the geometry shows now. `semmap check` lists it.
@@ -187,8 +191,8 @@ CREATE VIEW inventory_contradiction AS
 CREATE FUNCTION placed_here(ids bigint[])
 RETURNS boolean LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- Whether this transaction placed the given entities and all above them, as an import does: no other can move them.
-SELECT NOT EXISTS (SELECT FROM placement p WHERE p.xmin <> pg_current_xact_id()::xid
-                   AND p.entity_id IN (SELECT unnest(ids) UNION SELECT holders_of(ids)))
+SELECT NOT EXISTS (SELECT FROM semmap.placement p WHERE p.xmin <> pg_current_xact_id()::xid
+                   AND p.entity_id IN (SELECT unnest(ids) UNION SELECT semmap.holders_of(ids)))
 $$;
 
 CREATE FUNCTION derive_again(ids bigint[])
@@ -207,14 +211,14 @@ BEGIN
         SELECT array_agg(d.entity_id ORDER BY d.entity_id) AS ids, array_agg(d.holder_id ORDER BY d.entity_id) AS holders,
                array_agg(d.relation ORDER BY d.entity_id) AS relations, array_agg(d.confidence ORDER BY d.entity_id) AS confidences
             INTO wanted
-            FROM derived_holders(ids) d JOIN placement p ON p.entity_id = d.entity_id LEFT JOIN entity h ON h.id = p.holder_id
+            FROM semmap.derived_holders(ids) d JOIN semmap.placement p ON p.entity_id = d.entity_id LEFT JOIN semmap.entity h ON h.id = p.holder_id
             WHERE (p.holder_id, p.relation) IS DISTINCT FROM (d.holder_id, d.relation)
               AND (p.holder_id IS NULL OR p.confidence IS NOT NULL OR h.kind = 'storey'
-                   OR contradicts(p.entity_id, p.holder_id, d.holder_id, d.confidence));
+                   OR semmap.contradicts(p.entity_id, p.holder_id, d.holder_id, d.confidence));
         needed := ARRAY(SELECT DISTINCT holder FROM unnest(wanted.holders) holder WHERE holder IS NOT NULL ORDER BY 1);
-        EXIT WHEN wanted.ids IS NULL OR needed <@ locked OR placed_here(needed);
+        EXIT WHEN wanted.ids IS NULL OR needed <@ locked OR semmap.placed_here(needed);
         locked := needed;
-        PERFORM lock_holders(locked);  -- then once more: another transaction may have moved one of them
+        PERFORM semmap.lock_holders(locked);  -- then once more: another transaction may have moved one of them
     END LOOP;
     IF wanted.ids IS NULL THEN
         RETURN 0;
@@ -227,15 +231,15 @@ BEGIN
             SELECT id, holder FROM chosen WHERE holder IS NOT NULL
           UNION
             SELECT up.start, CASE WHEN c.id IS NULL THEN p.holder_id ELSE c.holder END
-            FROM up JOIN placement p ON p.entity_id = up.id LEFT JOIN chosen c ON c.id = up.id
+            FROM up JOIN semmap.placement p ON p.entity_id = up.id LEFT JOIN chosen c ON c.id = up.id
             WHERE up.id <> up.start)
         SELECT start FROM up WHERE id = start);
     PERFORM set_config('semmap.deriving', 'on', true);
-    UPDATE placement p
+    UPDATE semmap.placement p
     SET holder_id = d.holder, relation = d.relation, confidence = CASE WHEN d.holder IS NOT NULL THEN d.confidence END,
-        pose = CASE WHEN d.holder IS NULL THEN w.pose ELSE pose_compose(pose_inverse(h.pose), w.pose) END
+        pose = CASE WHEN d.holder IS NULL THEN w.pose ELSE semmap.pose_compose(semmap.pose_inverse(h.pose), w.pose) END
     FROM unnest(wanted.ids, wanted.holders, wanted.relations, wanted.confidences) d (id, holder, relation, confidence)
-    JOIN world w ON w.entity_id = d.id LEFT JOIN world h ON h.entity_id = d.holder
+    JOIN semmap.world w ON w.entity_id = d.id LEFT JOIN semmap.world h ON h.entity_id = d.holder
     WHERE p.entity_id = d.id AND NOT d.id = ANY (circular);
     GET DIAGNOSTICS n = ROW_COUNT;
     PERFORM set_config('semmap.deriving', '', true);
@@ -252,27 +256,27 @@ BEGIN
     RETURN ARRAY(
         WITH holding AS MATERIALIZED (
             SELECT w.entity_id, w.map_id, w.box, ST_ZMin(w.box) AS low, ST_ZMax(w.box) AS high
-            FROM unnest(moved) given (id) JOIN entity e ON e.id = given.id
-            JOIN world w ON w.entity_id = e.id AND w.footprint IS NOT NULL
+            FROM unnest(moved) given (id) JOIN semmap.entity e ON e.id = given.id
+            JOIN semmap.world w ON w.entity_id = e.id AND w.footprint IS NOT NULL
             WHERE e.kind = 'room' OR e.kind = 'object' AND EXISTS (
-                SELECT FROM entity_model em LEFT JOIN support_surface s ON s.model_id = em.model_id
+                SELECT FROM semmap.entity_model em LEFT JOIN semmap.support_surface s ON s.model_id = em.model_id
                 WHERE em.entity_id = e.id AND (s.model_id IS NULL OR s.height IS NOT NULL))
         )
         SELECT unnest(moved)
       UNION
         SELECT n.entity_id FROM holding h
-        JOIN world n ON n.map_id = h.map_id AND n.box && h.box AND n.entity_id <> h.entity_id
+        JOIN semmap.world n ON n.map_id = h.map_id AND n.box && h.box AND n.entity_id <> h.entity_id
              AND ST_ZMin(n.box) <= h.high + 0.03 AND ST_ZMax(n.box) >= h.low - 0.03
-        JOIN placement p ON p.entity_id = n.entity_id AND p.holder_id IS DISTINCT FROM h.entity_id
+        JOIN semmap.placement p ON p.entity_id = n.entity_id AND p.holder_id IS DISTINCT FROM h.entity_id
       UNION
-        SELECT p.entity_id FROM unnest(moved) given (id) JOIN world w ON w.entity_id = given.id
-        JOIN placement p ON p.holder_id = given.id
+        SELECT p.entity_id FROM unnest(moved) given (id) JOIN semmap.world w ON w.entity_id = given.id
+        JOIN semmap.placement p ON p.holder_id = given.id
         WHERE abs(w.pose[4]) >= 1e-3 OR abs(w.pose[5]) >= 1e-3
       UNION
-        SELECT p.entity_id FROM entity s JOIN entity e ON e.map_id = s.map_id AND e.kind IN ('object', 'agent')
-        JOIN placement p ON p.entity_id = e.id
+        SELECT p.entity_id FROM semmap.entity s JOIN semmap.entity e ON e.map_id = s.map_id AND e.kind IN ('object', 'agent')
+        JOIN semmap.placement p ON p.entity_id = e.id
         WHERE s.id = ANY (moved) AND s.kind = 'storey'
-          AND (p.holder_id IS NULL OR EXISTS (SELECT FROM storey WHERE entity_id = p.holder_id)));
+          AND (p.holder_id IS NULL OR EXISTS (SELECT FROM semmap.storey WHERE entity_id = p.holder_id)));
 END $$;
 
 CREATE FUNCTION follow_change(changed bigint[])
@@ -281,7 +285,7 @@ RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public,
 -- of their contents too. Does nothing if the setting `semmap.deriving` is off.
 BEGIN
     IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN
-        PERFORM derive_again(neighbours_of(changed) || ARRAY(SELECT entity_id FROM placement WHERE holder_id = ANY (changed)));
+        PERFORM semmap.derive_again(semmap.neighbours_of(changed) || ARRAY(SELECT entity_id FROM semmap.placement WHERE holder_id = ANY (changed)));
     END IF;
 END $$;
 

@@ -2,59 +2,63 @@
 -- sections 4.2 and 4.4). All is computed for many things at once; a place of null is elsewhere.
 
 CREATE FUNCTION belief_model_of(of_map integer)
-RETURNS belief_model LANGUAGE sql STABLE AS $$
+RETURNS belief_model LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- How sightings of a map are judged: its row, else the defaults of the table.
 SELECT m FROM semmap.belief_model m WHERE m.map_id = of_map
-UNION ALL SELECT ROW (of_map, 0.6, 0.3, 0.1, 10, 0.1, 0.5, 4)::semmap.belief_model LIMIT 1
-$$;
+UNION ALL SELECT ROW (of_map, 0.6, 0.3, 0.1, 10, 0.1, 0.5, 4)::semmap.belief_model LIMIT 1;
+END;
 
 CREATE FUNCTION property_of(thing bigint, key text)
-RETURNS double precision LANGUAGE sql STABLE AS $$
+RETURNS double precision LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- A number among the properties of an entity, else among those of the nearest type that has it.
 SELECT CASE WHEN jsonb_typeof(e.properties -> key) = 'number' THEN (e.properties ->> key)::double precision
             ELSE (SELECT (t.properties ->> key)::double precision
                   FROM semmap.type_closure c JOIN semmap.semantic_type t ON t.name = c.super
                   WHERE c.sub = e.type AND jsonb_typeof(t.properties -> key) = 'number'
                   ORDER BY (SELECT count(*) FROM semmap.type_closure n WHERE n.sub = c.super) DESC, c.super LIMIT 1) END
-FROM semmap.entity e WHERE e.id = thing
-$$;
+FROM semmap.entity e WHERE e.id = thing;
+END;
 
 CREATE FUNCTION sides_of(area geometry)
-RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The shorter and the longer side of the smallest rectangle around an area.
 SELECT ARRAY[least(a, b), greatest(a, b)]
 FROM ST_ExteriorRing(CASE WHEN ST_Dimension(ST_OrientedEnvelope(area)) = 2 THEN ST_OrientedEnvelope(area)
                           ELSE ST_Envelope(ST_Buffer(area, 1e-6)) END) ring,
-     LATERAL (SELECT ST_Distance(ST_PointN(ring, 1), ST_PointN(ring, 2)), ST_Distance(ST_PointN(ring, 2), ST_PointN(ring, 3))) s (a, b)
-$$;
+     LATERAL (SELECT ST_Distance(ST_PointN(ring, 1), ST_PointN(ring, 2)), ST_Distance(ST_PointN(ring, 2), ST_PointN(ring, 3))) s (a, b);
+END;
 
 CREATE FUNCTION size_of(thing bigint, OUT sides double precision[], OUT height double precision, OUT base double precision)
 LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The sides of the rectangle in which an entity stands (the shorter one first), its height and the area of its base:
 -- by its geometry, else by the taught base_area and volume of a square base, else by the typical size of its type.
-SELECT CASE WHEN w.footprint IS NOT NULL THEN sides_of(w.footprint)
+SELECT CASE WHEN w.footprint IS NOT NULL THEN semmap.sides_of(w.footprint)
             WHEN taught.base > 0 THEN ARRAY[sqrt(taught.base), sqrt(taught.base)]
             ELSE typical.size[1:2] END,
        CASE WHEN w.footprint IS NOT NULL THEN ST_ZMax(w.box) - ST_ZMin(w.box)
             WHEN taught.base > 0 THEN coalesce(taught.volume / taught.base, 0) ELSE typical.size[3] END,
        CASE WHEN w.footprint IS NOT NULL THEN ST_Area(w.footprint)
             WHEN taught.base > 0 THEN taught.base ELSE typical.size[1] * typical.size[2] END
-FROM entity e LEFT JOIN world w ON w.entity_id = e.id,
-     LATERAL (SELECT property_of(e.id, 'base_area'), property_of(e.id, 'volume')) taught (base, volume)
+FROM semmap.entity e LEFT JOIN semmap.world w ON w.entity_id = e.id,
+     LATERAL (SELECT semmap.property_of(e.id, 'base_area'), semmap.property_of(e.id, 'volume')) taught (base, volume)
      LEFT JOIN LATERAL (
          SELECT ARRAY[least(t.typical_size[1], t.typical_size[2]), greatest(t.typical_size[1], t.typical_size[2]), t.typical_size[3]]
-         FROM type_closure c JOIN semantic_type t ON t.name = c.super AND t.typical_size IS NOT NULL WHERE c.sub = e.type
-         ORDER BY (SELECT count(*) FROM type_closure n WHERE n.sub = c.super) DESC, c.super LIMIT 1) typical (size) ON true
+         FROM semmap.type_closure c JOIN semmap.semantic_type t ON t.name = c.super AND t.typical_size IS NOT NULL WHERE c.sub = e.type
+         ORDER BY (SELECT count(*) FROM semmap.type_closure n WHERE n.sub = c.super) DESC, c.super LIMIT 1) typical (size) ON true
 WHERE e.id = thing
 $$;
 
 CREATE FUNCTION fits(sides double precision[], height double precision, base double precision,
                      into_sides double precision[], into_height double precision, into_base double precision)
-RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- Whether an upright object has room on an area below a height; an unknown size fits, an unknown height is open.
 SELECT coalesce(sides[1] <= into_sides[1] + 1e-9 AND sides[2] <= into_sides[2] + 1e-9 AND base <= into_base + 1e-9, true)
-       AND coalesce(height <= into_height + 1e-9, true)
-$$;
+       AND coalesce(height <= into_height + 1e-9, true);
+END;
 
 CREATE FUNCTION places_for(things bigint[])
 RETURNS TABLE (entity_id bigint, place_id bigint) LANGUAGE plpgsql STABLE ROWS 1000 COST 10000
@@ -65,46 +69,46 @@ SET search_path = semmap, public, pg_temp SET plan_cache_mode = force_generic_pl
 DECLARE
     small CONSTANT double precision := 0.02;    -- base of a container that is a place, square metres: a mug is not
     untyped CONSTANT double precision := 0.1;   -- surface of an object without a type that is a place, square metres
-    bearing text[] := ARRAY(SELECT DISTINCT sub FROM type_closure WHERE super IN ('furniture', 'fixture', 'appliance', 'container'));
-    standing text[] := ARRAY(SELECT DISTINCT sub FROM type_closure WHERE super IN ('furniture', 'fixture'));
-    storing text[] := ARRAY(SELECT DISTINCT sub FROM type_closure WHERE super IN ('storage_furniture', 'container'));
+    bearing text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('furniture', 'fixture', 'appliance', 'container'));
+    standing text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('furniture', 'fixture'));
+    storing text[] := ARRAY(SELECT DISTINCT sub FROM semmap.type_closure WHERE super IN ('storage_furniture', 'container'));
 BEGIN
     RETURN QUERY
     WITH thing AS MATERIALIZED (
         SELECT e.id, e.map_id, e.kind = 'agent' OR coalesce(e.type = ANY (standing), false) AS stands, s.sides, s.height, s.base,
-               EXISTS (SELECT FROM placement p WHERE p.holder_id = e.id) AS holds
-        FROM unnest(things) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
-             LATERAL size_of(e.id) s
+               EXISTS (SELECT FROM semmap.placement p WHERE p.holder_id = e.id) AS holds
+        FROM unnest(things) given (id) JOIN semmap.entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
+             LATERAL semmap.size_of(e.id) s
     ), candidate AS MATERIALIZED (
         SELECT e.id, e.map_id, e.kind, e.type, w.footprint, w.box, ST_Area(w.footprint) AS area
-        FROM entity e LEFT JOIN world w ON w.entity_id = e.id
+        FROM semmap.entity e LEFT JOIN semmap.world w ON w.entity_id = e.id
         WHERE e.map_id IN (SELECT t.map_id FROM thing t)
           AND (e.kind = 'room' OR e.kind = 'object' AND w.footprint IS NOT NULL
                AND (e.type IN (SELECT unnest(bearing)) OR coalesce(e.type, 'object') = 'object'))  -- IN: hashed
     ), board AS MATERIALIZED (  -- the surfaces of each model, and the height to the next one above
-        SELECT s.model_id, sides_of(s.outline) AS sides, ST_Area(s.outline) AS area,
-               (SELECT min(u.height) - s.height FROM support_surface u
+        SELECT s.model_id, semmap.sides_of(s.outline) AS sides, ST_Area(s.outline) AS area,
+               (SELECT min(u.height) - s.height FROM semmap.support_surface u
                 WHERE u.model_id = s.model_id AND u.height > s.height + 0.02
                   AND ST_Intersects(u.outline, ST_PointOnSurface(s.outline))) AS clear
-        FROM support_surface s
-        WHERE s.height IS NOT NULL AND s.model_id IN (SELECT m.model_id FROM candidate c JOIN entity_model m ON m.entity_id = c.id)
+        FROM semmap.support_surface s
+        WHERE s.height IS NOT NULL AND s.model_id IN (SELECT m.model_id FROM candidate c JOIN semmap.entity_model m ON m.entity_id = c.id)
     ), space AS MATERIALIZED (
         SELECT c.id, c.map_id, c.kind, b.sides, b.clear AS height, b.area
-        FROM candidate c JOIN entity_model m ON m.entity_id = c.id JOIN board b ON b.model_id = m.model_id
+        FROM candidate c JOIN semmap.entity_model m ON m.entity_id = c.id JOIN board b ON b.model_id = m.model_id
         WHERE c.kind = 'object'
           AND CASE WHEN c.type = ANY (bearing) THEN c.type <> ALL (storing) OR c.area >= small ELSE b.area >= untyped END
       UNION
-        SELECT c.id, c.map_id, c.kind, sides_of(c.footprint), ST_ZMax(c.box) - ST_ZMin(c.box), c.area
+        SELECT c.id, c.map_id, c.kind, semmap.sides_of(c.footprint), ST_ZMax(c.box) - ST_ZMin(c.box), c.area
         FROM candidate c WHERE c.kind = 'object' AND c.type = ANY (storing) AND c.area >= small
       UNION
-        SELECT c.id, c.map_id, c.kind, CASE WHEN c.footprint IS NOT NULL THEN sides_of(c.footprint) END, NULL, c.area
+        SELECT c.id, c.map_id, c.kind, CASE WHEN c.footprint IS NOT NULL THEN semmap.sides_of(c.footprint) END, NULL, c.area
         FROM candidate c WHERE c.kind = 'room'
     )
     SELECT DISTINCT t.id, s.id
     FROM thing t JOIN space s ON s.map_id = t.map_id AND s.id <> t.id
      AND (s.kind = 'room' OR NOT t.stands)
-     AND fits(t.sides, t.height, t.base, s.sides, s.height, s.area)
-     AND NOT (t.holds AND is_held_by(s.id, t.id));
+     AND semmap.fits(t.sides, t.height, t.base, s.sides, s.height, s.area)
+     AND NOT (t.holds AND semmap.is_held_by(s.id, t.id));
 END $$;
 
 CREATE FUNCTION prior_of(things bigint[])
@@ -116,28 +120,28 @@ BEGIN
     RETURN QUERY
     WITH RECURSIVE thing AS MATERIALIZED (
         SELECT e.id, e.name, coalesce(e.type, e.kind) AS type, e.map_id, m.prior_elsewhere, m.prior_history, m.prior_typical
-        FROM unnest(things) given (id) JOIN entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
-             LATERAL belief_model_of(e.map_id) m
+        FROM unnest(things) given (id) JOIN semmap.entity e ON e.id = given.id AND e.kind IN ('object', 'agent'),
+             LATERAL semmap.belief_model_of(e.map_id) m
     ), place AS MATERIALIZED (
-        SELECT p.entity_id AS id, p.place_id AS at FROM places_for(things) p
+        SELECT p.entity_id AS id, p.place_id AS at FROM semmap.places_for(things) p
     ), word AS MATERIALIZED (  -- names of places, or of their types
-        SELECT t.id, w.word FROM thing t JOIN type_closure c ON c.sub = t.type JOIN semantic_type s ON s.name = c.super,
+        SELECT t.id, w.word FROM thing t JOIN semmap.type_closure c ON c.sub = t.type JOIN semmap.semantic_type s ON s.name = c.super,
              LATERAL unnest(s.found_in) w (word)
       UNION
-        SELECT t.id, r.object FROM thing t JOIN taught_relation r ON r.map_id = t.map_id AND r.relation = 'found_in'
-         AND (r.subject = t.name OR r.subject IN (SELECT c.super FROM type_closure c WHERE c.sub = t.type))
+        SELECT t.id, r.object FROM thing t JOIN semmap.taught_relation r ON r.map_id = t.map_id AND r.relation = 'found_in'
+         AND (r.subject = t.name OR r.subject IN (SELECT c.super FROM semmap.type_closure c WHERE c.sub = t.type))
     ), stay AS MATERIALIZED (
-        SELECT p.entity_id AS id, p.holder_id, p.since AS begun FROM placement p WHERE p.entity_id = ANY (things)
+        SELECT p.entity_id AS id, p.holder_id, p.since AS begun FROM semmap.placement p WHERE p.entity_id = ANY (things)
       UNION ALL
-        SELECT h.entity_id, h.holder_id, lower(h.during) FROM placement_history h WHERE h.entity_id = ANY (things)
+        SELECT h.entity_id, h.holder_id, lower(h.during) FROM semmap.placement_history h WHERE h.entity_id = ANY (things)
     ), above (start, id, depth) AS (  -- places and holders, and what holds them
         SELECT s.id, s.id, 0 FROM (SELECT p.at AS id FROM place p UNION SELECT s.holder_id FROM stay s) s WHERE s.id IS NOT NULL
       UNION ALL
-        SELECT a.start, p.holder_id, a.depth + 1 FROM above a JOIN placement p ON p.entity_id = a.id WHERE p.holder_id IS NOT NULL
+        SELECT a.start, p.holder_id, a.depth + 1 FROM above a JOIN semmap.placement p ON p.entity_id = a.id WHERE p.holder_id IS NOT NULL
     ), known AS (  -- the words that are true of a place
         SELECT a.start AS at, w.word
-        FROM above a, LATERAL (SELECT e.name, e.label, e.type FROM entity e WHERE e.id = a.id OFFSET 0) e,  -- by index
-             LATERAL (SELECT e.name UNION SELECT e.label UNION SELECT c.super FROM type_closure c WHERE c.sub = e.type) w (word)
+        FROM above a, LATERAL (SELECT e.name, e.label, e.type FROM semmap.entity e WHERE e.id = a.id OFFSET 0) e,  -- by index
+             LATERAL (SELECT e.name UNION SELECT e.label UNION SELECT c.super FROM semmap.type_closure c WHERE c.sub = e.type) w (word)
         WHERE EXISTS (SELECT FROM word)
     ), typical AS (
         SELECT DISTINCT p.id, p.at FROM place p JOIN word w ON w.id = p.id JOIN known k ON k.at = p.at AND k.word = w.word
@@ -179,10 +183,10 @@ BEGIN
     WITH looked AS (
         SELECT o.entity_id, o.place_id, o.inside, o.seen, o.visible, coalesce(o.false_alarm, m.elsewhere - m.change * f.fresh) AS b,
                coalesce(o.hit, m.there + m.change * f.fresh) AS a
-        FROM (SELECT e.id, property_of(e.id, 'mobility') AS mobility, e.map_id
-              FROM unnest(things) given (id) JOIN entity e ON e.id = given.id GROUP BY e.id) t
-        JOIN observation o ON o.entity_id = t.id AND o.at <= moment,
-        LATERAL belief_model_of(t.map_id) m,
+        FROM (SELECT e.id, semmap.property_of(e.id, 'mobility') AS mobility, e.map_id
+              FROM unnest(things) given (id) JOIN semmap.entity e ON e.id = given.id GROUP BY e.id) t
+        JOIN semmap.observation o ON o.entity_id = t.id AND o.at <= moment,
+        LATERAL semmap.belief_model_of(t.map_id) m,
         LATERAL (SELECT exp(-least(extract(epoch FROM moment - o.at)::double precision * greatest(coalesce(t.mobility, 1), 0)
                                    / m.seconds, 700))) f (fresh)
     ), evidence AS MATERIALIZED (
@@ -195,7 +199,7 @@ BEGIN
         SELECT v.entity_id, v.place_id, v.weight FROM evidence v WHERE NOT v.inside
     ), around AS (
         SELECT g.id, g.place, sum(v.weight) AS weight FROM evidence v JOIN given g ON g.id = v.entity_id
-        WHERE v.inside AND (g.place = v.place_id OR is_held_by(g.place, v.place_id)) GROUP BY g.id, g.place
+        WHERE v.inside AND (g.place = v.place_id OR semmap.is_held_by(g.place, v.place_id)) GROUP BY g.id, g.place
     ), weighed AS (
         SELECT g.id, g.place, g.prior,
                CASE WHEN g.prior > 0 THEN ln(g.prior) + coalesce(p.weight, 0) + coalesce(a.weight, 0) END AS weight
@@ -211,8 +215,8 @@ CREATE FUNCTION belief_at(things bigint[], moment timestamptz)
 RETURNS TABLE (entity_id bigint, place_id bigint, prior double precision, probability double precision)
 LANGUAGE sql STABLE ROWS 1000 COST 20000 SET search_path = semmap, public, pg_temp AS $$
 -- Where each thing was at a moment: at the places that the map has now, by the observations until then.
-SELECT b.* FROM (SELECT array_agg(p.entity_id), array_agg(p.place_id), array_agg(p.prior) FROM prior_of(things) p) p (ids, places, priors),
-    LATERAL belief_given(p.ids, p.places, p.priors, moment) b
+SELECT b.* FROM (SELECT array_agg(p.entity_id), array_agg(p.place_id), array_agg(p.prior) FROM semmap.prior_of(things) p) p (ids, places, priors),
+    LATERAL semmap.belief_given(p.ids, p.places, p.priors, moment) b
 $$;
 
 CREATE FUNCTION where_is(thing text, moment timestamptz DEFAULT statement_timestamp())
@@ -221,8 +225,8 @@ LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- Where an object or agent of the current map probably is at a moment, the most probable place first; "elsewhere" is
 -- no place of the map. With what holds the place, and when the thing was last seen there, or looked for and not seen.
 DECLARE
-    of_thing bigint := entity_id(thing);
-    kind_of_thing text := (SELECT e.kind FROM entity e WHERE e.id = of_thing);
+    of_thing bigint := semmap.entity_id(thing);
+    kind_of_thing text := (SELECT e.kind FROM semmap.entity e WHERE e.id = of_thing);
 BEGIN
     IF kind_of_thing NOT IN ('object', 'agent') THEN
         RAISE EXCEPTION '% is a %: it does not move', thing, kind_of_thing
@@ -230,10 +234,10 @@ BEGIN
     END IF;
     RETURN QUERY
         SELECT coalesce(e.name, 'elsewhere'), b.probability, b.prior, h.name,
-               (SELECT max(o.at) FROM observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND o.seen AND o.at <= moment),
-               (SELECT max(o.at) FROM observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND NOT o.seen AND o.at <= moment)
-        FROM belief_at(ARRAY[of_thing], moment) b LEFT JOIN entity e ON e.id = b.place_id
-        LEFT JOIN placement p ON p.entity_id = b.place_id LEFT JOIN entity h ON h.id = p.holder_id
+               (SELECT max(o.at) FROM semmap.observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND o.seen AND o.at <= moment),
+               (SELECT max(o.at) FROM semmap.observation o WHERE o.entity_id = of_thing AND o.place_id = b.place_id AND NOT o.seen AND o.at <= moment)
+        FROM semmap.belief_at(ARRAY[of_thing], moment) b LEFT JOIN semmap.entity e ON e.id = b.place_id
+        LEFT JOIN semmap.placement p ON p.entity_id = b.place_id LEFT JOIN semmap.entity h ON h.id = p.holder_id
         ORDER BY b.probability DESC, b.place_id IS NULL, e.name;
 END $$;
 
@@ -243,7 +247,7 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- Writes the belief about the given things for this moment, and records that it changed. Another transaction that
 -- observes one of them waits, and then sees these observations.
 DECLARE
-    ids bigint[] := ARRAY(SELECT e.id FROM entity e WHERE e.id = ANY (things) AND e.kind IN ('object', 'agent') ORDER BY e.id
+    ids bigint[] := ARRAY(SELECT e.id FROM semmap.entity e WHERE e.id = ANY (things) AND e.kind IN ('object', 'agent') ORDER BY e.id
                           FOR NO KEY UPDATE);
     moment timestamptz := clock_timestamp();
     portion CONSTANT integer := 200;  -- the joins of many things take more than linear time
@@ -252,7 +256,7 @@ DECLARE
 BEGIN
     IF cardinality(ids) > portion THEN
         FOR i IN 1 .. cardinality(ids) BY portion LOOP
-            PERFORM refresh_belief(ids[i:i + portion - 1], keep_priors);
+            PERFORM semmap.refresh_belief(ids[i:i + portion - 1], keep_priors);
         END LOOP;
         RETURN;
     ELSIF ids = '{}' THEN
@@ -260,32 +264,32 @@ BEGIN
     END IF;
     IF keep_priors THEN
         SELECT array_agg(b.entity_id) AS ids, array_agg(b.place_id) AS places, array_agg(b.prior) AS priors
-            INTO given FROM belief b WHERE b.entity_id = ANY (ids);
+            INTO given FROM semmap.belief b WHERE b.entity_id = ANY (ids);
     ELSE
         SELECT array_agg(p.entity_id) AS ids, array_agg(p.place_id) AS places, array_agg(p.prior) AS priors
-            INTO given FROM prior_of(ids) p;
+            INTO given FROM semmap.prior_of(ids) p;
     END IF;
     SELECT array_agg(b.entity_id) AS ids, array_agg(b.place_id) AS places, array_agg(b.prior) AS priors,
            array_agg(b.probability) AS probabilities
-        INTO wanted FROM belief_given(given.ids, given.places, given.priors, moment) b;
-    UPDATE belief b SET prior = w.prior, probability = w.probability, at = moment
+        INTO wanted FROM semmap.belief_given(given.ids, given.places, given.priors, moment) b;
+    UPDATE semmap.belief b SET prior = w.prior, probability = w.probability, at = moment
         FROM unnest(wanted.ids, wanted.places, wanted.priors, wanted.probabilities) w (id, place, prior, probability)
         WHERE b.entity_id = w.id AND coalesce(b.place_id, 0) = coalesce(w.place, 0);
     IF NOT keep_priors THEN
         PERFORM set_config('semmap.believing', 'on', true);
-        DELETE FROM belief b WHERE b.entity_id = ANY (ids) AND b.at <> moment;
+        DELETE FROM semmap.belief b WHERE b.entity_id = ANY (ids) AND b.at <> moment;
         PERFORM set_config('semmap.believing', '', true);
-        INSERT INTO belief (entity_id, place_id, prior, probability, at)
+        INSERT INTO semmap.belief (entity_id, place_id, prior, probability, at)
             SELECT w.id, w.place, w.prior, w.probability, moment
             FROM unnest(wanted.ids, wanted.places, wanted.priors, wanted.probabilities) w (id, place, prior, probability)
-            LEFT JOIN belief b ON b.entity_id = w.id AND coalesce(b.place_id, 0) = coalesce(w.place, 0)
+            LEFT JOIN semmap.belief b ON b.entity_id = w.id AND coalesce(b.place_id, 0) = coalesce(w.place, 0)
             WHERE b.id IS NULL;
     END IF;
-    PERFORM record_change('belief', ids);
+    PERFORM semmap.record_change('belief', ids);
 END $$;
 
 CREATE FUNCTION refresh_beliefs()
-RETURNS bigint LANGUAGE plpgsql AS $$
+RETURNS bigint LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- Writes the table `belief` of the current map again, such as after furniture was added; returns how many things it has.
 DECLARE
     ids bigint[] := ARRAY(SELECT DISTINCT b.entity_id FROM semmap.belief b JOIN semmap.entity e ON e.id = b.entity_id
@@ -301,8 +305,8 @@ CREATE FUNCTION observation_stamp()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- What is observed is an object or agent, at another entity of its map, and not in the future.
 DECLARE
-    thing entity := (SELECT e FROM entity e WHERE e.id = NEW.entity_id);
-    place entity := (SELECT e FROM entity e WHERE e.id = NEW.place_id);
+    thing semmap.entity := (SELECT e FROM semmap.entity e WHERE e.id = NEW.entity_id);
+    place semmap.entity := (SELECT e FROM semmap.entity e WHERE e.id = NEW.place_id);
 BEGIN
     IF thing.kind NOT IN ('object', 'agent') THEN
         RAISE EXCEPTION '% is a %: it is not searched for', thing.name, thing.kind
@@ -318,11 +322,12 @@ BEGIN
 END $$;
 
 CREATE FUNCTION has_place(thing bigint, place bigint, inside boolean)
-RETURNS boolean LANGUAGE sql STABLE AS $$
+RETURNS boolean LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- Whether the belief about a thing has a place, or with `inside` any in it.
 SELECT EXISTS (SELECT FROM semmap.belief b WHERE b.entity_id = thing AND b.place_id = place)
-    OR inside AND EXISTS (SELECT FROM semmap.belief b WHERE b.entity_id = thing AND semmap.is_held_by(b.place_id, place))
-$$;
+    OR inside AND EXISTS (SELECT FROM semmap.belief b WHERE b.entity_id = thing AND semmap.is_held_by(b.place_id, place));
+END;
 
 CREATE FUNCTION observation_added()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
@@ -330,28 +335,28 @@ SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- The places of a thing and their priors are found at its first observation, and at one of a place that is new.
 -- Of repeated looks of an agent within `keep_every`, the last is kept: they are not independent.
 DECLARE
-    every interval := (SELECT keep_every FROM retention WHERE kind = 'observation');
+    every interval := (SELECT keep_every FROM semmap.retention WHERE kind = 'observation');
     ids bigint[] := ARRAY(SELECT DISTINCT entity_id FROM fresh);
-    unknown bigint[] := ARRAY(SELECT DISTINCT entity_id FROM fresh f WHERE NOT has_place(f.entity_id, f.place_id, f.inside));
+    unknown bigint[] := ARRAY(SELECT DISTINCT entity_id FROM fresh f WHERE NOT semmap.has_place(f.entity_id, f.place_id, f.inside));
     wrong record;
 BEGIN
     IF every IS NOT NULL THEN
         PERFORM set_config('semmap.believing', 'on', true);
-        DELETE FROM observation o USING fresh f
+        DELETE FROM semmap.observation o USING fresh f
             WHERE o.entity_id = f.entity_id AND o.place_id = f.place_id AND o.observer_id = f.observer_id
               AND o.seen = f.seen AND o.inside = f.inside AND (o.at, o.id) < (f.at, f.id)
               AND floor(extract(epoch FROM o.at) / extract(epoch FROM every)) = floor(extract(epoch FROM f.at) / extract(epoch FROM every));
         PERFORM set_config('semmap.believing', '', true);
     END IF;
-    PERFORM refresh_belief(unknown);
-    PERFORM refresh_belief(ARRAY(SELECT unnest(ids) EXCEPT SELECT unnest(unknown)), true);
+    PERFORM semmap.refresh_belief(unknown);
+    PERFORM semmap.refresh_belief(ARRAY(SELECT unnest(ids) EXCEPT SELECT unnest(unknown)), true);
     SELECT t.name, p.name AS place INTO wrong
-        FROM fresh f JOIN entity t ON t.id = f.entity_id JOIN entity p ON p.id = f.place_id
-        WHERE f.entity_id = ANY (unknown) AND NOT has_place(f.entity_id, f.place_id, f.inside) LIMIT 1;
+        FROM fresh f JOIN semmap.entity t ON t.id = f.entity_id JOIN semmap.entity p ON p.id = f.place_id
+        WHERE f.entity_id = ANY (unknown) AND NOT semmap.has_place(f.entity_id, f.place_id, f.inside) LIMIT 1;
     IF wrong IS NOT NULL THEN
         RAISE EXCEPTION '% cannot be on or in %: it has no room there', wrong.name, wrong.place
             USING ERRCODE = 'check_violation',
-                  HINT = 'Places are rooms, containers, and surfaces of furniture that are large enough: see places_for().';
+                  HINT = 'Places are rooms, containers, and surfaces of furniture that are large enough: see semmap.places_for().';
     END IF;
     RETURN NULL;
 END $$;
@@ -361,7 +366,7 @@ RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publ
 -- Observations were deleted, or a place with its rows.
 BEGIN
     IF coalesce(current_setting('semmap.dropping', true), '') = '' AND coalesce(current_setting('semmap.believing', true), '') = '' THEN
-        PERFORM refresh_belief(ARRAY(SELECT DISTINCT f.entity_id FROM former f JOIN belief b ON b.entity_id = f.entity_id));
+        PERFORM semmap.refresh_belief(ARRAY(SELECT DISTINCT f.entity_id FROM former f JOIN semmap.belief b ON b.entity_id = f.entity_id));
     END IF;
     RETURN NULL;
 END $$;
@@ -375,7 +380,7 @@ DECLARE
         SELECT n.entity_id FROM former o FULL JOIN fresh n USING (entity_id)  -- full: as in placement_updated
         WHERE coalesce(o.entity_id = n.entity_id, false) AND o.holder_id IS DISTINCT FROM n.holder_id);
 BEGIN
-    PERFORM refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM belief b WHERE b.entity_id = ANY (moved)));
+    PERFORM semmap.refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM semmap.belief b WHERE b.entity_id = ANY (moved)));
     RETURN NULL;
 END $$;
 
@@ -388,14 +393,14 @@ DECLARE
         SELECT n.id FROM former o FULL JOIN fresh n USING (id)
         WHERE coalesce(o.id = n.id, false) AND (o.type, o.properties) IS DISTINCT FROM (n.type, n.properties));
 BEGIN
-    PERFORM refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM belief b WHERE b.entity_id = ANY (described)));
+    PERFORM semmap.refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM semmap.belief b WHERE b.entity_id = ANY (described)));
     RETURN NULL;
 END $$;
 
 CREATE FUNCTION belief_judged()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    PERFORM refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM belief b JOIN entity e ON e.id = b.entity_id
+    PERFORM semmap.refresh_belief(ARRAY(SELECT DISTINCT b.entity_id FROM semmap.belief b JOIN semmap.entity e ON e.id = b.entity_id
                                  WHERE e.map_id = coalesce(NEW.map_id, OLD.map_id)));
     RETURN NULL;
 END $$;

@@ -2,21 +2,23 @@
 -- (Tosello, Fan and Pagello, sections III and IV).
 
 CREATE FUNCTION types_for(use text)
-RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The types whose objects are used for a function, such as drinking.
 SELECT coalesce(array_agg(DISTINCT c.sub), '{}') FROM semmap.semantic_type t JOIN semmap.type_closure c ON c.super = t.name
-WHERE use = ANY (t.functions)
-$$;
+WHERE use = ANY (t.functions);
+END;
 
 CREATE FUNCTION functions_of(of_type text)
-RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS text[] LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- What objects of a type are used for.
 SELECT coalesce(array_agg(DISTINCT f), '{}') FROM semmap.type_closure c JOIN semmap.semantic_type t ON t.name = c.super,
-     LATERAL unnest(t.functions) f WHERE c.sub = of_type
-$$;
+     LATERAL unnest(t.functions) f WHERE c.sub = of_type;
+END;
 
 CREATE FUNCTION gripper_named(gripper_name text DEFAULT NULL)
-RETURNS integer LANGUAGE plpgsql STABLE AS $$
+RETURNS integer LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The gripper of a name; without one, the preferred gripper, else the only one.
 DECLARE
     found_id integer;
@@ -40,26 +42,27 @@ BEGIN
 END $$;
 
 CREATE FUNCTION object_of(entity bigint)
-RETURNS bigint LANGUAGE sql STABLE AS $$
+RETURNS bigint LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- The object model of an entity; null where nothing is known of it.
-SELECT o.object_id FROM semmap.entity_object o WHERE o.entity_id = entity
-$$;
+SELECT o.object_id FROM semmap.entity_object o WHERE o.entity_id = entity;
+END;
 
 CREATE FUNCTION find_objects(entities bigint[])
 RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Determines the object models of entities again.
-DELETE FROM entity_object WHERE entity_id = ANY (entities);
-INSERT INTO entity_object (entity_id, object_id)
+DELETE FROM semmap.entity_object WHERE entity_id = ANY (entities);
+INSERT INTO semmap.entity_object (entity_id, object_id)
     SELECT DISTINCT ON (em.entity_id) em.entity_id, h.object_id
-    FROM entity_model em JOIN model m ON m.id = em.model_id JOIN object_mesh h ON h.digest = m.digest
+    FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id JOIN semmap.object_mesh h ON h.digest = m.digest
     WHERE em.entity_id = ANY (entities) ORDER BY em.entity_id, em.role DESC, h.object_id
 $$;
 
 CREATE FUNCTION entity_meshes_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    IF EXISTS (SELECT FROM object_mesh) THEN
-        PERFORM find_objects(ARRAY(SELECT DISTINCT entity_id FROM changed));
+    IF EXISTS (SELECT FROM semmap.object_mesh) THEN
+        PERFORM semmap.find_objects(ARRAY(SELECT DISTINCT entity_id FROM changed));
     END IF;
     RETURN NULL;
 END $$;
@@ -67,8 +70,8 @@ END $$;
 CREATE FUNCTION object_meshes_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    PERFORM find_objects(ARRAY(SELECT DISTINCT em.entity_id FROM changed c JOIN model m ON m.digest = c.digest
-                                                            JOIN entity_model em ON em.model_id = m.id));
+    PERFORM semmap.find_objects(ARRAY(SELECT DISTINCT em.entity_id FROM changed c JOIN semmap.model m ON m.digest = c.digest
+                                                            JOIN semmap.entity_model em ON em.model_id = m.id));
     RETURN NULL;
 END $$;
 
@@ -87,7 +90,7 @@ CREATE TRIGGER object_meshes_deleted AFTER DELETE ON object_mesh REFERENCING OLD
 
 CREATE FUNCTION best_actions(objects bigint[], gripper integer, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
 RETURNS TABLE (action_id bigint, object_id bigint, expected double precision)
-LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
+LANGUAGE plpgsql STABLE ROWS 10 COST 1000 SET search_path = semmap, public, pg_temp AS $$
 -- The stored actions on some object models with a gripper, the best expected outcome first. Of many objects, enough are
 -- usually among the best actions of the gripper. Else, the best of all are on the objects with the best one each: one
 -- entry of an index is read for each object, and `most` for these few.
@@ -122,14 +125,15 @@ BEGIN
 END $$;
 
 CREATE FUNCTION objects_for(use text)
-RETURNS SETOF bigint LANGUAGE sql STABLE ROWS 100 AS $$
+RETURNS SETOF bigint LANGUAGE sql STABLE ROWS 100
+BEGIN ATOMIC
 -- The object models that are used for a function, by their type or by themselves.
 SELECT id FROM semmap.object_model WHERE type = ANY (semmap.types_for(use))
-UNION SELECT id FROM semmap.object_model WHERE functions @> ARRAY[use]
-$$;
+UNION SELECT id FROM semmap.object_model WHERE functions @> ARRAY[use];
+END;
 
 CREATE FUNCTION known_actions(use text, gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
-RETURNS TABLE (action_id bigint, object_id bigint, expected double precision) LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
+RETURNS TABLE (action_id bigint, object_id bigint, expected double precision) LANGUAGE plpgsql STABLE ROWS 10 COST 1000 SET search_path = semmap, public, pg_temp AS $$
 -- The best stored actions on all object models for a function, in any map or none: usually among the best of the gripper.
 DECLARE
     depth CONSTANT integer := 500;
@@ -155,37 +159,38 @@ LANGUAGE plpgsql STABLE ROWS 10 SET search_path = semmap, public, pg_temp AS $$
 -- The object models that stored links (`semmap interlink`) state to be the same as entities, or as their models, beside
 -- their own. A link of one entity counts for all of its mesh. Undone with the link set, since only that has it.
 BEGIN
-    IF NOT EXISTS (SELECT FROM link_set s JOIN data_set d ON d.id IN (s.left_id, s.right_id) WHERE d.name = 'models') THEN
+    IF NOT EXISTS (SELECT FROM semmap.link_set s JOIN semmap.data_set d ON d.id IN (s.left_id, s.right_id) WHERE d.name = 'models') THEN
         RETURN;
     END IF;
     RETURN QUERY
     WITH linked AS MATERIALIZED (
-        SELECT a.name, l.left_key AS key, o.id AS object, l.confidence FROM link_set s
-        JOIN data_set a ON a.id = s.left_id JOIN data_set b ON b.id = s.right_id AND b.name = 'models'
-        JOIN record_link l ON l.link_set_id = s.id JOIN object_model o ON o.key = l.right_key
+        SELECT a.name, l.left_key AS key, o.id AS object, l.confidence FROM semmap.link_set s
+        JOIN semmap.data_set a ON a.id = s.left_id JOIN semmap.data_set b ON b.id = s.right_id AND b.name = 'models'
+        JOIN semmap.record_link l ON l.link_set_id = s.id JOIN semmap.object_model o ON o.key = l.right_key
       UNION ALL
-        SELECT b.name, l.right_key, o.id, l.confidence FROM link_set s
-        JOIN data_set a ON a.id = s.left_id AND a.name = 'models' JOIN data_set b ON b.id = s.right_id
-        JOIN record_link l ON l.link_set_id = s.id JOIN object_model o ON o.key = l.left_key
+        SELECT b.name, l.right_key, o.id, l.confidence FROM semmap.link_set s
+        JOIN semmap.data_set a ON a.id = s.left_id AND a.name = 'models' JOIN semmap.data_set b ON b.id = s.right_id
+        JOIN semmap.record_link l ON l.link_set_id = s.id JOIN semmap.object_model o ON o.key = l.left_key
     ), of_entity AS MATERIALIZED (
-        SELECT e.id, l.object, l.confidence FROM linked l JOIN map m ON l.name = 'map ' || m.name
-        JOIN entity e ON e.map_id = m.id AND e.name = l.key
+        SELECT e.id, l.object, l.confidence FROM linked l JOIN semmap.map m ON l.name = 'map ' || m.name
+        JOIN semmap.entity e ON e.map_id = m.id AND e.name = l.key
     ), found AS (
         SELECT o.id, o.object, o.confidence FROM of_entity o WHERE o.id = ANY (entities)
       UNION ALL
-        SELECT w.entity_id, o.object, o.confidence FROM of_entity o JOIN entity_model x ON x.entity_id = o.id
-        JOIN entity_model w ON w.model_id = x.model_id WHERE w.entity_id = ANY (entities)
+        SELECT w.entity_id, o.object, o.confidence FROM of_entity o JOIN semmap.entity_model x ON x.entity_id = o.id
+        JOIN semmap.entity_model w ON w.model_id = x.model_id WHERE w.entity_id = ANY (entities)
       UNION ALL
-        SELECT h.entity_id, l.object, l.confidence FROM entity_object h JOIN object_model m ON m.id = h.object_id
+        SELECT h.entity_id, l.object, l.confidence FROM semmap.entity_object h JOIN semmap.object_model m ON m.id = h.object_id
         JOIN linked l ON l.name = 'models' AND l.key = m.key WHERE h.entity_id = ANY (entities)
     )
-    SELECT f.id, f.object, max(f.confidence) FROM found f LEFT JOIN entity_object h ON h.entity_id = f.id
+    SELECT f.id, f.object, max(f.confidence) FROM found f LEFT JOIN semmap.entity_object h ON h.entity_id = f.id
     WHERE f.object IS DISTINCT FROM h.object_id GROUP BY 1, 2;
 END $$;
 
 CREATE FUNCTION shape_frame(to_shape text, to_size double precision[], to_pose double precision[],
                             from_shape text, from_size double precision[], from_pose double precision[])
-RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The frame of a model in that of another one whose primitive is the same within 2 cm, up to the symmetry of the shape;
 -- null where that is not known. Primitives of revolution that coincide in equal frames tell of no turn: the frames are equal.
 SELECT CASE
@@ -195,8 +200,8 @@ SELECT CASE
          AND abs(to_pose[3] - from_pose[3]) < 0.01 AND (to_shape = 'sphere' OR t.axis > 0.99 OR (to_shape = 'cylinder' AND t.axis < -0.99))
          THEN '{0,0,0,0,0,0,1}'
     ELSE semmap.pose_compose(to_pose, semmap.pose_inverse(from_pose)) END
-FROM (SELECT 1 - 2 * (q[4] * q[4] + q[5] * q[5]) AS axis FROM semmap.pose_compose(semmap.pose_inverse(from_pose), to_pose) q) t
-$$;
+FROM (SELECT 1 - 2 * (q[4] * q[4] + q[5] * q[5]) AS axis FROM semmap.pose_compose(semmap.pose_inverse(from_pose), to_pose) q) t;
+END;
 
 CREATE FUNCTION actions_on(entities bigint[], gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
 RETURNS TABLE (entity text, action_id bigint, object_id bigint, kind text, approach text, family text, expected double precision,
@@ -204,7 +209,7 @@ RETURNS TABLE (entity text, action_id bigint, object_id bigint, kind text, appro
                post_pose double precision[], motion double precision[], width double precision, posture jsonb, pre_posture jsonb,
                model_pose double precision[], contributor text, shift double precision[],
                link double precision, frame text)
-LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
+LANGUAGE plpgsql STABLE ROWS 10 COST 1000 SET search_path = semmap, public, pg_temp AS $$
 -- The best stored actions on entities of a map; `pose`, `pre_pose` and `post_pose` are in the map's frame, `model_pose` and
 -- `motion` in that of the object model. "Grasp a cup!" is actions_on(entities_named('cup')), "grasp something suitable for
 -- drinking!" actions_on(entities_for('drinking')), "grasp the object at [x, y, z]!" actions_on(ARRAY[entity_at(x, y, z)]).
@@ -244,7 +249,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entities_named(wanted text)
-RETURNS bigint[] LANGUAGE plpgsql STABLE AS $$
+RETURNS bigint[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The entity of a name in the current map; without one, its objects of the type of that name. An error for other names.
 DECLARE
     found_id bigint := (SELECT id FROM semmap.entity WHERE map_id = semmap.current_map() AND name = wanted);
@@ -261,7 +266,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entities_for(use text)
-RETURNS bigint[] LANGUAGE plpgsql STABLE AS $$
+RETURNS bigint[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The objects of the current map that are used for a function: by their type, or by their object model.
 DECLARE
     types text[] := semmap.types_for(use);
@@ -278,7 +283,7 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_at(x double precision, y double precision, z double precision, tolerance double precision DEFAULT 0.05)
-RETURNS bigint LANGUAGE plpgsql STABLE AS $$
+RETURNS bigint LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- The object of the current map at a point: the smallest box that contains it, else the nearest one within the tolerance
 -- (metres). An error where there is none.
 DECLARE
@@ -298,22 +303,23 @@ BEGIN
 END $$;
 
 CREATE FUNCTION objects_like(of_shape text, of_size double precision[], tolerance double precision DEFAULT 0.01)
-RETURNS TABLE (object_id bigint, difference double precision) LANGUAGE sql STABLE ROWS 10 AS $$
+RETURNS TABLE (object_id bigint, difference double precision) LANGUAGE sql STABLE ROWS 10
+BEGIN ATOMIC
 -- The object models of a shape whose sizes differ by at most the tolerance each, metres; the most similar first.
 SELECT o.id, greatest(abs(o.size[1] - of_size[1]), abs(o.size[2] - of_size[2]), abs(o.size[3] - of_size[3])) AS difference
 FROM semmap.object_model o
 WHERE o.shape = of_shape AND cardinality(o.size) = cardinality(of_size)
   AND o.size[1] BETWEEN of_size[1] - tolerance AND of_size[1] + tolerance
   AND coalesce(abs(o.size[2] - of_size[2]) <= tolerance, true) AND coalesce(abs(o.size[3] - of_size[3]) <= tolerance, true)
-ORDER BY difference, o.id
-$$;
+ORDER BY difference, o.id;
+END;
 
 CREATE FUNCTION actions_by_shape(of_shape text, of_size double precision[], tolerance double precision DEFAULT 0.01,
                                  gripper text DEFAULT NULL, of_kind text DEFAULT 'grasp', most integer DEFAULT 10)
 RETURNS TABLE (action_id bigint, object_id bigint, approach text, family text, expected double precision, pose double precision[],
                pre_pose double precision[], post_pose double precision[], width double precision, posture jsonb,
                pre_posture jsonb, difference double precision)
-LANGUAGE plpgsql STABLE ROWS 10 COST 1000 AS $$
+LANGUAGE plpgsql STABLE ROWS 10 COST 1000 SET search_path = semmap, public, pg_temp AS $$
 -- The best stored actions on object models of a similar shape; poses are in the frame of the shape, so that they are
 -- valid for an object that nobody has seen before.
 DECLARE
@@ -330,15 +336,17 @@ BEGIN
 END $$;
 
 CREATE FUNCTION approach_outcomes(object bigint, of_kind text DEFAULT 'grasp')
-RETURNS TABLE (approach text, attempts double precision, successes double precision) LANGUAGE sql STABLE ROWS 10 AS $$
+RETURNS TABLE (approach text, attempts double precision, successes double precision) LANGUAGE sql STABLE ROWS 10
+BEGIN ATOMIC
 -- How often each approach to an object model succeeded with any gripper: what one gripper learns is a prior for others.
 SELECT a.approach, sum(a.attempts), sum(a.successes) FROM semmap.action a
-WHERE a.object_id = object AND a.kind = of_kind AND a.attempts > 0 AND a.approach IS NOT NULL GROUP BY 1
-$$;
+WHERE a.object_id = object AND a.kind = of_kind AND a.attempts > 0 AND a.approach IS NOT NULL GROUP BY 1;
+END;
 
 CREATE FUNCTION similar_outcomes(object bigint, gripper text, of_kind text DEFAULT 'grasp')
 RETURNS TABLE (family text, own boolean, attempts double precision, successes double precision, shift double precision[],
-               pose double precision[], extent double precision) LANGUAGE sql STABLE ROWS 100 AS $$
+               pose double precision[], extent double precision) LANGUAGE sql STABLE ROWS 100
+BEGIN ATOMIC
 -- How often actions succeeded on an object model (`own`) and on those of a similar shape: what was learned from one cylinder is
 -- a prior for the next. Outcomes count by the likeness of sizes (their logarithms) and of the axis' uprightness, and half
 -- where another gripper made them. One row for each family; and one for each action that trial and error moved, with its
@@ -368,20 +376,21 @@ WHERE t.shift IS NULL GROUP BY 1, 2
 UNION ALL
 SELECT t.family, t.own, t.weight * t.attempts, t.weight * t.successes, t.shift,
        semmap.pose_compose(semmap.pose_inverse(t.shape_pose), t.pose), t.extent FROM tried t
-WHERE t.shift IS NOT NULL
-$$;
+WHERE t.shift IS NOT NULL;
+END;
 
 -- Capabilities ------------------------------------------------------------------------------------
 
 CREATE FUNCTION required_capabilities(of_kind text)
-RETURNS text[] LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS text[] LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- What an action requires of an automaton, as the ontology states it (requires).
 SELECT CASE of_kind WHEN 'push' THEN ARRAY['pushing', 'reaching'] WHEN 'turn' THEN ARRAY['pushing', 'reaching']
-                    ELSE ARRAY['gripping', 'reaching'] END
-$$;
+                    ELSE ARRAY['gripping', 'reaching'] END;
+END;
 
 CREATE FUNCTION missing_capabilities(automaton_name text, of_kind text)
-RETURNS text[] LANGUAGE plpgsql STABLE AS $$
+RETURNS text[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- What the components of an automaton lack for an action; empty if it is able to do it.
 DECLARE
     found text[];
@@ -399,7 +408,7 @@ END $$;
 -- Paths -------------------------------------------------------------------------------------------
 
 CREATE FUNCTION path_line()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 BEGIN
     NEW.line := (SELECT ST_MakeLine(ST_MakePoint(NEW.poses[i][1], NEW.poses[i][2], NEW.poses[i][3]) ORDER BY i)
                  FROM generate_subscripts(NEW.poses, 1) i);
@@ -409,20 +418,23 @@ END $$;
 CREATE TRIGGER path_line BEFORE INSERT OR UPDATE OF poses ON path FOR EACH ROW EXECUTE FUNCTION path_line();
 
 CREATE FUNCTION pose_turn(a double precision[], b double precision[])
-RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- The angle between the orientations of two poses, radians.
-SELECT 2 * acos(least(1, abs(a[4] * b[4] + a[5] * b[5] + a[6] * b[6] + a[7] * b[7])))
-$$;
+SELECT 2 * acos(least(1, abs(a[4] * b[4] + a[5] * b[5] + a[6] * b[6] + a[7] * b[7])));
+END;
 
 CREATE FUNCTION pose_number(poses double precision[], number integer)
-RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS double precision[] LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- One pose of an array (n, 7).
-SELECT ARRAY(SELECT poses[number][i] FROM generate_series(1, 7) i)
-$$;
+SELECT ARRAY(SELECT poses[number][i] FROM generate_series(1, 7) i);
+END;
 
 CREATE FUNCTION path_between(automaton_name text, start double precision[], goal double precision[],
                              of_link text DEFAULT '', tolerance double precision DEFAULT 0.01, turn double precision DEFAULT 0.05)
-RETURNS bigint LANGUAGE sql STABLE AS $$
+RETURNS bigint LANGUAGE sql STABLE
+BEGIN ATOMIC
 -- The newest stored path between two poses, within metres and radians. A path is not valid any more once an object has moved,
 -- or was added, within its clearance, seen from above.
 SELECT p.id FROM semmap.path p JOIN semmap.automaton a ON a.id = p.automaton_id AND a.name = automaton_name,
@@ -435,32 +447,32 @@ WHERE p.map_id = (SELECT semmap.current_map()) AND p.link = of_link
   AND NOT EXISTS (SELECT FROM semmap.world w JOIN semmap.placement m ON m.entity_id = w.entity_id AND m.since > p.at
                   WHERE w.map_id = p.map_id AND w.box && ST_Expand(p.line, p.clearance)
                     AND ST_DWithin(ST_Force2D(p.line), coalesce(w.footprint, ST_Force2D(w.box)), p.clearance))
-ORDER BY p.at DESC, p.id DESC LIMIT 1
-$$;
+ORDER BY p.at DESC, p.id DESC LIMIT 1;
+END;
 
 -- Outcomes ----------------------------------------------------------------------------------------
 
 CREATE FUNCTION weigh_experience(actions bigint[])
 RETURNS void LANGUAGE sql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- Sums the attempts of all contributors into the actions, by their trust.
-UPDATE action a SET attempts = s.attempts, successes = s.successes
+UPDATE semmap.action a SET attempts = s.attempts, successes = s.successes
 FROM (SELECT i.id, coalesce(sum(c.trust * e.attempts), 0) AS attempts, coalesce(sum(c.trust * e.successes), 0) AS successes
-      FROM (SELECT DISTINCT unnest(actions)) i (id) LEFT JOIN experience e ON e.action_id = i.id
-      LEFT JOIN contributor c ON c.id = e.contributor_id GROUP BY i.id) s
+      FROM (SELECT DISTINCT unnest(actions)) i (id) LEFT JOIN semmap.experience e ON e.action_id = i.id
+      LEFT JOIN semmap.contributor c ON c.id = e.contributor_id GROUP BY i.id) s
 WHERE a.id = s.id AND (a.attempts, a.successes) IS DISTINCT FROM (s.attempts, s.successes)
 $$;
 
 CREATE FUNCTION experience_added()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    PERFORM weigh_experience(ARRAY(SELECT action_id FROM fresh));
+    PERFORM semmap.weigh_experience(ARRAY(SELECT action_id FROM fresh));
     RETURN NULL;
 END $$;
 
 CREATE FUNCTION experience_removed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    PERFORM weigh_experience(ARRAY(SELECT action_id FROM gone));
+    PERFORM semmap.weigh_experience(ARRAY(SELECT action_id FROM gone));
     RETURN NULL;
 END $$;
 
@@ -474,7 +486,7 @@ CREATE TRIGGER experience_deleted AFTER DELETE ON experience REFERENCING OLD TAB
 CREATE FUNCTION trust_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    PERFORM weigh_experience(ARRAY(SELECT e.action_id FROM experience e WHERE e.contributor_id = NEW.id));
+    PERFORM semmap.weigh_experience(ARRAY(SELECT e.action_id FROM semmap.experience e WHERE e.contributor_id = NEW.id));
     RETURN NULL;
 END $$;
 
@@ -482,7 +494,7 @@ CREATE TRIGGER trust_changed AFTER UPDATE OF trust ON contributor
     FOR EACH ROW WHEN (OLD.trust <> NEW.trust) EXECUTE FUNCTION trust_changed();
 
 CREATE FUNCTION task_stamp()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- An ended task has the time of its end, and stays as it ended.
 BEGIN
     IF TG_OP = 'UPDATE' AND OLD.ended_at IS NOT NULL
@@ -501,11 +513,11 @@ RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, publ
 -- Counts an attempt of the task's action; a composed action that succeeded counts for its steps, too, unless these were
 -- tasks of their own since it began.
 BEGIN
-    INSERT INTO experience (action_id, contributor_id, attempts, successes)
+    INSERT INTO semmap.experience (action_id, contributor_id, attempts, successes)
     SELECT i.id, NEW.contributor_id, 1, (NEW.outcome = 'completed')::integer
     FROM (SELECT NEW.action_id UNION
-          SELECT s.step_id FROM action_step s WHERE s.whole_id = NEW.action_id AND NEW.outcome = 'completed'
-            AND NOT EXISTS (SELECT FROM task t WHERE t.action_id = s.step_id AND t.created_at >= NEW.created_at
+          SELECT s.step_id FROM semmap.action_step s WHERE s.whole_id = NEW.action_id AND NEW.outcome = 'completed'
+            AND NOT EXISTS (SELECT FROM semmap.task t WHERE t.action_id = s.step_id AND t.created_at >= NEW.created_at
                             AND t.entity_id IS NOT DISTINCT FROM NEW.entity_id AND t.robot_id IS NOT DISTINCT FROM NEW.robot_id
                             AND t.ended_at IS NOT NULL)) i (id)
     ON CONFLICT (action_id, contributor_id) DO UPDATE

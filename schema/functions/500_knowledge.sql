@@ -3,7 +3,7 @@
 -- datatype. Null is an error of SPARQL, or an unbound variable.
 
 CREATE FUNCTION iri_encode(name text)
-RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS text LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- A name as a part of an IRI: all but letters, digits, _, -, . and ~ is percent-encoded as UTF-8.
 DECLARE
     letter text;
@@ -27,14 +27,15 @@ BEGIN
 END $$;
 
 CREATE FUNCTION entity_iri(thing bigint)
-RETURNS text LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- The IRI of an entity.
 SELECT 'urn:semmap:map:' || semmap.iri_encode(m.name) || '#' || semmap.iri_encode(e.name)
-FROM semmap.entity e JOIN semmap.map m ON m.id = e.map_id WHERE e.id = thing
-$$;
+FROM semmap.entity e JOIN semmap.map m ON m.id = e.map_id WHERE e.id = thing;
+END;
 
 CREATE FUNCTION entity_of_iri(iri text)
-RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT AS $$
+RETURNS bigint LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- The entity of the current map with an IRI; null if there is none.
 DECLARE
     namespace text := (SELECT 'urn:semmap:map:' || semmap.iri_encode(m.name) || '#' FROM semmap.map m WHERE m.id = semmap.current_map());
@@ -51,47 +52,54 @@ EXCEPTION WHEN character_not_in_repertoire OR untranslatable_character OR invali
 END $$;
 
 CREATE FUNCTION type_iri(of_type text)
-RETURNS text LANGUAGE sql STABLE PARALLEL SAFE AS $$
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The class of a semantic type: that of its ontology, or one named after the type.
-SELECT coalesce((SELECT iri FROM semmap.semantic_type WHERE name = of_type), 'urn:semmap:type#' || semmap.iri_encode(of_type))
-$$;
+SELECT coalesce((SELECT iri FROM semmap.semantic_type WHERE name = of_type), 'urn:semmap:type#' || semmap.iri_encode(of_type));
+END;
 
 CREATE FUNCTION rdf_double(number double precision)
-RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 SELECT CASE number WHEN 'Infinity' THEN 'INF' WHEN '-Infinity' THEN '-INF' WHEN 'NaN' THEN 'NaN'
-       ELSE CASE WHEN number::text ~ '^-?\d+$' THEN number::text || '.0' ELSE number::text END END
-$$;
+       ELSE CASE WHEN number::text ~ '^-?\d+$' THEN number::text || '.0' ELSE number::text END END;
+END;
 
 CREATE FUNCTION rdf_decimal(number numeric)
-RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 SELECT CASE WHEN scale(number) = 0 THEN number::text || '.0'
-            WHEN scale(trim_scale(number)) = 0 THEN trim_scale(number)::text || '.0' ELSE trim_scale(number)::text END
-$$;
+            WHEN scale(trim_scale(number)) = 0 THEN trim_scale(number)::text || '.0' ELSE trim_scale(number)::text END;
+END;
 
 CREATE FUNCTION rdf_time(moment timestamptz)
-RETURNS text LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
-SELECT replace(to_char(moment AT TIME ZONE 'UTC', 'YYYY-MM-DD"T"HH24:MI:SS.US'), '.000000', '') || '+00:00'
-$$;
+RETURNS text LANGUAGE sql STABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
+SELECT replace(to_char(moment AT TIME ZONE 'UTC', 'YYYY-MM-DD"T"HH24:MI:SS.US'), '.000000', '') || '+00:00';
+END;
 
 CREATE FUNCTION json_text(value jsonb)
-RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- The lexical form of a property's value.
 SELECT CASE jsonb_typeof(value) WHEN 'string' THEN value #>> '{}'
             WHEN 'number' THEN CASE WHEN value::text ~ '^-?\d+$' THEN value::text ELSE semmap.rdf_decimal(value::text::numeric) END
-            ELSE value::text END
-$$;
+            ELSE value::text END;
+END;
 
 CREATE FUNCTION json_tag(value jsonb)
-RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS text LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 SELECT CASE jsonb_typeof(value) WHEN 'string' THEN 'http://www.w3.org/2001/XMLSchema#string'
             WHEN 'number' THEN CASE WHEN value::text ~ '^-?\d+$' THEN 'http://www.w3.org/2001/XMLSchema#integer'
                                     ELSE 'http://www.w3.org/2001/XMLSchema#decimal' END
             WHEN 'boolean' THEN 'http://www.w3.org/2001/XMLSchema#boolean'
-            ELSE 'http://www.w3.org/1999/02/22-rdf-syntax-ns#JSON' END
-$$;
+            ELSE 'http://www.w3.org/1999/02/22-rdf-syntax-ns#JSON' END;
+END;
 
 CREATE FUNCTION is_numeric_tag(tag text)
-RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 SELECT tag = ANY (ARRAY['http://www.w3.org/2001/XMLSchema#integer', 'http://www.w3.org/2001/XMLSchema#decimal',
     'http://www.w3.org/2001/XMLSchema#double', 'http://www.w3.org/2001/XMLSchema#float',
     'http://www.w3.org/2001/XMLSchema#int', 'http://www.w3.org/2001/XMLSchema#long', 'http://www.w3.org/2001/XMLSchema#short',
@@ -99,11 +107,11 @@ SELECT tag = ANY (ARRAY['http://www.w3.org/2001/XMLSchema#integer', 'http://www.
     'http://www.w3.org/2001/XMLSchema#positiveInteger', 'http://www.w3.org/2001/XMLSchema#nonPositiveInteger',
     'http://www.w3.org/2001/XMLSchema#negativeInteger', 'http://www.w3.org/2001/XMLSchema#unsignedInt',
     'http://www.w3.org/2001/XMLSchema#unsignedLong', 'http://www.w3.org/2001/XMLSchema#unsignedShort',
-    'http://www.w3.org/2001/XMLSchema#unsignedByte'])
-$$;
+    'http://www.w3.org/2001/XMLSchema#unsignedByte']);
+END;
 
 CREATE FUNCTION text_number(written text)
-RETURNS double precision LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS double precision LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- A number as XML Schema writes it; null for any other text.
 BEGIN
     IF written ~ '^\s*[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,3})?\s*$' THEN
@@ -115,22 +123,25 @@ EXCEPTION WHEN numeric_value_out_of_range THEN
 END $$;
 
 CREATE FUNCTION text_decimal(written text)
-RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
-SELECT CASE WHEN written ~ '^\s*[+-]?(\d{1,255}(\.\d{0,255})?|\.\d{1,255})\s*$' THEN written::numeric END
-$$;
+RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
+SELECT CASE WHEN written ~ '^\s*[+-]?(\d{1,255}(\.\d{0,255})?|\.\d{1,255})\s*$' THEN written::numeric END;
+END;
 
 CREATE FUNCTION text_integer(written text)
-RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
-SELECT CASE WHEN written ~ '^\s*[+-]?\d{1,255}\s*$' THEN written::numeric END
-$$;
+RETURNS numeric LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
+SELECT CASE WHEN written ~ '^\s*[+-]?\d{1,255}\s*$' THEN written::numeric END;
+END;
 
 CREATE FUNCTION text_boolean(written text)
-RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT AS $$
-SELECT CASE WHEN btrim(written) IN ('true', '1') THEN true WHEN btrim(written) IN ('false', '0') THEN false END
-$$;
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
+SELECT CASE WHEN btrim(written) IN ('true', '1') THEN true WHEN btrim(written) IN ('false', '0') THEN false END;
+END;
 
 CREATE FUNCTION text_time(written text)
-RETURNS timestamptz LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT AS $$
+RETURNS timestamptz LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- A time as XML Schema writes it; UTC where it has no time zone; null for any other text.
 BEGIN
     IF written ~ '^\s*-?\d{4,}-\d\d-\d\d(T\d\d:\d\d:\d\d(\.\d+)?)?(Z|[+-]\d\d:\d\d)?\s*$' THEN
@@ -142,7 +153,7 @@ EXCEPTION WHEN datetime_field_overflow OR invalid_datetime_format THEN
 END $$;
 
 CREATE FUNCTION text_geometry(written text, tag text)
-RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS geometry LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- A geometry literal of GeoSPARQL (WKT, GML or GeoJSON) in the map's frame; null for any other text. An IRI of a
 -- reference system before WKT is not looked at: a map has one frame. An empty text is an empty geometry.
 BEGIN
@@ -160,20 +171,22 @@ EXCEPTION WHEN OTHERS THEN
 END $$;
 
 CREATE FUNCTION rdf_number(value text, tag text)
-RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
-SELECT CASE WHEN semmap.is_numeric_tag(tag) THEN semmap.text_number(value) END
-$$;
+RETURNS double precision LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
+SELECT CASE WHEN semmap.is_numeric_tag(tag) THEN semmap.text_number(value) END;
+END;
 
 CREATE FUNCTION rdf_boolean(value text, tag text)
-RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE AS $$
+RETURNS boolean LANGUAGE sql IMMUTABLE PARALLEL SAFE
+BEGIN ATOMIC
 -- The effective boolean value (SPARQL 1.1, section 17.2.2).
 SELECT CASE WHEN tag = 'http://www.w3.org/2001/XMLSchema#boolean' THEN coalesce(semmap.text_boolean(value), false)
             WHEN tag = 'http://www.w3.org/2001/XMLSchema#string' OR starts_with(tag, '@') THEN value <> ''
-            WHEN semmap.is_numeric_tag(tag) THEN coalesce(semmap.text_number(value) NOT IN (0, 'NaN'), false) END
-$$;
+            WHEN semmap.is_numeric_tag(tag) THEN coalesce(semmap.text_number(value) NOT IN (0, 'NaN'), false) END;
+END;
 
 CREATE FUNCTION rdf_order(a text, a_tag text, b text, b_tag text)
-RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT AS $$
+RETURNS integer LANGUAGE plpgsql STABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- -1, 0 or 1 as the literal a is before, equal to or after the literal b by value; null where they have no order.
 DECLARE
     x double precision;
@@ -197,28 +210,30 @@ BEGIN
 END $$;
 
 CREATE FUNCTION rdf_is_valid(value text, tag text)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- Whether a literal has a value that is known here.
 SELECT CASE WHEN semmap.is_numeric_tag(tag) THEN semmap.text_number(value) IS NOT NULL
             WHEN tag = 'http://www.w3.org/2001/XMLSchema#boolean' THEN semmap.text_boolean(value) IS NOT NULL
             WHEN tag IN ('http://www.w3.org/2001/XMLSchema#dateTime', 'http://www.w3.org/2001/XMLSchema#date')
             THEN semmap.text_time(value) IS NOT NULL
-            ELSE tag = 'http://www.w3.org/2001/XMLSchema#string' END
-$$;
+            ELSE tag = 'http://www.w3.org/2001/XMLSchema#string' END;
+END;
 
 CREATE FUNCTION rdf_equal(a text, a_tag text, b text, b_tag text)
-RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE STRICT AS $$
+RETURNS boolean LANGUAGE sql STABLE PARALLEL SAFE STRICT
+BEGIN ATOMIC
 -- Whether two terms are equal by value (SPARQL 1.1, section 17.4.1.7); null for literals of which that is unknown.
 SELECT CASE WHEN a_tag = b_tag AND a = b THEN NOT (semmap.is_numeric_tag(a_tag) AND a = 'NaN')
             WHEN a_tag IN ('I', 'B') OR b_tag IN ('I', 'B') THEN false
             WHEN semmap.rdf_order(a, a_tag, b, b_tag) IS NOT NULL THEN semmap.rdf_order(a, a_tag, b, b_tag) = 0
             WHEN starts_with(a_tag, '@') OR starts_with(b_tag, '@') THEN false
             WHEN (semmap.is_numeric_tag(a_tag) <> semmap.is_numeric_tag(b_tag) OR a_tag <> b_tag)
-                 AND semmap.rdf_is_valid(a, a_tag) AND semmap.rdf_is_valid(b, b_tag) THEN false END
-$$;
+                 AND semmap.rdf_is_valid(a, a_tag) AND semmap.rdf_is_valid(b, b_tag) THEN false END;
+END;
 
 CREATE FUNCTION rdf_calculate(operator text, a text, a_tag text, b text, b_tag text)
-RETURNS text[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT AS $$
+RETURNS text[] LANGUAGE plpgsql IMMUTABLE PARALLEL SAFE STRICT SET search_path = semmap, public, pg_temp AS $$
 -- The text and the tag of a + b, a - b, a * b or a / b; null for what is not a number, and for a division by zero.
 DECLARE
     xsd CONSTANT text := 'http://www.w3.org/2001/XMLSchema#';
@@ -253,11 +268,11 @@ END $$;
 CREATE FUNCTION statement_adopted()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
-    IF EXISTS (SELECT FROM statement s WHERE s.subject IS NOT NULL OR s.tag = 'I') THEN
-        UPDATE statement s SET subject_id = f.id, subject = NULL
-            FROM fresh f WHERE s.map_id = f.map_id AND s.subject = entity_iri(f.id);
-        UPDATE statement s SET object_id = f.id, object = NULL, tag = NULL
-            FROM fresh f WHERE s.map_id = f.map_id AND s.tag = 'I' AND s.object = entity_iri(f.id);
+    IF EXISTS (SELECT FROM semmap.statement s WHERE s.subject IS NOT NULL OR s.tag = 'I') THEN
+        UPDATE semmap.statement s SET subject_id = f.id, subject = NULL
+            FROM fresh f WHERE s.map_id = f.map_id AND s.subject = semmap.entity_iri(f.id);
+        UPDATE semmap.statement s SET object_id = f.id, object = NULL, tag = NULL
+            FROM fresh f WHERE s.map_id = f.map_id AND s.tag = 'I' AND s.object = semmap.entity_iri(f.id);
     END IF;
     RETURN NULL;
 END $$;
@@ -281,12 +296,12 @@ BEGIN
     ELSE
         stated := ARRAY(SELECT t FROM touched t);
     END IF;
-    INSERT INTO change (map_id, what, entities, facts)
+    INSERT INTO semmap.change (map_id, what, entities, facts)
         SELECT s.map_id, 'statement', coalesce(array_agg(DISTINCT s.subject_id) FILTER (WHERE s.subject_id IS NOT NULL), '{}'),
                CASE WHEN count(*) <= 200 THEN jsonb_agg(jsonb_build_array(s.graph,
                    CASE WHEN s.subject IS NULL THEN to_jsonb(s.subject_id) ELSE to_jsonb(s.subject) END, s.predicate,
                    CASE WHEN s.object IS NULL THEN to_jsonb(s.object_id) ELSE to_jsonb(s.object) END, s.tag)) END
-        FROM unnest(stated) s JOIN map m ON m.id = s.map_id GROUP BY s.map_id;
+        FROM unnest(stated) s JOIN semmap.map m ON m.id = s.map_id GROUP BY s.map_id;
     RETURN NULL;
 END $$;
 
@@ -306,15 +321,15 @@ BEGIN
         RETURN NULL;
     END IF;
     IF (SELECT count(*) FROM (SELECT FROM touched WHERE NOT told LIMIT 201) first) > 200 THEN
-        INSERT INTO change (map_id, what, entities)
-            SELECT m.id, 'inferred', '{}' FROM map m WHERE m.id IN (SELECT map_id FROM touched WHERE NOT told);
+        INSERT INTO semmap.change (map_id, what, entities)
+            SELECT m.id, 'inferred', '{}' FROM semmap.map m WHERE m.id IN (SELECT map_id FROM touched WHERE NOT told);
         RETURN NULL;
     END IF;
-    INSERT INTO change (map_id, what, entities, facts)
+    INSERT INTO semmap.change (map_id, what, entities, facts)
         SELECT t.map_id, 'inferred', '{}', jsonb_agg(jsonb_build_array('urn:semmap:inferred',
             coalesce(to_jsonb(t.subject), to_jsonb(t.subject_id)), t.predicate,
             coalesce(to_jsonb(t.object), to_jsonb(t.object_id)), t.tag))
-        FROM touched t JOIN map m ON m.id = t.map_id WHERE NOT t.told GROUP BY t.map_id;
+        FROM touched t JOIN semmap.map m ON m.id = t.map_id WHERE NOT t.told GROUP BY t.map_id;
     RETURN NULL;
 END $$;
 

@@ -14,7 +14,7 @@ CREATE VIEW fa_to_ob AS
     SELECT id AS face_id, entity_id AS ob_id FROM entity_chunk;
 
 CREATE FUNCTION placed_chunk(of_entity bigint, of_chunk bigint)
-RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE AS $$
+RETURNS geometry LANGUAGE plpgsql STABLE STRICT PARALLEL SAFE SET search_path = semmap, public, pg_temp AS $$
 -- A patch of an entity's model, in world coordinates.
 DECLARE
     pose double precision[];
@@ -30,7 +30,7 @@ CREATE VIEW face AS
     SELECT id, placed_chunk(entity_id, chunk_id) AS triangle FROM entity_chunk;
 
 CREATE FUNCTION view_derived()
-RETURNS trigger LANGUAGE plpgsql AS $$
+RETURNS trigger LANGUAGE plpgsql SET search_path = semmap, public, pg_temp AS $$
 -- PostgreSQL would write through such a view with the rights of its owner.
 BEGIN
     RAISE EXCEPTION 'the view % is derived and cannot be written', TG_TABLE_NAME

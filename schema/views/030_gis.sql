@@ -58,16 +58,16 @@ DECLARE
     old_geom geometry;
 BEGIN
     IF TG_OP = 'DELETE' THEN
-        DELETE FROM entity WHERE id = OLD.fid;
+        DELETE FROM semmap.entity WHERE id = OLD.fid;
         RETURN OLD;
     END IF;
 
     IF NEW.name IS NULL OR NEW.name = '' THEN
         RAISE EXCEPTION 'a % needs a name', layer USING ERRCODE = 'check_violation', HINT = 'Fill in the attribute name.';
     END IF;
-    IF NEW.type IS NOT NULL AND NOT EXISTS (SELECT FROM semantic_type WHERE name = NEW.type) THEN
+    IF NEW.type IS NOT NULL AND NOT EXISTS (SELECT FROM semmap.semantic_type WHERE name = NEW.type) THEN
         RAISE EXCEPTION 'the T-Box has no type %', NEW.type
-            USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM semantic_type lists them.';
+            USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM semmap.semantic_type lists them.';
     END IF;
     BEGIN
         given := coalesce(NULLIF(NEW.properties, ''), '{}')::jsonb;
@@ -85,9 +85,9 @@ BEGIN
             RAISE EXCEPTION 'the line of % follows from its poses', NEW.name
                 USING ERRCODE = 'feature_not_supported', HINT = 'Change its attributes here, its place by an import.';
         END IF;
-        UPDATE entity SET name = NEW.name, type = NEW.type, properties = given
+        UPDATE semmap.entity SET name = NEW.name, type = NEW.type, properties = given
             WHERE id = OLD.fid AND (name, type, properties) IS DISTINCT FROM (NEW.name, NEW.type, given);
-        UPDATE connector SET state = NEW.state, direction = NEW.direction, behaviour = NEW.behaviour, width = NEW.width,
+        UPDATE semmap.connector SET state = NEW.state, direction = NEW.direction, behaviour = NEW.behaviour, width = NEW.width,
                height = NEW.height, step = coalesce(NEW.step, 0),
                permissions = coalesce(regexp_split_to_array(NULLIF(trim(NEW.permissions), ''), '\s*,\s*'), '{}')
             WHERE entity_id = OLD.fid AND (NEW.state, NEW.direction, NEW.behaviour, NEW.width, NEW.height, NEW.step, NEW.permissions)
@@ -105,18 +105,18 @@ BEGIN
     END IF;
 
     IF TG_OP = 'INSERT' THEN
-        outline := check_outline(NEW.geom, NEW.name);
+        outline := semmap.check_outline(NEW.geom, NEW.name);
         IF NEW.map IS NULL THEN
-            of_map := current_map();
+            of_map := semmap.current_map();
         ELSE
-            SELECT id INTO of_map FROM map WHERE name = NEW.map;
+            SELECT id INTO of_map FROM semmap.map WHERE name = NEW.map;
         END IF;
         IF of_map IS NULL THEN
             RAISE EXCEPTION 'there is no map %', coalesce(NEW.map, '')
-                USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM map lists them.';
+                USING ERRCODE = 'foreign_key_violation', HINT = 'SELECT name FROM semmap.map lists them.';
         END IF;
         IF NEW.storey IS NOT NULL THEN
-            SELECT id INTO below FROM entity WHERE map_id = of_map AND kind = 'storey' AND name = NEW.storey;
+            SELECT id INTO below FROM semmap.entity WHERE map_id = of_map AND kind = 'storey' AND name = NEW.storey;
             IF below IS NULL THEN
                 RAISE EXCEPTION 'the map has no storey %', NEW.storey
                     USING ERRCODE = 'foreign_key_violation', HINT = 'Leave it empty, or name one of the map''s storeys.';
@@ -128,62 +128,62 @@ BEGIN
                 high := NEW.high;
             END IF;
         END IF;
-        pose := planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), 0,
+        pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)), 0,
                             CASE layer WHEN 'room' THEN 0 ELSE low END);
-        INSERT INTO entity (map_id, kind, name, label, type, properties)
+        INSERT INTO semmap.entity (map_id, kind, name, label, type, properties)
             VALUES (of_map, layer, NEW.name, NEW.label, NEW.type, given) RETURNING id INTO thing;
         IF layer = 'room' THEN
-            INSERT INTO room (entity_id, floor, ceiling) VALUES (thing, low, NEW.ceiling);
+            INSERT INTO semmap.room (entity_id, floor, ceiling) VALUES (thing, low, NEW.ceiling);
         ELSIF layer = 'region' THEN
-            INSERT INTO region (entity_id) VALUES (thing);
+            INSERT INTO semmap.region (entity_id) VALUES (thing);
         END IF;
         IF layer <> 'room' THEN
             high := high - low;
             low := 0;
         END IF;
-        INSERT INTO entity_model (entity_id, model_id)
-            VALUES (thing, drawn_model(ST_Translate(outline, -pose[1], -pose[2]), low, high));
+        INSERT INTO semmap.entity_model (entity_id, model_id)
+            VALUES (thing, semmap.drawn_model(ST_Translate(outline, -pose[1], -pose[2]), low, high));
         IF below IS NOT NULL THEN
-            pose := pose_compose(pose_inverse((SELECT w.pose FROM world w WHERE w.entity_id = below)),
-                                 ARRAY[pose[1], pose[2], pose[3] + (SELECT w.pose[3] FROM world w WHERE w.entity_id = below), 0, 0, 0, 1]);
+            pose := semmap.pose_compose(semmap.pose_inverse((SELECT w.pose FROM semmap.world w WHERE w.entity_id = below)),
+                                 ARRAY[pose[1], pose[2], pose[3] + (SELECT w.pose[3] FROM semmap.world w WHERE w.entity_id = below), 0, 0, 0, 1]);
         END IF;
-        INSERT INTO placement (entity_id, holder_id, pose) VALUES (thing, below, pose);
+        INSERT INTO semmap.placement (entity_id, holder_id, pose) VALUES (thing, below, pose);
         NEW.fid := thing;
         RETURN NEW;
     END IF;
 
     thing := OLD.fid;
-    UPDATE entity SET name = NEW.name, type = NEW.type, label = NEW.label, properties = given
+    UPDATE semmap.entity SET name = NEW.name, type = NEW.type, label = NEW.label, properties = given
         WHERE id = thing AND (name, type, label, properties) IS DISTINCT FROM (NEW.name, NEW.type, NEW.label, given);
     reshaped := ST_AsBinary(NEW.geom) IS DISTINCT FROM ST_AsBinary(OLD.geom);
     IF layer = 'room' THEN
         IF (NEW.floor, NEW.ceiling) IS DISTINCT FROM (OLD.floor, OLD.ceiling) THEN
-            UPDATE room SET floor = low, ceiling = NEW.ceiling WHERE entity_id = thing;
+            UPDATE semmap.room SET floor = low, ceiling = NEW.ceiling WHERE entity_id = thing;
             reshaped := true;
         END IF;
     END IF;
     IF reshaped THEN
-        SELECT w.pose, w.footprint INTO pose, old_geom FROM world w WHERE w.entity_id = thing;
-        outline := check_outline(NEW.geom, NEW.name);
+        SELECT w.pose, w.footprint INTO pose, old_geom FROM semmap.world w WHERE w.entity_id = thing;
+        outline := semmap.check_outline(NEW.geom, NEW.name);
         SELECT bool_and(m.kind = 'polygon') INTO drawn
-            FROM entity_model em JOIN model m ON m.id = em.model_id WHERE em.entity_id = thing;
+            FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing;
         IF drawn OR drawn IS NULL THEN
             IF layer <> 'room' THEN
                 SELECT min(ST_ZMin(m.hull)), max(ST_ZMax(m.hull)) INTO low, high
-                    FROM entity_model em JOIN model m ON m.id = em.model_id WHERE em.entity_id = thing;
+                    FROM semmap.entity_model em JOIN semmap.model m ON m.id = em.model_id WHERE em.entity_id = thing;
                 low := coalesce(low, 0);
                 high := greatest(coalesce(high, 0.01), low + 0.001);
             END IF;
             IF pose IS NULL THEN
-                pose := planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)));
-                INSERT INTO placement (entity_id, pose) VALUES (thing, pose);
+                pose := semmap.planar_pose(ST_X(ST_PointOnSurface(outline)), ST_Y(ST_PointOnSurface(outline)));
+                INSERT INTO semmap.placement (entity_id, pose) VALUES (thing, pose);
             END IF;
-            shape := drawn_model(ST_Force2D(pose_apply(ST_Force3D(outline), pose_inverse(ARRAY[pose[1], pose[2], 0] || pose[4:7]))), low, high);
-            DELETE FROM entity_model WHERE entity_id = thing AND model_id <> shape;
-            INSERT INTO entity_model (entity_id, model_id) VALUES (thing, shape) ON CONFLICT DO NOTHING;
+            shape := semmap.drawn_model(ST_Force2D(semmap.pose_apply(ST_Force3D(outline), semmap.pose_inverse(ARRAY[pose[1], pose[2], 0] || pose[4:7]))), low, high);
+            DELETE FROM semmap.entity_model WHERE entity_id = thing AND model_id <> shape;
+            INSERT INTO semmap.entity_model (entity_id, model_id) VALUES (thing, shape) ON CONFLICT DO NOTHING;
         ELSIF ST_HausdorffDistance(ST_Translate(old_geom, ST_X(ST_Centroid(outline)) - ST_X(ST_Centroid(old_geom)),
                                                 ST_Y(ST_Centroid(outline)) - ST_Y(ST_Centroid(old_geom))), outline) < 1e-3 THEN
-            PERFORM move_to(thing, pose[1] + ST_X(ST_Centroid(outline)) - ST_X(ST_Centroid(old_geom)),
+            PERFORM semmap.move_to(thing, pose[1] + ST_X(ST_Centroid(outline)) - ST_X(ST_Centroid(old_geom)),
                             pose[2] + ST_Y(ST_Centroid(outline)) - ST_Y(ST_Centroid(old_geom)), pose[3]);
         ELSE
             RAISE EXCEPTION 'the footprint of % follows from its mesh', NEW.name

@@ -4,7 +4,7 @@ CREATE FUNCTION on_earth(geom geometry, of_map integer)
 RETURNS geometry LANGUAGE sql STABLE SET search_path = semmap, public, pg_temp AS $$
 -- A geometry of the map's frame in WGS 84; null where the map has no georeference.
 SELECT ST_Transform(ST_SetSRID(ST_Translate(ST_Rotate(ST_Force2D(geom), m.rotation), m.easting, m.northing), m.crs), 4326)
-FROM map m WHERE m.id = of_map AND m.crs IS NOT NULL
+FROM semmap.map m WHERE m.id = of_map AND m.crs IS NOT NULL
 $$;
 
 CREATE VIEW gis_earth AS

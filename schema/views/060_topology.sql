@@ -13,7 +13,7 @@ CREATE VIEW approach_pose AS
 CREATE VIEW gis_approach_pose AS
     SELECT id AS fid, map, connector, side, place, pose_yaw(pose) AS heading,
            ST_MakePoint(pose[1], pose[2])::geometry(Point, 0) AS geom
-    FROM approach_pose;
+    FROM semmap.approach_pose;
 
 -- Mean seconds of executions that succeeded; rides without the part that depends on their height.
 CREATE VIEW mean_duration AS
@@ -24,7 +24,8 @@ CREATE VIEW mean_duration AS
     WHERE x.succeeded GROUP BY x.robot_class_id, x.behaviour, x.entity_id;
 
 CREATE FUNCTION is_blocked_for(r robot_class, c connector, there integer)
-RETURNS boolean LANGUAGE sql IMMUTABLE AS $$
+RETURNS boolean LANGUAGE sql IMMUTABLE
+BEGIN ATOMIC
 -- Whether a class of robots cannot pass a connector towards place_b (there is 1) or place_a (0).
 SELECT c.state = 'locked' AND NOT r.unlocks
     OR c.state = 'closed' AND c.form <> 'elevator_door' AND NOT r.opens
@@ -34,8 +35,8 @@ SELECT c.state = 'locked' AND NOT r.unlocks
     OR r.width IS NOT NULL AND (coalesce(r.width > c.width, false) OR coalesce(r.height > c.height, false)
        OR c.step > r.max_step OR c.form = 'stairs'
        OR c.form = 'ramp' AND atan2(abs(c.pose_a[3] - c.pose_b[3]),
-                                    sqrt((c.pose_a[1] - c.pose_b[1]) ^ 2 + (c.pose_a[2] - c.pose_b[2]) ^ 2)) > r.max_slope)
-$$;
+                                    sqrt((c.pose_a[1] - c.pose_b[1]) ^ 2 + (c.pose_a[2] - c.pose_b[2]) ^ 2)) > r.max_slope);
+END;
 
 CREATE VIEW route_edge AS
     WITH room_of AS (SELECT entity_id, elevator_id FROM room)
