@@ -18,7 +18,7 @@ OBJECTS, TABLES = 10_000, 30
 NAME = "beliefs"
 
 
-def make_map(db: semmap.Database) -> semmap.SemanticMap:
+def make_map(db: semmap.Database) -> semmap.Map:
     """A hall with tables, and objects of which each was observed once."""
     made = db.create_map(NAME)
     made.add_room("hall", [(0, 0), (40, 0), (40, 10), (0, 10)], floor=0, ceiling=3)
@@ -46,7 +46,7 @@ def make_map(db: semmap.Database) -> semmap.SemanticMap:
     return made
 
 
-def rows(made: semmap.SemanticMap, url: str) -> list[Row]:
+def rows(made: semmap.Map, url: str) -> list[Row]:
     """Time an observation until another session was notified, and read the belief there."""
     session = made.session_of_map()
     number = 0

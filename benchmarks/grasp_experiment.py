@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 import semmap
 from benchmarks.timing import Row, print_rows
-from semmap import SemanticMap
+from semmap import Map
 from semmap.database import Cluster
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import Grasp
@@ -126,7 +126,7 @@ def random_item(random: np.random.Generator) -> Item:
 class Encounter:
     """A gripper before an object on a table; only the simulation knows its mass and balance."""
 
-    def __init__(self, home: SemanticMap, gripper: str, item: Item, random: Any) -> None:
+    def __init__(self, home: Map, gripper: str, item: Item, random: Any) -> None:
         self.home, self.gripper, self._random = home, gripper, random
         self.session = home.session_of_map()
         solid = solid_of(item.kind, item.size)
@@ -167,7 +167,7 @@ class Encounter:
         return practise(self.session, self.name, self.gripper, tries=tries, attempt=self.attempt)
 
 
-def meet(home: SemanticMap, gripper: str, item: Item, random: Any) -> Meeting | None:
+def meet(home: Map, gripper: str, item: Item, random: Any) -> Meeting | None:
     """Let robots without and with knowledge meet an object; None for one without grasps."""
     encounter = Encounter(home, gripper, item, random)
     try:

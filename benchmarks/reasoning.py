@@ -12,7 +12,7 @@ import rdflib
 import semmap
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge import update
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.reasoning.runs import reason, refresh
@@ -52,7 +52,7 @@ INSERT INTO link (from_id, relation, to_id)
 """Objects of ten types, each linked to one of the rooms, and a tenth of them to another."""
 
 
-def made(db: semmap.Database, entities: int) -> SemanticMap:
+def made(db: semmap.Database, entities: int) -> Map:
     """A map of entities, a hundredth of them rooms."""
     made = db.create_map(NAME)
     with made.transaction():

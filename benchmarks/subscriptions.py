@@ -135,7 +135,7 @@ MAP = f"""
 """A hall with tables, cans on them, and people who look at cans."""
 
 
-def make_map(db: semmap.Database) -> semmap.SemanticMap:
+def make_map(db: semmap.Database) -> semmap.Map:
     """Make the map."""
     made = db.create_map(NAME)
     made.add_room("hall", [(0, 0), (100, 0), (100, 90), (0, 90)], floor=0, ceiling=3)
@@ -143,7 +143,7 @@ def make_map(db: semmap.Database) -> semmap.SemanticMap:
     return made
 
 
-def measured(made: semmap.SemanticMap, number: int, times: int = 60) -> Row:
+def measured(made: semmap.Map, number: int, times: int = 60) -> Row:
     """One set: p50 and p99, beside the evaluation of all."""
     name, text_of, updates, least = SETS[number]
     session = made.session_of_map()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import psycopg
 from psycopg import sql
 
-from semmap.api.semantic_map import SemanticMap
+from semmap.api.map import Map
 from semmap.database.configuration import READER
 from semmap.database.parameters import connection_parameters
 from semmap.database.session import open_session
@@ -121,7 +121,7 @@ class Database:
         ).fetchall()
         return [row[0] for row in rows]
 
-    def map(self, name: str | None = None) -> SemanticMap:
+    def map(self, name: str | None = None) -> Map:
         """The map of a name; without one, that of the setting ``semmap.map``, else the only one.
 
         Raises
@@ -129,9 +129,9 @@ class Database:
         LookupError
             There is no such map, none at all, or several and none was named.
         """
-        return SemanticMap(self, entity_query.pick_map(self.session, name))
+        return Map(self, entity_query.pick_map(self.session, name))
 
-    def create_map(self, name: str) -> SemanticMap:
+    def create_map(self, name: str) -> Map:
         """Make an empty map.
 
         Raises
@@ -149,7 +149,7 @@ class Database:
             self.session.execute("INSERT INTO map (name) VALUES (%s)", (name,))
         except psycopg.errors.UniqueViolation:
             raise ValueError(f"there is a map {name} already") from None
-        return SemanticMap(self, name)
+        return Map(self, name)
 
     def drop_map(self, name: str) -> int:
         """Delete a map with all its entities; returns how many there were.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
     from semmap.api.database import Database
-    from semmap.api.semantic_map import SemanticMap
+    from semmap.api.map import Map
     from semmap.belief.teaching import KnownAction
 
 __all__ = ["MapQuestions"]
@@ -31,7 +31,7 @@ ATTEMPTS = 5
 
 
 class MapQuestions:
-    """The part of `SemanticMap` that reads.
+    """The part of `Map` that reads.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class MapQuestions:
             The map has none; the message names those that come near it.
         """
         number = entity_query.entity_id(self._session(), name)
-        return MapEntity(cast("SemanticMap", self), number)
+        return MapEntity(cast("Map", self), number)
 
     def __contains__(self, name: object) -> bool:
         known = "SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map() AND name = %s)"

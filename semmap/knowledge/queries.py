@@ -79,7 +79,7 @@ def query(
 
     Parameters
     ----------
-    session : psycopg's connection, as `SemanticMap.session_of_map` gives it
+    session : psycopg's connection, as `Map.session_of_map` gives it
     text : SPARQL 1.1 or the notation of reMap; `semmap.knowledge.vocabulary.PREFIXES` need not be
         declared, and the empty prefix is that of the map's entities
     seconds, rows : limits; by default those of `semmap.limits`

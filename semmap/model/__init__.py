@@ -14,11 +14,11 @@ from semmap.model.entity import (
     Elevator,
     Entity,
     Link,
-    Map,
     Object,
     ObjectType,
     Region,
     Room,
+    StoredMap,
     Storey,
 )
 from semmap.model.field import Field, FieldBlock, FieldVersion
@@ -89,7 +89,6 @@ __all__ = [
     "Link",
     "LinkSet",
     "ManipulationTask",
-    "Map",
     "Mission",
     "MissionStep",
     "Object",
@@ -112,6 +111,7 @@ __all__ = [
     "Statement",
     "StoredAction",
     "StoredGripper",
+    "StoredMap",
     "StoredPath",
     "Storey",
     "SupportSurface",

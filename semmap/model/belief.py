@@ -9,7 +9,7 @@ from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.model.base import Base
-from semmap.model.entity import Entity, Map
+from semmap.model.entity import Entity, StoredMap
 
 __all__ = ["Belief", "BeliefModel", "Observation", "TaughtAction", "TaughtRelation"]
 
@@ -19,7 +19,9 @@ class TaughtRelation(Base):
 
     __tablename__ = "taught_relation"
 
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    map_id: Mapped[int] = mapped_column(
+        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
+    )
     subject: Mapped[str] = mapped_column(primary_key=True)
     relation: Mapped[str] = mapped_column(primary_key=True)
     object: Mapped[str] = mapped_column(primary_key=True)
@@ -30,7 +32,9 @@ class TaughtAction(Base):
 
     __tablename__ = "taught_action"
 
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    map_id: Mapped[int] = mapped_column(
+        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
+    )
     action: Mapped[str] = mapped_column(primary_key=True)
     cause: Mapped[str] = mapped_column(primary_key=True)
     effect: Mapped[str] = mapped_column(primary_key=True)
@@ -41,7 +45,9 @@ class BeliefModel(Base):
 
     __tablename__ = "belief_model"
 
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    map_id: Mapped[int] = mapped_column(
+        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
+    )
     there: Mapped[float] = mapped_column(server_default=text("0.6"))
     elsewhere: Mapped[float] = mapped_column(server_default=text("0.3"))
     change: Mapped[float] = mapped_column(server_default=text("0.1"))

@@ -10,7 +10,7 @@ from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base
-from semmap.model.entity import Map
+from semmap.model.entity import StoredMap
 
 __all__ = ["Field", "FieldBlock", "FieldVersion"]
 
@@ -25,7 +25,7 @@ class Field(Base):
     __table_args__ = (UniqueConstraint("map_id", "name", name="field_map_id_name_key"),)
 
     id: Mapped[int] = mapped_column(Integer, Identity(), primary_key=True)
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     name: Mapped[str]
     property: Mapped[str]
     about: Mapped[str | None]

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.geometry.pose import Pose
 from semmap.model.base import Base, PoseColumn
-from semmap.model.entity import Map
+from semmap.model.entity import StoredMap
 
 __all__ = ["Change", "ChangePruned", "EntityHistory", "Import", "PlacementHistory", "Retention"]
 
@@ -104,7 +104,7 @@ class Import(Base):
     __table_args__ = (Index("import_map", "map_id", "source"),)
 
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     source: Mapped[str]
     digest: Mapped[str]
     at: Mapped[datetime] = mapped_column(server_default=text("now()"))

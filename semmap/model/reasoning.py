@@ -20,7 +20,7 @@ from sqlalchemy import (
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base
-from semmap.model.entity import Map
+from semmap.model.entity import StoredMap
 
 __all__ = ["BindingShapes", "Reasoning", "inference"]
 
@@ -30,7 +30,9 @@ class Reasoning(Base):
 
     __tablename__ = "reasoning"
 
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    map_id: Mapped[int] = mapped_column(
+        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
+    )
     axioms: Mapped[str]
     cursor: Mapped[str]
     at: Mapped[datetime] = mapped_column(server_default=func.clock_timestamp())
@@ -93,7 +95,9 @@ class BindingShapes(Base):
 
     __tablename__ = "binding_shapes"
 
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    map_id: Mapped[int] = mapped_column(
+        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
+    )
     name: Mapped[str] = mapped_column(primary_key=True)
     turtle: Mapped[str]
     at: Mapped[datetime] = mapped_column(server_default=func.clock_timestamp())

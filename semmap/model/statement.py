@@ -8,7 +8,7 @@ from sqlalchemy import BigInteger, ForeignKey, Identity, Index, func, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base
-from semmap.model.entity import Entity, Map
+from semmap.model.entity import Entity, StoredMap
 
 __all__ = ["Statement"]
 
@@ -63,7 +63,7 @@ class Statement(Base):
     )
 
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     graph: Mapped[str] = mapped_column(server_default="")
     subject_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
     subject: Mapped[str | None]

@@ -10,7 +10,7 @@ from sqlalchemy.dialects.postgresql import ARRAY, DOUBLE_PRECISION, JSONB
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base
-from semmap.model.entity import Connector, Entity, Map
+from semmap.model.entity import Connector, Entity, StoredMap
 
 __all__ = ["Execution", "RobotClassRecord", "TravelTime", "TravelTimeMap", "TravelTimePlace"]
 
@@ -104,7 +104,9 @@ class TravelTimeMap(Base):
     robot_class_id: Mapped[int] = mapped_column(
         ForeignKey(RobotClassRecord.id, ondelete="CASCADE"), primary_key=True
     )
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"), primary_key=True)
+    map_id: Mapped[int] = mapped_column(
+        ForeignKey(StoredMap.id, ondelete="CASCADE"), primary_key=True
+    )
     cursor: Mapped[str]
 
 

@@ -8,7 +8,7 @@ import psycopg
 import pytest
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge import update
 from tests.conftest import MakeDatabase
 from tests.knowledge.engines import Engines
@@ -28,7 +28,7 @@ INSERT DATA {
 
 
 @pytest.fixture(scope="session")
-def loft_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
+def loft_map(make_database: MakeDatabase) -> Iterator[Map]:
     """Two rooms, furniture, people and statements."""
     url = make_database().render_as_string(hide_password=False)
     with semmap.connect(url) as db:
@@ -79,7 +79,7 @@ def loft_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
 
 
 @pytest.fixture(scope="session")
-def loft(loft_map: SemanticMap) -> psycopg.Connection:
+def loft(loft_map: Map) -> psycopg.Connection:
     """A session that sees the loft; its tests change nothing."""
     return loft_map.session_of_map()
 
@@ -91,7 +91,7 @@ def engines(loft: psycopg.Connection) -> Engines:
 
 
 @pytest.fixture
-def changing(loft_map: SemanticMap) -> Iterator[psycopg.Connection]:
+def changing(loft_map: Map) -> Iterator[psycopg.Connection]:
     """A session that sees the loft; what the test changes is undone."""
     with loft_map.transaction() as transaction:
         yield loft_map.session_of_map()

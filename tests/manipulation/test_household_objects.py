@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.household_objects import import_household_grasps
 from semmap.manipulation.reader import known_actions
@@ -34,7 +34,7 @@ def grasp(**values: Any) -> dict[str, Any]:
     } | values
 
 
-def stored(cups: SemanticMap) -> list[tuple[Any, ...]]:
+def stored(cups: Map) -> list[tuple[Any, ...]]:
     return cups.execute(
         "SELECT o.key, o.name, o.type, a.pose, a.pre_pose, a.posture, a.quality FROM action a "
         "JOIN object_model o ON o.id = a.object_id ORDER BY a.quality DESC"
@@ -61,7 +61,7 @@ def write(path: Path, rows: list[dict[str, Any]]) -> Path:
 
 
 @pytest.mark.parametrize("ending", [".csv", ".json", ".sql"])
-def test_files_of_each_kind(cups: SemanticMap, tmp_path: Path, ending: str) -> None:
+def test_files_of_each_kind(cups: Map, tmp_path: Path, ending: str) -> None:
     rows = [grasp(), grasp(grasp_id=2, grasp_energy="3", grasp_grasp_position="{0,0,0.1,1,0,0,0}")]
     path = write(tmp_path / f"grasps{ending}", rows)
     here = cups.session_of_map()
@@ -79,7 +79,7 @@ def test_files_of_each_kind(cups: SemanticMap, tmp_path: Path, ending: str) -> N
     assert len(stored(cups)) == 2
 
 
-def test_units_and_the_frame_of_the_hand(cups: SemanticMap, tmp_path: Path) -> None:
+def test_units_and_the_frame_of_the_hand(cups: Map, tmp_path: Path) -> None:
     """The approach of the PR2's hand is +x, that of a grasp frame +z."""
     turned = Rotation.from_euler("y", 90, degrees=True)
     position = f"{{100,0,0,{W},0,0,{W}}}"
@@ -106,9 +106,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_row_is_refused_and_nothing_is_stored(
-    cups: SemanticMap, tmp_path: Path, name: str
-) -> None:
+def test_a_bad_row_is_refused_and_nothing_is_stored(cups: Map, tmp_path: Path, name: str) -> None:
     values, text = BAD[name]
     path = write(tmp_path / "g.json", [grasp(), grasp(grasp_id=1, **values)])
     with pytest.raises((ManipulationError, LookupError), match=text):
@@ -127,7 +125,7 @@ def test_a_bad_row_is_refused_and_nothing_is_stored(
     ],
 )
 def test_a_file_that_is_not_of_grasps_is_refused(
-    cups: SemanticMap, tmp_path: Path, name: str, content: str | None, text: str
+    cups: Map, tmp_path: Path, name: str, content: str | None, text: str
 ) -> None:
     if content is not None:
         (tmp_path / name).write_text(content)

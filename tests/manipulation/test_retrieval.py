@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import semmap as package
-from semmap import SemanticMap
+from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.evaluation import group_of
@@ -34,7 +34,7 @@ from tests.manipulation.grippers import BY_HAND
 from tests.manipulation.test_collision import hulls_meet
 
 
-def test_the_shapes_of_all_meshes_are_found_once(house: SemanticMap) -> None:
+def test_the_shapes_of_all_meshes_are_found_once(house: Map) -> None:
     here = house.session_of_map()
     house.add_object(
         "flat",
@@ -59,7 +59,7 @@ def test_the_shapes_of_all_meshes_are_found_once(house: SemanticMap) -> None:
     )
 
 
-def test_generated_grasps_are_stored_and_free_of_the_table(house: SemanticMap) -> None:
+def test_generated_grasps_are_stored_and_free_of_the_table(house: Map) -> None:
     here = house.session_of_map()
     first = find_grasps(here, name="vase", limit=40)
     assert first.generated == ["Vase_01"]
@@ -78,7 +78,7 @@ def test_generated_grasps_are_stored_and_free_of_the_table(house: SemanticMap) -
 
 
 def test_stored_grasps_by_instance_type_function_pose_and_shape_the_best_first(
-    house: SemanticMap,
+    house: Map,
 ) -> None:
     """Two meshes of small_house with random outcomes, beside a sort of all rows in Python."""
     here = house.session_of_map()
@@ -135,7 +135,7 @@ def test_stored_grasps_by_instance_type_function_pose_and_shape_the_best_first(
 
 
 def test_the_open_gripper_must_not_touch_the_object_unless_the_grasp_has_succeeded(
-    house: SemanticMap,
+    house: Map,
 ) -> None:
     """Beside linear programs over the links of the gripper and the faces of a box in the air."""
     here = house.session_of_map()
@@ -162,14 +162,14 @@ def test_the_open_gripper_must_not_touch_the_object_unless_the_grasp_has_succeed
     assert again == free | {touching[0]["action_id"]}
 
 
-def test_what_does_not_fit_is_said_with_its_size(house: SemanticMap) -> None:
+def test_what_does_not_fit_is_said_with_its_size(house: Map) -> None:
     found = find_grasps(house.session_of_map(), name="ball")
     assert found.rows == []
     assert found.problems[0].startswith("Ball_01: no grasp fits its shape (sphere 0.3")
     assert found.problems[0].endswith("gripper parallel_gripper opens 0.09 m")
 
 
-def test_an_object_among_others_has_no_free_grasp(house: SemanticMap) -> None:
+def test_an_object_among_others_has_no_free_grasp(house: Map) -> None:
     here = house.session_of_map()
     middle = model_mesh(here, "SeasoningBox_01").bounds.mean(axis=0)
     house.add_object(
@@ -181,7 +181,7 @@ def test_an_object_among_others_has_no_free_grasp(house: SemanticMap) -> None:
     assert find_grasps(here, name="SeasoningBox_01", check=False).rows
 
 
-def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: SemanticMap) -> None:
+def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: Map) -> None:
     here = cups.session_of_map()
     register_gripper(here, DEFAULT_GRIPPER)
     best = find_grasps(here, name="cup1", gripper="parallel_gripper", check=False).rows[0]
@@ -196,9 +196,7 @@ def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: SemanticMap)
     assert own[best["family"]] < max(own.values()) / 2
 
 
-def test_a_second_gripper_profits_from_the_first_ones_outcomes(
-    cups: SemanticMap, tmp_path: Path
-) -> None:
+def test_a_second_gripper_profits_from_the_first_ones_outcomes(cups: Map, tmp_path: Path) -> None:
     here = cups.session_of_map()
     register_gripper(here, DEFAULT_GRIPPER)
     (tmp_path / "plates.urdf").write_text(BY_HAND)
@@ -223,7 +221,7 @@ def _ranks(here: Any, name: str, gripper: str) -> dict[str, float]:
 
 
 def test_a_gripper_without_fingers_or_without_its_file_is_refused(
-    cups: SemanticMap, tmp_path: Path
+    cups: Map, tmp_path: Path
 ) -> None:
     here = cups.session_of_map()
     stick = tmp_path / "stick.urdf"
@@ -332,7 +330,7 @@ CHANGES_OF_MESHES = (
 """What changes the object model of entities."""
 
 
-def test_object_models_of_entities_follow_their_meshes(house: SemanticMap) -> None:
+def test_object_models_of_entities_follow_their_meshes(house: Map) -> None:
     by_meshes = (
         "SELECT DISTINCT ON (em.entity_id) em.entity_id, h.object_id FROM entity_model em "
         "JOIN model m ON m.id = em.model_id JOIN object_mesh h ON h.digest = m.digest "

@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session, aliased
 
 from semmap.geometry.mesh import Mesh, box_mesh
 from semmap.geometry.pose import Pose
-from semmap.model import Entity, Map, Object, Placement, Room
+from semmap.model import Entity, Object, Placement, Room, StoredMap
 from semmap.query import relations
 from semmap.query.relations import RELATIONS, Relation, in_, near, on, reachable_from, touching
 from tests.query.office_scene import block, bodies, office, store, thing
@@ -527,14 +527,14 @@ def test_every_relation_is_a_function_in_sql_and_in_python(module_engine: Engine
 
 def test_arguments_that_are_not_entities_are_refused(module_engine: Engine) -> None:
     with Session(module_engine) as session:
-        of = Map(name=f"refused{next(MAPS)}")
+        of = StoredMap(name=f"refused{next(MAPS)}")
         pending = Object(map=of, name="pending", placement=Placement())
         session.add(pending)
         with pytest.raises(ValueError, match="flush the session first"):
             on(Object, pending)
         session.flush()
         assert session.scalars(select(Object).where(on(Object, pending))).all() == []
-    for wrong in ("table", True, None, Map, 1.5):
+    for wrong in ("table", True, None, StoredMap, 1.5):
         with pytest.raises(TypeError, match="class, alias, instance, id or column"):
             on(Object, wrong)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="finite"):

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import psycopg
 import pytest
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge import Answer, KnowledgeError, queries, query, update
 from semmap.knowledge.reasoning.runs import forget, reason
 from semmap.knowledge.sparql import kept_queries
@@ -27,7 +27,7 @@ def kept_whatever_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def attic(loft_map: SemanticMap) -> Iterator[SemanticMap]:
+def attic(loft_map: Map) -> Iterator[Map]:
     """A map that a test may change."""
     made = loft_map.database.create_map("attic")
     made.add_room("attic", [(0, 0), (5, 0), (5, 4), (0, 4)], floor=0, ceiling=3)
@@ -78,7 +78,7 @@ def test_queries_that_differ_in_an_entity_share_a_plan(loft: psycopg.Connection)
     assert counts[0] == counts[1] == counts[2]
 
 
-def test_another_map(attic: SemanticMap, loft_map: SemanticMap) -> None:
+def test_another_map(attic: Map, loft_map: Map) -> None:
     text = "SELECT ?x { ?x a semmap:Table FILTER EXISTS { :table semmap:kind ?kind } }"
     for _ in range(3):
         assert names(query(attic.session_of_map(), text)) == {"table"}
@@ -93,7 +93,7 @@ def test_another_map(attic: SemanticMap, loft_map: SemanticMap) -> None:
     session.execute("SELECT set_config('semmap.map', 'attic', false)")
 
 
-def test_entities_come_and_go(attic: SemanticMap) -> None:
+def test_entities_come_and_go(attic: Map) -> None:
     session = attic.session_of_map()
     text = "SELECT ?k { :lamp semmap:kind ?k }"
     for _ in range(2):
@@ -111,7 +111,7 @@ def test_entities_come_and_go(attic: SemanticMap) -> None:
     assert query(session, text).rows == ()
 
 
-def test_a_map_is_made_again(attic: SemanticMap, loft_map: SemanticMap) -> None:
+def test_a_map_is_made_again(attic: Map, loft_map: Map) -> None:
     text = "SELECT ?x { ?x semmap:heldBy :attic }"
     assert names(query(attic.session_of_map(), text)) == {"table"}
     assert names(query(attic.session_of_map(), text)) == {"table"}
@@ -122,7 +122,7 @@ def test_a_map_is_made_again(attic: SemanticMap, loft_map: SemanticMap) -> None:
     assert names(query(new.session_of_map(), text)) == {"chest"}
 
 
-def test_the_ontology_changes(attic: SemanticMap) -> None:
+def test_the_ontology_changes(attic: Map) -> None:
     session = attic.session_of_map()
     text = "PREFIX ex: <http://example.org/kept/> SELECT ?x { ?x a ex:Vessel }"
     try:
@@ -142,7 +142,7 @@ def test_the_ontology_changes(attic: SemanticMap) -> None:
         session.execute("DELETE FROM semantic_type WHERE name = 'vessel'")
 
 
-def test_statements_come_and_go(attic: SemanticMap) -> None:
+def test_statements_come_and_go(attic: Map) -> None:
     session = attic.session_of_map()
     texts = ("SELECT ?x { ?x rdfs:label 'mine' }", "SELECT ?x { :cup oro:isNear|rdfs:seeAlso ?x }")
     for text in texts:
@@ -161,7 +161,7 @@ def test_statements_come_and_go(attic: SemanticMap) -> None:
     assert names(query(session, texts[1])) == {"thing"}
 
 
-def test_inferences_come_and_go(attic: SemanticMap) -> None:
+def test_inferences_come_and_go(attic: Map) -> None:
     session = attic.session_of_map()
     text = "SELECT ?x { ?x a oro:Fragile }"
     assert query(session, text).rows == query(session, text).rows == ()
@@ -177,7 +177,7 @@ def test_inferences_come_and_go(attic: SemanticMap) -> None:
     assert query(session, text).rows == ()
 
 
-def test_plans_and_functions_are_replaced(attic: SemanticMap) -> None:
+def test_plans_and_functions_are_replaced(attic: Map) -> None:
     session = attic.session_of_map()
     found = query(session, CUPS)
     assert again(session, CUPS) == found
@@ -201,7 +201,7 @@ def test_plans_and_functions_are_replaced(attic: SemanticMap) -> None:
         session.execute("ALTER TABLE entity DROP COLUMN another")
 
 
-def test_rights_are_those_of_the_role(attic: SemanticMap) -> None:
+def test_rights_are_those_of_the_role(attic: Map) -> None:
     session = attic.session_of_map()
     query(session, CUPS)
     assert again(session, CUPS) is not None
@@ -217,7 +217,7 @@ def test_rights_are_those_of_the_role(attic: SemanticMap) -> None:
     assert len(query(session, CUPS).rows) == 1
 
 
-def test_limits_and_settings(attic: SemanticMap) -> None:
+def test_limits_and_settings(attic: Map) -> None:
     session = attic.session_of_map()
     text = "SELECT ?x { ?x semmap:name ?n }"
     settings = "SELECT current_setting('statement_timeout'), current_setting('join_collapse_limit')"
@@ -232,7 +232,7 @@ def test_limits_and_settings(attic: SemanticMap) -> None:
 
 
 def test_a_kept_statement_that_became_slow_is_planned_again(
-    attic: SemanticMap, monkeypatch: pytest.MonkeyPatch
+    attic: Map, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = attic.session_of_map()
     text = "SELECT ?x { ?x semmap:name ?slow }"
@@ -258,7 +258,7 @@ def test_a_kept_statement_that_became_slow_is_planned_again(
     assert len(query(session, text).rows) == 1
 
 
-def test_values_of_all_kinds_are_kept(attic: SemanticMap) -> None:
+def test_values_of_all_kinds_are_kept(attic: Map) -> None:
     session = attic.session_of_map()
     update(session, r"""INSERT DATA { :cup prop:note "a \"quote\", \\ {%s} it" ; prop:mass 2 }""")
     for text in (
@@ -281,7 +281,7 @@ def test_values_of_all_kinds_are_kept(attic: SemanticMap) -> None:
             assert len(found.graph) == 1
 
 
-def test_threads_share_a_session(attic: SemanticMap) -> None:
+def test_threads_share_a_session(attic: Map) -> None:
     session = attic.session_of_map()
     texts = [CUPS, "SELECT ?x { ?x a semmap:Table }", "ASK { :cup a semmap:Cup }"]
     wanted = [query(session, text) for text in texts]

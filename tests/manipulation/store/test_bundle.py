@@ -12,7 +12,7 @@ import pytest
 from nacl.signing import SigningKey
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.error import ManipulationError
@@ -46,7 +46,7 @@ def other(other_database: Any) -> Iterator[Any]:
 
 
 @pytest.fixture
-def taught(cups: SemanticMap) -> dict[str, int]:
+def taught(cups: Map) -> dict[str, int]:
     """Ids of actions: one that failed, the one that replaces it, one that nobody tried, a put."""
     here = cups.session_of_map()
     set_shape(here, "cup1", primitive("cylinder", 0.035, 0.09))
@@ -67,7 +67,7 @@ def rows(other: Any) -> dict[str, int]:
 
 
 def test_another_database_knows_what_the_first_one_learned(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
     here = cups.session_of_map()
     path = tmp_path / "cups.bundle"
@@ -97,7 +97,7 @@ def test_another_database_knows_what_the_first_one_learned(
 
 
 def test_a_cup_of_the_same_mesh_profits_and_outcomes_count_by_trust(
-    cups: SemanticMap, taught: dict[str, int], tmp_path: Path
+    cups: Map, taught: dict[str, int], tmp_path: Path
 ) -> None:
     here = cups.session_of_map()
     path = tmp_path / "cups.bundle"
@@ -117,7 +117,7 @@ def test_a_cup_of_the_same_mesh_profits_and_outcomes_count_by_trust(
 
 
 def test_what_was_only_imported_is_not_shared_again(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "cups.bundle"
     export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)
@@ -183,7 +183,7 @@ DAMAGE = {
 
 @pytest.mark.parametrize("name", DAMAGE)
 def test_a_damaged_bundle_is_refused_whole(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path, name: str
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path, name: str
 ) -> None:
     path = tmp_path / "cups.bundle"
     export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)
@@ -196,7 +196,7 @@ def test_a_damaged_bundle_is_refused_whole(
 
 
 def test_bundles_of_strangers_of_the_distrusted_and_old_ones_are_refused(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
     here = cups.session_of_map()
     old, new = tmp_path / "old", tmp_path / "new"
@@ -214,7 +214,7 @@ def test_bundles_of_strangers_of_the_distrusted_and_old_ones_are_refused(
 
 
 def test_a_gripper_of_the_same_name_and_another_opening_is_refused(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "cups.bundle"
     export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from semmap.ingest.importer import ImportSummary
     from semmap.ingest.store.model_store import Progress
 
-__all__ = ["SemanticMap"]
+__all__ = ["Map"]
 
 PlanarPose = Sequence[float]
 """(x, y, z, yaw): metres and radians in the map's frame; yaw may be left out."""
 
 
-class SemanticMap(MapQuestions):
+class Map(MapQuestions):
     """A map of one environment, by the names of its entities.
 
     Attributes
