@@ -34,7 +34,7 @@ def make_map(db: semmap.Database) -> semmap.Map:
     names = [f"table{i}" for i in range(TABLES)]
     start = time.perf_counter()
     add_observations(
-        made.session_of_map(),
+        made.connection,
         [
             {"object": f"can{i}", "place": names[i % TABLES], "seen": bool(i % 3)}
             for i in range(OBJECTS)
@@ -48,7 +48,7 @@ def make_map(db: semmap.Database) -> semmap.Map:
 
 def rows(made: semmap.Map, url: str) -> list[Row]:
     """Time an observation until another session was notified, and read the belief there."""
-    session = made.session_of_map()
+    session = made.connection
     number = 0
     found: list[float] = []
     with psycopg.connect(url, autocommit=True) as follower:

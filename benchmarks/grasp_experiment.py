@@ -128,7 +128,7 @@ class Encounter:
 
     def __init__(self, home: Map, gripper: str, item: Item, random: Any) -> None:
         self.home, self.gripper, self._random = home, gripper, random
-        self.session = home.session_of_map()
+        self.session = home.connection
         solid = solid_of(item.kind, item.size)
         made = solid.mesh()
         vertices = made.vertices @ item.rotation.T
@@ -209,7 +209,7 @@ def live(
     if teacher is not None:
         lives.insert(0, (teacher, [seed, 1], TAUGHT))
     for gripper, seeds, count in lives:
-        register_gripper(home.session_of_map(), urdf(gripper), gripper)
+        register_gripper(home.connection, urdf(gripper), gripper)
         meetings: list[Meeting] = []
         for number in range(2 * count):
             random = np.random.default_rng([*seeds, number])

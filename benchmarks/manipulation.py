@@ -79,7 +79,7 @@ def make_map(db: semmap.Database) -> semmap.Map:
 
 def rows(made: semmap.Map) -> list[Row]:
     """Time the queries, each time with other values, beside SELECT 1."""
-    session = made.session_of_map()
+    session = made.connection
     source = random.Random(1)
 
     def gripper() -> str:

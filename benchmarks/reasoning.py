@@ -58,8 +58,8 @@ def made(db: semmap.Database, entities: int) -> Map:
     with made.transaction():
         for statement in MAP.split(";"):
             values = {"rooms": entities // 100, "entities": entities}
-            made.session_of_map().execute(statement.encode(), values)
-        update(made.session_of_map(), EX + AXIOMS, seconds=600)
+            made.connection.execute(statement.encode(), values)
+        update(made.connection, EX + AXIOMS, seconds=600)
     made.execute("ANALYZE")
     return made
 
@@ -158,7 +158,7 @@ def main() -> None:
         for entities in (FEW, ENTITIES):
             if NAME in db.maps:
                 db.drop_map(NAME)
-            session = made(db, entities).session_of_map()
+            session = made(db, entities).connection
             found += [beside_reasonable(session)] if entities == FEW else rows(session)
         db.drop_map(NAME)
     print_rows("Reasoning", found)

@@ -13,9 +13,9 @@ import numpy as np
 from sqlalchemy import Connection, text
 
 from navgrid.field_layer import FieldVoxels, field_voxels
+from semmap.database.maps import current_name
 from semmap.geometry.voxels import Voxels
 from semmap.language.terms import local_name
-from semmap.query.maps import current_name
 from semmap.suggestions import suggestion
 
 __all__ = [

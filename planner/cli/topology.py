@@ -66,8 +66,8 @@ def topology_command(
     from planner.exchange.route_graph import ExchangeError
     from planner.live_topology import LiveTopology
     from planner.robot_class import RobotClass
+    from semmap.database.maps import current_name
     from semmap.draw.view import storey_view
-    from semmap.query.maps import current_name
     from semmap.query.storey_reader import read_storeys
 
     chosen = _format(file, format_, json_)

@@ -259,7 +259,7 @@ def add_entry(
     with map.transaction():
         map_id = map.execute("SELECT current_map()")[0][0]
         source = f"semmap.api/{uuid.uuid4()}"
-        session = map.database.session
+        session = map.connection
         store_world(session, map_id, World(map.name, Path(), [entry]), source)
         find_surfaces(session, map_id)
         made = map[entry.name]

@@ -11,8 +11,10 @@ from psycopg import sql
 
 from semmap.api.map import Map
 from semmap.database.configuration import READER
+from semmap.database.maps import pick_map
 from semmap.database.parameters import connection_parameters
 from semmap.database.session import open_session
+from semmap.database.shared_engine import shared_engine
 from semmap.query import entity_query
 
 if TYPE_CHECKING:
@@ -82,7 +84,7 @@ class Database:
     def __init__(self, session: psycopg.Connection[Any], url: str | Cluster | None = None) -> None:
         self.session = session
         self._url = url
-        self._shown: str | None = None
+        self._maps: dict[str, Map] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -96,7 +98,9 @@ class Database:
         self.close()
 
     def close(self) -> None:
-        """Close the session, and the pool of `engine`."""
+        """Close the sessions, and the pool of `engine`."""
+        for opened in self._maps.values():
+            opened.close()
         self.session.close()
         if "engine" in vars(self):
             self.engine.dispose()
@@ -129,7 +133,12 @@ class Database:
         LookupError
             There is no such map, none at all, or several and none was named.
         """
-        return Map(self, entity_query.pick_map(self.session, name))
+        return self._map(pick_map(self.session, name))
+
+    def _map(self, name: str) -> Map:
+        if name not in self._maps:
+            self._maps[name] = Map(self, name)
+        return self._maps[name]
 
     def create_map(self, name: str) -> Map:
         """Make an empty map.
@@ -144,12 +153,12 @@ class Database:
         if not name:
             raise ValueError("a map needs a name")
         try:
-            with self.engine.begin() as connection:
+            with self.session.transaction(), shared_engine(self.session).connect() as connection:
+                self.session.execute("INSERT INTO map (name) VALUES (%s)", (name,))
                 load_tbox(connection)
-            self.session.execute("INSERT INTO map (name) VALUES (%s)", (name,))
         except psycopg.errors.UniqueViolation:
             raise ValueError(f"there is a map {name} already") from None
-        return Map(self, name)
+        return self._map(name)
 
     def drop_map(self, name: str) -> int:
         """Delete a map with all its entities; returns how many there were.
@@ -159,7 +168,7 @@ class Database:
         LookupError
             There is no such map.
         """
-        self.map(name)
+        self._maps.pop(self.map(name).name).close()
         row = self.session.execute("SELECT drop_map(%s)", (name,)).fetchone()
         assert row is not None
         return int(row[0])
@@ -188,9 +197,3 @@ class Database:
                     sql.Identifier(role), sql.Identifier(database), sql.Literal(chosen)
                 )
             )
-
-    def show(self, name: str) -> None:
-        """Let the session's views show a map."""
-        if self._shown != name:
-            self.session.execute("SELECT set_config('semmap.map', %s, false)", (name,))
-            self._shown = name

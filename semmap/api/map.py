@@ -235,7 +235,7 @@ class Map(MapQuestions):
             if isinstance(teaching, str | Path)
             else parse_teaching(teaching)
         )
-        return teach(self._session(), parsed)
+        return teach(self.connection, parsed)
 
     def observe(self, name: str, place: str, *, seen: bool = True, **values: Any) -> None:
         """Store that an object or agent was seen at a place, or looked for and not seen.
@@ -252,7 +252,7 @@ class Map(MapQuestions):
         """
         from semmap.belief.store.beliefs import add_observations
 
-        add_observations(self._session(), [{"object": name, "place": place, "seen": seen} | values])
+        add_observations(self.connection, [{"object": name, "place": place, "seen": seen} | values])
 
     def spot(self, holder: MapEntity, relation: str) -> tuple[float, float, float]:
         """A point on or in a holder: the middle of its highest surface, or of its floor."""

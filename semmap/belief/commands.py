@@ -47,7 +47,7 @@ def teach_command(
                 teaching = parse_teaching(_json(sys.stdin.read(), "standard input"))
             else:
                 teaching = read_teaching(path)
-            counts.append({"file": str(path)} | teach(chosen.session_of_map(), teaching))
+            counts.append({"file": str(path)} | teach(chosen.connection, teaching))
     if json_:
         cli.print_json(counts)
         return
@@ -93,7 +93,7 @@ def where_command(
     motion = None if moves is None else MotionModel(moves)
     moment = zoned(at)
     with cli.open_database() as db:
-        session = db.map(map_name).session_of_map()
+        session = db.map(map_name).connection
         found = {name: where(session, name, moment) for name in names}
         estimates = {}
         if occlusion:
@@ -361,7 +361,7 @@ def initial(
     from semmap.ingest.regions.commands import zoned
 
     with cli.open_database() as db:
-        session = db.map(map_name).session_of_map()
+        session = db.map(map_name).connection
         cli.print_json(initial_belief(session, names, zoned(at)))
 
 
@@ -376,7 +376,7 @@ def how(
     from semmap.belief.store.teaching import how_to
 
     with cli.open_database() as db:
-        chain = how_to(db.map(map_name).session_of_map(), goal, given or ())
+        chain = how_to(db.map(map_name).connection, goal, given or ())
     rows = [{"action": a.name, "cause": a.cause, "effect": a.effect} for a in chain]
     cli.show_table(rows, json_, ("action", "cause", "effect"))
 
@@ -440,7 +440,7 @@ def grammar(
     from semmap.belief.store.teaching import vocabulary
 
     with cli.open_database() as db:
-        print(write_grammar(vocabulary(db.map(map_name).session_of_map()), format_))
+        print(write_grammar(vocabulary(db.map(map_name).connection), format_))
 
 
 @belief.command()
@@ -497,7 +497,7 @@ def export(
     if not problog:
         raise typer.BadParameter("name the format: --problog")
     with cli.open_database() as db:
-        session = db.map(map_name).session_of_map()
+        session = db.map(map_name).connection
         columns, model = read_columns(session, names, zoned(at)), read_model(session)
     print(
         problog_program(

@@ -100,11 +100,9 @@ def choose_map(connection: Connection, name: str | None) -> str:
 
 def show_map(session: Session, name: str | None) -> str:
     """Let a session of psycopg see a map, as `choose_map` does."""
-    from semmap.query.entity_query import pick_map
+    from semmap.database.maps import pick_map, see_map
 
     try:
-        picked = pick_map(session, name)
+        return see_map(session, pick_map(session, name), lasting=True)
     except LookupError as error:
         raise typer.BadParameter(str(error)) from None
-    session.execute("SELECT set_config('semmap.map', %s, false)", (picked,))
-    return picked

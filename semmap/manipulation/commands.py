@@ -99,7 +99,7 @@ def grasp_command(
     if robot is not None and (shape or gripper or stored or unchecked or kind != "grasp"):
         raise typer.BadParameter("--robot is for grasps with its own gripper, of objects")
     with cli.open_database() as db:
-        session = db.session if shape else db.map(map_name).session_of_map()
+        session = db.session if shape else db.map(map_name).connection
         with session.transaction():
             chosen = _gripper(session, gripper)
             if shape is not None:
@@ -267,7 +267,7 @@ def place_command(
         raise typer.BadParameter(f"--towards takes X,Y, not {towards}")
     _check_robot(robot, base, state, plan=plan, gripper=gripper)
     with cli.open_database() as db:
-        session = db.map(map_name).session_of_map()
+        session = db.map(map_name).connection
         with session.transaction():
             used = None if robot is None else _Used.of(session, robot, base)
             found = find_places(
@@ -313,7 +313,7 @@ def push_command(
 
     _check_robot(robot, base, state, plan=plan, gripper=gripper)
     with cli.open_database() as db:
-        session = db.map(map_name).session_of_map()
+        session = db.map(map_name).connection
         with session.transaction():
             used = None if robot is None else _Used.of(session, robot, base)
             found = find_pushes(
@@ -489,7 +489,7 @@ def shapes(
     from semmap.manipulation.store.shapes import store_shapes
 
     with cli.open_database() as db:
-        rows, problems = store_shapes(db.map(map_name).session_of_map(), names or None)
+        rows, problems = store_shapes(db.map(map_name).connection, names or None)
     for problem in problems:
         print(problem, file=sys.stderr)
     for row in rows:
@@ -519,7 +519,7 @@ def record(
 
     with cli.open_database() as db:
         task = record_task(
-            db.map(map_name).session_of_map(),
+            db.map(map_name).connection,
             name,
             kind,
             action=action,
@@ -559,7 +559,7 @@ def try_command(
     values: dict[str, Any] = {"tries": tries, "mass": mass, "friction": friction}
     columns = ("action_id", "family", "off", "tilted", "outcome")
     with cli.open_database() as db:
-        session = db.map(map_name).session_of_map()
+        session = db.map(map_name).connection
         if on is not None:
             rows = practise_places(session, name, on, gripper, **values)
         elif push:
@@ -576,7 +576,7 @@ def tasks(limit: Limit = 20, map_name: cli.MapName = None, json_: cli.Json = Fal
     from semmap.manipulation.reader import list_tasks
 
     with cli.open_database() as db:
-        rows = list_tasks(db.map(map_name).session_of_map(), limit)
+        rows = list_tasks(db.map(map_name).connection, limit)
     columns = ("id", "kind", "entity", "robot", "outcome", "action_id", "contributor", "message")
     cli.show_table(rows, json_, columns)
 

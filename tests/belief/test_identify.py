@@ -14,7 +14,7 @@ from semmap.belief.error import BeliefError
 from semmap.belief.identify import Detection, identify
 from semmap.belief.motion import MotionModel
 from semmap.belief.store.beliefs import add_observations, read_belief
-from semmap.query.maps import see_map
+from semmap.database.maps import see_map
 
 ON_BENCH, ON_TABLE = (6.0, 1.0, 0.5), (1.5, 1.5, 0.8)
 SELDOM = MotionModel(1e12)

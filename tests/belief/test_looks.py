@@ -23,9 +23,9 @@ from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model, read_places
 from semmap.belief.store.beliefs import add_observations, initial_belief, read_belief
 from semmap.belief.views import camera_at
+from semmap.database.maps import see_map
 from semmap.draw.view import storey_view
 from semmap.fields.store.names import read_map_vocabulary
-from semmap.query.maps import see_map
 from semmap.query.storey_reader import read_storeys
 from tests.command_line import semmap as run
 

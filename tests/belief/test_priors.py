@@ -37,7 +37,7 @@ def test_an_object_without_history_has_the_prior_of_its_type() -> None:
 
 def test_the_map_has_the_same_priors(flat: Map) -> None:
     """Of a mug that stayed at three places, and of a taught type, found in refrigerators."""
-    session = flat.session_of_map()
+    session = flat.connection
     for place in ("table", "counter"):
         flat["mug"].put_on(place)
     session.execute(

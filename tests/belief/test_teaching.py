@@ -274,7 +274,7 @@ def accepts(gbnf: str, sentence: str) -> bool:
 
 
 def test_a_grammar_accepts_sentences_about_what_the_map_knows(flat: Map) -> None:
-    names = vocabulary(flat.session_of_map())
+    names = vocabulary(flat.connection)
     gbnf = write_grammar(names)
     for sentence in (
         "where is the mug",

@@ -231,7 +231,7 @@ def test_a_session_serves_many_queries_until_the_server_ends_it(loft_map: Map) -
             assert client.get("/sparql", params={"query": QUERY}).status_code == 200
         assert len(opened) == 1
         assert client.get("/sparql", params={"query": "SELECT ?x {"}).status_code == 400
-        loft_map.session_of_map().execute("SELECT pg_terminate_backend(%s, 10000)", opened)
+        loft_map.connection.execute("SELECT pg_terminate_backend(%s, 10000)", opened)
         assert client.get("/sparql", params={"query": QUERY}).json()["results"]["bindings"]
         assert len(opened) == 2
 

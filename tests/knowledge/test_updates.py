@@ -172,7 +172,7 @@ def test_files_of_strangers(changing: psycopg.Connection) -> None:
 
 
 def test_an_update_that_takes_too_long_changes_nothing(loft_map: Map) -> None:
-    session = loft_map.session_of_map()
+    session = loft_map.connection
     text = "INSERT { ?a <http://example.org/all> ?c } WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
     with pytest.raises(KnowledgeError, match=r"0\.3 s"):
         update(session, text, seconds=0.3)

@@ -64,7 +64,7 @@ def write(path: Path, rows: list[dict[str, Any]]) -> Path:
 def test_files_of_each_kind(cups: Map, tmp_path: Path, ending: str) -> None:
     rows = [grasp(), grasp(grasp_id=2, grasp_energy="3", grasp_grasp_position="{0,0,0.1,1,0,0,0}")]
     path = write(tmp_path / f"grasps{ending}", rows)
-    here = cups.session_of_map()
+    here = cups.connection
     assert import_household_grasps(here, [path], HANDS) == {"models": 1, "grasps": 2}
     best, other = stored(cups)
     assert (best[6], other[6]) == (1.0, 0.5)  # the lower energy is better
@@ -85,7 +85,7 @@ def test_units_and_the_frame_of_the_hand(cups: Map, tmp_path: Path) -> None:
     position = f"{{100,0,0,{W},0,0,{W}}}"
     path = write(tmp_path / "g.json", [grasp(grasp_grasp_position=position)])
     import_household_grasps(
-        cups.session_of_map(), [path], HANDS, scale=0.001, tool=[0.16, 0, 0, *turned.as_quat()]
+        cups.connection, [path], HANDS, scale=0.001, tool=[0.16, 0, 0, *turned.as_quat()]
     )
     ((_, _, _, pose, *_),) = stored(cups)
     hand = Rotation.from_euler("z", 90, degrees=True)
@@ -110,7 +110,7 @@ def test_a_bad_row_is_refused_and_nothing_is_stored(cups: Map, tmp_path: Path, n
     values, text = BAD[name]
     path = write(tmp_path / "g.json", [grasp(), grasp(grasp_id=1, **values)])
     with pytest.raises((ManipulationError, LookupError), match=text):
-        import_household_grasps(cups.session_of_map(), [path], HANDS)
+        import_household_grasps(cups.connection, [path], HANDS)
     assert stored(cups) == []
 
 
@@ -130,4 +130,4 @@ def test_a_file_that_is_not_of_grasps_is_refused(
     if content is not None:
         (tmp_path / name).write_text(content)
     with pytest.raises(ManipulationError, match=text):
-        import_household_grasps(cups.session_of_map(), [tmp_path / name])
+        import_household_grasps(cups.connection, [tmp_path / name])

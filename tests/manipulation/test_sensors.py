@@ -57,7 +57,7 @@ def test_sensors_that_only_links_tell() -> None:
 def test_robots_are_stored_with_their_sensors_and_asked_for_by_what_they_can(
     cups: Map,
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     for name, path in (("tiago", urdf("tiago")), ("stretch", stretch()), ("panda", urdf("panda"))):
         register_robot(here, path, name)
     robots = {row["name"]: row for row in list_automata(here)}

@@ -22,8 +22,8 @@ from navgrid.occupancy_grid import storey_grid
 from planner.live_topology import LiveTopology
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
+from semmap.database.maps import see_map
 from semmap.query.geometry_notes import geometry_notes, read_names_without_geometry
-from semmap.query.maps import see_map
 from semmap.query.storey_reader import read_scene, read_storey_names, read_storeys
 from semmap.query.storey_scene import StoreyScene
 from semmap.robot import load_robot, robot_parts

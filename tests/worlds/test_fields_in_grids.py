@@ -31,6 +31,7 @@ from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.topology import Topology
 from semmap.database.files import schema_folder
+from semmap.database.maps import see_map
 from semmap.fields import Box
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
@@ -40,7 +41,6 @@ from semmap.fields.store.map_store import save_map
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.voxels import Voxels
 from semmap.limits import REGION_VOXELS
-from semmap.query.maps import see_map
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
 from semmap_vdb import BoolGrid

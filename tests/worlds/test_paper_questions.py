@@ -75,7 +75,7 @@ def house(module_engine: Engine, worlds: Path) -> Iterator[Map]:
         import_file(module_engine, path, map_name="house")
     with semmap.connect(module_engine.url.render_as_string(hide_password=False)) as db:
         house = db.map("house")
-        session = house.session_of_map()
+        session = house.connection
         mug = trimesh.creation.cylinder(0.035, 0.09, sections=24)
         mug.apply_translation((0, 0, 0.045))
         house.add_object("mug1", type="mug", mesh=mug, on="KitchenTable_01_001")
@@ -103,7 +103,7 @@ def house(module_engine: Engine, worlds: Path) -> Iterator[Map]:
 
 @pytest.fixture
 def session(house: Map) -> psycopg.Connection[Any]:
-    return house.session_of_map()
+    return house.connection
 
 
 def names(session: psycopg.Connection[Any], text: str) -> list[tuple[Any, ...]]:
@@ -158,7 +158,7 @@ OTHERS = (
 
 @pytest.fixture(scope="module")
 def engines(house: Map) -> Engines:
-    return Engines(house.session_of_map())
+    return Engines(house.connection)
 
 
 @pytest.mark.parametrize("text", OTHERS)

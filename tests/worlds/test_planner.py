@@ -45,8 +45,8 @@ from planner.task_planner import TaskPlanner
 from planner.tasks import parse_goal
 from planner.tasks.reader import read_world
 from planner.topology import OUTSIDE, UnknownPlaceError
+from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
-from semmap.query.maps import see_map
 from semmap.query.sql_statement import run_sql
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts

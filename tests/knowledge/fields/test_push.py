@@ -104,16 +104,12 @@ def wait_for(condition: Any) -> None:
 def test_a_pushed_fact_ends_where_its_program_is_killed(house: Map) -> None:
     push = FieldPush(house.database.engine, "house", PUSHED)
     push.begin([("sees", "anne", "shelf")])
-    (row,) = (
-        house.session_of_map()
-        .execute(
-            "SELECT until - clock_timestamp() > interval '20 s' FROM statement "
-            "WHERE object_id = entity_id('shelf') AND until < clock_timestamp() + interval '31 s'"
-        )
-        .fetchall()
-    )
+    (row,) = house.connection.execute(
+        "SELECT until - clock_timestamp() > interval '20 s' FROM statement "
+        "WHERE object_id = entity_id('shelf') AND until < clock_timestamp() + interval '31 s'"
+    ).fetchall()
     assert row == (True,)
-    assert query(house.session_of_map(), "ASK { :anne oro:looksAt :shelf }").truth
+    assert query(house.connection, "ASK { :anne oro:looksAt :shelf }").truth
 
 
 @pytest.mark.parametrize(

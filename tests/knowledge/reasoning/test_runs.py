@@ -175,7 +175,7 @@ def flat(make_database: MakeDatabase) -> Iterator[tuple[str, Map]]:
     with semmap.connect(url) as db:
         made = db.create_map("home")
         made.add_object("bowl", type="bowl", size=(0.2, 0.2, 0.1), pose=(1, 1, 0))
-        update(made.session_of_map(), EX + AXIOMS)
+        update(made.connection, EX + AXIOMS)
         yield url, made
 
 
@@ -204,7 +204,7 @@ def test_a_watch_infers_after_each_change(flat: tuple[str, Map]) -> None:
     delicate = EX + "SELECT ?x { ?x a ex:Delicate }"
 
     def found() -> set[str]:
-        rows = query(made.session_of_map(), delicate).rows
+        rows = query(made.connection, delicate).rows
         return {str(x).split("#")[1] for (x,) in rows}
 
     with reasoning(url) as watch:
@@ -227,7 +227,7 @@ def test_what_is_committed_while_changes_are_read_is_not_skipped(
     flat: tuple[str, Map], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     url, made = flat
-    session = made.session_of_map()
+    session = made.connection
     made.add_object("cup", type="cup", size=(0.1, 0.1, 0.1), pose=(2, 1, 0))
     reason(session)
     since = Changed.since
@@ -246,7 +246,7 @@ def test_what_is_committed_while_changes_are_read_is_not_skipped(
 
 def test_exports_have_inferences_where_asked(flat: tuple[str, Map], tmp_path: Path) -> None:
     url, made = flat
-    session = made.session_of_map()
+    session = made.connection
     update(session, "INSERT DATA { :glass a semmap:Cup }")
     reason(session)
     glass = rdflib.URIRef("urn:semmap:map:home#glass")

@@ -270,7 +270,7 @@ class Watched:
     """Standing queries without a thread, beside whole evaluations of the same queries."""
 
     def __init__(self, made: Map, texts: tuple[str, ...]) -> None:
-        self.session = made.session_of_map()
+        self.session = made.connection
         self.standing = Subscriptions(made.database.engine, made.name)
         self.standing._follow = lambda: None  # type: ignore[method-assign]
         self.rows: dict[int, set[tuple[object, ...]]] = {}
@@ -365,7 +365,7 @@ def test_queries_of_one_shape_are_translated_once(watched: Watched) -> None:
 
 
 def test_statements_about_types_are_answers(workshop: Map) -> None:
-    update(workshop.session_of_map(), PREFIX + "INSERT DATA { :saw ex:meant semmap:Table, type:a }")
+    update(workshop.connection, PREFIX + "INSERT DATA { :saw ex:meant semmap:Table, type:a }")
     with Subscriptions(workshop.database.engine, workshop.name) as standing:
         types = ("semmap:Table", "type:a", "semmap:Chair", "type:b")
         texts = [PREFIX + f"SELECT ?x {{ ?x ex:meant {each} }}" for each in types]
@@ -373,7 +373,7 @@ def test_statements_about_types_are_answers(workshop: Map) -> None:
 
 
 def test_a_query_that_fails_ends_by_itself(workshop: Map) -> None:
-    session = workshop.session_of_map()
+    session = workshop.connection
     failing = PREFIX + 'SELECT ?x { ?x ex:like ?y FILTER(REGEX("saw", ?y)) }'
     with Subscriptions(workshop.database.engine, workshop.name) as standing:
         standing._follow = lambda: None  # type: ignore[method-assign]
@@ -400,7 +400,7 @@ def test_subscriptions_are_made_all_or_none(workshop: Map) -> None:
 
 
 def test_events_arrive_after_all_connections_were_lost(workshop: Map) -> None:
-    session = workshop.session_of_map()
+    session = workshop.connection
     (others,) = session.execute("SELECT array_agg(pid) FROM pg_stat_activity").fetchone()
     with Subscriptions(workshop.database.engine, workshop.name) as standing:
         standing.add(PREFIX + "SELECT ?x { ?x ex:like :saw }")
@@ -435,7 +435,7 @@ def test_events_are_the_differences_of_whole_evaluations(
 def thinking(workshop: Map) -> Iterator[Watched]:
     """A second workshop, which is reasoned about."""
     made = make_workshop(workshop.database, "thinking")
-    session = made.session_of_map()
+    session = made.connection
     update(session, PREFIX + AXIOMS)
     reason(session)
     watched = Watched(made, LOCAL[::4] + INFERRED)

@@ -42,7 +42,7 @@ PLACE = ActionRecord("place", Pose(z=0.05), post_pose=Pose(z=0.15))
 
 
 def session(cups: Map) -> Any:
-    return cups.session_of_map()
+    return cups.connection
 
 
 def ids(rows: list[dict[str, Any]]) -> list[int]:

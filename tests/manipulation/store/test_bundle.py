@@ -48,7 +48,7 @@ def other(other_database: Any) -> Iterator[Any]:
 @pytest.fixture
 def taught(cups: Map) -> dict[str, int]:
     """Ids of actions: one that failed, the one that replaces it, one that nobody tried, a put."""
-    here = cups.session_of_map()
+    here = cups.connection
     set_shape(here, "cup1", primitive("cylinder", 0.035, 0.09))
     failed, new = add_actions(here, "cup1", None, [candidate(quality=0.9), candidate(yaw=1.0)])
     (worked,) = add_actions(here, "cup1", None, [candidate(x=0.004, shift=(0.0, 0.004, 0.0))])
@@ -69,7 +69,7 @@ def rows(other: Any) -> dict[str, int]:
 def test_another_database_knows_what_the_first_one_learned(
     cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     path = tmp_path / "cups.bundle"
     counts = export_bundle(here, path, "kitchen", key=KEY)
     assert counts == {"grippers": 1, "objects": 1, "actions": 5}
@@ -99,7 +99,7 @@ def test_another_database_knows_what_the_first_one_learned(
 def test_a_cup_of_the_same_mesh_profits_and_outcomes_count_by_trust(
     cups: Map, taught: dict[str, int], tmp_path: Path
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     path = tmp_path / "cups.bundle"
     export_bundle(here, path, "kitchen", key=KEY)
     here.execute("DELETE FROM action")
@@ -120,7 +120,7 @@ def test_what_was_only_imported_is_not_shared_again(
     cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "cups.bundle"
-    export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)
+    export_bundle(cups.connection, path, "kitchen", key=KEY)
     trust(other, "kitchen", PUBLIC)
     import_bundle(other, path)
     assert export_bundle(other, tmp_path / "mine", "me", key=KEY)["actions"] == 0
@@ -186,7 +186,7 @@ def test_a_damaged_bundle_is_refused_whole(
     cups: Map, taught: dict[str, int], other: Any, tmp_path: Path, name: str
 ) -> None:
     path = tmp_path / "cups.bundle"
-    export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)
+    export_bundle(cups.connection, path, "kitchen", key=KEY)
     trust(other, "kitchen", PUBLIC)
     damage, text = DAMAGE[name]
     path.write_bytes(damage(path.read_bytes()))
@@ -198,7 +198,7 @@ def test_a_damaged_bundle_is_refused_whole(
 def test_bundles_of_strangers_of_the_distrusted_and_old_ones_are_refused(
     cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     old, new = tmp_path / "old", tmp_path / "new"
     export_bundle(here, old, "kitchen", key=KEY)
     export_bundle(here, new, "kitchen", key=KEY)
@@ -217,7 +217,7 @@ def test_a_gripper_of_the_same_name_and_another_opening_is_refused(
     cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "cups.bundle"
-    export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)
+    export_bundle(cups.connection, path, "kitchen", key=KEY)
     add_gripper(other, "two_fingers", form="parallel", opening=0.12, depth=0.05)
     trust(other, "kitchen", PUBLIC)
     with pytest.raises(ManipulationError, match=r"opens 0\.09 m there and 0\.12 m here"):

@@ -13,9 +13,9 @@ import semmap
 from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
 from planner.mission.store.grasp_memory import GraspMemory
+from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper
-from semmap.query.maps import see_map
 from tests.conftest import MakeDatabase
 
 MUG = Command("pickup", ("mug", "table"))

@@ -2,7 +2,7 @@ import pytest
 from sqlalchemy import text
 
 from semmap.database import connect
-from semmap.query.maps import current_name, see_map, snapshot
+from semmap.database.maps import current_name, see_map, snapshot
 
 
 @pytest.fixture
