@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navgrid.options import parts_of
+from semmap.cli.grid_options import parts_of
 from semmap.robot.error import RobotError
 from semmap.robot.joint_positions import joints_of
 from semmap.robot.srdf import read_states

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from planner.cli import options
-from planner.cli.place_progress import place_progress
 from semmap import cli
+from semmap.cli import mission_options as options
+from semmap.cli.place_progress import place_progress
 
 if TYPE_CHECKING:
     from planner.search.problem_builder import MapSearch
@@ -62,7 +62,7 @@ def search_command(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
     if simulate:
-        from planner.cli.simulated_run import SimulatedRun
+        from semmap.cli.simulated_run import SimulatedRun
 
         run = SimulatedRun(
             start,

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from semmap import cli
+from semmap.cli.field_service import add_service_commands
 from semmap.fields.service.client import find_service
-from semmap.fields.service.commands import add_service_commands
 
 if TYPE_CHECKING:
     from semmap.api.database import Database

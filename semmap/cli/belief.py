@@ -84,7 +84,7 @@ def where_command(
     from semmap.belief.estimates import belief_with_motion, belief_with_occlusion
     from semmap.belief.motion import MotionModel
     from semmap.belief.store.beliefs import where
-    from semmap.ingest.regions.commands import zoned
+    from semmap.cli.regions import zoned
 
     if draw is not None and len(names) > 1:
         raise typer.BadParameter("--draw is for one name")
@@ -218,7 +218,7 @@ def observe_command(
     from semmap.belief.looks import observe_point
     from semmap.belief.reader import is_wide
     from semmap.belief.store.beliefs import add_observations
-    from semmap.ingest.regions.commands import zoned
+    from semmap.cli.regions import zoned
 
     if sum(given is not None for given in (place, point, view)) != 1 or (view is None) != (
         name is not None
@@ -358,7 +358,7 @@ def initial(
 ) -> None:
     """Print the initial belief as JSON: locations, and a distribution for each name."""
     from semmap.belief.store.beliefs import initial_belief
-    from semmap.ingest.regions.commands import zoned
+    from semmap.cli.regions import zoned
 
     with cli.open_database() as db:
         session = db.map(map_name).connection
@@ -405,7 +405,7 @@ def identify(
     """
     from semmap.belief.identify import identify
     from semmap.belief.motion import MotionModel
-    from semmap.ingest.regions.commands import zoned
+    from semmap.cli.regions import zoned
 
     detections = [_detection(text) for text in seen]
     with cli.open_map(map_name) as connection:
@@ -457,9 +457,9 @@ def field(
     from semmap.belief.belief_field import belief_map
     from semmap.belief.reader import read_places
     from semmap.belief.store.beliefs import read_belief
+    from semmap.cli.regions import zoned
     from semmap.fields.store.map_store import save_map
     from semmap.fields.store.names import read_map_vocabulary
-    from semmap.ingest.regions.commands import zoned
 
     moment = zoned(at)
     with cli.engine().begin() as connection:
@@ -492,7 +492,7 @@ def export(
     from semmap.belief.estimates import known_volumes
     from semmap.belief.problog_program import problog_program
     from semmap.belief.reader import read_columns, read_model
-    from semmap.ingest.regions.commands import zoned
+    from semmap.cli.regions import zoned
 
     if not problog:
         raise typer.BadParameter("name the format: --problog")

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from navgrid.options import AssumeSizes
-from planner.cli import options
 from semmap import cli
+from semmap.cli import mission_options as options
+from semmap.cli.grid_options import AssumeSizes
 
 __all__ = ["missions_command", "run_command"]
 
@@ -63,7 +63,7 @@ def run_command(
     if resume == (goal is not None):
         raise typer.BadParameter("give either a goal, or --resume")
 
-    from planner.cli.simulated_run import SimulatedRun
+    from semmap.cli.simulated_run import SimulatedRun
 
     SimulatedRun(
         start,

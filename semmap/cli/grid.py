@@ -12,7 +12,8 @@ from typing import Annotated
 
 import typer
 
-from navgrid.options import (
+from semmap import cli
+from semmap.cli.grid_options import (
     AssumeSizes,
     FieldNames,
     FromVoxels,
@@ -26,7 +27,6 @@ from navgrid.options import (
     moment_of,
     voxels_of,
 )
-from semmap import cli
 
 __all__ = ["grid_command"]
 

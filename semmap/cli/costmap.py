@@ -12,7 +12,8 @@ from typing import Annotated
 
 import typer
 
-from navgrid.options import (
+from semmap import cli
+from semmap.cli.grid_options import (
     AssumeSizes,
     FieldNames,
     FromVoxels,
@@ -30,7 +31,6 @@ from navgrid.options import (
     parts_of,
     voxels_of,
 )
-from semmap import cli
 from semmap.number_list import parse_numbers
 
 __all__ = ["costmap_command"]

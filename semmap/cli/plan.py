@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from navgrid.options import AssumeSizes
 from semmap import cli
+from semmap.cli.grid_options import AssumeSizes
 
 if TYPE_CHECKING:
     from planner.plan import Action, Plan

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from navgrid.options import AssumeSizes
-from planner.cli.place_progress import place_progress
 from semmap import cli
+from semmap.cli.grid_options import AssumeSizes
+from semmap.cli.place_progress import place_progress
 
 if TYPE_CHECKING:
     from planner.live_topology import LiveTopology

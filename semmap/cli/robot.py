@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from navgrid.options import MaxSlope, MaxStep, Parts, State, Urdf
 from semmap import cli
+from semmap.cli.grid_options import MaxSlope, MaxStep, Parts, State, Urdf
 from semmap.number_list import parse_numbers
 
 if TYPE_CHECKING:
@@ -49,10 +49,10 @@ def add(
     """Add a class of robots from a URDF, or replace the class of this name."""
     import math
 
-    from navgrid.options import parts_of
     from navgrid.terrain import DriveLimits
     from planner.readers.robot_class import store_robot_class
     from planner.robot_class import RobotClass
+    from semmap.cli.grid_options import parts_of
 
     near = parse_numbers(reach, 2, "--reach MIN,MAX")
     high = parse_numbers(heights, 2, "--heights MIN,MAX")
