@@ -14,9 +14,11 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import DBAPIError
 
 import semmap
+from semmap.database.revisions import newest
 from semmap.model import Entity, Object, WorldPlacement
 from tests.command_line import semmap as semmap_cli
 from tests.ingest.worlds_by_hand import box_world
+from tests.next_revision import next_revision
 
 
 @pytest.fixture
@@ -234,11 +236,12 @@ def test_orm_keeps_changed_properties_and_states_holders(flat: semmap.Map) -> No
 
 
 def test_old_schema_is_refused_and_stays(db: semmap.Database, database: str) -> None:
-    db.session.execute("UPDATE public.semmap_version SET version_num = '0007'")
-    with pytest.raises(semmap.DatabaseError, match=r"at revision 0007.*semmap db upgrade"):
+    former = newest()
+    expected = rf"at revision {former}.*semmap db upgrade"
+    with next_revision(), pytest.raises(semmap.DatabaseError, match=expected):
         semmap.connect(database)
     row = db.session.execute("SELECT version_num FROM public.semmap_version").fetchone()
-    assert row == ("0007",)
+    assert row == (former,)
 
 
 def test_database_without_schema_is_refused_and_stays_empty(
