@@ -44,10 +44,11 @@ def plan_command(
     from planner.task_planner import TaskPlanner
     from planner.tasks.domain_file import read_domain
     from planner.tasks.pddl import write_pddl
+    from semmap.query.map_handle import MapHandle
 
     domain = None if domain_file is None else read_domain(domain_file)
     with cli.database() as engine:
-        live = LiveTopology(engine, map_name, robot, assume_sizes=assume_sizes)
+        live = LiveTopology(MapHandle(engine, map_name), robot, assume_sizes=assume_sizes)
         tasks = TaskPlanner(live, domain)
         relations = () if domain is None else domain.relations
         with live.snapshot() as connection:

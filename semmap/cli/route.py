@@ -121,11 +121,12 @@ def _live_topology(
 ) -> Iterator[LiveTopology]:
     """The present topology; shows the progress while travel times are measured."""
     from planner.live_topology import LiveTopology
+    from semmap.query.map_handle import MapHandle
 
     with cli.database() as engine:
         with place_progress(quiet=quiet) as progress:
             live = LiveTopology(
-                engine, map_name, robot, progress=progress, assume_sizes=assume_sizes
+                MapHandle(engine, map_name), robot, progress=progress, assume_sizes=assume_sizes
             )
         yield live
 

@@ -85,9 +85,10 @@ def search_command(
     from planner.search.receding_horizon import decide
     from planner.search.search_mission import SearchPlanner, explain
     from planner.tasks.reader import read_state
+    from semmap.query.map_handle import MapHandle
 
     with cli.database() as engine:
-        live = LiveTopology(engine, map_name, robot_class)
+        live = LiveTopology(MapHandle(engine, map_name), robot_class)
         with live.snapshot() as connection:
             state = read_state(connection, live.topology, start)
             begin = live.graph.endpoint(state.place, state.pose)

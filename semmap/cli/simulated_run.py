@@ -75,6 +75,7 @@ class SimulatedRun:
         from planner.task_planner import TaskPlanner
         from planner.tasks.domain_file import read_domain
         from planner.tasks.goal import parse_goal
+        from semmap.query.map_handle import MapHandle
 
         grasps = self._grasps()
         rules = [FailureRule.parse(text) for text in self.fail]
@@ -98,7 +99,7 @@ class SimulatedRun:
                 grasps.check(connection, robot, self.robot_class)
             store = opened_here.enter_context(MissionStore(engine, happens_in, process, grasps))
             live = LiveTopology(
-                engine, happens_in, self.robot_class, assume_sizes=self.assume_sizes
+                MapHandle(engine, happens_in), self.robot_class, assume_sizes=self.assume_sizes
             )
             tasks = TaskPlanner(live, domain)
             assert goal is not None

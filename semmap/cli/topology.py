@@ -68,6 +68,7 @@ def topology_command(
     from planner.robot_class import RobotClass
     from semmap.database.maps import current_name
     from semmap.draw.view import storey_view
+    from semmap.query.map_handle import MapHandle
     from semmap.query.storey_reader import read_storeys
 
     chosen = _format(file, format_, json_)
@@ -77,7 +78,7 @@ def topology_command(
         views = [storey_view(s) for s in read_storeys(connection, storey, triangles=False)]
     with cli.database() as engine:
         default = RobotClass(speed=speed, unlocks=locked)
-        routing = LiveTopology(engine, name, robot or default).graph
+        routing = LiveTopology(MapHandle(engine, name), robot or default).graph
     topology = routing.topology
     if not topology.connectors:
         raise ExchangeError(
