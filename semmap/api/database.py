@@ -18,8 +18,11 @@ from semmap.database.shared_engine import shared_engine
 from semmap.query import entity_query
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from sqlalchemy import Engine
 
+    from planner.robot_class import RobotClass
     from semmap.database.embedded import Cluster
 
 __all__ = ["Database", "connect"]
@@ -197,3 +200,57 @@ class Database:
                     sql.Identifier(role), sql.Identifier(database), sql.Literal(chosen)
                 )
             )
+
+    def add_robot(
+        self,
+        name: str,
+        urdf: Path | str,
+        *,
+        posture: str | None = None,
+        parts: Path | str | None = None,
+        max_step: float = 0.02,
+        max_slope: float = 6.0,
+        **abilities: Any,
+    ) -> RobotClass:
+        """Store a class of robots from a URDF, or replace the one of this name.
+
+        Parameters
+        ----------
+        posture, parts : as for `Map.costmaps`
+        max_step, max_slope : that it drives over, metres and degrees
+        abilities : attributes of `planner.RobotClass`: `speed`, `reach`, `heights`, `capacity`,
+            `behaviours`, `permissions`, `opens`, `unlocks`, `outside`
+
+        Raises
+        ------
+        ValueError
+            The URDF cannot be used, or a number is out of range.
+        """
+        import math
+
+        from navgrid.terrain import DriveLimits
+        from planner.readers.robot_class import store_robot_class
+        from planner.robot_class import RobotClass
+        from semmap.robot import load_robot, robot_parts
+        from semmap.robot.joint_positions import joints_of
+
+        path, grouped = Path(urdf), None if parts is None else Path(parts)
+        shape = robot_parts(load_robot(path), joints_of(path, posture), grouped)
+        limits = DriveLimits(max_step, math.radians(max_slope))
+        added = RobotClass(name, tuple(shape), limits, **{"speed": 0.5} | abilities)
+        with self.session.transaction(), shared_engine(self.session).connect() as connection:
+            store_robot_class(connection, added, urdf=path)
+        return added
+
+    def delete_robot(self, name: str) -> None:
+        """Delete a class of robots, and its travel times.
+
+        Raises
+        ------
+        LookupError
+            There is no such class.
+        """
+        from planner.readers.robot_class import delete_robot_class
+
+        with self.session.transaction(), shared_engine(self.session).connect() as connection:
+            delete_robot_class(connection, name)

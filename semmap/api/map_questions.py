@@ -268,6 +268,11 @@ class MapQuestions:
         """The engine of the database."""
         return self.database.engine
 
+    @property
+    def in_transaction(self) -> bool:
+        """Whether a transaction of this map is open."""
+        return self.connection.info.transaction_status != TransactionStatus.IDLE
+
     def close(self) -> None:
         """Close the map's connection; it is opened again when it is used."""
         if "connection" in vars(self):

@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
 
     from semmap.api.database import Database
+    from semmap.api.map import Map
 
     Session = psycopg.Connection[Any]
 
 __all__ = [
     "CliOptions",
     "choose_map",
+    "chosen_map",
     "chosen_url",
     "database",
     "engine",
@@ -75,6 +77,23 @@ def database(*, migrate: bool = False) -> Iterator[Engine]:
         yield chosen
     finally:
         chosen.dispose()
+
+
+@contextmanager
+def chosen_map(name: str | None, *, migrate: bool = False) -> Iterator[Map]:
+    """The map of a name, else the chosen one, else the only one, while it lasts.
+
+    Raises
+    ------
+    typer.BadParameter
+        There is no such map, none at all, or several and none is chosen.
+    """
+    with open_database(migrate=migrate) as chosen:
+        try:
+            found = chosen.map(name)
+        except LookupError as error:
+            raise typer.BadParameter(str(error)) from None
+        yield found
 
 
 @contextmanager

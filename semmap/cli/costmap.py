@@ -6,9 +6,8 @@ The command loads its modules when it runs, so that its help is quick.
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -27,9 +26,6 @@ from semmap.cli.grid_options import (
     Urdf,
     VoxelSize,
     fields_of,
-    moment_of,
-    parts_of,
-    voxels_of,
 )
 from semmap.number_list import parse_numbers
 
@@ -80,60 +76,42 @@ def costmap_command(
     json_: cli.Json = False,
 ) -> None:
     """Compute a robot's layered costmaps and write them for Nav2."""
-    from navgrid.costmap import Inflation
-    from navgrid.costmap_output import (
-        draw_costmap,
-        show_explanation,
-        show_files,
-        show_notes,
-        write_collisions,
-    )
-    from navgrid.free_space import check_free
-    from navgrid.map_file import file_name
-    from navgrid.nav2 import write_nav2
-    from navgrid.policy import Policy
-    from navgrid.readers.costmaps import read_costmaps
-    from navgrid.terrain import DriveLimits
+    from navgrid.map_file import folder_of
+    from semmap.cli.costmap_output import show_explanation, show_files, show_notes
 
     if folder is None and explain is None:
         raise typer.BadParameter("give a folder (-o) or a point (--explain X,Y)")
     corners = None if box is None else parse_numbers(box, 4, "--box X0,Y0,X1,Y1")
     point = None if explain is None else parse_numbers(explain, 2, "--explain X,Y")
-    shape = parts_of(robot, state, parts)
-    rules = None if policy is None else Policy.read(policy)
-    limits = DriveLimits(max_step, math.radians(max_slope))
-    with cli.open_map(map_name) as connection:
-        costmaps = read_costmaps(
-            connection,
-            shape,
+    with cli.chosen_map(map_name) as house:
+        costmaps = house.costmaps(
+            robot,
+            posture=state,
+            parts=parts,
             storey=storey,
             rooms=None if rooms is None else [name.strip() for name in rooms.split(",")],
             bounds=None if corners is None else (corners[0], corners[1], corners[2], corners[3]),
             resolution=resolution,
-            policy=rules,
-            inflation=Inflation(inflation_radius, cost_scaling_factor),
-            limits=limits,
+            inflation_radius=inflation_radius,
+            cost_scaling_factor=cost_scaling_factor,
+            policy=policy,
             static_map=static_map,
-            moment=moment_of(at),
-            fields=fields_of(connection, field, no_fields),
-            voxels=voxels_of(connection, from_voxels, voxel_size),
+            max_step=max_step,
+            max_slope=max_slope,
+            at=at,
+            fields=fields_of(house, field, no_fields),
+            voxel_size=voxel_size if from_voxels else None,
             assume_sizes=assume_sizes,
         )
     if point is not None:
         show_explanation(costmaps, point[0], point[1], json_)
         return
     assert folder is not None
-    for costmap in costmaps:
-        check_free(costmap)
-    written = []
-    for costmap in costmaps:
-        place = folder if len(costmaps) == 1 else folder / file_name(costmap.scene.storey)
-        files = write_nav2(costmap, place, laser_height=laser_height)
-        if headings:
-            files["collisions"] = str(write_collisions(costmap, headings, place))
-        if picture:
-            files["pictures"] = [str(p) for p in draw_costmap(costmap, place)]
-        written.append({**files, "folder": str(place)})
+    options: Any = {"laser_height": laser_height, "headings": headings, "picture": picture}
+    written = [
+        made.write(folder_of(made.scene.storey, folder, len(costmaps)), **options)
+        for made in costmaps
+    ]
     if json_:
         print(json.dumps(written))
         return

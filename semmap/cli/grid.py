@@ -6,9 +6,9 @@ The command loads its modules when it runs, so that its help is quick.
 from __future__ import annotations
 
 import json
-import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,9 +24,10 @@ from semmap.cli.grid_options import (
     PolicyFile,
     VoxelSize,
     fields_of,
-    moment_of,
-    voxels_of,
 )
+
+if TYPE_CHECKING:
+    from navgrid.occupancy_grid import StoreyGrid
 
 __all__ = ["grid_command"]
 
@@ -59,52 +60,41 @@ def grid_command(
     json_: cli.Json = False,
 ) -> None:
     """Write the obstacles of each storey as a Nav2 map (map.yaml, map.pgm)."""
-    from navgrid.field_layer import field_notes
-    from navgrid.grid_output import write_grid
-    from navgrid.map_file import file_name
-    from navgrid.occupancy_grid import storey_grid
-    from navgrid.policy import Policy
-    from navgrid.terrain import DriveLimits
+    from navgrid.map_file import folder_of
     from semmap.number_list import parse_numbers
-    from semmap.query.geometry_notes import geometry_notes
-    from semmap.query.storey_reader import read_storeys
 
     low, high = parse_numbers(interval, 2, "--interval LOW,HIGH")
-    rules = None if policy is None else Policy.read(policy)
-    limits = DriveLimits(max_step, math.radians(max_slope))
-    with cli.open_map(map_name) as connection:
-        voxels = voxels_of(connection, from_voxels, voxel_size)
-        scenes = read_storeys(
-            connection, storey, moment=moment_of(at), voxels=voxels, assume_sizes=assume_sizes
-        )
-        fields = fields_of(connection, field, no_fields)
-    there = [scene for scene in scenes if scene.entities or scene.floors] or scenes
-    grids = [
-        storey_grid(
-            scene,
-            (low, high),
-            resolution,
+    with cli.chosen_map(map_name) as house:
+        grids = house.grids(
+            storey=storey,
+            interval=(low, high),
+            resolution=resolution,
             increment=increment,
             free_outside=free_outside,
-            policy=rules,
-            limits=limits,
-            fields=fields,
+            policy=policy,
+            max_step=max_step,
+            max_slope=max_slope,
+            at=at,
+            fields=fields_of(house, field, no_fields),
+            voxel_size=voxel_size if from_voxels else None,
+            assume_sizes=assume_sizes,
         )
-        for scene in there
+    written = [
+        made.write(folder_of(made.scene.storey, folder, len(grids)), picture=picture)
+        for made in grids
     ]
-    written = []
-    for made in grids:
-        place = folder if len(grids) == 1 else folder / file_name(made.scene.storey)
-        written.append(write_grid(made, place, (low, high), picture=picture))
     if json_:
         print(json.dumps(written))
-        return
+    else:
+        _show(grids, written)
+
+
+def _show(grids: Sequence[StoreyGrid], written: Sequence[dict[str, Any]]) -> None:
     for made, row in zip(grids, written, strict=True):
         cli.out.print(
             f"{row['storey']}: {row['map']}, {row['width']} x {row['height']} cells of "
             f"{row['resolution']:g} m: {row['occupied']} occupied, {row['free']} free, "
             f"{row['unknown']} unknown"
         )
-        notes = field_notes(made.fields, made.fields_without_rule)
-        for note in [*geometry_notes(made.scene.entities), *notes]:
+        for note in made.notes:
             cli.out.print(f"{row['storey']}: {note}", style="yellow")

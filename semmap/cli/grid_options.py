@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from navgrid.field_layer import FieldVoxels
-    from semmap.geometry.voxels import Voxels
-    from semmap.robot import Part
+    from semmap.api.map import Map
 
 __all__ = [
     "AssumeSizes",
@@ -27,9 +25,6 @@ __all__ = [
     "Urdf",
     "VoxelSize",
     "fields_of",
-    "moment_of",
-    "parts_of",
-    "voxels_of",
 ]
 
 Urdf = Annotated[Path, typer.Option("--robot", help="The robot's URDF.")]
@@ -69,64 +64,25 @@ VoxelSize = Annotated[
 ]
 
 
-def voxels_of(connection: Any, from_voxels: bool, voxel_size: float) -> dict[int, Voxels] | None:
-    """Return the voxels of the map as options choose them; None for its meshes."""
-    from navgrid.readers.fields import read_mirror
-
-    return read_mirror(connection, voxel_size) if from_voxels else None
-
-
-def fields_of(connection: Any, names: list[str] | None, no_fields: bool) -> dict[str, FieldVoxels]:
-    """Return the fields of the current map as options choose them.
+def fields_of(house: Map, names: list[str] | None, no_fields: bool) -> list[str] | None:
+    """Return the fields that options choose, None for all; note those whose sources ended.
 
     Raises
     ------
     ValueError
         Both options are given.
-    LookupError
-        There is no field of a given name.
     """
-    from navgrid.readers.fields import LIVE, read_ended_fields, read_fields
+    from navgrid.readers.fields import LIVE
     from semmap import cli
 
     if no_fields and names:
         raise ValueError("--field and --no-fields exclude each other: give one of them")
     if no_fields:
-        return {}
-    ended = [] if names else read_ended_fields(connection)
+        return []
+    ended = [] if names else house.ended_fields
     if ended:
         cli.err.print(
             f"fields of sources without an update for {LIVE:.0f} s, not used: {', '.join(ended)}",
             style="yellow",
         )
-    return read_fields(connection, names or None)
-
-
-def moment_of(at: datetime | None) -> datetime:
-    """Return the moment that an option names, in the local time zone by default; now for None."""
-    if at is None:
-        return datetime.now(UTC)
-    return at if at.tzinfo else at.astimezone()
-
-
-def parts_of(robot: Path, state: str | None = None, parts: Path | None = None) -> list[Part]:
-    """Return the parts of a robot as options describe it.
-
-    Parameters
-    ----------
-    robot : the URDF
-    state : str, optional
-        Joint positions as JSON, the name of a file that holds them, or that of a state in the
-        SRDF of the robot.
-    parts : Path, optional
-        YAML that groups links into parts.
-
-    Raises
-    ------
-    ValueError
-        The state is not JSON of numbers, or the robot has no such joint or link.
-    """
-    from semmap.robot import load_robot, robot_parts  # loads trimesh
-    from semmap.robot.joint_positions import joints_of
-
-    return robot_parts(load_robot(robot), joints_of(robot, state), parts)
+    return names or None

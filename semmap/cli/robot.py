@@ -47,52 +47,41 @@ def add(
     json_: cli.Json = False,
 ) -> None:
     """Add a class of robots from a URDF, or replace the class of this name."""
-    import math
-
-    from navgrid.terrain import DriveLimits
-    from planner.readers.robot_class import store_robot_class
-    from planner.robot_class import RobotClass
-    from semmap.cli.grid_options import parts_of
-
     near = parse_numbers(reach, 2, "--reach MIN,MAX")
     high = parse_numbers(heights, 2, "--heights MIN,MAX")
-    added = RobotClass(
-        name,
-        tuple(parts_of(urdf, state, parts)),
-        DriveLimits(max_step, math.radians(max_slope)),
-        speed,
-        None if behaviour is None else frozenset(behaviour),
-        frozenset(permission or ()),
-        opens,
-        unlocks,
-        outside,
-        (near[0], near[1]),
-        (high[0], high[1]),
-        capacity,
-    )
-    with cli.database() as engine, engine.begin() as connection:
-        store_robot_class(connection, added)
+    with cli.open_database() as db:
+        added = db.add_robot(
+            name,
+            urdf,
+            posture=state,
+            parts=parts,
+            max_step=max_step,
+            max_slope=max_slope,
+            speed=speed,
+            behaviours=None if behaviour is None else frozenset(behaviour),
+            permissions=frozenset(permission or ()),
+            opens=opens,
+            unlocks=unlocks,
+            outside=outside,
+            reach=(near[0], near[1]),
+            heights=(high[0], high[1]),
+            capacity=capacity,
+        )
     _show([added], json_)
 
 
 @robot.command()
 def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
     """List the classes of robots."""
-    from planner.readers.robot_class import read_robot_class, read_robot_class_names
-
-    with cli.open_map(map_name) as connection:
-        names = read_robot_class_names(connection)
-        found = [read_robot_class(connection, name).robot for name in names]
-    _show(found, json_)
+    with cli.chosen_map(map_name) as house:
+        _show([*house.robots.values()], json_)
 
 
 @robot.command()
 def rm(name: Annotated[str, typer.Argument(help="Name of the class to delete.")]) -> None:
     """Delete a class of robots and its travel times."""
-    from planner.readers.robot_class import delete_robot_class
-
-    with cli.database() as engine, engine.begin() as connection:
-        delete_robot_class(connection, name)
+    with cli.open_database() as db:
+        db.delete_robot(name)
 
 
 def _show(robots: list[RobotClass], json_: bool) -> None:

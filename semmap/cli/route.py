@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,8 +16,6 @@ from semmap.cli.grid_options import AssumeSizes
 from semmap.cli.place_progress import place_progress
 
 if TYPE_CHECKING:
-    from planner.live_topology import LiveTopology
-    from planner.robot_class import RobotClass
     from planner.route import Route, RouteStep
     from semmap.geometry.pose import Pose
 
@@ -56,7 +53,7 @@ def route_command(
     outside: Annotated[
         bool, typer.Option("--outside", help="The robot may leave the building.")
     ] = False,
-    graph: Annotated[
+    drawn: Annotated[
         bool,
         typer.Option("--graph", help="On the drawn graph: imported Nav2 edges or Open-RMF lanes."),
     ] = False,
@@ -67,84 +64,46 @@ def route_command(
     json_: cli.Json = False,
 ) -> None:
     """Find the quickest route: its doors in order, each with an approach and a leave pose."""
-    from planner.cost_rules import CostRules
-    from planner.readers.drawn_graph import read_drawn_graph
-    from planner.robot_class import RobotClass
-    from planner.route_planner import RoutePlanner
-    from semmap.query.geometry_notes import names_note, read_names_without_geometry
-
-    if graph and count != 1:
+    if drawn and count != 1:
         raise typer.BadParameter("--graph finds one route: leave out -k")
     if assume_sizes and robot is None:
         raise typer.BadParameter("--assume-sizes is for the costmaps of a robot: add --robot")
-    able = RobotClass(opens=closed, unlocks=locked, outside=outside)
-    quiet = json_ or rooms
-    with _live_topology(map_name, robot or able, assume_sizes, quiet=quiet) as live:
-        planner = RoutePlanner.of_live(live, rules=None if rules is None else CostRules.read(rules))
-        if robot is not None and (locked or outside or not closed):
-            planner.graph = _graph_with_abilities(live, able)
-        ends, moment = (_location(start), _location(goal)), at or datetime.now()
-        if graph:
-            with live.snapshot() as connection:
-                drawn = read_drawn_graph(connection, live.topology)
-            found = [planner.route_on(drawn, *ends, avoid=avoid or (), at=moment)]
-        elif count == 1:
-            found = [planner.route(*ends, avoid=avoid or (), at=moment)]
-        else:
-            found = planner.alternatives(*ends, count, avoid=avoid or (), at=moment)
-        places = [*dict.fromkeys([found[0].start, *(s.to_place for s in found[0].steps)])]
-        with live.snapshot() as connection:
-            unknown = read_names_without_geometry(connection, places)
-            sized = read_names_without_geometry(connection, places, assume_sizes=True)
-        assumed = sorted({*unknown} - {*sized}) if assume_sizes else []
-        unknown = sized if assume_sizes else unknown
+    given = {"unlocks": locked, "outside": outside, "opens": closed}
+    abilities = {name: value for name, value in given.items() if value == (name != "opens")}
+    options: Any = {"robot": robot, "avoid": avoid or (), "at": at, "rules": rules}
+    options |= {"assume_sizes": assume_sizes} | abilities
+    ends = _location(start), _location(goal)
+    with cli.chosen_map(map_name) as house:
+        with place_progress(quiet=json_ or rooms) as progress:
+            if count == 1:
+                found = [house.route(*ends, drawn=drawn, progress=progress, **options)]
+            else:
+                found = house.routes(*ends, count, progress=progress, **options)
+        unknown = found[0].without_geometry(assume_sizes=assume_sizes)
+        assumed = sorted({*found[0].without_geometry()} - {*unknown}) if assume_sizes else []
     if rooms:
-        print(",".join(places))
+        print(",".join(found[0].places))
     elif json_:
         answer = _route_as_json(found[0]) | {"no_geometry": unknown, "assumed_sizes": assumed}
         if count > 1:
             answer["alternatives"] = [_route_as_json(r) for r in found[1:]]
         print(json.dumps(answer))
     else:
-        for number, route in enumerate(found, 1):
-            if count > 1:
-                cli.out.print(f"{number}.")
-            _show_route(route, timed=robot is not None)
-        for names, key in ((unknown, "no_geometry"), (assumed, "assumed_sizes")):
-            if names:
-                cli.out.print(names_note(names, key), style="yellow")
+        _show_routes(found, {"no_geometry": unknown, "assumed_sizes": assumed}, robot is not None)
 
 
-@contextmanager
-def _live_topology(
-    map_name: str | None, robot: str | RobotClass, assume_sizes: bool, *, quiet: bool
-) -> Iterator[LiveTopology]:
-    """The present topology; shows the progress while travel times are measured."""
-    from planner.live_topology import LiveTopology
-    from semmap.query.map_handle import MapHandle
+def _show_routes(
+    found: Sequence[Route], without_shape: Mapping[str, Sequence[str]], timed: bool
+) -> None:
+    from semmap.query.geometry_notes import names_note
 
-    with cli.database() as engine:
-        with place_progress(quiet=quiet) as progress:
-            live = LiveTopology(
-                MapHandle(engine, map_name), robot, progress=progress, assume_sizes=assume_sizes
-            )
-        yield live
-
-
-def _graph_with_abilities(live: LiveTopology, able: RobotClass) -> Any:
-    """The routing graph of the same robots with additional abilities."""
-    from dataclasses import replace
-
-    from planner.routing_graph import RoutingGraph
-
-    graph, robot = live.graph, live.graph.robot
-    robot = replace(
-        robot,
-        opens=robot.opens and able.opens,
-        unlocks=robot.unlocks or able.unlocks,
-        outside=robot.outside or able.outside,
-    )
-    return RoutingGraph(live.topology, robot, graph.costs, durations=graph.durations)
+    for number, route in enumerate(found, 1):
+        if len(found) > 1:
+            cli.out.print(f"{number}.")
+        _show_route(route, timed=timed)
+    for key, names in without_shape.items():
+        if names:
+            cli.out.print(names_note(names, key), style="yellow")
 
 
 def _location(word: str) -> str | Pose:

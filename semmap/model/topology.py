@@ -26,6 +26,7 @@ class RobotClassRecord(Base):
 
     id: Mapped[int] = mapped_column(Integer, Identity(), primary_key=True)
     name: Mapped[str] = mapped_column(unique=True)
+    urdf: Mapped[str | None]
     parts: Mapped[list[Any]] = mapped_column(JSONB, server_default=text("'[]'"))
     width: Mapped[float | None]
     height: Mapped[float | None]

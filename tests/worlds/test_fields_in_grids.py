@@ -285,7 +285,8 @@ def test_fields_of_sources_count_while_they_are_live(
 def test_a_costmap_from_the_mirror_equals_that_from_meshes(house: Engine, bare: Costmap) -> None:
     """Per part of TIAGo: each occupied cell of one has one of the other within a voxel."""
     with house.connect() as connection:
-        (made,) = read_costmaps(connection, bare.parts, voxels=read_mirror(connection))
+        voxels = read_mirror(MapHandle(house, "house"))
+        (made,) = read_costmaps(connection, bare.parts, voxels=voxels)
     assert made.grid == bare.grid
     assert all(not len(e.triangles) for e in made.scene.entities)
     for interval in [(0.02, 3.0), *bare.intervals]:
@@ -299,7 +300,7 @@ def test_a_grid_of_the_hotel_from_the_mirror_has_no_mesh(hotel: Engine) -> None:
     """Walls and shut doors, too, are voxels alone; the cells are those of meshes within a voxel."""
     with hotel.connect() as connection:
         meshes = read_storeys(connection)
-        storeys = read_storeys(connection, voxels=read_mirror(connection))
+        storeys = read_storeys(connection, voxels=read_mirror(MapHandle(hotel, "hotel")))
     for there, here in zip(meshes, storeys, strict=True):
         shown = {e.id for e in there.entities if len(e.triangles)}
         assert {e.kind for e in there.entities if e.id in shown} == {"object", "connector"}

@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt
 
 from navgrid.area import area_cells
 from navgrid.occupancy_grid import StoreyGrid
-from planner.demo.grid_path import grid_path
+from planner.grid_path import grid_path
 from planner.route import Route
 from planner.topology import Topology
 from semmap.draw.view import storey_view
