@@ -102,10 +102,10 @@ def search_command(
 
         write_pomdp(as_pomdp(search.problem, search.belief), pomdp)
     if trials:
-        from planner.search.trials import compare, show
+        from planner.search.trials import compare
 
         found = compare(search, trials, seed)
-        print(json.dumps(found)) if json_ else show(found)
+        print(json.dumps(found)) if json_ else _show_trials(found)
         return
     if json_:
         print(json.dumps(_as_json(search, decision)))
@@ -149,3 +149,31 @@ def _as_json(search: MapSearch, decision: Decision) -> dict[str, Any]:
             for k in decision.tour
         ],
     }
+
+
+def _show_trials(found: dict[str, Any]) -> None:
+    """Print the durations as a table."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("strategy", "seconds", "right", "later searches are shorter by"):
+        table.add_column(column)
+    shorter = found["later searches are shorter than"]
+    for name, row in found["strategies"].items():
+        by = shorter.get(name)
+        table.add_row(
+            name,
+            _seconds(row["seconds"]),
+            f"{row['right']:.0%}",
+            "" if by is None else _seconds(by),
+        )
+    cli.out.print(table)
+    runs = found["runs"]
+    cli.out.print(
+        f"{found['trials']} objects, {runs} searches each; means with 95 % confidence intervals",
+        style="dim",
+    )
+
+
+def _seconds(interval: dict[str, float]) -> str:
+    return f"{interval['mean']:.1f} ± {interval['half_width']:.1f} s"
