@@ -25,9 +25,11 @@ if TYPE_CHECKING:
     from semmap.robot import Part
 
     RobotLike = str | Path | RobotClass | Sequence[Part]
-    Progress = Callable[[str, int, int], None]
 
-__all__ = ["MapDriving"]
+__all__ = ["MapDriving", "Progress"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is done now, its number, and how many there are."""
 
 
 class MapDriving(MapQuestions):
