@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from semmap.api.map_drawing import MapDrawing
 from semmap.api.map_entity import MapEntity
-from semmap.api.map_tasks import MapTasks
 
 if TYPE_CHECKING:
     import shapely
@@ -24,7 +24,7 @@ PlanarPose = Sequence[float]
 """(x, y, z, yaw): metres and radians in the map's frame; yaw may be left out."""
 
 
-class Map(MapTasks):
+class Map(MapDrawing):
     """A map of one environment, by the names of its entities.
 
     Attributes
