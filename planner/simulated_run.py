@@ -127,7 +127,7 @@ class SimulatedRun:
         engine, robot = self.source.engine, self.robot
         process = f"{socket.gethostname()} {os.getpid()}"
         with ExitStack() as opened_here:
-            with MissionList(engine, self.source.name) as missions:
+            with MissionList(self.source) as missions:
                 original = happens_in = missions.map_name
                 number = _resumed(missions, mission) if resume else None
                 if number is not None:
@@ -138,10 +138,9 @@ class SimulatedRun:
             with engine.connect() as connection:
                 see_map(connection, happens_in)
                 grasps.check(connection, robot, self.robot_class)
-            store = opened_here.enter_context(MissionStore(engine, happens_in, process, grasps))
-            live = LiveTopology(
-                MapHandle(engine, happens_in), self.robot_class, assume_sizes=self.assume_sizes
-            )
+            copy = MapHandle(engine, happens_in)
+            store = opened_here.enter_context(MissionStore(copy, process, grasps))
+            live = LiveTopology(copy, self.robot_class, assume_sizes=self.assume_sizes)
             tasks = TaskPlanner(live, self.domain)
             assert goal is not None
             with live.snapshot() as connection:

@@ -58,12 +58,10 @@ def connect(url: str | Cluster | None = None, *, migrate: bool | None = None) ->
     <room kitchen> []
     3
     """
-    if migrate is None:
-        migrate = is_new_cluster(url)
-    return Database(open_session(url, migrate=migrate), url)
+    return Database(url, migrate=_is_new_cluster(url) if migrate is None else migrate)
 
 
-def is_new_cluster(url: str | Cluster | None) -> bool:
+def _is_new_cluster(url: str | Cluster | None) -> bool:
     """Whether the embedded database is meant, and is not made yet."""
     import os
 
@@ -76,15 +74,15 @@ def is_new_cluster(url: str | Cluster | None) -> bool:
 
 
 class Database:
-    """The maps of a database, over one session; for one thread at a time.
+    """The maps of a database; for one thread at a time. `connect` opens it.
 
     Attributes
     ----------
-    session : the psycopg connection, in autocommit mode, its search path on the schema
+    session : a psycopg connection in autocommit mode, its search path on the schema
     """
 
-    def __init__(self, session: psycopg.Connection[Any], url: str | Cluster | None = None) -> None:
-        self.session = session
+    def __init__(self, url: str | Cluster | None = None, *, migrate: bool = False) -> None:
+        self.session = open_session(url, migrate=migrate)
         self._url = url
         self._maps: dict[str, Map] = {}
 

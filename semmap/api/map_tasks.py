@@ -254,4 +254,4 @@ class MapTasks(MapDriving):
     def _missions(self) -> MissionList:
         from planner.mission.store.mission_list import MissionList
 
-        return MissionList(self.engine, self.name)
+        return MissionList(self)
