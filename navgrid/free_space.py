@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from navgrid.inflation import INSCRIBED, LETHAL
+from semmap.error import Error
 from semmap.query.storey_scene import SceneEntity
 from semmap.robot import Part
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["NoFreeCellError", "check_free"]
 
 
-class NoFreeCellError(ValueError):
+class NoFreeCellError(Error, ValueError):
     """No cell of a master costmap is free; the message names the cause and how to fix it."""
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import shapely
 
+from semmap.error import Error
 from semmap.geometry.pose import Pose
 from semmap.suggestions import suggestion
 
@@ -30,11 +31,11 @@ AT_POINT = 0.3
 """Metres from a waypoint within which a robot is at it."""
 
 
-class TopologyError(ValueError):
+class TopologyError(Error, ValueError):
     """Places and connectors that do not fit together."""
 
 
-class UnknownPlaceError(LookupError):
+class UnknownPlaceError(Error, LookupError):
     """The topology has no place of this name; the message suggests similar names."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:

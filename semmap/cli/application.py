@@ -17,6 +17,7 @@ from semmap.cli.chosen import CliOptions, choose_map, engine, open_database
 from semmap.cli.database_commands import app as database_commands
 from semmap.cli.options import Json, MapName
 from semmap.cli.plugin_group import PluginGroup
+from semmap.error import Error
 from semmap.terminal import guard_streams
 
 if TYPE_CHECKING:
@@ -433,8 +434,6 @@ def _expected(error: Exception) -> str | None:
     """The message for the user of an error that bad input or a missing database causes."""
     import psycopg
 
-    from semmap.database.error import DatabaseError
-
     cause = getattr(error, "orig", error)  # SQLAlchemy keeps the driver's error there
     if isinstance(cause, psycopg.Error):
         message = str(cause).strip()
@@ -445,8 +444,6 @@ def _expected(error: Exception) -> str | None:
         return message
     if isinstance(error, LookupError) and error.args:
         return str(error.args[0])
-    module = sys.modules.get("semmap.ingest.world")
-    refused: tuple[type[Exception], ...] = (module.WorldError,) if module else ()
-    if isinstance(error, (*refused, DatabaseError, LookupError, ValueError)):
+    if isinstance(error, (Error, LookupError, ValueError)):
         return str(error)
     return None

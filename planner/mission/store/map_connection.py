@@ -9,12 +9,13 @@ from sqlalchemy import Connection, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database.maps import pick_map, see_map
+from semmap.error import Error
 from semmap.query.map_handle import MapSource
 
 __all__ = ["MapConnection", "MissionError"]
 
 
-class MissionError(ValueError):
+class MissionError(Error, ValueError):
     """A mission cannot be made or run; the message says why."""
 
 

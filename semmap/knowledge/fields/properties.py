@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.error import Error
 from semmap.fields.store.names import read_map_vocabulary
 from semmap.knowledge.mapping import COMPUTED, TRIPLES
 from semmap.knowledge.sparql.constants import parts_of
@@ -38,7 +39,7 @@ __all__ = [
 ]
 
 
-class FieldError(ValueError):
+class FieldError(Error, ValueError):
     """Fields cannot answer their part of a query, for instance because no source provides it.
 
     Attributes
