@@ -10,22 +10,7 @@ from numpy.typing import NDArray
 
 from semmap.interlinking.records import PropertyColumn, Records
 
-__all__ = ["NAMES", "common_words", "is_numeric", "property_statistics"]
-
-NAMES = (
-    "filled",
-    "distinct",
-    "length",
-    "length_deviation",
-    "words",
-    "digits",
-    "letters",
-    "numeric",
-    "whole",
-    "magnitude",
-)
-"""Filled and distinct are shares of the records and of the values, digits and letters of the
-characters, numeric and whole of the values; magnitude is log10 of the median of numbers."""
+__all__ = ["common_words", "is_numeric", "property_statistics"]
 
 SAMPLE = 5_000
 """At most so many values of a property are looked at: a change of the order of records may then
@@ -33,7 +18,12 @@ change statistics in the third digit."""
 
 
 def property_statistics(records: Records) -> NDArray[np.float64]:
-    """Return the statistics of each property, shape (properties, len(NAMES))."""
+    """Return the statistics of each property, shape (properties, 10).
+
+    Columns: the shares of records with a value and of different values; mean and deviation of
+    lengths; words; the shares of digits and letters among characters, of numbers and whole numbers
+    among values; log10 of the median of numbers.
+    """
     return np.array([_statistics(column, len(records)) for column in records.columns.values()])
 
 

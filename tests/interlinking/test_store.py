@@ -13,11 +13,10 @@ from typer.testing import CliRunner
 from semmap.api.database import connect
 from semmap.cli import app
 from semmap.interlinking.error import InterlinkingError
-from semmap.interlinking.interlink import interlink
 from semmap.interlinking.reader import read_map_objects, read_object_models
 from semmap.interlinking.store import link_sets, merged_records, store_links, undo_links
 from semmap.model import DataRecord, DataSet, LinkSet, RecordLink
-from tests.interlinking.data_sets import Case, person1, person2
+from tests.interlinking.data_sets import Case, interlink, person1, person2
 
 SIZE = ("width", "length", "height")
 TABLES = ("data_set", "data_record", "link_set", "record_link")
