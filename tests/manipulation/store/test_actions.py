@@ -29,7 +29,7 @@ from semmap.manipulation.store.models import add_object, object_model_id, set_sh
 from semmap.manipulation.store.paths import add_path
 from semmap.manipulation.store.statements import refusals
 from semmap.manipulation.store.tasks import add_task, record_task
-from semmap.model import Automaton, ManipulationTask, ObjectModel, StoredAction
+from semmap.model import ManipulationTask, ObjectModel, StoredAction
 from semmap.snake_case import snake_case
 from tests.manipulation.cup_map import candidate, path_between, primitive
 
@@ -327,7 +327,7 @@ def test_the_orm_has_the_rows(cup_map: SemanticMap) -> None:
         here.execute("DELETE FROM object_model")
 
 
-def test_the_orm_has_composed_actions_pushes_doors_deadlines_and_automata(
+def test_the_orm_has_composed_actions_pushes_doors_and_deadlines(
     cup_map: SemanticMap,
 ) -> None:
     """As one session of it reads them: put = grasp, then place; a rotational push; a door."""
@@ -336,15 +336,13 @@ def test_the_orm_has_composed_actions_pushes_doors_deadlines_and_automata(
     (grasp,) = add_actions(here, "cup1", None, [candidate()])
     place, push, turn, door = add_actions(here, "cup1", None, [PLACE, PUSH, TURN, OPEN])
     whole = add_put(here, grasp, place)
+    steps = "SELECT step_id FROM action_step WHERE whole_id = %s ORDER BY number"
+    assert here.execute(steps, (whole,)).fetchall() == [(grasp,), (place,)]
     goal = Pose(x=1.0, y=1.2, z=0.75)
     task = add_task(here, "cup1", "put", action=whole, robot="robot", goal=goal, deadline=deadline)
-    add_device(here, "eye", "sensor", capabilities=["seeing"])
-    add_device(here, "lift", "robot")
-    add_automaton(here, "all of it", "lift", "wide", "eye")
     try:
         with Session(cup_map.database.engine) as orm:
             put = orm.get_one(StoredAction, whole)
-            assert [step.id for step in put.steps] == [grasp, place]
             assert put.pose is None
             kinds = {push: (PUSH, "push"), turn: (TURN, "turn"), door: (OPEN, "open")}
             for id_, (record, kind) in kinds.items():
@@ -355,14 +353,9 @@ def test_the_orm_has_composed_actions_pushes_doors_deadlines_and_automata(
             assert ordered.action is put
             assert ordered.entity.name == "cup1"
             assert ordered.goal == pytest.approx(goal)
-            automaton = orm.scalars(select(Automaton)).one()
-            assert automaton.robot.name == "lift"
-            assert automaton.gripper.device.name == "wide"
-            assert automaton.sensor.capabilities == ["seeing"]
     finally:
-        for table in ("task", "automaton", "object_model"):
+        for table in ("task", "object_model"):
             here.execute(f"DELETE FROM {table}")
-        here.execute("DELETE FROM device WHERE name IN ('eye', 'lift')")
 
 
 # -- refusals -------------------------------------------------------------------------------------
