@@ -18,7 +18,7 @@ OBJECTS, TABLES = 10_000, 30
 NAME = "beliefs"
 
 
-def make_map(db: semmap.Database) -> semmap.SemanticMap:
+def make_map(db: semmap.Database) -> semmap.Map:
     """A hall with tables, and objects of which each was observed once."""
     made = db.create_map(NAME)
     made.add_room("hall", [(0, 0), (40, 0), (40, 10), (0, 10)], floor=0, ceiling=3)
@@ -34,7 +34,7 @@ def make_map(db: semmap.Database) -> semmap.SemanticMap:
     names = [f"table{i}" for i in range(TABLES)]
     start = time.perf_counter()
     add_observations(
-        made.session_of_map(),
+        made.connection,
         [
             {"object": f"can{i}", "place": names[i % TABLES], "seen": bool(i % 3)}
             for i in range(OBJECTS)
@@ -46,9 +46,9 @@ def make_map(db: semmap.Database) -> semmap.SemanticMap:
     return made
 
 
-def rows(made: semmap.SemanticMap, url: str) -> list[Row]:
+def rows(made: semmap.Map, url: str) -> list[Row]:
     """Time an observation until another session was notified, and read the belief there."""
-    session = made.session_of_map()
+    session = made.connection
     number = 0
     found: list[float] = []
     with psycopg.connect(url, autocommit=True) as follower:

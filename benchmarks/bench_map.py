@@ -21,8 +21,8 @@ def use_bench_database(part: str = "") -> None:
 
 @contextmanager
 def fresh_map(
-    name: str, make: Callable[[semmap.Database], semmap.SemanticMap]
-) -> Iterator[tuple[semmap.Database, semmap.SemanticMap]]:
+    name: str, make: Callable[[semmap.Database], semmap.Map]
+) -> Iterator[tuple[semmap.Database, semmap.Map]]:
     """Make a map in the database of the benchmarks, and drop it in the end."""
     use_bench_database()
     with semmap.connect(migrate=True) as db:

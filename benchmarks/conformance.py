@@ -390,7 +390,7 @@ def empty_map(database: Database) -> psycopg.Connection[Any]:
     """Return a session that sees an empty map; the other maps and the T-Box go."""
     for name in database.maps:
         database.drop_map(name)
-    session = database.create_map("empty").session_of_map()
+    session = database.create_map("empty").connection
     session.execute("DELETE FROM type_parent")
     session.execute("DELETE FROM semantic_type")
     session.commit()

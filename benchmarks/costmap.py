@@ -20,6 +20,7 @@ from navgrid.costmap import Costmap
 from navgrid.grid import Grid
 from navgrid.readers.fields import read_mirror
 from semmap.database import connect
+from semmap.database.maps import current_name
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.mesh import join
 from semmap.geometry.pose import Pose
@@ -27,6 +28,7 @@ from semmap.ingest.ontology.type_store import load_tbox
 from semmap.ingest.store.world_store import store_world
 from semmap.ingest.world import Entry, Shape, World
 from semmap.query.change_feed import changed_since, cursor
+from semmap.query.map_handle import MapHandle
 from semmap.query.storey_reader import read_entities, read_scene
 from semmap.robot import LinkGroup, load_robot, robot_parts
 
@@ -165,7 +167,7 @@ def measure_voxels(connection: Connection, parts: list) -> list[Row]:  # type: i
     voxelised = time.perf_counter() - start
     mirror.save()
     start = time.perf_counter()
-    voxels = read_mirror(connection)
+    voxels = read_mirror(MapHandle(connection.engine, current_name(connection)))
     loaded = time.perf_counter() - start
     scenes = [
         read_scene(connection, "office40"),

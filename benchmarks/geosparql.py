@@ -299,7 +299,7 @@ def small_map(database: Database) -> psycopg.Connection[Any]:
     made.add_object("rug", type="carpet", size=(2, 1, 0.01), pose=(1, 1.5, 0))
     made.add_object("tray", type="tray", size=(1, 1, 0.02), pose=(0.5, 1, 0.75))
     made.add_object("cup", type="cup", size=(0.08, 0.08, 0.1), on="table")
-    return made.session_of_map()
+    return made.connection
 
 
 def failed(session: psycopg.Connection[Any], requirement: Requirement) -> list[str]:

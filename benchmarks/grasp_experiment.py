@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 import semmap
 from benchmarks.timing import Row, print_rows
-from semmap import SemanticMap
+from semmap import Map
 from semmap.database import Cluster
 from semmap.geometry.mesh import Mesh
 from semmap.manipulation.candidates import Grasp
@@ -126,9 +126,9 @@ def random_item(random: np.random.Generator) -> Item:
 class Encounter:
     """A gripper before an object on a table; only the simulation knows its mass and balance."""
 
-    def __init__(self, home: SemanticMap, gripper: str, item: Item, random: Any) -> None:
+    def __init__(self, home: Map, gripper: str, item: Item, random: Any) -> None:
         self.home, self.gripper, self._random = home, gripper, random
-        self.session = home.session_of_map()
+        self.session = home.connection
         solid = solid_of(item.kind, item.size)
         made = solid.mesh()
         vertices = made.vertices @ item.rotation.T
@@ -167,7 +167,7 @@ class Encounter:
         return practise(self.session, self.name, self.gripper, tries=tries, attempt=self.attempt)
 
 
-def meet(home: SemanticMap, gripper: str, item: Item, random: Any) -> Meeting | None:
+def meet(home: Map, gripper: str, item: Item, random: Any) -> Meeting | None:
     """Let robots without and with knowledge meet an object; None for one without grasps."""
     encounter = Encounter(home, gripper, item, random)
     try:
@@ -209,7 +209,7 @@ def live(
     if teacher is not None:
         lives.insert(0, (teacher, [seed, 1], TAUGHT))
     for gripper, seeds, count in lives:
-        register_gripper(home.session_of_map(), urdf(gripper), gripper)
+        register_gripper(home.connection, urdf(gripper), gripper)
         meetings: list[Meeting] = []
         for number in range(2 * count):
             random = np.random.default_rng([*seeds, number])

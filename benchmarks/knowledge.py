@@ -246,7 +246,7 @@ def main() -> None:
         graph = rdflib_graph(facts(_session(connection, few)))
     with map_of(OBJECTS) as engine, engine.connect() as connection, semmap.connect() as db:
         session = _session(connection, OBJECTS)
-        opened = db.map(map_name(OBJECTS)).session_of_map()
+        opened = db.map(map_name(OBJECTS)).connection
         start = time.perf_counter()
         store = oxigraph_store(facts(session))
         print(f"oxigraph has {len(store):,} facts after {time.perf_counter() - start:.0f} s")

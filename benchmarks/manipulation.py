@@ -33,7 +33,7 @@ FROM object_model o, gripper g, generate_series(1, %(each)s) n WHERE o.key LIKE 
 """
 
 
-def make_map(db: semmap.Database) -> semmap.SemanticMap:
+def make_map(db: semmap.Database) -> semmap.Map:
     """A map with instances of the models, and grasps of each by four grippers."""
     made = db.create_map(NAME)
     if not db.session.execute("SELECT 1 FROM action LIMIT 1").fetchone():
@@ -77,9 +77,9 @@ def make_map(db: semmap.Database) -> semmap.SemanticMap:
     return made
 
 
-def rows(made: semmap.SemanticMap) -> list[Row]:
+def rows(made: semmap.Map) -> list[Row]:
     """Time the queries, each time with other values, beside SELECT 1."""
-    session = made.session_of_map()
+    session = made.connection
     source = random.Random(1)
 
     def gripper() -> str:

@@ -12,7 +12,7 @@ import rdflib
 import semmap
 from benchmarks.bench_map import use_bench_database
 from benchmarks.timing import Row, median_seconds, print_rows
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge import update
 from semmap.knowledge.map_view import MapView
 from semmap.knowledge.reasoning.runs import reason, refresh
@@ -52,14 +52,14 @@ INSERT INTO link (from_id, relation, to_id)
 """Objects of ten types, each linked to one of the rooms, and a tenth of them to another."""
 
 
-def made(db: semmap.Database, entities: int) -> SemanticMap:
+def made(db: semmap.Database, entities: int) -> Map:
     """A map of entities, a hundredth of them rooms."""
     made = db.create_map(NAME)
     with made.transaction():
         for statement in MAP.split(";"):
             values = {"rooms": entities // 100, "entities": entities}
-            made.session_of_map().execute(statement.encode(), values)
-        update(made.session_of_map(), EX + AXIOMS, seconds=600)
+            made.connection.execute(statement.encode(), values)
+        update(made.connection, EX + AXIOMS, seconds=600)
     made.execute("ANALYZE")
     return made
 
@@ -158,7 +158,7 @@ def main() -> None:
         for entities in (FEW, ENTITIES):
             if NAME in db.maps:
                 db.drop_map(NAME)
-            session = made(db, entities).session_of_map()
+            session = made(db, entities).connection
             found += [beside_reasonable(session)] if entities == FEW else rows(session)
         db.drop_map(NAME)
     print_rows("Reasoning", found)

@@ -25,6 +25,7 @@ from planner.topology import OUTSIDE, Topology
 from semmap.database import connect
 from semmap.ingest.importer import import_file
 from semmap.query.change_feed import cursor
+from semmap.query.map_handle import MapHandle
 from tests.planner.stored import store
 
 __all__ = ["main"]
@@ -83,7 +84,7 @@ def _loading(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
     seconds = []
     for _ in range(31):
         start = time.perf_counter()
-        live = LiveTopology(engine, name, ROBOT)
+        live = LiveTopology(MapHandle(engine, name), ROBOT)
         seconds.append(time.perf_counter() - start)
     load = 1e3 * statistics.median(seconds[1:])
     assert live.graph.measured == [], live.graph.measured
@@ -133,7 +134,7 @@ def _following(engine: Engine, name: str, robot: RobotClass) -> list[Row]:
     """From the commit of a change until the graph has it."""
     with engine.begin() as connection:
         store_robot_class(connection, robot)
-    live = LiveTopology(engine, name, ROBOT)
+    live = LiveTopology(MapHandle(engine, name), ROBOT)
     heard: list[tuple[float, TopologyChange]] = []
     stop = threading.Event()
     follower = threading.Thread(

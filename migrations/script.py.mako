@@ -11,7 +11,7 @@ depends_on = ${repr(depends_on)}
 
 
 def upgrade() -> None:
-    """State the change, or run files of `schema/`; keep every row."""
+    """State the change; keep every row."""
     ${upgrades if upgrades else "raise NotImplementedError"}
 
 

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from navgrid.nav2 import write_nav2
     from navgrid.occupancy_grid import StoreyGrid, storey_grid
     from navgrid.policy import Policy
-    from navgrid.readers.costmaps import read_costmaps
     from navgrid.slabs import occupancy
     from navgrid.terrain import DriveLimits
 
@@ -52,7 +51,6 @@ __all__ = [
     "StoreyGrid",
     "inflate",
     "occupancy",
-    "read_costmaps",
     "read_map",
     "scene_grid",
     "storey_grid",
@@ -73,7 +71,6 @@ _MODULES = {
     "write_nav2": "nav2",
     "occupancy": "slabs",
     "Policy": "policy",
-    "read_costmaps": "readers.costmaps",
     "StoreyGrid": "occupancy_grid",
     "storey_grid": "occupancy_grid",
     "DriveLimits": "terrain",

@@ -11,13 +11,14 @@ import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from navgrid.cost_source import CostSource, cost_sources
-from navgrid.field_layer import FieldLayer, FieldVoxels, social_costs, sort_fields
+from navgrid.field_layer import FieldLayer, FieldVoxels, field_notes, social_costs, sort_fields
 from navgrid.grid import Grid
 from navgrid.inflation import INSCRIBED, UNKNOWN, inflate
 from navgrid.layer_members import LayerMembers
@@ -25,6 +26,8 @@ from navgrid.obstacle_layers import Interval, ObstacleLayers
 from navgrid.policy import Layer, Policy
 from navgrid.terrain import DriveLimits
 from navgrid.window import Window, grown, whole, window_around
+from semmap.draw.picture import Picture
+from semmap.query.geometry_notes import geometry_notes
 from semmap.query.storey_scene import SceneEntity, StoreyScene
 from semmap.robot import Part
 
@@ -343,6 +346,49 @@ class Costmap:
         rows, columns = np.nonzero(touched.any(axis=1))[0], np.nonzero(touched.any(axis=0))[0]
         window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
         return grown(window, self.reach, self.grid)
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences about objects without geometry and about fields, for a person."""
+        fields = field_notes(self.field_layers, self.fields_without_rule)
+        return [*geometry_notes(self.scene.entities), *fields]
+
+    def write(
+        self,
+        folder: Path | str,
+        *,
+        laser_height: float = 0.25,
+        headings: int = 0,
+        picture: bool = True,
+    ) -> dict[str, Any]:
+        """Write the maps of all parts and ``nav2_params.yaml``; return what was written.
+
+        Parameters
+        ----------
+        laser_height : float
+            Of the localisation map above the floor, metres.
+        headings : int
+            Also write for so many headings where the robot's shape collides.
+        picture : bool
+            Draw each costmap, too.
+
+        Raises
+        ------
+        ValueError
+            The robot can stand nowhere.
+        """
+        from navgrid.costmap_output import write_costmap
+
+        return write_costmap(self, Path(folder), laser_height, headings, picture=picture)
+
+    def plot(self) -> Picture:
+        """Draw the master costmap in the colours of RViz."""
+        from navgrid.costmap_output import draw_master
+
+        return Picture.drawn(lambda path: draw_master(self, path))
+
+    def _repr_png_(self) -> bytes:
+        return self.plot().png
 
     def explain(self, x: float, y: float) -> list[CostSource]:
         """Return the causes of the cost at a point, the highest cost first.

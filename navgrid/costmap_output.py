@@ -1,44 +1,52 @@
-"""The costmaps of a robot as pictures and as text for the terminal."""
+"""The costmaps of a robot as files for Nav2, with pictures."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
 
-from navgrid.cost_source import CostSource
-from navgrid.costmap import Costmap
-from navgrid.field_layer import field_notes
-from navgrid.headings import collisions
 from navgrid.map_file import file_name
-from navgrid.nav2 import Files
-from semmap import cli
-from semmap.draw.palette import PART_COLOURS
-from semmap.query.geometry_notes import geometry_notes
+from navgrid.nav2 import Files, write_nav2
 
-__all__ = ["draw_costmap", "show_explanation", "show_files", "show_notes", "write_collisions"]
+if TYPE_CHECKING:
+    from navgrid.costmap import Costmap
+
+__all__ = ["draw_costmap", "draw_master", "write_costmap"]
+
+
+def write_costmap(
+    costmap: Costmap, folder: Path, laser_height: float, headings: int, *, picture: bool
+) -> Files:
+    """Write what `Costmap.write` describes; return what was written."""
+    from navgrid.free_space import check_free
+
+    check_free(costmap)
+    files = write_nav2(costmap, folder, laser_height=laser_height)
+    if headings:
+        files["collisions"] = str(_write_collisions(costmap, headings, folder))
+    if picture:
+        files["pictures"] = [str(p) for p in draw_costmap(costmap, folder)]
+    return {**files, "folder": str(folder)}
+
+
+def draw_master(costmap: Costmap, path: Path) -> Path:
+    """Draw the master in the colours of costmap_2d."""
+    from semmap.draw.costmap import costmap_picture  # loads matplotlib
+
+    storey, grid = costmap.scene.storey, costmap.grid
+    return costmap_picture(
+        costmap.master, grid.origin, grid.resolution, path, title=f"{storey}: master costmap"
+    )
 
 
 def draw_costmap(costmap: Costmap, folder: Path) -> list[Path]:
     """Draw the master and each part's costmap in the colours of costmap_2d; return the pictures."""
-    from semmap.draw.costmap import costmap_picture  # loads matplotlib
+    from semmap.draw.costmap import costmap_picture
 
     storey, grid = costmap.scene.storey, costmap.grid
-    drawn = [
-        costmap_picture(
-            costmap.master,
-            grid.origin,
-            grid.resolution,
-            folder / "master.png",
-            title=f"{storey}: master costmap",
-        )
-    ]
+    drawn = [draw_master(costmap, folder / "master.png")]
     for number, part in enumerate(costmap.parts):
         low, high = part.interval
         drawn.append(
@@ -53,86 +61,10 @@ def draw_costmap(costmap: Costmap, folder: Path) -> list[Path]:
     return drawn
 
 
-def show_explanation(costmaps: Iterable[Costmap], x: float, y: float, json_: bool) -> None:
-    """Print the causes of the cost at a point, per storey.
-
-    Raises
-    ------
-    ValueError
-        The point is on none of the grids.
-    """
-    rows: list[dict[str, Any]] = []
-    for costmap in costmaps:
-        try:
-            row, column = costmap.grid.cell(x, y)
-        except ValueError:
-            continue
-        rows.append(
-            {
-                "storey": costmap.scene.storey,
-                "cost": int(costmap.master[row, column]),
-                "because": [asdict(source) for source in costmap.explain(x, y)],
-            }
-        )
-    if not rows:
-        raise ValueError(f"({x}, {y}) is on none of the grids; give a point within the map")
-    if json_:
-        print(json.dumps(rows))
-        return
-    for found in rows:
-        cli.out.print(f"{found['storey']}: cost {found['cost']}")
-        sources = [CostSource(**source) for source in found["because"]]
-        if sources:
-            cli.out.print(_source_table(sources))
-
-
-def _source_table(sources: Sequence[CostSource]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("cost", "part", "layer", "metres away", "entities"):
-        table.add_column(name)
-    for source in sources:
-        entities = ", ".join(
-            f"{name} (assumed size)" if name in source.assumed else name for name in source.entities
-        )
-        table.add_row(
-            str(source.cost),
-            source.part,
-            source.layer,
-            f"{source.distance:.2f}",
-            entities if source.field is None else f"{entities} (field {source.field})",
-        )
-    return table
-
-
-def show_files(written: Iterable[Files]) -> None:
-    """Print what was written, per storey."""
-    for files in written:
-        cli.out.print(
-            f"{files['storey']}: {files['folder']}: {len(files['maps'])} maps of "
-            f"{files['width']} x {files['height']} cells of {files['resolution']:g} m, "
-            f"frame {files['frame']}"
-        )
-        for number, part in enumerate(files["parts"]):
-            low, high = (round(end, 3) + 0.0 for end in part["interval"])
-            radius = part[f"{part['inflate_by']}_radius"]
-            cli.out.print(
-                Text.assemble(
-                    "  ",
-                    (part["name"], PART_COLOURS[number % len(PART_COLOURS)]),
-                    f": {low:.2f} to {high:.2f} m, {part['inflate_by']} radius {radius:.2f} m",
-                )
-            )
-
-
-def show_notes(costmap: Costmap) -> None:
-    """Print which objects have no geometry or an assumed size, and where fields are."""
-    notes = field_notes(costmap.field_layers, costmap.fields_without_rule)
-    for note in [*geometry_notes(costmap.scene.entities), *notes]:
-        cli.out.print(f"{costmap.scene.storey}: {note}", style="yellow")
-
-
-def write_collisions(costmap: Costmap, headings: int, folder: Path) -> Path:
+def _write_collisions(costmap: Costmap, headings: int, folder: Path) -> Path:
     """Write collisions by heading as ``collisions.npz``; return its path."""
+    from navgrid.headings import collisions
+
     path = folder / "collisions.npz"
     np.savez_compressed(
         path,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from navgrid.costmap import Costmap
 from navgrid.inflation import INSCRIBED, LETHAL
 from semmap.query.storey_scene import SceneEntity
 from semmap.robot import Part
+
+if TYPE_CHECKING:
+    from navgrid.costmap import Costmap
 
 __all__ = ["NoFreeCellError", "check_free"]
 

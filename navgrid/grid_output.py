@@ -4,43 +4,39 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from navgrid.field_layer import field_lists, field_notes
+from navgrid.field_layer import field_lists
 from navgrid.map_file import write_map
-from navgrid.occupancy_grid import StoreyGrid
 from semmap.draw.view import OccupancyView, StoreyView, storey_view
-from semmap.query.geometry_notes import geometry_lists, geometry_notes
+from semmap.query.geometry_notes import geometry_lists
+
+if TYPE_CHECKING:
+    from navgrid.occupancy_grid import StoreyGrid
 
 __all__ = ["with_grid", "write_grid"]
 
 
-def write_grid(
-    made: StoreyGrid, folder: Path, interval: tuple[float, float], *, picture: bool = True
-) -> dict[str, Any]:
+def write_grid(made: StoreyGrid, folder: Path, *, picture: bool = True) -> dict[str, Any]:
     """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` into a folder; return a description of them.
 
     Parameters
     ----------
     made : StoreyGrid
     folder : Path
-    interval : (low, high)
-        For the description, metres above the floor.
     picture : bool
         Draw the plan.
     """
-    notes = geometry_notes(made.scene.entities)
-    notes += field_notes(made.fields, made.fields_without_rule)
-    path = write_map(made.grid, made.cells, folder / "map", comments=notes)
+    path = write_map(made.grid, made.cells, folder / "map", comments=made.notes)
     rows, columns = made.grid.shape
     found: dict[str, Any] = {
         "storey": made.scene.storey,
         "map": str(path),
         "image": str(path.with_suffix(".pgm")),
         "elevation": made.scene.elevation,
-        "interval": list(interval),
+        "interval": list(made.interval),
         "resolution": made.grid.resolution,
         "origin": list(made.grid.origin),
         "width": columns,

@@ -361,6 +361,11 @@ def _replace(path: Path, content: bytes) -> None:
         raise
 
 
+def folder_of(storey: str, folder: Path, storeys: int) -> Path:
+    """Return the folder for a storey's files: one below `folder` where there are several."""
+    return folder if storeys == 1 else folder / file_name(storey)
+
+
 def file_name(name: str) -> str:
     """Return a storey's or part's name in characters that file names may have.
 

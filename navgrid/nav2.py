@@ -9,19 +9,21 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from navgrid.costmap import Costmap
 from navgrid.field_layer import field_lists, field_notes
 from navgrid.inflation import INSCRIBED, LETHAL, UNKNOWN
 from navgrid.map_file import Mode, file_name, write_map
 from navgrid.masks import Mask, keepout_mask, speed_mask
 from semmap.query.geometry_notes import geometry_lists, geometry_notes
 from semmap.robot import footprint_string
+
+if TYPE_CHECKING:
+    from navgrid.costmap import Costmap
 
 __all__ = ["Files", "as_occupancy", "frame_name", "write_nav2"]
 

@@ -9,16 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from navgrid.field_layer import FieldLayer, FieldVoxels, sort_fields
+from navgrid.field_layer import FieldLayer, FieldVoxels, field_notes, sort_fields
 from navgrid.grid import MARGIN, Grid
 from navgrid.layer_members import LayerMembers
 from navgrid.obstacle_layers import ObstacleLayers
 from navgrid.policy import Policy
 from navgrid.terrain import DriveLimits
+from semmap.draw.picture import Picture
+from semmap.query.geometry_notes import geometry_notes
 from semmap.query.storey_scene import Bounds, SceneEntity, StoreyScene
 
 __all__ = ["StoreyGrid", "plane_heights", "storey_grid"]
@@ -42,6 +46,8 @@ class StoreyGrid:
         The fields that are obstacles.
     fields_without_rule : tuple of str
         The names of fields that have no effect, as the policy does not name their property.
+    interval : (low, high)
+        Metres above the floor.
     """
 
     scene: StoreyScene
@@ -49,6 +55,29 @@ class StoreyGrid:
     cells: NDArray[np.int8]
     fields: tuple[FieldLayer, ...] = ()
     fields_without_rule: tuple[str, ...] = ()
+    interval: tuple[float, float] = (0.05, 1.8)
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences about objects without geometry and about fields, for a person."""
+        fields = field_notes(self.fields, self.fields_without_rule)
+        return [*geometry_notes(self.scene.entities), *fields]
+
+    def write(self, folder: Path | str, *, picture: bool = True) -> dict[str, Any]:
+        """Write ``map.yaml``, ``map.pgm`` and ``plan.png`` for Nav2; return what was written."""
+        from navgrid.grid_output import write_grid
+
+        return write_grid(self, Path(folder), picture=picture)
+
+    def plot(self) -> Picture:
+        """Draw the floor plan with the grid."""
+        from navgrid.grid_output import with_grid
+        from semmap.draw.floor_plan import floor_plan  # loads matplotlib
+
+        return Picture.drawn(lambda path: floor_plan(with_grid(self), path))
+
+    def _repr_png_(self) -> bytes:
+        return self.plot().png
 
 
 def plane_heights(interval: tuple[float, float], increment: float) -> list[float]:
@@ -148,7 +177,7 @@ def storey_grid(
     cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
     if not free_outside:
         cells[~occupied & layers.unknown] = UNKNOWN
-    return StoreyGrid(scene, grid, cells, tuple(lethal), tuple(without_rule))
+    return StoreyGrid(scene, grid, cells, tuple(lethal), tuple(without_rule), interval)
 
 
 def _grid_around(members: LayerMembers, interval: tuple[float, float], resolution: float) -> Grid:

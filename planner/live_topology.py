@@ -20,7 +20,6 @@ from navgrid.policy import NONE, Policy
 from navgrid.readers.fields import read_field_versions, read_fields, read_live_versions
 from planner.duration import Durations
 from planner.readers.entity_lookup import MapLookup
-from planner.readers.map_source import MapSource, open_feed
 from planner.readers.robot_class import read_robot_class
 from planner.readers.scenes import read_objects, read_storey_regions, read_storey_scene
 from planner.readers.topology import read_connectors, read_kinds, read_places, read_regions
@@ -30,6 +29,7 @@ from planner.routing_graph import RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import PlaceConnector, Topology
 from semmap.query.change_feed import ChangeFeed, Look
+from semmap.query.map_handle import MapSource, open_feed
 from semmap.query.storey_scene import StoreyScene
 
 if TYPE_CHECKING:
@@ -71,9 +71,7 @@ class LiveTopology:
     Parameters
     ----------
     source
-        An engine, or a map.
-    map_name
-        Name of the map; by default the newest.
+        A `semmap.Map`, or another handle of a map.
     robot
         A class of robots, or the name of one in the database; by default one that has no shape.
     progress
@@ -100,7 +98,6 @@ class LiveTopology:
     def __init__(
         self,
         source: MapSource,
-        map_name: str | None = None,
         robot: str | RobotClass | None = None,
         *,
         progress: Progress | None = None,
@@ -109,7 +106,7 @@ class LiveTopology:
         self._robot = robot
         self._assume_sizes = assume_sizes
         self._progress = progress
-        self._feed: ChangeFeed = open_feed(source, map_name)
+        self._feed: ChangeFeed = open_feed(source)
         self.lookup = MapLookup(self._feed.snapshot)
         self._store: TravelTimeStore | None = None
         self._agents: set[int] = set()

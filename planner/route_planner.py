@@ -17,7 +17,6 @@ from planner.entity_lookup import EntityLookup, LocatedEntity, NoLookup
 from planner.infeasibility import infeasibility
 from planner.live_topology import LiveTopology
 from planner.penalties import forbidden_regions, penalties
-from planner.readers.map_source import MapSource
 from planner.robot_class import RobotClass
 from planner.route import NoRouteError, Route
 from planner.route_search import find_alternatives, find_route, seconds_between
@@ -25,6 +24,7 @@ from planner.routing_graph import Endpoint, RoutingGraph
 from planner.storey_costmaps import StoreyCostmaps
 from planner.topology import Place, PlaceRegion, UnknownPlaceError
 from semmap.geometry.pose import Pose
+from semmap.query.map_handle import MapSource
 
 __all__ = ["Location", "RoutePlanner"]
 
@@ -77,7 +77,6 @@ class RoutePlanner:
     def of_map(
         cls,
         source: MapSource,
-        map_name: str | None = None,
         robot: str | RobotClass | None = None,
         *,
         rules: CostRules | None = None,
@@ -90,7 +89,7 @@ class RoutePlanner:
 
         Parameters
         ----------
-        source, map_name, robot, progress, assume_sizes
+        source, robot, progress, assume_sizes
             As for `planner.LiveTopology`.
 
         Raises
@@ -98,7 +97,7 @@ class RoutePlanner:
         LookupError
             There is no such map or class of robots.
         """
-        live = LiveTopology(source, map_name, robot, progress=progress, assume_sizes=assume_sizes)
+        live = LiveTopology(source, robot, progress=progress, assume_sizes=assume_sizes)
         return cls.of_live(live, rules=rules)
 
     @classmethod

@@ -12,7 +12,7 @@ import math
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -299,6 +299,18 @@ class RoutingGraph:
         return [int(n) ^ 1 for n in nodes] + [
             e for e in self.rides if self.place_of[int(self.heads[e])] == place
         ]
+
+    def with_abilities(
+        self, *, opens: bool = True, unlocks: bool = False, outside: bool = False
+    ) -> RoutingGraph:
+        """Return the graph of the same robots that also unlock or go outside, or open nothing."""
+        robot = replace(
+            self.robot,
+            opens=self.robot.opens and opens,
+            unlocks=self.robot.unlocks or unlocks,
+            outside=self.robot.outside or outside,
+        )
+        return RoutingGraph(self.topology, robot, self.costs, durations=self.durations)
 
     def endpoint(self, place: str, pose: Pose | None = None) -> Endpoint:
         """A place, or a pose in it, as the start or the goal of routes.

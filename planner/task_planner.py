@@ -13,7 +13,6 @@ from planner.floor_spot import floor_spot
 from planner.live_topology import LiveTopology
 from planner.plan import Plan
 from planner.readers.entity_lookup import find_entities
-from planner.readers.map_source import MapSource
 from planner.robot_class import RobotClass
 from planner.routing_graph import RoutingGraph
 from planner.tasks.domain_file import Domain
@@ -26,6 +25,7 @@ from planner.tasks.solver import PATIENCE, find_plan
 from planner.tasks.world import TaskState, TaskWorld
 from planner.topology import Place, PlaceRegion
 from semmap.geometry.pose import Pose
+from semmap.query.map_handle import MapSource
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -38,7 +38,6 @@ def plan_task(
     goal: str,
     *,
     start: str | None = None,
-    map_name: str | None = None,
     robot: str | RobotClass | None = None,
     domain: Domain | None = None,
     patience: float = PATIENCE,
@@ -47,7 +46,7 @@ def plan_task(
 
     Parameters
     ----------
-    source, map_name, robot
+    source, robot
         As for `planner.LiveTopology`.
     goal
         ``on(muffin, desk1) and in(robot, kitchen)``: names, labels or types of the map.
@@ -68,7 +67,7 @@ def plan_task(
     LookupError
         The map has no entity of a name, or the start is not clear.
     """
-    live = LiveTopology(source, map_name, robot)
+    live = LiveTopology(source, robot)
     with live.snapshot() as connection:
         return TaskPlanner(live, domain).task(connection, goal, start).plan(patience)
 

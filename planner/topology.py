@@ -253,6 +253,20 @@ class Topology:
                 sides.setdefault(place, []).append((connector.name, side))
         return sides
 
+    def places_on(self, storey: str | None) -> list[Place]:
+        """The places of a storey; all where None.
+
+        Raises
+        ------
+        LookupError
+            There is no such storey.
+        """
+        found = [p for p in self.places.values() if storey is None or p.storey == storey]
+        if storey is not None and not found:
+            known = dict.fromkeys(p.storey for p in self.places.values() if p.storey)
+            raise LookupError(f"there is no storey {storey}; there are: {', '.join(known)}")
+        return found
+
     def cabins(self) -> dict[str, list[str]]:
         """The cabins of each elevator: names of places, one for each storey that it serves."""
         cabins: dict[str, list[str]] = {}

@@ -18,8 +18,8 @@ from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.api.database import Database, connect
+    from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
-    from semmap.api.semantic_map import SemanticMap
     from semmap.database.embedded import Cluster
     from semmap.database.error import DatabaseError
     from semmap.geometry.pose import Pose
@@ -31,9 +31,9 @@ __all__ = [
     "Cluster",
     "Database",
     "DatabaseError",
+    "Map",
     "MapEntity",
     "Pose",
-    "SemanticMap",
     "WorldError",
     "__version__",
     "connect",
@@ -45,7 +45,7 @@ _HOMES = {
     "DatabaseError": "semmap.database.error",
     "MapEntity": "semmap.api.map_entity",
     "Pose": "semmap.geometry.pose",
-    "SemanticMap": "semmap.api.semantic_map",
+    "Map": "semmap.api.map",
     "WorldError": "semmap.ingest.world",
     "connect": "semmap.api.database",
 }

@@ -1,7 +1,7 @@
-"""The tables: maps, entities, geometry, placements, history.
+"""The tables, as `schema/tables` makes them.
 
-Going down keeps the data: the schema is put aside as ``semmap_kept`` and taken up again on the way
-up, so that no row is lost. ``semmap db drop`` is what deletes.
+Going down keeps all rows: the schema is put aside as ``semmap_kept``, and going up takes it again.
+``semmap db drop`` deletes.
 """
 
 from __future__ import annotations
@@ -18,15 +18,13 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Make the tables, or take up those that were kept."""
-    kept = op.get_bind().scalar(text("SELECT to_regnamespace('semmap_kept') IS NOT NULL"))
-    if kept:
+    """Make the tables, or take those that were kept."""
+    run_sql_files(op.get_bind(), "extensions.sql")
+    if op.get_bind().scalar(text("SELECT to_regnamespace('semmap_kept') IS NOT NULL")):
         op.execute("ALTER SCHEMA semmap_kept RENAME TO semmap")
-        return
-    op.execute("CREATE EXTENSION IF NOT EXISTS postgis SCHEMA public")
-    op.execute("CREATE SCHEMA semmap")
-    op.execute("SET LOCAL search_path = semmap, public")
-    run_sql_files(op, "tables/*.sql")
+    else:
+        op.execute("CREATE SCHEMA semmap")
+        run_sql_files(op.get_bind(), "tables/*.sql")
 
 
 def downgrade() -> None:

@@ -15,7 +15,7 @@ from sqlalchemy import Connection, text
 from navgrid.field_layer import FieldVoxels, field_voxels
 from semmap.geometry.voxels import Voxels
 from semmap.language.terms import local_name
-from semmap.query.maps import current_name
+from semmap.query.map_handle import MapSource
 from semmap.suggestions import suggestion
 
 __all__ = [
@@ -111,14 +111,14 @@ def read_fields(
     return found
 
 
-def read_mirror(connection: Connection, voxel_size: float = 0.05) -> dict[int, Voxels]:
-    """Return the voxels of the current map's objects, walls and doors by id, from its mirror.
+def read_mirror(source: MapSource, voxel_size: float = 0.05) -> dict[int, Voxels]:
+    """Return the voxels of a map's objects, walls and doors by id, from its mirror.
 
     The mirror continues from the state that it stored last; without one it reads all meshes.
 
     Parameters
     ----------
-    connection : Connection that sees the map
+    source : a `semmap.Map`, or another handle of a map
     voxel_size : float, metres
 
     Raises
@@ -130,7 +130,7 @@ def read_mirror(connection: Connection, voxel_size: float = 0.05) -> dict[int, V
     """
     with _openvdb("the mirror has the voxels of the map", "take their meshes (no --from-voxels)"):
         from semmap.fields.store.voxel_mirror import VoxelMirror
-    mirror = VoxelMirror.resume(connection.engine, current_name(connection), voxel_size)
+    mirror = VoxelMirror.resume(source.engine, source.name, voxel_size)
     mirror.catch_up()
     for name, reason in mirror.left_out.items():
         raise ValueError(f"{name} has no voxels: {reason}; take larger voxels, or the meshes")

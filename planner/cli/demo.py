@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from navgrid.options import Parts, State
+from semmap.cli.grid_options import Parts, State
 
 __all__ = ["demo_command"]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from navgrid.costmap import Costmap
 from navgrid.inflation import INSCRIBED
-from planner.demo.grid_path import grid_path
+from planner.grid_path import grid_path
 from semmap.draw.costmap import costmap_picture
 from semmap.draw.palette import PART_COLOURS
 from semmap.draw.robot import footprints_picture, parts_picture, robot_views

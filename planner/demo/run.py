@@ -16,13 +16,13 @@ from planner.demo.demo_robot import DemoRobot
 from planner.demo.fields import field_demo
 from planner.demo.office import demo_robot, office_files
 from planner.demo.reader import DemoChoices, choose, figure_3, read_choices
-from planner.demo.route_lines import Line, route_lines
 from planner.demo.search import search_demo
 from planner.demo.sparql import ask_in_sparql
 from planner.demo.task import task_demo
 from planner.exchange.picture import topology_plan
 from planner.readers.topology import read_topology
 from planner.route import NoRouteError, Route
+from planner.route_lines import Line, route_lines
 from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.topology import OUTSIDE, Topology
@@ -92,7 +92,7 @@ def run_demo(
     for storey, scene in zip(storeys, scenes, strict=True):
         made = storey_grid(scene, INTERVAL)
         grids[storey.name] = made
-        written = write_grid(made, _place(folder, storeys, storey), INTERVAL, picture=False)
+        written = write_grid(made, _place(folder, storeys, storey), picture=False)
         say(f"   {written['map']}: {written['width']} x {written['height']} cells")
 
     say("\n4. A route")

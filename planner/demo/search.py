@@ -15,6 +15,7 @@ from planner.search.search_mission import SearchPlanner, explain
 from planner.topology import OUTSIDE
 from semmap import cli
 from semmap.draw.view import StoreyView
+from semmap.query.map_handle import MapHandle
 
 __all__ = ["search_demo"]
 
@@ -31,7 +32,7 @@ def search_demo(
 ) -> list[Path]:
     """Say where to look for the chosen object first and why; draw all looks until it is found."""
     with cli.database() as engine:
-        live = LiveTopology(engine, map_name)
+        live = LiveTopology(MapHandle(engine, map_name))
         rooms = [
             name
             for name, place in live.topology.places.items()

@@ -19,6 +19,7 @@ from planner.robot_class import RobotClass
 from planner.task_planner import TaskPlanner
 from planner.topology import OUTSIDE, Topology
 from semmap import cli
+from semmap.query.map_handle import MapHandle
 
 __all__ = ["task_demo"]
 
@@ -50,7 +51,7 @@ def task_demo(
     with cli.database() as engine, simulation_map(engine, map_name) as copy:
         with engine.begin() as connection:
             store_robot_class(connection, robot)
-        live = LiveTopology(engine, copy, robot.name)
+        live = LiveTopology(MapHandle(engine, copy), robot.name)
         planner = TaskPlanner(live)
         reasons: list[str] = []
         for start, goal in _tasks(live.topology, choices):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ __all__ = [
     "read_robot_class",
     "read_robot_class_digest",
     "read_robot_class_names",
+    "read_robot_urdf",
     "store_robot_class",
 ]
 
@@ -88,15 +90,22 @@ class StoredRobotClass(NamedTuple):
 
 
 def store_robot_class(
-    connection: Connection, robot: RobotClass, durations: Durations | None = None
+    connection: Connection,
+    robot: RobotClass,
+    durations: Durations | None = None,
+    *,
+    urdf: Path | None = None,
 ) -> int:
     """Store a class of robots, or replace the one of its name; returns its id.
+
+    `urdf` is the file that it was made from, to make costmaps of it in another posture.
 
     Travel times that were measured for another shape, other limits or another speed are deleted.
     """
     durations = durations or Durations()
     row: dict[str, Any] = {
         "name": robot.name,
+        "urdf": None if urdf is None else str(urdf.absolute()),
         "parts": json.dumps([_part_as_json(part) for part in robot.parts]),
         "width": max((float(np.ptp(p.footprint[:, 1])) for p in robot.parts), default=None),
         "height": max((p.interval[1] for p in robot.parts), default=None),
@@ -136,8 +145,9 @@ def delete_robot_class(connection: Connection, name: str) -> None:
     LookupError
         There is no class of this name.
     """
-    read_robot_class(connection, name)
-    connection.execute(text("DELETE FROM robot_class WHERE name = :name"), {"name": name})
+    found = connection.execute(text("DELETE FROM robot_class WHERE name = :name"), {"name": name})
+    if not found.rowcount:
+        raise _no_class(connection, name)
 
 
 def read_robot_class_names(connection: Connection) -> list[str]:
@@ -155,11 +165,7 @@ def read_robot_class(connection: Connection, name: str) -> StoredRobotClass:
     """
     found = fetch_rows(connection, _READ, (name,), namedtuple_row)
     if not found:
-        known = ", ".join(read_robot_class_names(connection))
-        raise LookupError(
-            f"there is no robot class named {name}; "
-            + (f"there are: {known}" if known else "semmap robot add makes one from a URDF")
-        )
+        raise _no_class(connection, name)
     (row,) = found
     robot = RobotClass(
         row.name,
@@ -179,6 +185,32 @@ def read_robot_class(connection: Connection, name: str) -> StoredRobotClass:
     return StoredRobotClass(
         row.id, robot, durations, row.digest, unmeasured, bool(row.fields_changed)
     )
+
+
+def _no_class(connection: Connection, name: str) -> LookupError:
+    known = ", ".join(read_robot_class_names(connection))
+    return LookupError(
+        f"there is no robot class named {name}; "
+        + (f"there are: {known}" if known else "semmap robot add makes one from a URDF")
+    )
+
+
+def read_robot_urdf(connection: Connection, name: str) -> Path:
+    """The URDF that a class of robots was made from.
+
+    Raises
+    ------
+    LookupError
+        There is no class of this name, or its file is not known or is gone.
+    """
+    read_robot_class(connection, name)
+    urdf = connection.execute(
+        text("SELECT urdf FROM robot_class WHERE name = :name"), {"name": name}
+    ).scalar()
+    if urdf is None or not Path(urdf).is_file():
+        where = "was stored without its URDF" if urdf is None else f"was made from {urdf}, now gone"
+        raise LookupError(f"the robot class {name} {where}: give the URDF in place of the name")
+    return Path(urdf)
 
 
 def read_robot_class_digest(connection: Connection, robot_class: int) -> str | None:

@@ -100,7 +100,7 @@ class SearchPlanner:
         live: LiveTopology,
         sight: Sight | None = None,
         detector: Detector | None = None,
-        say: Callable[[str], None] | None = None,
+        say: Callable[[str], object] | None = None,
     ) -> None:
         self.live = live
         self.sight = sight or Sight()

@@ -66,7 +66,11 @@ CREATE TABLE connector (
     direction text NOT NULL DEFAULT 'both' CHECK (direction IN ('both', 'forward', 'backward')),
     state     text NOT NULL DEFAULT 'open' CHECK (state IN ('open', 'closed', 'locked')),
     behaviour text NOT NULL DEFAULT 'pass_door',
-    width     double precision CHECK (width > 0)
+    width     double precision CHECK (width > 0),              -- of the clear opening, metres
+    height    double precision CHECK (height > 0),             -- of it, too
+    step      double precision NOT NULL DEFAULT 0 CHECK (step >= 0),  -- of the threshold
+    permissions text[] NOT NULL DEFAULT '{}',                  -- a robot needs one of them, if there are any
+    seen_at   timestamptz                                      -- when a robot last observed its state
 );
 CREATE INDEX connector_place_a ON connector (place_a);
 CREATE INDEX connector_place_b ON connector (place_b);

@@ -46,7 +46,7 @@ CREATE TABLE change (
     xid      bigint NOT NULL DEFAULT (pg_current_xact_id()::text)::bigint,
     at       timestamptz NOT NULL DEFAULT clock_timestamp(),
     map_id   integer NOT NULL,
-    what     text NOT NULL CHECK (what IN ('added', 'changed', 'moved', 'removed', 'reshaped', 'field', 'belief', 'statement', 'inferred', 'linked')),
+    what     text NOT NULL CHECK (what IN ('added', 'changed', 'moved', 'removed', 'reshaped', 'field', 'belief', 'statement', 'linked', 'inferred')),
     entities bigint[] NOT NULL,                                -- none for fields and inferences
     facts    jsonb                                             -- of statements, up to 200: arrays of graph, subject,
 );                                                             -- property, object and tag; an entity is its id

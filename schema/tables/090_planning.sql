@@ -4,7 +4,6 @@
 -- have no histogram, and where one cannot be spared, no index that covers the whole table: each lookup
 -- by a key implies the condition. What it costs: to read one of them whole and in order, they are sorted.
 
-DROP INDEX IF EXISTS object_type_id, placement_holder, entity_chunk_entity;
 CREATE UNIQUE INDEX object_type_id ON object_type (id, type) INCLUDE (map_id, label) WHERE id IS NOT NULL;
 CREATE INDEX placement_holder ON placement (holder_id) INCLUDE (entity_id) WHERE holder_id IS NOT NULL;
 CREATE INDEX entity_chunk_entity ON entity_chunk (entity_id) INCLUDE (id) WHERE entity_id IS NOT NULL;

@@ -78,6 +78,13 @@ CREATE TABLE object_mesh (
 );
 CREATE INDEX object_mesh_object ON object_mesh (object_id);
 
+-- The object model of each entity, kept by triggers: by its visual mesh, else by its collision mesh.
+CREATE TABLE entity_object (
+    entity_id bigint PRIMARY KEY REFERENCES entity ON DELETE CASCADE,
+    object_id bigint NOT NULL REFERENCES object_model ON DELETE CASCADE
+);
+CREATE INDEX entity_object_object ON entity_object (object_id);
+
 -- How a gripper acts on an object model: grasp, place, push, turn (a rotational push), open (a door or drawer), or put
 -- (composed of others). Poses are those of the gripper's grasp frame in the model's frame.
 CREATE TABLE action (

@@ -28,8 +28,8 @@ from semmap.ingest.world import (
 )
 
 if TYPE_CHECKING:
+    from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
-    from semmap.api.semantic_map import SemanticMap
 
 __all__ = ["DoorShape", "add_entry", "door", "region", "room", "spot", "storey", "thing"]
 
@@ -206,7 +206,7 @@ def _nearer(distance: Callable[[float, float], float], middle: Any, normal: Any)
     return int(np.sign(distance(*map(float, behind)) - distance(*map(float, ahead))))
 
 
-def spot(map: SemanticMap, holder: MapEntity, relation: str) -> tuple[float, float, float]:
+def spot(map: Map, holder: MapEntity, relation: str) -> tuple[float, float, float]:
     """A point on the highest surface of a holder, or on its floor; metres, map frame."""
     if relation == "on":
         rows = map.execute(
@@ -235,7 +235,7 @@ def spot(map: SemanticMap, holder: MapEntity, relation: str) -> tuple[float, flo
 
 
 def add_entry(
-    map: SemanticMap,
+    map: Map,
     entry: Entry,
     *,
     on: str | None = None,
@@ -259,7 +259,7 @@ def add_entry(
     with map.transaction():
         map_id = map.execute("SELECT current_map()")[0][0]
         source = f"semmap.api/{uuid.uuid4()}"
-        session = map.database.session
+        session = map.connection
         store_world(session, map_id, World(map.name, Path(), [entry]), source)
         find_surfaces(session, map_id)
         made = map[entry.name]
@@ -274,7 +274,7 @@ def add_entry(
     return made
 
 
-def _into_storey(map: SemanticMap, made: MapEntity, storey: str | None) -> None:
+def _into_storey(map: Map, made: MapEntity, storey: str | None) -> None:
     """A room or region is held by the storey that is named, else the one on whose floor it is."""
     if storey is not None:
         below = map[storey].id

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import psycopg
 from psycopg import sql
 
-from semmap.api.semantic_map import SemanticMap
+from semmap.api.map import Map
 from semmap.database.configuration import READER
+from semmap.database.maps import pick_map
 from semmap.database.parameters import connection_parameters
 from semmap.database.session import open_session
+from semmap.database.shared_engine import shared_engine
 from semmap.query import entity_query
 
 if TYPE_CHECKING:
     from sqlalchemy import Engine
 
+    from planner.robot_class import RobotClass
     from semmap.database.embedded import Cluster
 
 __all__ = ["Database", "connect"]
@@ -82,7 +86,7 @@ class Database:
     def __init__(self, session: psycopg.Connection[Any], url: str | Cluster | None = None) -> None:
         self.session = session
         self._url = url
-        self._shown: str | None = None
+        self._maps: dict[str, Map] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -96,7 +100,9 @@ class Database:
         self.close()
 
     def close(self) -> None:
-        """Close the session, and the pool of `engine`."""
+        """Close the sessions, and the pool of `engine`."""
+        for opened in self._maps.values():
+            opened.close()
         self.session.close()
         if "engine" in vars(self):
             self.engine.dispose()
@@ -121,7 +127,7 @@ class Database:
         ).fetchall()
         return [row[0] for row in rows]
 
-    def map(self, name: str | None = None) -> SemanticMap:
+    def map(self, name: str | None = None) -> Map:
         """The map of a name; without one, that of the setting ``semmap.map``, else the only one.
 
         Raises
@@ -129,9 +135,14 @@ class Database:
         LookupError
             There is no such map, none at all, or several and none was named.
         """
-        return SemanticMap(self, entity_query.pick_map(self.session, name))
+        return self._map(pick_map(self.session, name))
 
-    def create_map(self, name: str) -> SemanticMap:
+    def _map(self, name: str) -> Map:
+        if name not in self._maps:
+            self._maps[name] = Map(self, name)
+        return self._maps[name]
+
+    def create_map(self, name: str) -> Map:
         """Make an empty map.
 
         Raises
@@ -144,12 +155,12 @@ class Database:
         if not name:
             raise ValueError("a map needs a name")
         try:
-            with self.engine.begin() as connection:
+            with self.session.transaction(), shared_engine(self.session).connect() as connection:
+                self.session.execute("INSERT INTO map (name) VALUES (%s)", (name,))
                 load_tbox(connection)
-            self.session.execute("INSERT INTO map (name) VALUES (%s)", (name,))
         except psycopg.errors.UniqueViolation:
             raise ValueError(f"there is a map {name} already") from None
-        return SemanticMap(self, name)
+        return self._map(name)
 
     def drop_map(self, name: str) -> int:
         """Delete a map with all its entities; returns how many there were.
@@ -159,7 +170,7 @@ class Database:
         LookupError
             There is no such map.
         """
-        self.map(name)
+        self._maps.pop(self.map(name).name).close()
         row = self.session.execute("SELECT drop_map(%s)", (name,)).fetchone()
         assert row is not None
         return int(row[0])
@@ -189,8 +200,56 @@ class Database:
                 )
             )
 
-    def show(self, name: str) -> None:
-        """Let the session's views show a map."""
-        if self._shown != name:
-            self.session.execute("SELECT set_config('semmap.map', %s, false)", (name,))
-            self._shown = name
+    def add_robot(
+        self,
+        name: str,
+        urdf: Path | str,
+        *,
+        posture: str | None = None,
+        parts: Path | str | None = None,
+        max_step: float = 0.02,
+        max_slope: float = 6.0,
+        **abilities: Any,
+    ) -> RobotClass:
+        """Store a class of robots from a URDF, or replace the one of this name.
+
+        Parameters
+        ----------
+        posture, parts : as for `Map.costmaps`
+        max_step, max_slope : that it drives over, metres and degrees
+        abilities : attributes of `planner.RobotClass`: `speed`, `reach`, `heights`, `capacity`,
+            `behaviours`, `permissions`, `opens`, `unlocks`, `outside`
+
+        Raises
+        ------
+        ValueError
+            The URDF cannot be used, or a number is out of range.
+        """
+        import math
+
+        from navgrid.terrain import DriveLimits
+        from planner.readers.robot_class import store_robot_class
+        from planner.robot_class import RobotClass
+        from semmap.robot import load_robot, robot_parts
+        from semmap.robot.joint_positions import joints_of
+
+        path, grouped = Path(urdf), None if parts is None else Path(parts)
+        shape = robot_parts(load_robot(path), joints_of(path, posture), grouped)
+        limits = DriveLimits(max_step, math.radians(max_slope))
+        added = RobotClass(name, tuple(shape), limits, **{"speed": 0.5} | abilities)
+        with self.session.transaction(), shared_engine(self.session).connect() as connection:
+            store_robot_class(connection, added, urdf=path)
+        return added
+
+    def delete_robot(self, name: str) -> None:
+        """Delete a class of robots, and its travel times.
+
+        Raises
+        ------
+        LookupError
+            There is no such class.
+        """
+        from planner.readers.robot_class import delete_robot_class
+
+        with self.session.transaction(), shared_engine(self.session).connect() as connection:
+            delete_robot_class(connection, name)

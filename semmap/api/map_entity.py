@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from psycopg.types.json import Jsonb
 
 if TYPE_CHECKING:
-    from semmap.api.semantic_map import SemanticMap
+    from semmap.api.map import Map
     from semmap.geometry.pose import Pose
 
 __all__ = ["MapEntity"]
@@ -21,11 +21,11 @@ class MapEntity:
 
     Attributes
     ----------
-    map : SemanticMap
+    map : Map
     id : its number in the database, which its name may change but never it
     """
 
-    def __init__(self, map: SemanticMap, id: int) -> None:
+    def __init__(self, map: Map, id: int) -> None:
         self.map, self.id = map, id
 
     @property

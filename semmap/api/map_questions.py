@@ -6,22 +6,27 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from datetime import datetime
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 from psycopg import errors
 from psycopg.pq import TransactionStatus
 
 from semmap.api.map_entity import MapEntity
+from semmap.database.maps import see_map
+from semmap.database.session import twin_session
 from semmap.query import entity_query
 from semmap.query.entity_query import Near
+from semmap.query.snapshot import Snapshot, open_snapshot
 from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
     import psycopg
+    from sqlalchemy import Engine
     from sqlalchemy.orm import Session
 
     from semmap.api.database import Database
-    from semmap.api.semantic_map import SemanticMap
+    from semmap.api.map import Map
     from semmap.belief.teaching import KnownAction
 
 __all__ = ["MapQuestions"]
@@ -31,7 +36,7 @@ ATTEMPTS = 5
 
 
 class MapQuestions:
-    """The part of `SemanticMap` that reads.
+    """The part of `Map` that reads.
 
     Attributes
     ----------
@@ -50,8 +55,8 @@ class MapQuestions:
         LookupError
             The map has none; the message names those that come near it.
         """
-        number = entity_query.entity_id(self._session(), name)
-        return MapEntity(cast("SemanticMap", self), number)
+        number = entity_query.entity_id(self.connection, name)
+        return MapEntity(cast("Map", self), number)
 
     def __contains__(self, name: object) -> bool:
         known = "SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map() AND name = %s)"
@@ -105,23 +110,23 @@ class MapQuestions:
         self, type: str | None = None, *, in_: str | None = None, **conditions: Any
     ) -> list[dict[str, Any]]:
         """As `find`, but plain rows, as ``semmap ls --json`` prints them."""
-        return entity_query.find(self._session(), type=type, holder=in_, **conditions)
+        return entity_query.find(self.connection, type=type, holder=in_, **conditions)
 
     def describe(self, name: str, at: datetime | None = None) -> dict[str, Any]:
         """All that the map has of an entity; with `at`, also where it was then."""
-        return entity_query.describe(self._session(), name, at)
+        return entity_query.describe(self.connection, name, at)
 
     def types(self) -> list[dict[str, Any]]:
         """The semantic types with their parents, and how many entities of the map are of each."""
-        return entity_query.list_types(self._session())
+        return entity_query.list_types(self.connection)
 
     def incomplete(self) -> list[dict[str, Any]]:
         """The entities that lack geometry, type, placement or topology."""
-        return entity_query.list_incomplete(self._session())
+        return entity_query.list_incomplete(self.connection)
 
     def guessed_types(self) -> list[dict[str, Any]]:
         """The entities whose type an import guessed from a name, the least certain first."""
-        return entity_query.list_guessed_types(self._session())
+        return entity_query.list_guessed_types(self.connection)
 
     def where(self, name: str, at: datetime | None = None) -> dict[str, float]:
         """Where an object or agent probably is, now or at a time: probabilities by places.
@@ -135,7 +140,7 @@ class MapQuestions:
         """
         from semmap.belief.store.beliefs import read_belief
 
-        return read_belief(self._session(), name, at)
+        return read_belief(self.connection, name, at)
 
     def how_to(self, goal: str, given: Sequence[str] = ()) -> list[KnownAction]:
         """The shortest chain of taught actions that brings about a goal, the first one first.
@@ -147,11 +152,11 @@ class MapQuestions:
         """
         from semmap.belief.store.teaching import how_to
 
-        return how_to(self._session(), goal, given)
+        return how_to(self.connection, goal, given)
 
     def check(self) -> list[dict[str, Any]]:
         """Where the map disagrees with itself; empty for a sound map."""
-        return entity_query.contradictions(self._session())
+        return entity_query.contradictions(self.connection)
 
     def changes(
         self, since: str | None = None, *, follow: bool = False, stop: threading.Event | None = None
@@ -171,7 +176,7 @@ class MapQuestions:
         if since is None and follow:
             since = str(self.execute("SELECT change_cursor()")[0][0])
         while True:
-            cursor, rows = entity_query.changes_since(self._session(), since)
+            cursor, rows = entity_query.changes_since(self.connection, since)
             for row in rows:
                 if row["map"] == self.name:
                     yield self._change(row, cursor)
@@ -193,7 +198,7 @@ class MapQuestions:
 
     def _wait(self, stop: threading.Event | None, seconds: float = 0.5) -> None:
         """Wait for the next change; a change between two looks is found at the next one."""
-        session = self._session()
+        session = self.connection
         session.execute("LISTEN semmap")
         for _ in session.notifies(timeout=seconds, stop_after=1):
             return
@@ -210,7 +215,7 @@ class MapQuestions:
         ValueError
             The statement breaks a rule of the map; it changed nothing.
         """
-        session = self._session()
+        session = self.connection
         attempts = ATTEMPTS if session.info.transaction_status == TransactionStatus.IDLE else 1
         while True:
             attempts -= 1
@@ -239,7 +244,7 @@ class MapQuestions:
 
     def transaction(self) -> AbstractContextManager[Any]:
         """A transaction: all statements in the ``with`` block, or none."""
-        return self._session().transaction()
+        return self.connection.transaction()
 
     def session(self) -> Session:
         """A SQLAlchemy session that sees this map; use it in a ``with`` block."""
@@ -247,9 +252,29 @@ class MapQuestions:
 
         return map_session(self.database.engine, self.name)
 
-    def session_of_map(self) -> psycopg.Connection[Any]:
-        """The database's psycopg connection, which sees this map until another one is used."""
-        self.database.show(self.name)
-        return self.database.session
+    @cached_property
+    def connection(self) -> psycopg.Connection[Any]:
+        """The psycopg connection of this map, in autocommit mode; it sees no other map."""
+        session = twin_session(self.database.session)
+        see_map(session, self.name, lasting=True)
+        return session
 
-    _session = session_of_map
+    def snapshot(self) -> AbstractContextManager[Snapshot]:
+        """One state of the map while a ``with`` block lasts, for readers of other packages."""
+        return open_snapshot(self.connection, self.name)
+
+    @property
+    def engine(self) -> Engine:
+        """The engine of the database."""
+        return self.database.engine
+
+    @property
+    def in_transaction(self) -> bool:
+        """Whether a transaction of this map is open."""
+        return self.connection.info.transaction_status != TransactionStatus.IDLE
+
+    def close(self) -> None:
+        """Close the map's connection; it is opened again when it is used."""
+        if "connection" in vars(self):
+            self.connection.close()
+            del self.connection

@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine
 
     from semmap.api.database import Database
+    from semmap.api.map import Map
 
     Session = psycopg.Connection[Any]
 
 __all__ = [
     "CliOptions",
     "choose_map",
+    "chosen_map",
     "chosen_url",
     "database",
     "engine",
@@ -78,6 +80,23 @@ def database(*, migrate: bool = False) -> Iterator[Engine]:
 
 
 @contextmanager
+def chosen_map(name: str | None, *, migrate: bool = False) -> Iterator[Map]:
+    """The map of a name, else the chosen one, else the only one, while it lasts.
+
+    Raises
+    ------
+    typer.BadParameter
+        There is no such map, none at all, or several and none is chosen.
+    """
+    with open_database(migrate=migrate) as chosen:
+        try:
+            found = chosen.map(name)
+        except LookupError as error:
+            raise typer.BadParameter(str(error)) from None
+        yield found
+
+
+@contextmanager
 def open_map(name: str | None) -> Iterator[Connection]:
     """A connection that sees the map of a name; without one, the map that `choose_map` takes."""
     with database() as engine, engine.connect() as connection:
@@ -100,11 +119,9 @@ def choose_map(connection: Connection, name: str | None) -> str:
 
 def show_map(session: Session, name: str | None) -> str:
     """Let a session of psycopg see a map, as `choose_map` does."""
-    from semmap.query.entity_query import pick_map
+    from semmap.database.maps import pick_map, see_map
 
     try:
-        picked = pick_map(session, name)
+        return see_map(session, pick_map(session, name), lasting=True)
     except LookupError as error:
         raise typer.BadParameter(str(error)) from None
-    session.execute("SELECT set_config('semmap.map', %s, false)", (picked,))
-    return picked

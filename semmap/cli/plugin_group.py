@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import typer
 from typer.core import TyperGroup
 
+from semmap.api.operations import COMMANDS
 from semmap.terminal import visible
 
 __all__ = ["GROUP", "PluginGroup", "help_line"]
@@ -39,8 +40,9 @@ class PluginGroup(TyperGroup):
 
     @cached_property
     def added(self) -> dict[str, EntryPoint]:
-        """The commands that packages add, by name; all installed packages are searched for them."""
-        return {point.name: point for point in entry_points(group=GROUP)}
+        """The commands of the table of operations, and those that other packages add, by name."""
+        known = {name: EntryPoint(name, home, GROUP) for name, home in COMMANDS.items()}
+        return {point.name: point for point in entry_points(group=GROUP)} | known
 
     def list_commands(self, ctx: Any) -> list[str]:
         """The names of all commands, its own first."""

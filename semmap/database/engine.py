@@ -94,7 +94,7 @@ def connect(
     try:
         if check:
             revisions.check_revision(version)
-        elif migrate and version != revisions.newest():
+        elif migrate:
             _upgrade(engine, version)
     except OperationalError as error:
         engine.dispose()
@@ -130,14 +130,12 @@ def _conninfo(engine: Engine) -> str:
 
 
 def _upgrade(engine: Engine, version: str | None) -> None:
-    if version is not None and version not in revisions.parents():
-        raise DatabaseError(
-            f"the database has the revision {version}, which this semmap does not know: "
-            "a newer semmap made it, and it takes that one to use it"
-        )
-    from semmap.database.migrate import upgrade  # Alembic takes 0.4 s to import
+    try:
+        revisions.check_revision(version)
+    except revisions.OldSchema:
+        from semmap.database.migrate import upgrade  # Alembic takes 0.4 s to import
 
-    upgrade(engine)
+        upgrade(engine)
 
 
 def make_engine(url: URL) -> Engine:

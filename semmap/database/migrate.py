@@ -1,13 +1,14 @@
 """The schema's revisions: up, down, and the SQL files of `schema/` that they run.
 
-Revisions change tables only. The code (functions, triggers, views, rights) is as `schema/` has it
-now: an upgrade drops it before the first revision and makes it after the last, so that no
-revision meets code that speaks of later tables.
+Revisions change tables only. The code (functions, triggers, views, rights) is dropped before the
+first of them, since it depends on the tables, and made by `schema/` after the last. It fits the
+newest tables: a downgrade leaves the tables without code, until the semmap whose tables these are
+makes its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -25,16 +26,11 @@ from semmap.database.requirements import check_requirements
 
 if TYPE_CHECKING:
     from pathlib import Path
-    from types import ModuleType
-
-    from alembic.operations import Operations
 
 __all__ = [
     "current",
     "downgrade",
     "drop",
-    "drop_code",
-    "make_tables",
     "run_sql_files",
     "schema_folder",
     "upgrade",
@@ -77,7 +73,7 @@ END $$
 
 
 def current(engine: Engine) -> str | None:
-    """The revision that the database has; None where it has none."""
+    """The revision that the database has, as `revisions.installed` tells it."""
     return revisions.installed_on(engine)
 
 
@@ -94,13 +90,13 @@ def upgrade(engine: Engine, revision: str = "head") -> None:
         check_requirements(connection)
         if revision == "head" and _installed(connection) == revisions.newest():
             return
-        drop_code(connection)
-        command.upgrade(_config(connection), revision)
-        _run_code(connection)
+        _change_tables(connection, command.upgrade, revision)
 
 
 def downgrade(engine: Engine, revision: str) -> None:
     """Take the schema down to a revision (``base``, ``-1``, ``0001``), in one transaction.
+
+    No row is lost.
 
     Raises
     ------
@@ -108,7 +104,7 @@ def downgrade(engine: Engine, revision: str) -> None:
         As `upgrade` does.
     """
     with _transaction(engine, "downgraded") as connection:
-        command.downgrade(_config(connection), revision)
+        _change_tables(connection, command.downgrade, revision)
 
 
 def drop(engine: Engine) -> None:
@@ -122,15 +118,15 @@ def drop(engine: Engine) -> None:
             connection.exec_driver_sql(statement)
 
 
-def run_sql_files(op: Operations | ModuleType, *patterns: str) -> None:
+def run_sql_files(connection: Connection, *patterns: str) -> None:
     """Execute files of `schema/`, pattern by pattern, each pattern's files in order of their paths.
 
     A file goes to the server as it stands, in one piece: colons, percent signs and function bodies
-    mean nothing on the way.
+    mean nothing on the way. Names without a schema are those of `semmap`.
 
     Parameters
     ----------
-    op : Alembic's operations, in a revision
+    connection : that of the revision, ``op.get_bind()``
     patterns : globs below `schema/`, such as ``tables/*.sql``
 
     Raises
@@ -138,10 +134,7 @@ def run_sql_files(op: Operations | ModuleType, *patterns: str) -> None:
     DatabaseError
         A pattern that no file fits, or a statement that fails: file and line are named.
     """
-    _run_patterns(op.get_bind(), patterns)
-
-
-def _run_patterns(connection: Connection, patterns: Iterable[str]) -> None:
+    connection.exec_driver_sql("SET LOCAL search_path = semmap, public")
     for pattern in patterns:
         files = sorted(schema_folder().glob(pattern))
         if not files:
@@ -150,29 +143,23 @@ def _run_patterns(connection: Connection, patterns: Iterable[str]) -> None:
             _run_sql_file(_driver(connection), path)
 
 
-def make_tables(op: Operations | ModuleType, file: str, table: str) -> None:
-    """Execute a file of `schema/tables/` unless the database has the table that it makes."""
-    has = "SELECT to_regclass('semmap.' || quote_ident(:table)) IS NOT NULL"
-    if not op.get_bind().scalar(text(has), {"table": table}):
-        op.execute("SET LOCAL search_path = semmap, public")
-        run_sql_files(op, f"tables/{file}")
+def _change_tables(
+    connection: Connection, run: Callable[[Config, str], None], revision: str
+) -> None:
+    """Run Alembic's `run` to a revision without code; make the code at the newest one."""
+    _drop_code(connection)
+    run(_config(connection), revision)
+    if (_installed(connection) or "").split(" ")[0] == revisions.newest():
+        # bodies are not checked here: functions may call those of later files
+        connection.exec_driver_sql("SET LOCAL check_function_bodies = off")
+        run_sql_files(connection, *(p for p in CODE if any(schema_folder().glob(p))))
 
 
-def drop_code(connection: Connection) -> None:
+def _drop_code(connection: Connection) -> None:
     """Drop functions, triggers, views and rights; the tables and their rows stay."""
     connection.exec_driver_sql("SET LOCAL search_path = semmap, public")
     if connection.scalar(text("SELECT to_regnamespace('semmap') IS NOT NULL")):
         connection.execute(text(DROP_CODE))
-
-
-def _run_code(connection: Connection) -> None:
-    """Make functions, triggers, views and rights as `schema/` has them.
-
-    Bodies are not checked here: functions may call those of later files.
-    """
-    connection.exec_driver_sql("SET LOCAL search_path = semmap, public")
-    connection.exec_driver_sql("SET LOCAL check_function_bodies = off")
-    _run_patterns(connection, [p for p in CODE if any(schema_folder().glob(p))])
 
 
 def _installed(connection: Connection) -> str | None:

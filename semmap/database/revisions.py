@@ -32,6 +32,9 @@ VERSION_SCHEMA = "public"
 def installed(connection: psycopg.Connection[Any]) -> str | None:
     """The revision that the database has; None where there is no schema yet.
 
+    A downgrade drops the functions: without them, a revision is told as ``0001 without functions``,
+    which is never the newest.
+
     Raises
     ------
     DatabaseError
@@ -40,7 +43,10 @@ def installed(connection: psycopg.Connection[Any]) -> str | None:
     try:
         with connection.transaction():
             row = connection.execute(
-                f"SELECT version_num FROM {VERSION_SCHEMA}.{VERSION_TABLE}"
+                "SELECT version_num || CASE WHEN EXISTS (SELECT FROM pg_proc "
+                "WHERE pronamespace = to_regnamespace('semmap')) "
+                "THEN '' ELSE ' without functions' END "
+                f"FROM {VERSION_SCHEMA}.{VERSION_TABLE}"
             ).fetchone()
     except psycopg.errors.UndefinedTable:
         return None
@@ -110,7 +116,7 @@ def check_revision(version: str | None) -> None:
     OldSchema
         There is no schema, or a former one: ``semmap db upgrade`` helps.
     DatabaseError
-        A newer semmap made it.
+        Another semmap made it, a newer one or one from before 0.1.0.
     """
     if version == newest():
         return
@@ -118,10 +124,10 @@ def check_revision(version: str | None) -> None:
         raise OldSchema(
             "the database has no semmap schema: semmap db upgrade makes it, semmap import FILE, too"
         )
-    if version not in parents():
+    if version.split(" ")[0] not in parents():
         raise DatabaseError(
-            f"the database has the revision {version}, which this semmap does not know: "
-            "a newer semmap made it, and it takes that one to use it"
+            f"the database has the revision {version}, which this semmap does not know: a newer "
+            "semmap made it, or one from before 0.1.0, and it takes that one to use it"
         )
     raise OldSchema(
         f"the schema is at revision {version}, this semmap needs {newest()}: run semmap db upgrade"

@@ -18,13 +18,14 @@ from semmap.database.parameters import (
     unreachable,
 )
 from semmap.database.patience import Patience
+from semmap.database.shared_engine import SharedConnection
 
 if TYPE_CHECKING:
     from sqlalchemy import URL
 
     from semmap.database.embedded import Cluster
 
-__all__ = ["open_session"]
+__all__ = ["open_session", "twin_session"]
 
 
 def open_session(
@@ -57,7 +58,7 @@ def open_session(
             options=f"{given} {settings}".strip(),
         )
         try:
-            session = psycopg.connect(conninfo, autocommit=True)
+            session = SharedConnection.connect(conninfo, autocommit=True)
             break
         except psycopg.OperationalError as error:
             hopeless = isinstance(error, psycopg.errors.ConnectionTimeout)
@@ -84,3 +85,9 @@ def open_session(
         session.close()
         raise
     return session
+
+
+def twin_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any]:
+    """Open another session with the same database, login and settings."""
+    conninfo = make_conninfo(session.info.dsn, password=session.info.password or None)
+    return SharedConnection.connect(conninfo, autocommit=True)

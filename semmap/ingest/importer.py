@@ -13,6 +13,7 @@ from typing import Any, Literal
 from psycopg.types.json import Jsonb
 from sqlalchemy import Connection, Engine
 
+from semmap.database.maps import see_map
 from semmap.ingest.annotation import read_annotation
 from semmap.ingest.meshes.mesh_file import read_mesh_world
 from semmap.ingest.naming import GUESS
@@ -26,7 +27,6 @@ from semmap.ingest.store.world_store import Progress, StoreSummary, store_world
 from semmap.ingest.world import Skipped, World, WorldError
 from semmap.limits import ENTRIES, NAME_CHARACTERS
 from semmap.query.geometry_notes import names_note, read_names_without_geometry
-from semmap.query.maps import see_map
 
 __all__ = ["ImportSummary", "import_file", "read_world"]
 

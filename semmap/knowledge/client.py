@@ -15,6 +15,7 @@ import psycopg
 import rdflib
 from sqlalchemy import Engine
 
+from semmap.database.maps import see_map
 from semmap.knowledge.consequences import with_consequences
 from semmap.knowledge.facts import Fact, FactWriter, RefusedError
 from semmap.knowledge.map_view import MapView
@@ -23,7 +24,6 @@ from semmap.knowledge.queries import Answer, limited, query
 from semmap.knowledge.standing.subscriptions import Event, Subscriptions
 from semmap.knowledge.updates import GraphChanges
 from semmap.knowledge.vocabulary import OWL, RDF, RDFS, SEMMAP, encode, map_namespace
-from semmap.query.maps import see_map
 
 __all__ = ["KnowledgeClient"]
 

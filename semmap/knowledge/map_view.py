@@ -11,6 +11,7 @@ import psycopg
 import rdflib
 from rdflib.plugins.sparql.parserutils import CompValue
 
+from semmap.database.maps import pick_map
 from semmap.knowledge.fields.properties import Fields
 from semmap.knowledge.fields.rows import FieldRows
 from semmap.knowledge.sparql.constants import Constants, Lookup, iris_in, resolve
@@ -18,7 +19,6 @@ from semmap.knowledge.sparql.kept_queries import Basis, Row, Session, Term, term
 from semmap.knowledge.sparql.scope import NOTHING_INFERRED, Chosen, Inferred
 from semmap.knowledge.sparql.translator import SqlStatement, translate
 from semmap.knowledge.vocabulary import map_namespace
-from semmap.query.entity_query import pick_map
 
 __all__ = ["MapView", "Row", "Session", "Term", "term_of"]
 

@@ -79,7 +79,7 @@ def query(
 
     Parameters
     ----------
-    session : psycopg's connection, as `SemanticMap.session_of_map` gives it
+    session : psycopg's connection, as `Map.connection` gives it
     text : SPARQL 1.1 or the notation of reMap; `semmap.knowledge.vocabulary.PREFIXES` need not be
         declared, and the empty prefix is that of the map's entities
     seconds, rows : limits; by default those of `semmap.limits`
@@ -99,7 +99,7 @@ def query(
     --------
     >>> import semmap
     >>> with semmap.connect() as database:  # doctest: +SKIP
-    ...     session = database.map("hotel").session_of_map()
+    ...     session = database.map("hotel").connection
     ...     query(session, "SELECT ?room { ?room a semmap:Kitchen }").rows
     """
     most = int(QUERY_ROWS.value if rows is None else rows)

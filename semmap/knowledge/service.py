@@ -26,6 +26,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from semmap.database.maps import see_map
 from semmap.database.parameters import SETTINGS
 from semmap.ingest.world import WorldError
 from semmap.knowledge.consequences import with_consequences
@@ -272,7 +273,7 @@ def session_opener(engine: Engine, map_name: str) -> Connect:
         settings = " ".join(f"-c {key}={value}" for key, value in SETTINGS.items())
         options = f"{arguments.pop('options', '')} {settings}".strip()
         session = psycopg.connect(**arguments, options=options)
-        session.execute("SELECT set_config('semmap.map', %s, false)", (map_name,))
+        see_map(session, map_name, lasting=True)
         session.commit()
         return session
 

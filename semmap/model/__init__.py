@@ -11,11 +11,11 @@ from semmap.model.entity import (
     Elevator,
     Entity,
     Link,
-    Map,
     Object,
     ObjectType,
     Region,
     Room,
+    StoredMap,
     Storey,
 )
 from semmap.model.geometry import EntityModel, GeometricModel
@@ -48,7 +48,6 @@ __all__ = [
     "GeometricModel",
     "Link",
     "ManipulationTask",
-    "Map",
     "Mission",
     "MissionStep",
     "Object",
@@ -63,6 +62,7 @@ __all__ = [
     "SemanticType",
     "StoredAction",
     "StoredGripper",
+    "StoredMap",
     "Storey",
     "TypeParent",
     "WorldPlacement",

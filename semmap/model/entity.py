@@ -36,16 +36,16 @@ __all__ = [
     "Elevator",
     "Entity",
     "Link",
-    "Map",
     "Object",
     "ObjectType",
     "Region",
     "Room",
+    "StoredMap",
     "Storey",
 ]
 
 
-class Map(Base):
+class StoredMap(Base):
     """A local metric frame and all that is in it; optionally placed on the earth.
 
     `crs` (EPSG code), `easting`, `northing`, `height` (metres) say where the origin lies,
@@ -89,7 +89,7 @@ class Entity(Base):
     __mapper_args__ = {"polymorphic_on": "kind"}  # noqa: RUF012
 
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     kind: Mapped[str]
     name: Mapped[str]
     label: Mapped[str | None]
@@ -102,7 +102,7 @@ class Entity(Base):
     digest: Mapped[str | None]
     since: Mapped[datetime] = mapped_column(server_default=text("statement_timestamp()"))
 
-    map: Mapped[Map] = relationship()
+    map: Mapped[StoredMap] = relationship()
     placement: Mapped[Placement | None] = relationship(
         foreign_keys=Placement.entity_id, back_populates="entity", passive_deletes=True
     )

@@ -23,7 +23,7 @@ from sqlalchemy.orm import Mapped, mapped_column, relationship
 
 from semmap.geometry.pose import Pose
 from semmap.model.base import Base, PoseColumn
-from semmap.model.entity import Entity, Map
+from semmap.model.entity import Entity, StoredMap
 from semmap.model.semantics import SemanticType
 
 __all__ = [
@@ -208,7 +208,7 @@ class ManipulationTask(Base):
     )
 
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     robot_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))
     kind: Mapped[str]
     entity_id: Mapped[int | None] = mapped_column(ForeignKey(Entity.id, ondelete="SET NULL"))

@@ -10,7 +10,7 @@ from sqlalchemy.dialects.postgresql import ARRAY
 from sqlalchemy.orm import Mapped, mapped_column
 
 from semmap.model.base import Base
-from semmap.model.entity import Entity, Map
+from semmap.model.entity import Entity, StoredMap
 
 __all__ = ["Mission", "MissionStep"]
 
@@ -31,7 +31,7 @@ class Mission(Base):
     )
 
     id: Mapped[int] = mapped_column(BigInteger, Identity(), primary_key=True)
-    map_id: Mapped[int] = mapped_column(ForeignKey(Map.id, ondelete="CASCADE"))
+    map_id: Mapped[int] = mapped_column(ForeignKey(StoredMap.id, ondelete="CASCADE"))
     robot_id: Mapped[int] = mapped_column(ForeignKey(Entity.id, ondelete="CASCADE"))
     goal: Mapped[str]
     state: Mapped[str] = mapped_column(server_default="waiting", default="waiting")

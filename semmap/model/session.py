@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from sqlalchemy import Engine, event, text
+from sqlalchemy import Connection, Engine, event
 from sqlalchemy.orm import Session
+
+from semmap.database import maps
 
 __all__ = ["map_session"]
 
@@ -20,9 +22,7 @@ def map_session(engine: Engine, map_name: str) -> Session:
     session = Session(engine)
 
     @event.listens_for(session, "after_begin")
-    def see_map(_session: Session, _transaction: object, connection: object) -> None:
-        connection.execute(  # type: ignore[attr-defined]
-            text("SELECT set_config('semmap.map', :name, true)"), {"name": map_name}
-        )
+    def see_map(_session: Session, _transaction: object, connection: Connection) -> None:
+        maps.see_map(connection, map_name)
 
     return session

@@ -18,8 +18,8 @@ import psycopg
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
+from semmap.database.maps import current_name, driver_of, see_map, snapshot
 from semmap.database.notifications import notifications
-from semmap.query.maps import current_name, see_map, snapshot
 
 __all__ = [
     "CHANNEL",
@@ -138,7 +138,7 @@ class ChangeFeed:
                 if self.map_name is None:
                     self.map_name = current_name(connection)
                 with driver.pipeline():  # one message
-                    driver.execute("SELECT set_config('semmap.map', %s, true)", (self.map_name,))
+                    see_map(driver, self.map_name)
                     state = driver.execute("SELECT change_cursor(), now()")
                     asked = also and driver.execute(also[0].encode(), also[1], prepare=True)
                 ((now, moment),) = state.fetchall()
@@ -163,12 +163,12 @@ class ChangeFeed:
         """A connection whose transactions see one state of the database."""
         if not self._one_connection:
             with snapshot(self._engine) as connection:
-                yield connection, _driver(connection)
+                yield connection, driver_of(connection)
             return
         if self._own is None:
             connection = self._engine.connect()
             connection.execution_options(isolation_level="REPEATABLE READ")
-            self._own = connection, _driver(connection)
+            self._own = connection, driver_of(connection)
             connection.detach()  # the pool lends others
         try:
             yield self._own
@@ -212,12 +212,6 @@ class ChangeFeed:
     def _server_was_away(self) -> None:
         if not self._durable:
             self.cursor = None
-
-
-def _driver(connection: Connection) -> psycopg.Connection[Any]:
-    driver = connection.connection.driver_connection
-    assert isinstance(driver, psycopg.Connection)
-    return driver
 
 
 def announce_fields(engine: Engine, map_name: str) -> None:

@@ -25,7 +25,6 @@ __all__ = [
     "list_incomplete",
     "list_maps",
     "list_types",
-    "pick_map",
 ]
 
 Session = psycopg.Connection[Any]
@@ -37,31 +36,6 @@ Near = str | Sequence[float]
 CLOSE = 10.0
 """Within so many metres, one plan that begins with the spatial index serves all types: a subquery
 hides the place from the planner. A wider one is planned each time, to begin with rare types."""
-
-
-def pick_map(session: Session, name: str | None = None) -> str:
-    """The name of the map meant: `name`, else the setting ``semmap.map``, else the only one.
-
-    Raises
-    ------
-    LookupError
-        There is no such map, none at all, or several and none is chosen.
-    """
-    known = _column(session, "SELECT name FROM map WHERE copy_of IS NULL ORDER BY id")
-    if not known:
-        raise LookupError("there is no map yet: semmap import FILE makes one")
-    if name is None:
-        name = _column(session, "SELECT current_setting('semmap.map', true)")[0] or None
-    if name is not None and name not in known:
-        known += _column(session, "SELECT name FROM map WHERE copy_of IS NOT NULL ORDER BY id")
-    if name is None and len(known) > 1:
-        raise LookupError(
-            f"there are several maps: {', '.join(known)}. Name one (--map, SEMMAP_MAP), "
-            "or choose one for all commands: semmap use MAP"
-        )
-    if name is not None and name not in known:
-        raise LookupError(f"there is no map {name}; there are: {', '.join(known)}")
-    return name or str(known[0])
 
 
 def list_maps(session: Session) -> list[Row]:

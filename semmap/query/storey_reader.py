@@ -17,11 +17,11 @@ import shapely
 from numpy.typing import NDArray
 from sqlalchemy import Connection, text
 
+from semmap.database.maps import current_name
 from semmap.geometry.floor_level import floor_level
 from semmap.geometry.mesh import box_mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.voxels import Voxels
-from semmap.query.maps import current_name
 from semmap.query.meshes import models_points, models_triangles
 from semmap.query.storey_scene import (
     NO_TRIANGLES,

@@ -14,9 +14,11 @@ from sqlalchemy import func, select
 from sqlalchemy.exc import DBAPIError
 
 import semmap
+from semmap.database.revisions import newest
 from semmap.model import Entity, Object, WorldPlacement
 from tests.command_line import semmap as semmap_cli
 from tests.ingest.worlds_by_hand import box_world
+from tests.next_revision import next_revision
 
 
 @pytest.fixture
@@ -26,7 +28,7 @@ def db(database: str) -> Iterator[semmap.Database]:
 
 
 @pytest.fixture
-def flat(db: semmap.Database) -> semmap.SemanticMap:
+def flat(db: semmap.Database) -> semmap.Map:
     made = db.create_map("flat")
     made.add_storey("ground", height=3)
     made.add_room("kitchen", shapely.box(0, 0, 4, 3), floor=0, ceiling=2.7, label="kitchen")
@@ -70,7 +72,7 @@ def test_chosen_map_is_that_of_later_sessions(db: semmap.Database, database: str
     assert "flat" in shown.stdout, "its login is another one, which only reads"
 
 
-def test_added_entities_have_holders_poses_and_types(flat: semmap.SemanticMap) -> None:
+def test_added_entities_have_holders_poses_and_types(flat: semmap.Map) -> None:
     desk, mug = flat["desk4"], flat["mug7"]
     assert desk.holder == flat["kitchen"]
     assert mug.holder == desk
@@ -84,7 +86,7 @@ def test_added_entities_have_holders_poses_and_types(flat: semmap.SemanticMap) -
     assert flat.check() == []
 
 
-def test_door_leads_from_place_to_place(flat: semmap.SemanticMap) -> None:
+def test_door_leads_from_place_to_place(flat: semmap.Map) -> None:
     for name, a, b in (
         ("kitchen_to_hall", "kitchen", "hall"),
         ("hall_to_kitchen", "hall", "kitchen"),
@@ -99,7 +101,7 @@ def test_door_leads_from_place_to_place(flat: semmap.SemanticMap) -> None:
             assert (stand.x < 4) == (a == "kitchen")
 
 
-def test_moves_change_the_holder(flat: semmap.SemanticMap) -> None:
+def test_moves_change_the_holder(flat: semmap.Map) -> None:
     mug = flat["mug7"]
     mug.move_to(6, 1, 0.05, 0.3)
     assert mug.holder == flat["hall"]
@@ -116,7 +118,7 @@ def test_moves_change_the_holder(flat: semmap.SemanticMap) -> None:
     assert flat.check() == []
 
 
-def test_questions(flat: semmap.SemanticMap) -> None:
+def test_questions(flat: semmap.Map) -> None:
     assert names(flat.find("table", near=(1, 2, 0), within=3)) == ["desk4"]
     assert flat.find("table", near=(100, 2, 0), within=3) == []
     assert names(flat.find("object", near="mug7")[:2]) == ["mug7", "desk4"]
@@ -129,7 +131,7 @@ def test_questions(flat: semmap.SemanticMap) -> None:
     assert {"table", "furniture"} <= {row["name"] for row in flat.types()}
 
 
-def test_changes_are_followed(flat: semmap.SemanticMap, database: str) -> None:
+def test_changes_are_followed(flat: semmap.Map, database: str) -> None:
     assert next(flat.changes())["what"] == "added"
 
     def move_later() -> None:
@@ -149,13 +151,13 @@ def test_changes_are_followed(flat: semmap.SemanticMap, database: str) -> None:
     assert list(flat.changes(change["cursor"])) == []
 
 
-def test_files_are_imported(flat: semmap.SemanticMap, tmp_path: Path) -> None:
+def test_files_are_imported(flat: semmap.Map, tmp_path: Path) -> None:
     summary = flat.import_file(box_world(tmp_path, {"crate": (6, 1, 0.4)}))
     assert (summary.map, summary.added) == ("flat", 1)
     assert flat["crate"].holder == flat["hall"]
 
 
-REFUSED: list[tuple[Callable[[semmap.SemanticMap], Any], str]] = [
+REFUSED: list[tuple[Callable[[semmap.Map], Any], str]] = [
     (lambda flat: flat["mug"], "the map has no entity mug; did you mean mug7?"),
     (lambda flat: flat.add_object("mug7"), "the map has an entity mug7 already"),
     (lambda flat: flat.add_object(""), "the object needs a name"),
@@ -188,7 +190,7 @@ REFUSED: list[tuple[Callable[[semmap.SemanticMap], Any], str]] = [
 
 @pytest.mark.parametrize(("call", "says"), REFUSED, ids=[says for _, says in REFUSED])
 def test_bad_input_is_refused_and_changes_nothing(
-    flat: semmap.SemanticMap, call: Callable[[semmap.SemanticMap], Any], says: str
+    flat: semmap.Map, call: Callable[[semmap.Map], Any], says: str
 ) -> None:
     before = flat.table()
     with pytest.raises((ValueError, LookupError), match=says.replace("?", r"\?")):
@@ -196,7 +198,7 @@ def test_bad_input_is_refused_and_changes_nothing(
     assert flat.table() == before
 
 
-def test_orm_sees_one_map(db: semmap.Database, flat: semmap.SemanticMap) -> None:
+def test_orm_sees_one_map(db: semmap.Database, flat: semmap.Map) -> None:
     other = db.create_map("other")
     other.add_object("table1", type="table", size=(1, 1, 1), pose=(0, 0, 0))
     with flat.session() as session:
@@ -218,7 +220,7 @@ def test_orm_sees_one_map(db: semmap.Database, flat: semmap.SemanticMap) -> None
         assert set(session.scalars(inside)) == {"desk4", "mug7", "table1"}
 
 
-def test_orm_keeps_changed_properties_and_states_holders(flat: semmap.SemanticMap) -> None:
+def test_orm_keeps_changed_properties_and_states_holders(flat: semmap.Map) -> None:
     with flat.session() as session:
         mug = session.scalars(select(Object).where(Object.name == "mug7")).one()
         mug.properties["colour"] = "blue"
@@ -234,11 +236,12 @@ def test_orm_keeps_changed_properties_and_states_holders(flat: semmap.SemanticMa
 
 
 def test_old_schema_is_refused_and_stays(db: semmap.Database, database: str) -> None:
-    db.session.execute("UPDATE public.semmap_version SET version_num = '0007'")
-    with pytest.raises(semmap.DatabaseError, match=r"at revision 0007.*semmap db upgrade"):
+    former = newest()
+    expected = rf"at revision {former}.*semmap db upgrade"
+    with next_revision(), pytest.raises(semmap.DatabaseError, match=expected):
         semmap.connect(database)
     row = db.session.execute("SELECT version_num FROM public.semmap_version").fetchone()
-    assert row == ("0007",)
+    assert row == (former,)
 
 
 def test_database_without_schema_is_refused_and_stays_empty(

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import pytest
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from tests.conftest import MakeDatabase
 
 
 @pytest.fixture(scope="module")
-def flat_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
+def flat_map(make_database: MakeDatabase) -> Iterator[Map]:
     """Two rooms with furniture, a coke without geometry, a cereal box on the table, a robot."""
     url = make_database().render_as_string(hide_password=False)
     with semmap.connect(url) as db:
@@ -35,7 +35,7 @@ def flat_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
 
 
 @pytest.fixture
-def flat(flat_map: SemanticMap) -> Iterator[SemanticMap]:
+def flat(flat_map: Map) -> Iterator[Map]:
     """The flat, for one test: what the test changes is undone."""
     with flat_map.transaction() as transaction:
         yield flat_map

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 import semmap as library
-from semmap import SemanticMap
+from semmap import Map
 from semmap.belief.error import BeliefError
 from semmap.belief.estimates import belief_with_motion, belief_with_occlusion, known_volumes
 from semmap.belief.motion import MotionModel
@@ -28,8 +28,8 @@ def look(name: str, place: str, seen: bool, seconds: float = 0.0) -> dict[str, o
     return {"object": name, "place": place, "seen": seen, "at": at}
 
 
-def test_a_mug_that_the_cereal_box_may_hide_is_not_ruled_out(flat: SemanticMap) -> None:
-    session = flat.session_of_map()
+def test_a_mug_that_the_cereal_box_may_hide_is_not_ruled_out(flat: Map) -> None:
+    session = flat.connection
     rows = [look("cereal", "table", True)] * 4 + [look("mug", "table", False)] * 3
     add_observations(session, rows)
     alone = read_belief(session, "mug", NOW)
@@ -46,13 +46,13 @@ def test_a_mug_that_the_cereal_box_may_hide_is_not_ruled_out(flat: SemanticMap) 
         assert probability == pytest.approx(found[name][place], abs=1e-12)
 
 
-def test_an_object_without_a_volume_is_named(flat: SemanticMap) -> None:
+def test_an_object_without_a_volume_is_named(flat: Map) -> None:
     with pytest.raises(BeliefError, match="coke: its volume is unknown: teach it, or give"):
-        belief_with_occlusion(flat.session_of_map(), ["mug", "coke"])
+        belief_with_occlusion(flat.connection, ["mug", "coke"])
 
 
-def test_an_old_sighting_fades_into_the_prior_when_objects_move(flat: SemanticMap) -> None:
-    session = flat.session_of_map()
+def test_an_old_sighting_fades_into_the_prior_when_objects_move(flat: Map) -> None:
+    session = flat.connection
     add_observations(session, [look("coke", "bench", True, 1000.0)] * 5)
     prior = 0.9 / 7
     weight = prior * (0.7 / 0.2) ** 5

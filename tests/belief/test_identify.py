@@ -9,19 +9,19 @@ from datetime import UTC, datetime
 import pytest
 from sqlalchemy import Connection
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.belief.error import BeliefError
 from semmap.belief.identify import Detection, identify
 from semmap.belief.motion import MotionModel
 from semmap.belief.store.beliefs import add_observations, read_belief
-from semmap.query.maps import see_map
+from semmap.database.maps import see_map
 
 ON_BENCH, ON_TABLE = (6.0, 1.0, 0.5), (1.5, 1.5, 0.8)
 SELDOM = MotionModel(1e12)
 
 
 @pytest.fixture
-def connection(flat_map: SemanticMap) -> Iterator[Connection]:
+def connection(flat_map: Map) -> Iterator[Connection]:
     """Sees the flat, in which the mug was seen on the bench six times; all is undone."""
     with flat_map.database.engine.connect() as connection:
         see_map(connection, "flat")

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from sqlalchemy import Connection, text
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.belief.belief_field import belief_map
 from semmap.belief.error import BeliefError
 from semmap.belief.heat_map import heat_map
@@ -23,15 +23,15 @@ from semmap.belief.problog_program import problog_program
 from semmap.belief.reader import read_columns, read_model, read_places
 from semmap.belief.store.beliefs import add_observations, initial_belief, read_belief
 from semmap.belief.views import camera_at
+from semmap.database.maps import see_map
 from semmap.draw.view import storey_view
 from semmap.fields.store.names import read_map_vocabulary
-from semmap.query.maps import see_map
 from semmap.query.storey_reader import read_storeys
 from tests.command_line import semmap as run
 
 
 @pytest.fixture
-def connection(flat_map: SemanticMap) -> Iterator[Connection]:
+def connection(flat_map: Map) -> Iterator[Connection]:
     """Sees the flat; what the test writes is undone."""
     with flat_map.database.engine.connect() as connection:
         see_map(connection, "flat")
@@ -149,7 +149,7 @@ def test_a_belief_is_a_field_and_a_picture(connection: Connection, tmp_path: Pat
     assert count(cold) == 0
 
 
-def test_the_commands(flat_map: SemanticMap, tmp_path: Path) -> None:
+def test_the_commands(flat_map: Map, tmp_path: Path) -> None:
     url = flat_map.database.engine.url.render_as_string(hide_password=False)
     url = url.replace("+psycopg", "")
     try:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.belief.error import BeliefError
 from semmap.belief.reader import read_columns
 from tests.oracles.priors import make_prior
@@ -35,9 +35,9 @@ def test_an_object_without_history_has_the_prior_of_its_type() -> None:
     np.testing.assert_allclose(prior[:, :2], [[0.6 * 0.75, 0.6 * 0.25 + 0.4], [0.75, 0.25]])
 
 
-def test_the_map_has_the_same_priors(flat: SemanticMap) -> None:
+def test_the_map_has_the_same_priors(flat: Map) -> None:
     """Of a mug that stayed at three places, and of a taught type, found in refrigerators."""
-    session = flat.session_of_map()
+    session = flat.connection
     for place in ("table", "counter"):
         flat["mug"].put_on(place)
     session.execute(

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.belief.action_chains import action_chain
 from semmap.belief.error import BeliefError
 from semmap.belief.grammar import spoken, write_grammar
@@ -57,7 +57,7 @@ def lesson(**more: Any) -> dict[str, Any]:
     return taught
 
 
-def test_each_field_of_the_thesis_has_a_home(flat: SemanticMap) -> None:
+def test_each_field_of_the_thesis_has_a_home(flat: Map) -> None:
     counts = flat.teach(lesson())
     assert counts == {"types": 6, "relations": 4, "actions": 2, "objects": 1, "observations": 2}
     coke = flat["coke2"]
@@ -83,7 +83,7 @@ def test_each_field_of_the_thesis_has_a_home(flat: SemanticMap) -> None:
     assert again["types"] == 0
 
 
-def test_teaching_where_things_are_found_changes_the_prior(flat: SemanticMap) -> None:
+def test_teaching_where_things_are_found_changes_the_prior(flat: Map) -> None:
     before = flat.where("coke")
     flat.teach(
         {"relations": [{"subject": "umbrella", "relation": "found_in", "object": "kitchen"}]}
@@ -96,7 +96,7 @@ def test_teaching_where_things_are_found_changes_the_prior(flat: SemanticMap) ->
     assert flat.where("coke")["bench"] == pytest.approx(after["bench"] * 4 * 19 / 22)
 
 
-def test_a_relation_of_place_is_a_sighting(flat: SemanticMap) -> None:
+def test_a_relation_of_place_is_a_sighting(flat: Map) -> None:
     counts = flat.teach({"relations": [{"subject": "coke", "relation": "on", "object": "counter"}]})
     assert counts["observations"] == 1
     assert next(iter(flat.where("coke"))) == "counter"
@@ -139,7 +139,7 @@ def seen_at(name: str, **occurrence: Any) -> dict[str, Any]:
     ],
 )
 def test_contradictions_are_refused_and_nothing_is_stored(
-    flat: SemanticMap, taught: Any, message: str
+    flat: Map, taught: Any, message: str
 ) -> None:
     if taught and "relations" in taught:
         keys = ("subject", "relation", "object")
@@ -164,7 +164,7 @@ STATE = (
 )
 
 
-def test_a_robot_teaches_objects_and_what_it_saw_but_no_classes(flat: SemanticMap) -> None:
+def test_a_robot_teaches_objects_and_what_it_saw_but_no_classes(flat: Map) -> None:
     flat.execute("SET LOCAL ROLE semmap_robot")
     apple = {"name": "apple1", "class": "apple", "occurrences": [{"place": "table"}]}
     relation = {"subject": "apple1", "relation": "found_in", "object": "fridge"}
@@ -200,7 +200,7 @@ MAP_XML = """<?xml version="1.0"?>
 """
 
 
-def test_the_map_file_of_the_thesis_is_read(tmp_path: Path, flat: SemanticMap) -> None:
+def test_the_map_file_of_the_thesis_is_read(tmp_path: Path, flat: Map) -> None:
     path = tmp_path / "Map.xml"
     path.write_text(MAP_XML)
     teaching = read_teaching(path)
@@ -273,8 +273,8 @@ def accepts(gbnf: str, sentence: str) -> bool:
     return re.fullmatch(pattern("root"), sentence) is not None
 
 
-def test_a_grammar_accepts_sentences_about_what_the_map_knows(flat: SemanticMap) -> None:
-    names = vocabulary(flat.session_of_map())
+def test_a_grammar_accepts_sentences_about_what_the_map_knows(flat: Map) -> None:
+    names = vocabulary(flat.connection)
     gbnf = write_grammar(names)
     for sentence in (
         "where is the mug",

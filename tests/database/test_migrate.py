@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,14 @@ import pytest
 from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import URL, Engine, create_engine
-from sqlalchemy.exc import ProgrammingError
+from sqlalchemy.exc import NotSupportedError, ProgrammingError
 
 from semmap.database import DatabaseError, connect, migrate, revisions
 from semmap.database.files import migrations_folder
+from semmap.database.revisions import OldSchema
 from tests.conftest import administrator
 from tests.database.conftest import python, said
+from tests.next_revision import next_revision
 
 CONNECT = """
 import json, sys
@@ -36,8 +37,7 @@ down_revision = {down}
 
 def upgrade():
     op.execute("CREATE SCHEMA IF NOT EXISTS semmap")
-    op.execute("SET LOCAL search_path = semmap, public")
-    run_sql_files(op, {patterns})
+    run_sql_files(op.get_bind(), {patterns})
 
 def downgrade():
     op.execute("DROP SCHEMA semmap CASCADE")
@@ -98,7 +98,31 @@ def test_two_newest_are_refused(own_schema: Path) -> None:
         revisions.newest()
 
 
+RIGHTS = """
+SELECT table_name, grantee, privilege_type FROM information_schema.role_table_grants
+WHERE table_schema = 'semmap' ORDER BY 1, 2, 3
+"""
+NAMES = """
+SELECT table_name || '.' || column_name FROM information_schema.columns
+WHERE table_schema = 'semmap'
+UNION SELECT relname::text FROM pg_class WHERE relnamespace = 'semmap'::regnamespace
+UNION SELECT conname FROM pg_constraint WHERE connamespace = 'semmap'::regnamespace
+UNION SELECT oid::regprocedure::text FROM pg_proc WHERE pronamespace = 'semmap'::regnamespace
+UNION SELECT polname || ' ' || polrelid::regclass FROM pg_policy
+UNION SELECT tgname || ' ' || tgrelid::regclass FROM pg_trigger
+"""
+
+
 def test_up_and_down(engine: Engine) -> None:
+    """What was kept gets the names and the rights that a new database has, and keeps its rows."""
+    with engine.begin() as connection:
+        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
+        connection.exec_driver_sql(
+            "INSERT INTO field (map_id, name, property, value_type, voxel_size, edge) "
+            "SELECT id, 'space', 'urn:x', 'bool', 0.05, 32 FROM map"
+        )
+        rights = connection.exec_driver_sql(RIGHTS).all()
+        names = {*connection.exec_driver_sql(NAMES).scalars()}
     assert migrate.current(engine) == revisions.newest()
     migrate.downgrade(engine, "base")
     assert migrate.current(engine) is None
@@ -106,109 +130,41 @@ def test_up_and_down(engine: Engine) -> None:
         connection.exec_driver_sql("SELECT count(*) FROM semmap.map")
     migrate.upgrade(engine)
     assert migrate.current(engine) == revisions.newest()
-
-
-TABLES = "DROP TABLE {0}.field_block, {0}.field_version, {0}.field"
-RIGHTS = """
-SELECT table_name, grantee, privilege_type FROM information_schema.role_table_grants
-WHERE table_schema = 'semmap' ORDER BY 1, 2, 3
-"""
-
-
-@pytest.mark.parametrize("down_to", ["0002", "0001", "base"])
-def test_a_database_from_before_fields(engine: Engine, down_to: str) -> None:
-    """It gets the tables and the rights that a new one has, and keeps its rows."""
     with engine.begin() as connection:
-        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
-        rights = connection.exec_driver_sql(RIGHTS).all()
-    migrate.downgrade(engine, down_to)
+        assert connection.exec_driver_sql("SELECT name FROM map").scalar() == "old"
+        assert connection.exec_driver_sql("SELECT name FROM field").scalar() == "space"
+        assert connection.exec_driver_sql(RIGHTS).all() == rights
+        assert {*connection.exec_driver_sql(NAMES).scalars()} == names
+
+
+def test_down_to_where_it_is_changes_nothing(engine: Engine) -> None:
     with engine.begin() as connection:
-        schema = "semmap_kept" if down_to == "base" else "semmap"
-        connection.exec_driver_sql(TABLES.format(schema))
-    migrate.upgrade(engine)
+        names = {*connection.exec_driver_sql(NAMES).scalars()}
+    migrate.downgrade(engine, revisions.newest())
     assert migrate.current(engine) == revisions.newest()
     with engine.begin() as connection:
-        assert connection.exec_driver_sql("SELECT name FROM map").scalar() == "old"
-        assert connection.exec_driver_sql("SELECT count(*) FROM field").scalar() == 0
-        assert connection.exec_driver_sql(RIGHTS).all() == rights
-
-
-def test_fields_outlive_going_down(engine: Engine) -> None:
-    with engine.begin() as connection:
-        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
-        connection.exec_driver_sql(
-            "INSERT INTO field (map_id, name, property, value_type, voxel_size, edge) "
-            "SELECT id, 'space', 'urn:x', 'bool', 0.05, 32 FROM map"
-        )
-    for revision in ("0002", "base"):
-        migrate.downgrade(engine, revision)
-        migrate.upgrade(engine)
-        with engine.begin() as connection:
-            assert connection.exec_driver_sql("SELECT name FROM field").scalar() == "space"
-
-
-OLD_NAMES = """
-SET search_path = semmap, public;
-DROP VIEW IF EXISTS route_edge;
-ALTER TABLE travel_time RENAME TO walk;
-ALTER TABLE travel_time_place RENAME TO walked_place;
-ALTER TABLE travel_time_map RENAME TO walked_map;
-ALTER INDEX travel_time_pkey RENAME TO walk_pkey;
-ALTER INDEX travel_time_in RENAME TO walk_place;
-ALTER INDEX travel_time_from RENAME TO walk_from;
-ALTER INDEX travel_time_to RENAME TO walk_to;
-ALTER INDEX travel_time_place_of RENAME TO walked_place_place;
-ALTER TABLE walk RENAME CONSTRAINT travel_time_check TO walk_check;
-ALTER TABLE mission_step RENAME COLUMN command TO stage;
-ALTER TABLE mission_step RENAME COLUMN message TO said;
-"""
-NAMES = """
-SELECT table_name || '.' || column_name FROM information_schema.columns
-WHERE table_schema = 'semmap'
-UNION SELECT relname::text FROM pg_class WHERE relnamespace = 'semmap'::regnamespace
-UNION SELECT conname FROM pg_constraint WHERE connamespace = 'semmap'::regnamespace
-"""
-
-
-@pytest.mark.parametrize("revision", ["0002", "0005", "0008"])
-def test_a_database_with_old_names_gets_the_new_ones(engine: Engine, revision: str) -> None:
-    with engine.begin() as connection:
-        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
-        connection.exec_driver_sql(
-            "INSERT INTO robot_class (name, max_step, max_slope, speed, reach, heights, capacity, "
-            "call_seconds, ride_seconds, ride_seconds_per_metre, open_seconds, unlock_seconds, "
-            "pickup_seconds, place_seconds) VALUES ('r', 0, 0, 1, '{0,1}', '{0,1}', 1, 1, 1, 1, 1, "
-            "1, 1, 1); INSERT INTO travel_time_map SELECT r.id, m.id, 'c' FROM robot_class r, map m"
-        )
-        names = {*connection.exec_driver_sql(NAMES).scalars()}
-    migrate.downgrade(engine, revision)
-    with engine.begin() as connection:
-        connection.exec_driver_sql(OLD_NAMES)
-    migrate.upgrade(engine)
-    with engine.begin() as connection:
         assert {*connection.exec_driver_sql(NAMES).scalars()} == names
-        assert connection.exec_driver_sql("SELECT cursor FROM travel_time_map").scalar() == "c"
 
 
-@pytest.mark.parametrize(
-    ("revision", "first"),
-    [("0016", "100_belief"), ("0018", "110_manipulation"), ("0021", "130_interlinking")],
-)
-def test_a_database_from_before_later_tables(engine: Engine, revision: str, first: str) -> None:
-    """The code of today speaks of tables that each of its revisions in between does not have."""
-    with engine.begin() as connection:
-        connection.exec_driver_sql("INSERT INTO map (name) VALUES ('old')")
-        names = {*connection.exec_driver_sql(NAMES).scalars()}
-        migrate.drop_code(connection)
-        for file in sorted(migrate.schema_folder().glob("tables/*.sql")):
-            made = file.read_text() if file.stem >= first else ""
-            for table in re.findall(r"^CREATE TABLE (\w+)", made, re.MULTILINE):
-                connection.exec_driver_sql(f"DROP TABLE semmap.{table} CASCADE")
-        connection.exec_driver_sql(f"UPDATE public.semmap_version SET version_num = '{revision}'")
-    migrate.upgrade(engine)
-    with engine.begin() as connection:
-        assert {*connection.exec_driver_sql(NAMES).scalars()} == names
-        assert connection.exec_driver_sql("SELECT name FROM map").scalar() == "old"
+DEPENDENT = "ALTER TABLE storey ALTER COLUMN height TYPE {}"
+
+
+def test_revisions_change_what_functions_depend_on(engine: Engine) -> None:
+    to_numeric, back = DEPENDENT.format("numeric"), DEPENDENT.format("double precision")
+    with pytest.raises(NotSupportedError, match="used by"), engine.begin() as connection:
+        connection.exec_driver_sql(to_numeric)
+    released = revisions.newest()
+    with next_revision([to_numeric], [back]) as following:
+        connect(engine.url).dispose()
+        assert migrate.current(engine) == following
+        migrate.downgrade(engine, released)
+        assert migrate.current(engine) == f"{released} without functions"
+        with pytest.raises(OldSchema, match=f"{released} without functions, .* needs {following}"):
+            connect(engine.url, check=True)
+    with pytest.raises(OldSchema, match=f"{released} without functions, .* needs {released}"):
+        connect(engine.url, check=True)
+    connect(engine.url).dispose()
+    assert migrate.current(engine) == released
 
 
 def test_drop_and_install_again(engine: Engine) -> None:
@@ -236,13 +192,19 @@ def test_processes_that_migrate_at_once(empty: URL) -> None:
     assert [said(comer) for comer in comers] == [0, 0, 0]
 
 
-def test_unknown_revision(engine: Engine) -> None:
+@pytest.mark.parametrize("revision", ["9999", "0035"])
+@pytest.mark.parametrize("check", [False, True])
+def test_unknown_revision(engine: Engine, revision: str, check: bool) -> None:
     with pytest.raises(DatabaseError, match="knows the revisions 0001"):
-        migrate.upgrade(engine, "9999")
+        migrate.upgrade(engine, revision)
     with engine.begin() as connection:
-        connection.exec_driver_sql("UPDATE public.semmap_version SET version_num = '9999'")
-    with pytest.raises(DatabaseError, match="a newer semmap made it"):
-        connect(engine.url)
+        connection.exec_driver_sql(f"UPDATE public.semmap_version SET version_num = '{revision}'")
+    with pytest.raises(DatabaseError, match=f"{revision}, .*a newer semmap made it, or one from"):
+        connect(engine.url, check=check)
+    with pytest.raises(DatabaseError, match=f"'{revision}'.*knows the revisions 0001"):
+        migrate.upgrade(engine)
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT count(*) FROM object").scalar() == 0
 
 
 def test_files_run_as_they_stand(empty: URL, own_schema: Path) -> None:
@@ -329,8 +291,8 @@ def test_reader_connects_and_does_not_upgrade(docker_postgis: Engine, visitor: U
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM map").scalar() == 0
     engine.dispose()
-    migrate.downgrade(docker_postgis, "-1")
-    with pytest.raises(DatabaseError, match=r"visitor may not change the schema .* admin"):
+    refused = pytest.raises(DatabaseError, match=r"visitor may not change the schema .* admin")
+    with next_revision(), refused:
         connect(visitor)
 
 

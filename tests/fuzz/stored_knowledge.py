@@ -73,7 +73,7 @@ def prepare(url: str) -> None:
             loft.add_object(name, type="cup", size=(0.1, 0.1, 0.1), pose=(x, 2, 0.75))
         for name in ("sofa", "shelf/left", "ann", "bob"):
             loft.add_object(name, type="sofa", size=(1, 0.5, 0.8), pose=(4, 3, 0))
-        session = loft.session_of_map()
+        session = loft.connection
         update(session, STATED)
         add_gripper(session, "two_fingers", form="parallel", opening=0.1, depth=0.05)
         set_shape(session, "cup 1", primitive("cuboid", 0.1, 0.1, 0.1))
@@ -86,7 +86,7 @@ def prepare(url: str) -> None:
 def session() -> psycopg.Connection[Any]:
     """The session of this process."""
     url = os.environ[SERVER]
-    return semmap.connect(url).__enter__().map("loft").session_of_map()
+    return semmap.connect(url).__enter__().map("loft").connection
 
 
 @contextmanager

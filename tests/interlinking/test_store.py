@@ -169,7 +169,7 @@ def test_the_command_links_a_map_with_a_file(database, tmp_path) -> None:
                 size=(0.1 + number / 20, 0.2, 0.3),
                 properties={"maker": f"m{number % 3}"},
             )
-        read = read_map_objects(kitchen.session_of_map(), "kitchen")
+        read = read_map_objects(kitchen.connection, "kitchen")
     size = {key: float(v) for key, (v,) in read.record(0).items() if key in SIZE}
     assert size == pytest.approx({"width": 0.15, "length": 0.2, "height": 0.3})
     shop = tmp_path / "shop.csv"
@@ -217,5 +217,5 @@ def test_the_command_links_a_map_with_a_file(database, tmp_path) -> None:
     assert isinstance(wrong.exception, InterlinkingError)
     engine = connect(database)
     with engine as db:
-        session = db.map("kitchen").session_of_map()
+        session = db.map("kitchen").connection
         assert session.execute("SELECT count(*) FROM semmap.data_set").fetchone() == (0,)

@@ -8,7 +8,7 @@ import psycopg
 import pytest
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge import update
 from tests.conftest import MakeDatabase
 from tests.knowledge.engines import Engines
@@ -28,7 +28,7 @@ INSERT DATA {
 
 
 @pytest.fixture(scope="session")
-def loft_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
+def loft_map(make_database: MakeDatabase) -> Iterator[Map]:
     """Two rooms, furniture, people and statements."""
     url = make_database().render_as_string(hide_password=False)
     with semmap.connect(url) as db:
@@ -74,14 +74,14 @@ def loft_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
         loft.add_object("lost", type="umbrella")
         loft.add_agent("ann", type="person", size=(0.5, 0.5, 1.7), pose=(3.5, 1, 0))
         loft.add_agent("bob", type="person", size=(0.5, 0.5, 1.8), pose=(6, 2, 0))
-        update(loft.session_of_map(), STATED)
+        update(loft.connection, STATED)
         yield loft
 
 
 @pytest.fixture(scope="session")
-def loft(loft_map: SemanticMap) -> psycopg.Connection:
+def loft(loft_map: Map) -> psycopg.Connection:
     """A session that sees the loft; its tests change nothing."""
-    return loft_map.session_of_map()
+    return loft_map.connection
 
 
 @pytest.fixture(scope="session")
@@ -91,8 +91,8 @@ def engines(loft: psycopg.Connection) -> Engines:
 
 
 @pytest.fixture
-def changing(loft_map: SemanticMap) -> Iterator[psycopg.Connection]:
+def changing(loft_map: Map) -> Iterator[psycopg.Connection]:
     """A session that sees the loft; what the test changes is undone."""
     with loft_map.transaction() as transaction:
-        yield loft_map.session_of_map()
+        yield loft_map.connection
         raise psycopg.Rollback(transaction)

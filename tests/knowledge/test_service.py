@@ -17,7 +17,7 @@ import pytest
 import rdflib
 import uvicorn
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge.service import SparqlEndpoint, read_tokens, session_opener
 from semmap.knowledge.whole_graph import without_warnings
 
@@ -26,7 +26,7 @@ QUERY = "SELECT ?n { ?x a semmap:Sofa ; semmap:name ?n }"
 XML = "{http://www.w3.org/2005/sparql-results#}"
 
 
-def connector(loft_map: SemanticMap, role: str | None) -> Callable[[], psycopg.Connection]:
+def connector(loft_map: Map, role: str | None) -> Callable[[], psycopg.Connection]:
     """Return a function that opens a session which sees the loft, with the rights of a role."""
     open_session = session_opener(loft_map.database.engine, "loft")
 
@@ -60,7 +60,7 @@ def serving(endpoint: SparqlEndpoint) -> Iterator[httpx.Client]:
 
 
 @pytest.fixture(scope="module")
-def client(loft_map: SemanticMap) -> Iterator[httpx.Client]:
+def client(loft_map: Map) -> Iterator[httpx.Client]:
     endpoint = SparqlEndpoint(
         connector(loft_map, "semmap_reader"),
         connector(loft_map, None),
@@ -206,7 +206,7 @@ def test_an_update_reads_the_dataset_of_its_request(client: httpx.Client) -> Non
         assert send("DROP GRAPH <http://example.org/copy>").status_code == 200
 
 
-def test_a_query_that_takes_too_long_is_stopped(loft_map: SemanticMap) -> None:
+def test_a_query_that_takes_too_long_is_stopped(loft_map: Map) -> None:
     connect = connector(loft_map, "semmap_reader")
     endpoint = SparqlEndpoint(connect, connect, seconds=0.2)
     text = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
@@ -217,7 +217,7 @@ def test_a_query_that_takes_too_long_is_stopped(loft_map: SemanticMap) -> None:
         assert client.get("/sparql", params={"query": QUERY}).status_code == 200
 
 
-def test_a_session_serves_many_queries_until_the_server_ends_it(loft_map: SemanticMap) -> None:
+def test_a_session_serves_many_queries_until_the_server_ends_it(loft_map: Map) -> None:
     opened: list[int] = []
     open_session = connector(loft_map, "semmap_reader")
 
@@ -231,7 +231,7 @@ def test_a_session_serves_many_queries_until_the_server_ends_it(loft_map: Semant
             assert client.get("/sparql", params={"query": QUERY}).status_code == 200
         assert len(opened) == 1
         assert client.get("/sparql", params={"query": "SELECT ?x {"}).status_code == 400
-        loft_map.session_of_map().execute("SELECT pg_terminate_backend(%s, 10000)", opened)
+        loft_map.connection.execute("SELECT pg_terminate_backend(%s, 10000)", opened)
         assert client.get("/sparql", params={"query": QUERY}).json()["results"]["bindings"]
         assert len(opened) == 2
 

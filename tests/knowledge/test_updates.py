@@ -7,7 +7,7 @@ from pathlib import Path
 import psycopg
 import pytest
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.ingest.world import WorldError
 from semmap.knowledge import KnowledgeError, dump, query, update
 from semmap.knowledge.rdf_file import parse_facts, store_facts
@@ -171,8 +171,8 @@ def test_files_of_strangers(changing: psycopg.Connection) -> None:
             parse_facts(wrong, format_, Path("a"))
 
 
-def test_an_update_that_takes_too_long_changes_nothing(loft_map: SemanticMap) -> None:
-    session = loft_map.session_of_map()
+def test_an_update_that_takes_too_long_changes_nothing(loft_map: Map) -> None:
+    session = loft_map.connection
     text = "INSERT { ?a <http://example.org/all> ?c } WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
     with pytest.raises(KnowledgeError, match=r"0\.3 s"):
         update(session, text, seconds=0.3)

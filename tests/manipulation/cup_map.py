@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import pose_of
 from semmap.manipulation.store.devices import add_gripper
@@ -59,7 +59,7 @@ def path_between(
 
 
 @pytest.fixture(scope="module")
-def cup_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
+def cup_map(make_database: MakeDatabase) -> Iterator[Map]:
     url = make_database().render_as_string(hide_password=False)
     with semmap.connect(url) as db:
         cups = db.create_map("kitchen")
@@ -79,7 +79,7 @@ def cup_map(make_database: MakeDatabase) -> Iterator[SemanticMap]:
 
 
 @pytest.fixture
-def cups(cup_map: SemanticMap) -> Iterator[SemanticMap]:
+def cups(cup_map: Map) -> Iterator[Map]:
     """The cups, for one test: what the test changes is undone."""
     with cup_map.transaction() as transaction:
         yield cup_map

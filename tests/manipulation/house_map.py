@@ -9,7 +9,7 @@ import psycopg
 import pytest
 
 import semmap as package
-from semmap import SemanticMap
+from semmap import Map
 from semmap.ingest.meshes.mesh_file import read_mesh
 from tests.conftest import MakeDatabase
 
@@ -18,7 +18,7 @@ HOUSE = {"Vase_01": (1.0, 1.0, 0.75), "SeasoningBox_01": (1.4, 1.0, 0.75), "Ball
 
 
 @pytest.fixture(scope="module")
-def house_map(make_database: MakeDatabase, worlds: Path) -> Iterator[SemanticMap]:
+def house_map(make_database: MakeDatabase, worlds: Path) -> Iterator[Map]:
     """A table with things of small_house, in a database that has no gripper."""
     url = make_database().render_as_string(hide_password=False)
     with package.connect(url) as db:
@@ -34,7 +34,7 @@ def house_map(make_database: MakeDatabase, worlds: Path) -> Iterator[SemanticMap
 
 
 @pytest.fixture
-def house(house_map: SemanticMap) -> Iterator[SemanticMap]:
+def house(house_map: Map) -> Iterator[Map]:
     """The house, for one test: what the test changes is undone."""
     with house_map.transaction() as transaction:
         yield house_map

@@ -40,7 +40,7 @@ READY = dict(
 @pytest.fixture
 def panda(cups):
     """The map's session, in which a Panda is stored."""
-    here = cups.session_of_map()
+    here = cups.connection
     assert register_robot(here, urdf("panda"), "panda") == "panda"
     return here
 

@@ -48,7 +48,7 @@ def shelf(
     add = ("manipulation", "add-gripper", folder / "plates.urdf", "--name", "plates")
     assert semmap(url, *add).exit_code == 0
     with package.connect(url) as db:
-        here = db.map("shelf").session_of_map()
+        here = db.map("shelf").connection
         add_actions(here, "cup", "plates", [candidate()])
         trust(here, "shelf", PUBLIC)
         export_bundle(here, folder / "own.bundle", "shelf", key=KEY)
@@ -93,7 +93,7 @@ def test_a_grasp_of_an_unknown_frame(shelf: tuple[str, Path]) -> None:
     url, _ = shelf
     before = stored(url)
     with package.connect(url) as db:
-        here = db.map("shelf").session_of_map()
+        here = db.map("shelf").connection
         with pytest.raises(LookupError, match="tabel"):
             add_actions(here, "cup", "plates", [candidate(), candidate(yaw=1.0)], frame="tabel")
     assert stored(url) == before

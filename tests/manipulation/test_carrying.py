@@ -42,7 +42,7 @@ def test_the_same_robot_is_carried_in_the_same_way() -> None:
 
 
 def test_a_given_posture_is_stored_and_taken_back(cups) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     register_robot(here, urdf("panda"), "panda", posture=READY)
     _, arm = stored_arm(here, "panda")
     rest = dict(zip((j.name for j in arm.joints), arm.rest(), strict=True))
@@ -61,7 +61,7 @@ def test_a_given_posture_is_stored_and_taken_back(cups) -> None:
     ],
 )
 def test_a_wrong_posture_is_refused_and_stores_nothing(cups, posture, reason) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     with pytest.raises(ManipulationError, match=reason):
         register_robot(here, urdf("panda"), "wrong", posture=posture)
     assert here.execute("SELECT count(*) FROM device WHERE name = 'wrong'").fetchone() == (0,)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.household_objects import import_household_grasps
 
@@ -33,7 +33,7 @@ def grasp(**values: Any) -> dict[str, Any]:
     } | values
 
 
-def stored(cups: SemanticMap) -> list[tuple[Any, ...]]:
+def stored(cups: Map) -> list[tuple[Any, ...]]:
     return cups.execute(
         "SELECT o.key, o.name, o.type, a.pose, a.pre_pose, a.posture, a.quality FROM action a "
         "JOIN object_model o ON o.id = a.object_id ORDER BY a.quality DESC"
@@ -60,10 +60,10 @@ def write(path: Path, rows: list[dict[str, Any]]) -> Path:
 
 
 @pytest.mark.parametrize("ending", [".csv", ".json", ".sql"])
-def test_files_of_each_kind(cups: SemanticMap, tmp_path: Path, ending: str) -> None:
+def test_files_of_each_kind(cups: Map, tmp_path: Path, ending: str) -> None:
     rows = [grasp(), grasp(grasp_id=2, grasp_energy="3", grasp_grasp_position="{0,0,0.1,1,0,0,0}")]
     path = write(tmp_path / f"grasps{ending}", rows)
-    here = cups.session_of_map()
+    here = cups.connection
     assert import_household_grasps(here, [path], HANDS) == {"models": 1, "grasps": 2}
     best, other = stored(cups)
     assert (best[6], other[6]) == (1.0, 0.5)  # the lower energy is better
@@ -78,13 +78,13 @@ def test_files_of_each_kind(cups: SemanticMap, tmp_path: Path, ending: str) -> N
     assert len(stored(cups)) == 2
 
 
-def test_units_and_the_frame_of_the_hand(cups: SemanticMap, tmp_path: Path) -> None:
+def test_units_and_the_frame_of_the_hand(cups: Map, tmp_path: Path) -> None:
     """The approach of the PR2's hand is +x, that of a grasp frame +z."""
     turned = Rotation.from_euler("y", 90, degrees=True)
     position = f"{{100,0,0,{W},0,0,{W}}}"
     path = write(tmp_path / "g.json", [grasp(grasp_grasp_position=position)])
     import_household_grasps(
-        cups.session_of_map(), [path], HANDS, scale=0.001, tool=[0.16, 0, 0, *turned.as_quat()]
+        cups.connection, [path], HANDS, scale=0.001, tool=[0.16, 0, 0, *turned.as_quat()]
     )
     ((_, _, _, pose, *_),) = stored(cups)
     hand = Rotation.from_euler("z", 90, degrees=True)
@@ -105,13 +105,11 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_row_is_refused_and_nothing_is_stored(
-    cups: SemanticMap, tmp_path: Path, name: str
-) -> None:
+def test_a_bad_row_is_refused_and_nothing_is_stored(cups: Map, tmp_path: Path, name: str) -> None:
     values, text = BAD[name]
     path = write(tmp_path / "g.json", [grasp(), grasp(grasp_id=1, **values)])
     with pytest.raises((ManipulationError, LookupError), match=text):
-        import_household_grasps(cups.session_of_map(), [path], HANDS)
+        import_household_grasps(cups.connection, [path], HANDS)
     assert stored(cups) == []
 
 
@@ -126,9 +124,9 @@ def test_a_bad_row_is_refused_and_nothing_is_stored(
     ],
 )
 def test_a_file_that_is_not_of_grasps_is_refused(
-    cups: SemanticMap, tmp_path: Path, name: str, content: str | None, text: str
+    cups: Map, tmp_path: Path, name: str, content: str | None, text: str
 ) -> None:
     if content is not None:
         (tmp_path / name).write_text(content)
     with pytest.raises(ManipulationError, match=text):
-        import_household_grasps(cups.session_of_map(), [tmp_path / name])
+        import_household_grasps(cups.connection, [tmp_path / name])

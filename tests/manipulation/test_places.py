@@ -11,7 +11,7 @@ import shapely
 import trimesh
 from scipy.spatial import ConvexHull
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.places import find_places, place_of
@@ -38,10 +38,10 @@ def area(points: Any) -> Any:
     return shapely.convex_hull(shapely.multipoints(points[:, :2]))
 
 
-def placed(house: SemanticMap, name: str, pose: Pose | None = None) -> Any:
+def placed(house: Map, name: str, pose: Pose | None = None) -> Any:
     """The vertices of an object in the map."""
     there = pose or Pose(*house[name].describe()["pose"])
-    return there.apply(np.asarray(model_mesh(house.session_of_map(), name).vertices))
+    return there.apply(np.asarray(model_mesh(house.connection, name).vertices))
 
 
 def hand_at(gripper: Any, posture: int, pose: Any) -> Any:
@@ -54,8 +54,8 @@ def hand_at(gripper: Any, posture: int, pose: Any) -> Any:
     return np.concatenate(parts)
 
 
-def test_places_are_on_the_table_and_free_of_what_stands_there(house: SemanticMap) -> None:
-    here = house.session_of_map()
+def test_places_are_on_the_table_and_free_of_what_stands_there(house: Map) -> None:
+    here = house.connection
     found = find_places(here, VASE, "table", limit=6)
     assert found.generated == [VASE]
     assert len(found.rows) == 6
@@ -81,9 +81,9 @@ def test_places_are_on_the_table_and_free_of_what_stands_there(house: SemanticMa
         assert row["pose"].rotation == pytest.approx(row["pre_pose"].rotation, abs=1e-6)
 
 
-def test_a_held_object_stands_as_it_stood_before(house: SemanticMap) -> None:
+def test_a_held_object_stands_as_it_stood_before(house: Map) -> None:
     """In the hand it is upside down; it is put as the robot found it, near the robot."""
-    here = house.session_of_map()
+    here = house.connection
     house.add_agent("robot", type="robot", size=(0.5, 0.5, 1.2), pose=(3.4, 2, 0))
     best = find_places(here, BOX, "table", limit=1).rows[0]
     grasp = best["grasp_id"]
@@ -99,8 +99,8 @@ def test_a_held_object_stands_as_it_stood_before(house: SemanticMap) -> None:
     assert place_of(here, BOX, grasp) == found.rows[0]["action_id"]
 
 
-def test_a_full_surface_and_one_that_is_none(house: SemanticMap) -> None:
-    here = house.session_of_map()
+def test_a_full_surface_and_one_that_is_none(house: Map) -> None:
+    here = house.connection
     with pytest.raises(ManipulationError, match="Ball_01: has no level surface"):
         find_places(here, VASE, "Ball_01")
     with pytest.raises(ManipulationError, match="cannot be put on itself"):
@@ -114,9 +114,9 @@ def test_a_full_surface_and_one_that_is_none(house: SemanticMap) -> None:
 
 
 def test_outcomes_of_places_rank_them_and_teach_a_second_gripper(
-    house: SemanticMap, tmp_path: Path
+    house: Map, tmp_path: Path
 ) -> None:
-    here = house.session_of_map()
+    here = house.connection
     register_gripper(here, DEFAULT_GRIPPER)
     (tmp_path / "plates.urdf").write_text(BY_HAND)
     register_gripper(here, tmp_path / "plates.urdf", "plates")
@@ -134,8 +134,8 @@ def test_outcomes_of_places_rank_them_and_teach_a_second_gripper(
     assert max(taught) < min(others)
 
 
-def test_a_put_of_one_grasp_and_place_is_stored_once(house: SemanticMap) -> None:
-    here = house.session_of_map()
+def test_a_put_of_one_grasp_and_place_is_stored_once(house: Map) -> None:
+    here = house.connection
     row = find_places(here, BOX, "table", limit=1).rows[0]
     whole = add_put(here, row["grasp_id"], row["action_id"])
     assert add_put(here, row["grasp_id"], row["action_id"]) == whole
@@ -146,9 +146,9 @@ def test_a_put_of_one_grasp_and_place_is_stored_once(house: SemanticMap) -> None
 # -- pushes ---------------------------------------------------------------------------------------
 
 
-def test_pushes_stay_on_the_table_and_meet_nothing(house: SemanticMap) -> None:
+def test_pushes_stay_on_the_table_and_meet_nothing(house: Map) -> None:
     """The box is pushed beside a wall of it: all that moves is free of it, by trimesh."""
-    here = house.session_of_map()
+    here = house.connection
     low, high = placed(house, BOX).min(axis=0), placed(house, BOX).max(axis=0)
     middle = (low + high) / 2
     wall = trimesh.creation.box((0.02, 0.5, 0.3))
@@ -180,8 +180,8 @@ def test_pushes_stay_on_the_table_and_meet_nothing(house: SemanticMap) -> None:
             assert points[:, 2].min() > 0.75
 
 
-def test_near_the_edge_pushes_lead_away_from_it(house: SemanticMap) -> None:
-    here = house.session_of_map()
+def test_near_the_edge_pushes_lead_away_from_it(house: Map) -> None:
+    here = house.connection
     size = np.ptp(placed(house, BOX), axis=0)
     with house.transaction():
         house[BOX].move_to(2.0 - size[0] / 2 - 0.03, 1.0, 0.75)
@@ -192,16 +192,16 @@ def test_near_the_edge_pushes_lead_away_from_it(house: SemanticMap) -> None:
     assert all(reach + way[0] < 2.0 for way in ways)
 
 
-def test_outcomes_of_pushes_rank_them(house: SemanticMap) -> None:
-    here = house.session_of_map()
+def test_outcomes_of_pushes_rank_them(house: Map) -> None:
+    here = house.connection
     first = find_pushes(here, BOX, limit=1).rows[0]
     for _ in range(4):
         record_task(here, BOX, "push", action=first["action_id"], outcome="error")
     assert find_pushes(here, BOX, limit=1).rows[0]["action_id"] != first["action_id"]
 
 
-def test_what_hangs_in_the_air_is_not_pushed(house: SemanticMap) -> None:
+def test_what_hangs_in_the_air_is_not_pushed(house: Map) -> None:
     with house.transaction():
         house[BOX].move_to(1.4, 1.0, 1.2)
     with pytest.raises(ManipulationError, match="stands on nothing level"):
-        find_pushes(house.session_of_map(), BOX)
+        find_pushes(house.connection, BOX)

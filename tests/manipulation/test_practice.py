@@ -23,7 +23,7 @@ from tests.manipulation.grippers import urdf
 
 
 def test_what_worked_in_simulation_is_proposed_first(cups):
-    session = cups.session_of_map()
+    session = cups.connection
     register_gripper(session, urdf("panda"), "panda")
     attempts = practise(session, "cup1", "panda", mass=0.2)
     assert attempts[-1]["outcome"] == "completed"
@@ -44,7 +44,7 @@ def test_what_worked_in_simulation_is_proposed_first(cups):
 
 def test_what_fails_is_stored_with_its_cause_and_not_proposed_again(cups):
     """A heavy, slippery cup: nothing holds it."""
-    session = cups.session_of_map()
+    session = cups.connection
     register_gripper(session, urdf("panda"), "panda")
     attempts = practise(session, "cup1", "panda", mass=6.0, friction=0.2, tries=3)
     assert len(attempts) == 3
@@ -59,7 +59,7 @@ def test_what_fails_is_stored_with_its_cause_and_not_proposed_again(cups):
 
 def heavy_bar(cups, name, length, gripper):
     """A bar on the floor, heavy at its end at -x; return what executes grasps of it."""
-    session = cups.session_of_map()
+    session = cups.connection
     solid = solid_of("cuboid", (length, 0.04, 0.05))
     cups.add_object(name, mesh=solid.mesh(), pose=(3.0, 0.5, 0.0255))
     body = body_of(solid, mass=0.5, friction=0.5, offset=(-0.3 * length, 0, 0))
@@ -69,7 +69,7 @@ def heavy_bar(cups, name, length, gripper):
 
 
 def test_a_correction_replaces_what_failed_and_is_carried_over_to_similar_shapes(cups):
-    session = cups.session_of_map()
+    session = cups.connection
     for robot in ("panda", "pr2"):
         register_gripper(session, urdf(robot), robot)
     attempt = heavy_bar(cups, "bar", 0.24, "panda")
@@ -112,7 +112,7 @@ def test_a_correction_replaces_what_failed_and_is_carried_over_to_similar_shapes
 
 
 def test_a_second_gripper_profits_from_the_first(cups):
-    session = cups.session_of_map()
+    session = cups.connection
     register_gripper(session, urdf("panda"), "panda")
     register_gripper(session, DEFAULT_GRIPPER, "simple")
     practise(session, "cup1", "panda", mass=6.0, friction=0.2, tries=1)
@@ -130,7 +130,7 @@ def test_a_second_gripper_profits_from_the_first(cups):
 
 def test_a_correction_that_leads_back_is_not_tried(cups):
     """The cup turns one way, then the other way: between them is where the grasp failed before."""
-    session = cups.session_of_map()
+    session = cups.connection
     register_gripper(session, urdf("panda"), "panda")
     first = find_grasps(session, name="cup1", gripper="panda").rows[0]
     down = first["pose"].rotation.T @ [0.0, 0.0, -1.0]
@@ -147,7 +147,7 @@ def test_a_correction_that_leads_back_is_not_tried(cups):
 
 
 def test_places_and_pushes_are_tried_and_their_outcomes_stored(cups):
-    session = cups.session_of_map()
+    session = cups.connection
     register_gripper(session, urdf("panda"), "panda")
     placed = practise_places(session, "cup1", "table", "panda", mass=0.2)
     pushed = practise_pushes(session, "cup1", "panda", mass=0.2)
@@ -165,4 +165,4 @@ def test_places_and_pushes_are_tried_and_their_outcomes_stored(cups):
 
 def test_objects_without_a_mesh_are_refused(cups):
     with pytest.raises(ManipulationError, match="note"):
-        practise(cups.session_of_map(), "note")
+        practise(cups.connection, "note")

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 import semmap as package
-from semmap import SemanticMap
+from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.evaluation import group_of
@@ -34,8 +34,8 @@ from tests.manipulation.grippers import BY_HAND
 from tests.manipulation.test_collision import hulls_meet
 
 
-def test_the_shapes_of_all_meshes_are_found_once(house: SemanticMap) -> None:
-    here = house.session_of_map()
+def test_the_shapes_of_all_meshes_are_found_once(house: Map) -> None:
+    here = house.connection
     house.add_object(
         "flat",
         type="paper",
@@ -59,8 +59,8 @@ def test_the_shapes_of_all_meshes_are_found_once(house: SemanticMap) -> None:
     )
 
 
-def test_generated_grasps_are_stored_and_free_of_the_table(house: SemanticMap) -> None:
-    here = house.session_of_map()
+def test_generated_grasps_are_stored_and_free_of_the_table(house: Map) -> None:
+    here = house.connection
     first = find_grasps(here, name="vase", limit=40)
     assert first.generated == ["Vase_01"]
     assert [g["name"] for g in list_grippers(here)] == ["parallel_gripper"]
@@ -78,10 +78,10 @@ def test_generated_grasps_are_stored_and_free_of_the_table(house: SemanticMap) -
 
 
 def test_stored_grasps_by_instance_type_function_pose_and_shape_the_best_first(
-    house: SemanticMap,
+    house: Map,
 ) -> None:
     """Two meshes of small_house with random outcomes, beside a sort of all rows in Python."""
-    here = house.session_of_map()
+    here = house.connection
     random = np.random.default_rng(7)
     names = {}
     for name in ("Vase_01", "SeasoningBox_01"):
@@ -135,10 +135,10 @@ def test_stored_grasps_by_instance_type_function_pose_and_shape_the_best_first(
 
 
 def test_the_open_gripper_must_not_touch_the_object_unless_the_grasp_has_succeeded(
-    house: SemanticMap,
+    house: Map,
 ) -> None:
     """Beside linear programs over the links of the gripper and the faces of a box in the air."""
-    here = house.session_of_map()
+    here = house.connection
     house.add_object("bar", type="bar", size=(0.05, 0.05, 0.16), pose=(3.4, 0.5, 1.4))
     free = {row["action_id"] for row in find_grasps(here, name="bar", limit=400).rows}
     every = find_grasps(here, name="bar", limit=400, check=False).rows
@@ -162,15 +162,15 @@ def test_the_open_gripper_must_not_touch_the_object_unless_the_grasp_has_succeed
     assert again == free | {touching[0]["action_id"]}
 
 
-def test_what_does_not_fit_is_said_with_its_size(house: SemanticMap) -> None:
-    found = find_grasps(house.session_of_map(), name="ball")
+def test_what_does_not_fit_is_said_with_its_size(house: Map) -> None:
+    found = find_grasps(house.connection, name="ball")
     assert found.rows == []
     assert found.problems[0].startswith("Ball_01: no grasp fits its shape (sphere 0.3")
     assert found.problems[0].endswith("gripper parallel_gripper opens 0.09 m")
 
 
-def test_an_object_among_others_has_no_free_grasp(house: SemanticMap) -> None:
-    here = house.session_of_map()
+def test_an_object_among_others_has_no_free_grasp(house: Map) -> None:
+    here = house.connection
     middle = model_mesh(here, "SeasoningBox_01").bounds.mean(axis=0)
     house.add_object(
         "box", type="box", size=(0.08, 0.32, 0.1), pose=(1.4 + middle[0], 1.0 + middle[1], 0.751)
@@ -181,8 +181,8 @@ def test_an_object_among_others_has_no_free_grasp(house: SemanticMap) -> None:
     assert find_grasps(here, name="SeasoningBox_01", check=False).rows
 
 
-def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: SemanticMap) -> None:
-    here = cups.session_of_map()
+def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: Map) -> None:
+    here = cups.connection
     register_gripper(here, DEFAULT_GRIPPER)
     best = find_grasps(here, name="cup1", gripper="parallel_gripper", check=False).rows[0]
     mesh = trimesh.creation.cylinder(0.036, 0.1, sections=32)
@@ -196,10 +196,8 @@ def test_outcomes_on_a_shape_rank_the_grasps_of_a_similar_one(cups: SemanticMap)
     assert own[best["family"]] < max(own.values()) / 2
 
 
-def test_a_second_gripper_profits_from_the_first_ones_outcomes(
-    cups: SemanticMap, tmp_path: Path
-) -> None:
-    here = cups.session_of_map()
+def test_a_second_gripper_profits_from_the_first_ones_outcomes(cups: Map, tmp_path: Path) -> None:
+    here = cups.connection
     register_gripper(here, DEFAULT_GRIPPER)
     (tmp_path / "plates.urdf").write_text(BY_HAND)
     register_gripper(here, tmp_path / "plates.urdf", "plates")
@@ -223,9 +221,9 @@ def _ranks(here: Any, name: str, gripper: str) -> dict[str, float]:
 
 
 def test_a_gripper_without_fingers_or_without_its_file_is_refused(
-    cups: SemanticMap, tmp_path: Path
+    cups: Map, tmp_path: Path
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     stick = tmp_path / "stick.urdf"
     stick.write_text(
         '<robot name="stick"><link name="a"><collision><geometry><box size="1 1 1"/></geometry>'
@@ -332,13 +330,13 @@ CHANGES_OF_MESHES = (
 """What changes the object model of entities."""
 
 
-def test_object_models_of_entities_follow_their_meshes(house: SemanticMap) -> None:
+def test_object_models_of_entities_follow_their_meshes(house: Map) -> None:
     by_meshes = (
         "SELECT DISTINCT ON (em.entity_id) em.entity_id, h.object_id FROM entity_model em "
         "JOIN model m ON m.id = em.model_id JOIN object_mesh h ON h.digest = m.digest "
         "ORDER BY em.entity_id, em.role DESC, h.object_id"
     )
-    store_shapes(house.session_of_map())
+    store_shapes(house.connection)
     seen = set()
     for change in ("SELECT", *CHANGES_OF_MESHES):
         house.execute(change)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.manipulation.automata import register_robot
 from semmap.manipulation.reader import list_automata
 from semmap.manipulation.sensors import read_sensors
@@ -55,9 +55,9 @@ def test_sensors_that_only_links_tell() -> None:
 
 
 def test_robots_are_stored_with_their_sensors_and_asked_for_by_what_they_can(
-    cups: SemanticMap,
+    cups: Map,
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     for name, path in (("tiago", urdf("tiago")), ("stretch", stretch()), ("panda", urdf("panda"))):
         register_robot(here, path, name)
     robots = {row["name"]: row for row in list_automata(here)}
@@ -78,7 +78,7 @@ def test_robots_are_stored_with_their_sensors_and_asked_for_by_what_they_can(
     assert {row["name"]: row for row in list_automata(here)} == robots
 
 
-def test_the_command(cup_map: SemanticMap) -> None:
+def test_the_command(cup_map: Map) -> None:
     url = cup_map.database.engine.url.render_as_string(hide_password=False)
     stored = semmap(url, "manipulation", "add-robot", stretch(), "--name", "stretch")
     assert stored.exit_code == 0, stored.output

@@ -1,8 +1,9 @@
-"""Revisions up, down and up again on a dockerised PostGIS that holds an imported world."""
+"""Revisions up, down and up again, on databases that hold an imported world."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from alembic.autogenerate import compare_metadata
@@ -10,12 +11,30 @@ from alembic.migration import MigrationContext
 from sqlalchemy import Engine, create_engine, text
 from sqlalchemy.orm import configure_mappers
 
+from semmap.database import DatabaseError, connect
 from semmap.database.migrate import current, downgrade, upgrade
+from semmap.database.revisions import newest, parents
 from semmap.ingest.importer import import_file
 from semmap.model import Base
+from tests.conftest import PASSWORD
+from tests.next_revision import next_revision
 
 OFFICE = Path(__file__).parents[2] / "examples" / "office"
-FILES = ("office_rooms.geojson", "office.sdf")
+
+UP = (
+    "ALTER TABLE storey ALTER COLUMN height TYPE numeric",  # functions and views depend on it
+    "ALTER TABLE entity ADD COLUMN weight double precision NOT NULL DEFAULT 1",
+    "CREATE TABLE weighing (entity_id bigint PRIMARY KEY REFERENCES entity ON DELETE CASCADE)",
+    "INSERT INTO weighing SELECT id FROM entity",
+)
+DOWN = (
+    "DROP TABLE weighing",
+    "ALTER TABLE entity DROP COLUMN weight",
+    "ALTER TABLE storey ALTER COLUMN height TYPE double precision",
+)
+
+Columns = dict[str, str]
+"""Each table of the map, with its columns as SQL lists them."""
 
 
 def differences(engine: Engine) -> list[object]:
@@ -42,15 +61,29 @@ def differences(engine: Engine) -> list[object]:
     return found
 
 
-def rows(engine: Engine) -> dict[str, int]:
-    """The number of rows of each table of the map."""
+def columns(engine: Engine) -> Columns:
+    """The columns of each table of the map."""
     with engine.connect() as connection:
-        tables = connection.execute(
-            text("SELECT tablename FROM pg_tables WHERE schemaname = 'semmap' ORDER BY 1")
-        ).scalars()
+        found = connection.execute(
+            text(
+                "SELECT attrelid::regclass::text AS table, "
+                "string_agg(quote_ident(attname), ', ' ORDER BY attnum) AS names "
+                "FROM pg_attribute JOIN pg_class c ON c.oid = attrelid WHERE attnum > 0 "
+                "AND NOT attisdropped AND relkind = 'r' AND relnamespace = 'semmap'::regnamespace "
+                "GROUP BY 1"
+            )
+        )
+        return {row.table: row.names for row in found}
+
+
+def rows(engine: Engine, read: Columns) -> dict[str, list[str]]:
+    """All rows of tables, in these columns."""
+    with engine.connect() as connection:
         return {
-            t: connection.execute(text(f'SELECT count(*) FROM semmap."{t}"')).scalar_one()
-            for t in list(tables)
+            table: sorted(
+                connection.execute(text(f"SELECT ROW({names})::text FROM {table}")).scalars()
+            )
+            for table, names in read.items()
         }
 
 
@@ -73,39 +106,99 @@ def test_a_missing_column_would_be_seen(engine: Engine) -> None:
             )
 
 
-@pytest.mark.docker
-@pytest.mark.parametrize("down_to", ["0001", "base"])
-def test_down_and_up_again_loses_no_row(docker_postgis: Engine, down_to: str) -> None:
-    engine = docker_postgis
-    upgrade(engine)
-    for name in FILES:
-        import_file(engine, OFFICE / name, map_name=f"office-{down_to}")
-    before = rows(engine)
-    assert before["entity"] > 50
-    assert before["chunk"] > 10
-    head = current(engine)
+def test_revisions_are_one_line_that_begins_at_0001() -> None:
+    known = parents()
+    line = [newest()]
+    while (parent := known[line[-1]]) is not None:
+        line.append(parent)
+    assert line == sorted(known, reverse=True)
+    assert line[-1] == "0001"
 
-    downgrade(engine, down_to)
-    assert current(engine) == (None if down_to == "base" else down_to)
-    engine.dispose()
-    upgrade(engine)
-    assert current(engine) == head
-    assert rows(engine) == before
-    assert differences(engine) == []
-    # What came back is alive: triggers move the contents, Figure 3 answers.
+
+@pytest.fixture
+def dump(docker_container: Any, docker_postgis: Engine) -> Any:
+    """Tells what `pg_dump` says of the database, apart from its rows."""
+
+    def run() -> str:
+        arguments = ["-h", "127.0.0.1", "-U", "admin", "--schema-only", docker_postgis.url.database]
+        done = docker_container.exec(["env", f"PGPASSWORD={PASSWORD}", "pg_dump", *arguments])
+        assert done.exit_code == 0, done.output
+        lines = done.output.decode().splitlines()
+        return "\n".join(line for line in lines if "restrict " not in line)  # a random word
+
+    return run
+
+
+def import_office(engine: Engine, name: str) -> None:
+    import_file(engine, OFFICE / name, map_name="office")
+
+
+def answers_and_moves(engine: Engine) -> None:
+    """Triggers move the contents of what moves; functions and views answer."""
     with engine.begin() as connection:
-        connection.execute(
-            text("SELECT set_config('semmap.map', :m, false)"), {"m": f"office-{down_to}"}
-        )
-        was = connection.execute(
-            text("SELECT pose[1] FROM world WHERE entity_id = entity_id('muffin1')")
-        ).scalar_one()
+        connection.execute(text("SELECT set_config('semmap.map', 'office', false)"))
+        muffin = text("SELECT pose FROM world WHERE entity_id = entity_id('muffin1')")
+        was = connection.execute(muffin).scalar_one()
         connection.execute(
             text(
                 "UPDATE placement SET pose[1] = pose[1] + 0.25 WHERE entity_id = entity_id('desk4')"
             )
         )
-        now = connection.execute(
-            text("SELECT pose FROM world WHERE entity_id = entity_id('muffin1')")
-        ).scalar_one()
-        assert now[0] != was or now[1] != was
+        now = connection.execute(muffin).scalar_one()
+        assert now[:2] != was[:2]
+        assert connection.execute(text("SELECT count(*) FROM face")).scalar_one() > 0
+
+
+@pytest.mark.docker
+def test_down_to_nothing_and_up_again_loses_no_row(docker_postgis: Engine, dump: Any) -> None:
+    engine = docker_postgis
+    upgrade(engine)
+    for name in ("office_rooms.geojson", "office.sdf"):
+        import_office(engine, name)
+    read, schema = columns(engine), dump()
+    before = rows(engine, read)
+    assert len(before["entity"]) > 50
+    assert len(before["chunk"]) > 10
+
+    downgrade(engine, "base")
+    assert current(engine) is None
+    engine.dispose()
+    upgrade(engine)
+    assert current(engine) == newest()
+    assert rows(engine, read) == before
+    assert dump() == schema
+    assert differences(engine) == []
+    answers_and_moves(engine)
+
+
+@pytest.mark.docker
+def test_the_next_revision_goes_up_and_down_with_data(docker_postgis: Engine, dump: Any) -> None:
+    """What a newer semmap will do to a map of this one, until this one uses it again."""
+    engine = docker_postgis
+    upgrade(engine)
+    import_office(engine, "office_rooms.geojson")
+    released, read, schema = newest(), columns(engine), dump()
+    before = rows(engine, read)
+    assert len(before["storey"]) == 2
+
+    with next_revision(UP, DOWN) as following:
+        connect(engine.url).dispose()
+        assert current(engine) == following
+        assert rows(engine, read) == before
+        assert len(rows(engine, columns(engine))["weighing"]) == len(before["entity"])
+        import_office(engine, "office.sdf")
+        answers_and_moves(engine)
+        before = rows(engine, read)
+        assert len(before["chunk"]) > 10
+        downgrade(engine, released)
+        assert current(engine) == f"{released} without functions"
+        assert rows(engine, read) == before
+
+    with pytest.raises(DatabaseError, match=f"{released} without functions.*semmap db upgrade"):
+        connect(engine.url, check=True)
+    connect(engine.url).dispose()
+    assert current(engine) == released
+    assert rows(engine, read) == before
+    assert dump() == schema
+    assert differences(engine) == []
+    answers_and_moves(engine)

@@ -13,7 +13,7 @@ from sqlalchemy import Engine, func, select, text
 from sqlalchemy.orm import Session
 
 from semmap.geometry.pose import Pose
-from semmap.model import Agent, EntityHistory, Map, Object, Placement, PlacementHistory
+from semmap.model import Agent, EntityHistory, Object, Placement, PlacementHistory, StoredMap
 from tests.model.test_placement import new_map, thing
 
 
@@ -255,7 +255,7 @@ def test_a_cursor_does_not_skip_late_commits(engine: Engine) -> None:
         map_id = of.id
 
         def add(session: Session, name: str) -> int:
-            made = Object(map=session.get_one(Map, map_id), name=name)
+            made = Object(map=session.get_one(StoredMap, map_id), name=name)
             session.add(made)
             session.flush()
             return made.id

@@ -17,7 +17,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from semmap.geometry.pose import Pose
-from semmap.model import Entity, GeometricModel, Map, Object, Placement, Room, WorldPlacement
+from semmap.model import Entity, GeometricModel, Object, Placement, Room, StoredMap, WorldPlacement
 
 NAMES = itertools.count()
 
@@ -29,14 +29,14 @@ quick = settings(
 )
 
 
-def new_map(session: Session) -> Map:
-    made = Map(name=f"map{next(NAMES)}")
+def new_map(session: Session) -> StoredMap:
+    made = StoredMap(name=f"map{next(NAMES)}")
     session.add(made)
     session.flush()
     return made
 
 
-def thing(session: Session, of: Map, name: str, holder: Entity | None, pose: Pose) -> Object:
+def thing(session: Session, of: StoredMap, name: str, holder: Entity | None, pose: Pose) -> Object:
     made = Object(map=of, name=name, type="object")
     session.add(made)
     session.flush()
@@ -45,7 +45,7 @@ def thing(session: Session, of: Map, name: str, holder: Entity | None, pose: Pos
     return made
 
 
-def world_poses(session: Session, of: Map) -> dict[int, Pose]:
+def world_poses(session: Session, of: StoredMap) -> dict[int, Pose]:
     session.expire_all()
     rows = session.execute(
         select(WorldPlacement.entity_id, WorldPlacement.pose).where(WorldPlacement.map_id == of.id)

@@ -13,6 +13,7 @@ from planner.demo.office import delivery_robot as make_delivery_robot
 from planner.demo.office import office_files
 from planner.live_topology import LiveTopology
 from planner.robot_class import RobotClass
+from semmap.query.map_handle import MapHandle
 from tests.command_line import semmap
 from tests.conftest import Import
 
@@ -63,7 +64,7 @@ def office_live(office_url: str, delivery_robot: RobotClass) -> Iterator[LiveTop
     from semmap.database import connect
 
     engine = connect(office_url)
-    yield LiveTopology(engine, "office", delivery_robot)
+    yield LiveTopology(MapHandle(engine, "office"), delivery_robot)
     engine.dispose()
 
 

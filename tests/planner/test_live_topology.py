@@ -21,6 +21,7 @@ from planner.route_planner import RoutePlanner
 from planner.topology import OUTSIDE, TopologyError
 from semmap.database import connect
 from semmap.ingest.regions.extraction import draw_region
+from semmap.query.map_handle import MapHandle
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def changing(imported, robot):
 
 @pytest.fixture
 def live(changing):
-    return LiveTopology(changing, "office", "tester")
+    return LiveTopology(MapHandle(changing, "office"), "tester")
 
 
 @contextmanager
@@ -113,7 +114,7 @@ def edges(graph):
 
 def check(live, engine, robot):
     """The graph equals a fresh one, and the stored times are those of the graph."""
-    fresh = LiveTopology(engine, "office", robot)
+    fresh = LiveTopology(MapHandle(engine, "office"), robot)
     assert edges(live.graph) == edges(fresh.graph)
     assert live.topology.places == fresh.topology.places
     assert live.topology.connectors == fresh.topology.connectors
@@ -149,7 +150,7 @@ def read_class(engine):
 
 def reloaded(engine):
     """Which places a new process measures."""
-    return set(LiveTopology(engine, "office", "tester").graph.measured) - {OUTSIDE}
+    return set(LiveTopology(MapHandle(engine, "office"), "tester").graph.measured) - {OUTSIDE}
 
 
 def test_walks_are_kept_and_taken_again(changing, live, robot):
@@ -538,7 +539,7 @@ def test_a_reader_loads_and_keeps_nothing_and_a_robot_keeps(changing, robot):
         run("DELETE FROM travel_time RETURNING 1")
         run("DELETE FROM travel_time_place RETURNING 1")
     reader = as_role("semmap_reader")
-    live = LiveTopology(reader, "office", "tester")
+    live = LiveTopology(MapHandle(reader, "office"), "tester")
     assert len(live.graph.measured) > 10
     live.warm()
     shift(changing, "potted_plant8", -0.6, -0.3)
@@ -548,7 +549,7 @@ def test_a_reader_loads_and_keeps_nothing_and_a_robot_keeps(changing, robot):
         assert run("SELECT count(*) FROM travel_time_map").one() == 0
     reader.dispose()
     worker = as_role("semmap_robot")
-    live = LiveTopology(worker, "office", "tester")
+    live = LiveTopology(MapHandle(worker, "office"), "tester")
     check(live, changing, robot)
     assert reloaded(changing) == set()
     live.warm()
@@ -560,7 +561,7 @@ def test_a_reader_loads_and_keeps_nothing_and_a_robot_keeps(changing, robot):
 
 def test_two_that_keep_at_once_do_not_disturb_each_other(changing, robot):
     """One is late: what it could not keep, it keeps with its next change."""
-    first, second = (LiveTopology(changing, "office", "tester") for _ in range(2))
+    first, second = (LiveTopology(MapHandle(changing, "office"), "tester") for _ in range(2))
     stored = read_class(changing)
     first.warm()
     second.warm()
@@ -589,7 +590,7 @@ def test_two_that_keep_at_once_do_not_disturb_each_other(changing, robot):
 
 
 def test_a_class_that_was_replaced_is_not_given_the_walks_of_its_former_shape(changing, robot):
-    live = LiveTopology(changing, "office", "tester")
+    live = LiveTopology(MapHandle(changing, "office"), "tester")
     stored = read_class(changing)
     live.warm()
     slower = replace(robot, speed=0.4)
@@ -599,7 +600,7 @@ def test_a_class_that_was_replaced_is_not_given_the_walks_of_its_former_shape(ch
         assert not may_store_travel_times(connection, stored.id, stored.digest)
     shift(changing, "potted_plant8", -0.6, -0.3)
     live.catch_up()
-    check(LiveTopology(changing, "office", "tester"), changing, slower)
+    check(LiveTopology(MapHandle(changing, "office"), "tester"), changing, slower)
     live.catch_up()
     with changing.begin() as connection:
         store_robot_class(connection, robot)
@@ -614,10 +615,10 @@ def test_a_class_that_was_replaced_is_not_given_the_walks_of_its_former_shape(ch
 
 def test_no_map_and_no_class_are_said(changing, make_database):
     with pytest.raises(LookupError, match="no robot class named testr; there are: tester"):
-        LiveTopology(changing, "office", "testr")
+        LiveTopology(MapHandle(changing, "office"), "testr")
     empty = connect(make_database())
     with pytest.raises(LookupError, match="there is no map yet: semmap import"):
-        LiveTopology(empty)
+        LiveTopology(MapHandle(empty))
     empty.dispose()
 
 
@@ -626,7 +627,7 @@ def test_loading_leaves_the_collector_as_it_was(changing, usual):
     before = gc.isenabled()
     try:
         (gc.enable if usual else gc.disable)()
-        LiveTopology(changing, "office", "tester")
+        LiveTopology(MapHandle(changing, "office"), "tester")
         assert gc.isenabled() == usual
         with pytest.raises(TopologyError), no_garbage_collection():
             raise TopologyError

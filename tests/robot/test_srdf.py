@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from navgrid.options import parts_of
+from semmap.robot import Part, load_robot, robot_parts
 from semmap.robot.error import RobotError
 from semmap.robot.joint_positions import joints_of
 from semmap.robot.srdf import read_states
@@ -20,6 +20,10 @@ SRDF = """<robot name="by_hand">
 </robot>"""
 
 
+def _parts(urdf: Path, state: str) -> list[Part]:
+    return robot_parts(load_robot(urdf), joints_of(urdf, state))
+
+
 @pytest.mark.parametrize("folder", ["robot/urdf", "robot/srdf"])
 def test_a_state_by_its_name(tmp_path: Path, folder: str) -> None:
     (tmp_path / "robot" / "urdf").mkdir(parents=True)
@@ -28,11 +32,11 @@ def test_a_state_by_its_name(tmp_path: Path, folder: str) -> None:
     (tmp_path / folder / "by_hand.srdf").write_text(SRDF)
     assert joints_of(urdf, "folded") == {"shoulder": 1.5, "lift": 0.1}
     by_name, by_joints = (
-        parts_of(urdf, state) for state in ("folded", '{"shoulder": 1.5, "lift": 0.1}')
+        _parts(urdf, state) for state in ("folded", '{"shoulder": 1.5, "lift": 0.1}')
     )
     assert [p.interval for p in by_name] == [p.interval for p in by_joints]
     assert max(np.ptp(p.footprint[:, 1]) for p in by_name) > 0.7  # the arm points to the left
-    assert max(np.ptp(p.footprint[:, 1]) for p in parts_of(urdf, "stretched")) < 0.6
+    assert max(np.ptp(p.footprint[:, 1]) for p in _parts(urdf, "stretched")) < 0.6
     with pytest.raises(ValueError, match="the SRDF has folded, stretched"):
         joints_of(urdf, "tucked")
 

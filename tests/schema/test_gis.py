@@ -14,7 +14,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from semmap.geometry.pose import Pose
-from semmap.model import Map, Placement, Storey
+from semmap.model import Placement, StoredMap, Storey
 from tests.model.test_placement import new_map
 
 pytestmark = pytest.mark.skipif(
@@ -228,7 +228,7 @@ def test_a_georeferenced_map_lies_on_the_earth(
         tmp_path,
     )
     with Session(engine) as session:
-        of = session.query(Map).filter_by(name=building).one()
+        of = session.query(StoredMap).filter_by(name=building).one()
         of.crs, of.easting, of.northing, of.height, of.rotation = 32632, 434000, 5792000, 70, 0
         session.commit()
     (room,) = read(engine, "gis_earth", building, tmp_path)

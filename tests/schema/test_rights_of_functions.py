@@ -214,7 +214,8 @@ def test_other_functions_call_none_that_writes(
         "WITH writer AS (SELECT proname FROM pg_proc "
         f"WHERE {OF_SCHEMA} AND prorettype <> 'trigger'::regtype) "
         "SELECT p.proname, w.proname FROM pg_proc p JOIN writer w "
-        r"ON regexp_replace(coalesce(pg_get_function_sqlbody(p.oid), p.prosrc), '--[^\n]*', '', 'g') "
+        "ON regexp_replace(coalesce(pg_get_function_sqlbody(p.oid), p.prosrc), "
+        r"'--[^\n]*', '', 'g') "
         r"~ ('\m' || w.proname || '\(') "
         "WHERE pronamespace = 'semmap'::regnamespace AND provolatile <> 'v'"
     )

@@ -13,9 +13,9 @@ WITH known (name, is_function) AS (
 SELECT p.proname, k.name FROM pg_proc p JOIN pg_language l ON l.oid = p.prolang
 CROSS JOIN LATERAL regexp_replace(p.prosrc, '--[^\n]*', '', 'g') AS code
 JOIN known k ON k.is_function AND code ~ ('(^|[^.\w])' || k.name || '\(')
-             OR NOT k.is_function AND code ~ ('(FROM|JOIN|INTO|UPDATE)\s+' || k.name || '\M')
+             OR NOT k.is_function AND code ~ ('(FROM|JOIN|INTO|UPDATE|USING)\s+' || k.name || '\M')
 WHERE p.pronamespace = 'semmap'::regnamespace AND l.lanname IN ('sql', 'plpgsql')
-  AND NOT EXISTS (SELECT FROM unnest(p.proconfig) c WHERE c ~ '^search_path=')
+  AND p.prosqlbody IS NULL  -- else its names are bound
 """
 
 

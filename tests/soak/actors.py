@@ -25,6 +25,7 @@ from sqlalchemy import Engine
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database import Cluster, DatabaseError, connect
+from semmap.database.maps import see_map
 from semmap.fields.service.endpoint import socket_of
 from semmap.fields.service.server import serving
 from semmap.fields.service.service import FieldService
@@ -32,7 +33,6 @@ from semmap.fields.service.settings import ServiceSettings, SourceSettings
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.ingest.importer import import_file
 from semmap.query.entity_query import changes_since
-from semmap.query.maps import see_map
 from tests.soak.invariants import last_line, url_of
 from tests.soak.kept_span import kept_span
 

@@ -12,12 +12,12 @@ import psycopg
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Engine
 
+from semmap.database.maps import see_map
 from semmap.fields.service.client import find_service
 from semmap.fields.store.names import read_map_vocabulary
 from semmap.fields.store.source_history import load_updates
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.query.entity_query import changes_since
-from semmap.query.maps import see_map
 from tests.soak.kept_span import kept_span
 
 __all__ = [

@@ -63,7 +63,7 @@ def kitchen(house: Engine, worlds: Path) -> Kitchen:
         for name, (mesh, pose) in THINGS.items():
             path = worlds / "ycb" / "meshes" / f"{mesh}_textured.gltf"
             here.add_object(name, type=name, mesh=path, pose=pose)
-            corners[name] = np.asarray(model_mesh(here.session_of_map(), name).vertices)
+            corners[name] = np.asarray(model_mesh(here.connection, name).vertices)
     told = semmap(url, "manipulation", "add-robot", urdf("tiago"), "--name", "tiago")
     assert told.exit_code == 0, told.output
     told = semmap(url, "robot", "add", "tiago", "--robot", urdf("tiago"), "--state", FOLDED)

@@ -22,8 +22,9 @@ from navgrid.occupancy_grid import storey_grid
 from planner.live_topology import LiveTopology
 from planner.readers.robot_class import store_robot_class
 from planner.robot_class import RobotClass
+from semmap.database.maps import see_map
 from semmap.query.geometry_notes import geometry_notes, read_names_without_geometry
-from semmap.query.maps import see_map
+from semmap.query.map_handle import MapHandle
 from semmap.query.storey_reader import read_scene, read_storey_names, read_storeys
 from semmap.query.storey_scene import StoreyScene
 from semmap.robot import load_robot, robot_parts
@@ -220,7 +221,10 @@ def test_routes_and_plans_assume_sizes_too(hotel: Engine) -> None:
     assumed = json.loads(semmap(url, "route", *words, "--assume-sizes").stdout)
     assert assumed["assumed_sizes"] == bare["no_geometry"] != []
     assert (assumed["no_geometry"], bare["assumed_sizes"]) == ([], [])
-    live = {flag: LiveTopology(hotel, "hotel", "cart", assume_sizes=flag) for flag in (False, True)}
+    live = {
+        flag: LiveTopology(MapHandle(hotel, "hotel"), "cart", assume_sizes=flag)
+        for flag in (False, True)
+    }
     with hotel.connect() as connection:
         assert connection.execute(text(stored)).one() == before
     costs = {flag: each.costmaps for flag, each in live.items()}

@@ -167,7 +167,7 @@ def test_standing_queries_follow_fields_that_change(
         semmap_api.connect(url) as database,
         Subscriptions(house, "house") as standing,
     ):
-        session = database.map("house").session_of_map()
+        session = database.map("house").connection
         service.ask("stop", name="gaze")
         service.ask("start", **eyes)
         service.ask("percept", name="eyes", percept=AWAY)

@@ -31,6 +31,7 @@ from planner.route import NoRouteError
 from planner.route_planner import RoutePlanner
 from planner.topology import Topology
 from semmap.database.files import schema_folder
+from semmap.database.maps import see_map
 from semmap.fields import Box
 from semmap.fields.maps.representation_map import RepresentationMap
 from semmap.fields.maps.vocabulary import read_vocabulary
@@ -40,7 +41,7 @@ from semmap.fields.store.map_store import save_map
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.geometry.voxels import Voxels
 from semmap.limits import REGION_VOXELS
-from semmap.query.maps import see_map
+from semmap.query.map_handle import MapHandle
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
 from semmap_vdb import BoolGrid
@@ -284,7 +285,8 @@ def test_fields_of_sources_count_while_they_are_live(
 def test_a_costmap_from_the_mirror_equals_that_from_meshes(house: Engine, bare: Costmap) -> None:
     """Per part of TIAGo: each occupied cell of one has one of the other within a voxel."""
     with house.connect() as connection:
-        (made,) = read_costmaps(connection, bare.parts, voxels=read_mirror(connection))
+        voxels = read_mirror(MapHandle(house, "house"))
+        (made,) = read_costmaps(connection, bare.parts, voxels=voxels)
     assert made.grid == bare.grid
     assert all(not len(e.triangles) for e in made.scene.entities)
     for interval in [(0.02, 3.0), *bare.intervals]:
@@ -298,7 +300,7 @@ def test_a_grid_of_the_hotel_from_the_mirror_has_no_mesh(hotel: Engine) -> None:
     """Walls and shut doors, too, are voxels alone; the cells are those of meshes within a voxel."""
     with hotel.connect() as connection:
         meshes = read_storeys(connection)
-        storeys = read_storeys(connection, voxels=read_mirror(connection))
+        storeys = read_storeys(connection, voxels=read_mirror(MapHandle(hotel, "hotel")))
     for there, here in zip(meshes, storeys, strict=True):
         shown = {e.id for e in there.entities if len(e.triangles)}
         assert {e.kind for e in there.entities if e.id in shown} == {"object", "connector"}
@@ -404,7 +406,7 @@ def travel(live: LiveTopology) -> dict[tuple[int, int], float]:
 
 def test_travel_times_follow_fields(house: Engine, robot: str) -> None:
     """What a live topology takes over equals one that is loaded again, stored times included."""
-    live = LiveTopology(house, "house", robot)
+    live = LiveTopology(MapHandle(house, "house"), robot)
     live.warm()
     free = travel(live)
     with house.begin() as connection:
@@ -415,24 +417,27 @@ def test_travel_times_follow_fields(house: Engine, robot: str) -> None:
     assert live.catch_up().places == frozenset()
     jammed = travel(live)
     assert sum(map(np.isinf, jammed.values())) > sum(map(np.isinf, free.values()))
-    again = LiveTopology(house, "house", robot)
+    again = LiveTopology(MapHandle(house, "house"), robot)
     assert travel(again) == jammed, "from the stored travel times"
-    assert travel(LiveTopology(house, "house", replace(again.graph.robot, name="new"))) == jammed
+    assert (
+        travel(LiveTopology(MapHandle(house, "house"), replace(again.graph.robot, name="new")))
+        == jammed
+    )
     with house.begin() as connection:
         field_store.forget(connection, "crowd")
-    assert travel(LiveTopology(house, "house", robot)) == free
+    assert travel(LiveTopology(MapHandle(house, "house"), robot)) == free
     assert {"kitchen", "living-room"} <= live.catch_up().places
     assert travel(live) == free
 
 
 def test_people_close_a_route(house: Engine, robot: str) -> None:
-    planner = RoutePlanner.of_map(house, "house", robot)
+    planner = RoutePlanner.of_map(MapHandle(house, "house"), robot)
     assert planner.route("bedroom", "kitchen").seconds > 0
     with house.begin() as connection:
         save_map(connection, "crowd", crowd(planner.graph.topology))
     try:
         with pytest.raises(NoRouteError):
-            RoutePlanner.of_map(house, "house", robot).route("bedroom", "kitchen")
+            RoutePlanner.of_map(MapHandle(house, "house"), robot).route("bedroom", "kitchen")
     finally:
         with house.begin() as connection:
             field_store.forget(connection, "crowd")
@@ -440,13 +445,15 @@ def test_people_close_a_route(house: Engine, robot: str) -> None:
 
 def test_simulated_runs_have_the_stored_fields(house: Engine, robot: str) -> None:
     """A run takes place in a copy of the map: its costmaps have the same people."""
-    topology = LiveTopology(house, "house", robot).topology
+    topology = LiveTopology(MapHandle(house, "house"), robot).topology
     with house.begin() as connection:
         save_map(connection, "crowd", crowd(topology))
     try:
         with house.begin() as connection:
             connection.execute(text("SELECT copy_map('house', 'run')"))
-        here, there = (travel(LiveTopology(house, name, robot)) for name in ("house", "run"))
+        here, there = (
+            travel(LiveTopology(MapHandle(house, name), robot)) for name in ("house", "run")
+        )
         assert sorted(here.values()) == pytest.approx(sorted(there.values()))
         with house.connect() as connection:
             see_map(connection, "run")
@@ -459,7 +466,7 @@ def test_simulated_runs_have_the_stored_fields(house: Engine, robot: str) -> Non
 
 
 def test_a_stored_field_wakes_followers(house: Engine, robot: str) -> None:
-    live = LiveTopology(house, "house", robot)
+    live = LiveTopology(MapHandle(house, "house"), robot)
     stop = threading.Event()
     seen: list[TopologyChange] = []
 
@@ -487,25 +494,25 @@ def test_a_stored_field_wakes_followers(house: Engine, robot: str) -> None:
 
 def test_travel_times_follow_what_a_camera_sees(camera: Engine, robot: str) -> None:
     """People count while they are seen; stored travel times are those without them."""
-    live = LiveTopology(camera, "house", robot)
+    live = LiveTopology(MapHandle(camera, "house"), robot)
     free = travel(live)
     stored = read_stored(camera)
     see(camera, crowd(live.topology))
     assert {"kitchen", "living-room"} <= live.catch_up().places
     jammed = travel(live)
     assert sum(map(np.isinf, jammed.values())) > sum(map(np.isinf, free.values()))
-    assert travel(LiveTopology(camera, "house", robot)) == jammed
+    assert travel(LiveTopology(MapHandle(camera, "house"), robot)) == jammed
     assert not live.catch_up()
     assert read_stored(camera) == stored
     end_of_sight(camera)
     assert {"kitchen", "living-room"} <= live.catch_up().places
-    for each in (live, LiveTopology(camera, "house", robot)):
+    for each in (live, LiveTopology(MapHandle(camera, "house"), robot)):
         assert travel(each) == pytest.approx(free)
 
 
 def test_what_moves_while_people_are_seen_is_stored_later(camera: Engine, robot: str) -> None:
     """A bin in the kitchen's door: travel times are not stored with the people in them."""
-    live = LiveTopology(camera, "house", robot)
+    live = LiveTopology(MapHandle(camera, "house"), robot)
     free = travel(live)
     see(camera, crowd(live.topology))
     live.warm()
@@ -526,9 +533,9 @@ def test_what_moves_while_people_are_seen_is_stored_later(camera: Engine, robot:
         end_of_sight(camera)
         live.catch_up()
         bare = RobotClass("cart", (part("cart", 0.0, 0.6, square(0.15)),), speed=0.5)
-        measured = travel(LiveTopology(camera, "house", bare))
+        measured = travel(LiveTopology(MapHandle(camera, "house"), bare))
         assert travel(live) != pytest.approx(free)
-        for each in (live, LiveTopology(camera, "house", robot)):
+        for each in (live, LiveTopology(MapHandle(camera, "house"), robot)):
             assert travel(each) == pytest.approx(measured)
     finally:
         with camera.begin() as connection:
@@ -540,7 +547,7 @@ def test_what_moves_while_people_are_seen_is_stored_later(camera: Engine, robot:
 
 def test_a_followed_map_has_what_a_camera_sees(camera: Engine, robot: str) -> None:
     """No notification announces it: followers look each second."""
-    live = LiveTopology(camera, "house", robot)
+    live = LiveTopology(MapHandle(camera, "house"), robot)
     stop, seen = threading.Event(), threading.Event()
     thread = threading.Thread(target=live.follow, args=(stop, lambda _: seen.set()))
     thread.start()
@@ -558,7 +565,7 @@ def test_a_followed_map_has_what_a_camera_sees(camera: Engine, robot: str) -> No
 def test_people_whom_a_camera_sees_close_a_route_also_in_a_simulated_run(
     camera: Engine, robot: str
 ) -> None:
-    planner = RoutePlanner.of_map(camera, "house", robot)
+    planner = RoutePlanner.of_map(MapHandle(camera, "house"), robot)
     assert planner.route("bedroom", "kitchen").seconds > 0
     see(camera, crowd(planner.graph.topology))
     with camera.begin() as connection:
@@ -566,7 +573,7 @@ def test_people_whom_a_camera_sees_close_a_route_also_in_a_simulated_run(
     try:
         for name in ("house", "run"):
             with pytest.raises(NoRouteError):
-                RoutePlanner.of_map(camera, name, robot).route("bedroom", "kitchen")
+                RoutePlanner.of_map(MapHandle(camera, name), robot).route("bedroom", "kitchen")
     finally:
         with camera.begin() as connection:
             connection.execute(text("SELECT drop_map('run')"))

@@ -57,7 +57,7 @@ def house(bare_house: Engine, tmp_path_factory: pytest.TempPathFactory) -> House
     assert semmap(url, *add).exit_code == 0
     meshes = {}
     with package.connect(url) as db:
-        session = db.map("house").session_of_map()
+        session = db.map("house").connection
         for name in NAMES:
             mesh = model_mesh(session, name)
             meshes[name] = np.asarray(mesh.vertices), np.asarray(mesh.faces)
@@ -164,7 +164,7 @@ def test_linked_grasps_are_offered_until_the_link_is_undone(house: House) -> Non
     name = "Vase_01_001"  # a cylinder: up to its symmetry
     with package.connect(house.url) as db:
         grasps(house, name, "--unchecked")  # finds the primitive
-        shape = shape_of(db.map("house").session_of_map(), name)
+        shape = shape_of(db.map("house").connection, name)
     (row,) = [row for row in grasps(house, name, "--unchecked") if row["link"] is not None]
     assert row["frame"] == "shape"
     assert row["expected"] == pytest.approx(0.9 * row["link"])
@@ -275,7 +275,7 @@ def test_a_correction_of_a_linked_grasp_belongs_to_the_object(house: House) -> N
         return TrialOutcome(HEIGHT, 0.0, 0.0, 0.05, 0.05, turned, (0.0, 0.0, 0.0))
 
     with package.connect(house.url) as db:
-        session = db.map("house").session_of_map()
+        session = db.map("house").connection
         rows = find_grasps(session, name=name, gripper="plates", check=False).rows
         linked = [row for row in rows if row["link"] is not None]
         made = practise(session, name, "plates", rows=linked, attempt=attempt, simulated=False)

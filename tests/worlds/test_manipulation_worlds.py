@@ -77,7 +77,7 @@ def test_a_second_robot_of_another_gripper_does_not_begin_with_what_failed(
     assert semmap(url, "manipulation", "add-gripper", hand, "--name", "plates").exit_code == 0
     families = {family for family, _ in failed}
     with package.connect(url) as db:
-        session = db.map("house").session_of_map()
+        session = db.map("house").connection
         with session.transaction(force_rollback=True):
             session.execute("DELETE FROM experience")
             found_grasps = find_grasps(session, name=BOX, gripper="plates", limit=1)

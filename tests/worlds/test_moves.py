@@ -16,9 +16,9 @@ import semmap
 from planner.demo.reader import DemoChoices, figure_3
 from planner.mission.behaviours import RobotObservation, Sighting
 from planner.mission.store.observations import write_observation
+from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.model import Entity, Placement
-from semmap.query.maps import see_map
 from tests.command_line import semmap as semmap_command
 from tests.conftest import Import
 from tests.worlds.conftest import HOUSE, ROOMS

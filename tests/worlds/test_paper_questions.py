@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from sqlalchemy import Engine
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from semmap.database.files import schema_folder
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.sources.gaze import GazeSource
@@ -69,13 +69,13 @@ def looking_at(eye: Any, at: Any) -> Any:
 
 
 @pytest.fixture(scope="module")
-def house(module_engine: Engine, worlds: Path) -> Iterator[SemanticMap]:
+def house(module_engine: Engine, worlds: Path) -> Iterator[Map]:
     """The house with two mugs of one model on tables, grasps, outcomes, looks and a move."""
     for path in (worlds / "small_house/worlds/small_house.world", ROOMS):
         import_file(module_engine, path, map_name="house")
     with semmap.connect(module_engine.url.render_as_string(hide_password=False)) as db:
         house = db.map("house")
-        session = house.session_of_map()
+        session = house.connection
         mug = trimesh.creation.cylinder(0.035, 0.09, sections=24)
         mug.apply_translation((0, 0, 0.045))
         house.add_object("mug1", type="mug", mesh=mug, on="KitchenTable_01_001")
@@ -102,8 +102,8 @@ def house(module_engine: Engine, worlds: Path) -> Iterator[SemanticMap]:
 
 
 @pytest.fixture
-def session(house: SemanticMap) -> psycopg.Connection[Any]:
-    return house.session_of_map()
+def session(house: Map) -> psycopg.Connection[Any]:
+    return house.connection
 
 
 def names(session: psycopg.Connection[Any], text: str) -> list[tuple[Any, ...]]:
@@ -157,8 +157,8 @@ OTHERS = (
 
 
 @pytest.fixture(scope="module")
-def engines(house: SemanticMap) -> Engines:
-    return Engines(house.session_of_map())
+def engines(house: Map) -> Engines:
+    return Engines(house.connection)
 
 
 @pytest.mark.parametrize("text", OTHERS)
@@ -238,7 +238,7 @@ def test_links_are_same_as(session: psycopg.Connection[Any]) -> None:
         raise psycopg.Rollback(transaction)
 
 
-def test_where_an_object_was(house: SemanticMap, session: psycopg.Connection[Any]) -> None:
+def test_where_an_object_was(house: Map, session: psycopg.Connection[Any]) -> None:
     """History: intervals of placements, and the position at a time."""
     with house.transaction() as transaction:
         before = session.execute("SELECT (pose_at(entity_id('mug2'), now()))[1:3]").fetchone()
@@ -285,7 +285,7 @@ SELECT ?x {
 
 
 @pytest.fixture(scope="module")
-def voxels(house: SemanticMap) -> dict[str, Any]:
+def voxels(house: Map) -> dict[str, Any]:
     """The centres of the voxels of each entity, metres."""
     mirror = VoxelMirror(house.database.engine, "house")
     mirror.catch_up()
@@ -446,7 +446,7 @@ def test_entities_without_voxels_are_named(session: psycopg.Connection[Any]) -> 
 
 
 def test_fields_do_not_see_what_is_not_committed(
-    house: SemanticMap, session: psycopg.Connection[Any]
+    house: Map, session: psycopg.Connection[Any]
 ) -> None:
     with house.transaction() as transaction:
         house["mug3"].put_on("BalconyTable_01_001")
@@ -465,7 +465,7 @@ def test_what_fields_state_is_not_stated(session: psycopg.Connection[Any]) -> No
         raise psycopg.Rollback(transaction)
 
 
-def test_the_command_says_who_answered(house: SemanticMap) -> None:
+def test_the_command_says_who_answered(house: Map) -> None:
     url = house.database.engine.url.render_as_string(hide_password=False)
     done = semmap_command(url, "sparql", DRINKWARE_IN_VIEW, "--map", "house", "--explain")
     assert 'fields: SELECT ?v0 WHERE { "human1" <urn:semmap:ontology#sees> ?v0 . }' in done.stdout
@@ -477,7 +477,7 @@ SECTIONS = questions("questions.md")
 
 
 @pytest.fixture(scope="module")
-def given(house: SemanticMap) -> Iterator[dict[str, Any]]:
+def given(house: Map) -> Iterator[dict[str, Any]]:
     """The names that the page's Python has."""
     block = blocks_of((DOCS / "questions.md").read_text().split("\n## ")[0])["python"]
     names: dict[str, Any] = {}

@@ -45,8 +45,9 @@ from planner.task_planner import TaskPlanner
 from planner.tasks import parse_goal
 from planner.tasks.reader import read_world
 from planner.topology import OUTSIDE, UnknownPlaceError
+from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
-from semmap.query.maps import see_map
+from semmap.query.map_handle import MapHandle
 from semmap.query.sql_statement import run_sql
 from semmap.query.storey_reader import read_storeys
 from semmap.robot import load_robot, robot_parts
@@ -83,7 +84,7 @@ def tiago() -> RobotClass:
 
 @pytest.fixture(scope="module")
 def tiago_live(engine: Engine, tiago: RobotClass) -> LiveTopology:
-    return LiveTopology(engine, "house", replace(tiago, reach=(0.2, 1.2)))
+    return LiveTopology(MapHandle(engine, "house"), replace(tiago, reach=(0.2, 1.2)))
 
 
 def test_tiago_looks_from_poses_in_the_rooms_that_they_name(tiago_live: LiveTopology) -> None:
@@ -213,7 +214,7 @@ def test_home_is_a_goal_in_the_small_house(engine: Engine, url: str, tmp_path: P
 
 
 def test_an_elevator_can_be_avoided(engine: Engine) -> None:
-    planner = RoutePlanner.of_map(engine, "hotel")
+    planner = RoutePlanner.of_map(MapHandle(engine, "hotel"))
     ridden = {
         avoid: {s.elevator for s in planner.route("restaurant", "L3-room1", avoid=avoid).steps}
         for avoid in ((), ("Lift1",), ("Lift2",))
@@ -257,7 +258,7 @@ def test_pgrouting_is_there_and_finds_the_routes_of_the_documents(
         statement = statement.replace(f"'{old}'", f"'{new}'")
     with engine.begin() as connection:
         store_robot_class(connection, tiago)
-    LiveTopology(engine, "house", "tiago")
+    LiveTopology(MapHandle(engine, "house"), "tiago")
     printed = semmap_command(url, "sql", "--map", "house", statement, "--json").stdout
     assert "bedroom-door" in printed
     assert "kitchen-door" in printed
@@ -297,7 +298,7 @@ class Building:
     """A copy of a map in which TIAGo, its arm folded, carries out goals."""
 
     def __init__(self, engine: Engine, name: str, folder: Path) -> None:
-        self.live = LiveTopology(engine, name, "folded")
+        self.live = LiveTopology(MapHandle(engine, name), "folded")
         self.store = MissionStore(engine, name, "test")
         self.file = folder / "world"
 

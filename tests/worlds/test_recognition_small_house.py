@@ -13,10 +13,10 @@ import semmap
 from semmap.belief.reader import read_occluders
 from semmap.belief.views import camera_at
 from semmap.database import connect
+from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.ingest.meshes.mesh_file import read_mesh
 from semmap.perception.models import depth_points
-from semmap.query.maps import see_map
 from tests.command_line import semmap as semmap_command
 from tests.stored import stored
 

@@ -35,6 +35,7 @@ from planner.route_search import find_route
 from planner.routing_graph import RoutingGraph
 from planner.task_planner import plan_task
 from planner.topology import OUTSIDE, Topology
+from semmap.query.map_handle import MapHandle
 from tests.conftest import Import
 from tests.planner.office import route
 
@@ -276,7 +277,7 @@ def test_waypoints_are_places_to_go(building: Building) -> None:
     route = planner.route(a.name, b.name)
     assert route.metres == pytest.approx(a.outline.distance(b.outline), abs=1e-3)
     assert route.metres > 5
-    plan = plan_task(building.engine, f"in(robot, {b.name})", start=a.name)
+    plan = plan_task(MapHandle(building.engine), f"in(robot, {b.name})", start=a.name)
     assert [action.name for action in plan.actions] == ["navigate"]
     assert plan.seconds == pytest.approx(route.seconds, abs=0.1)
 

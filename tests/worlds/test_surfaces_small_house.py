@@ -11,9 +11,9 @@ import shapely
 from sqlalchemy import Engine, text
 from typer.testing import Result
 
+from semmap.database.maps import see_map
 from semmap.geometry.surfaces import support_surfaces
 from semmap.ingest.sdf import read_sdf
-from semmap.query.maps import see_map
 from tests.command_line import semmap
 from tests.ingest.regions.test_extraction import HAIRLINE
 

@@ -8,7 +8,7 @@ from typing import Self
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
-from semmap.query.entity_query import pick_map
+from semmap.database.maps import pick_map, see_map
 
 __all__ = ["MapConnection", "MissionError"]
 
@@ -78,8 +78,6 @@ class _Transaction:
 def _see_map(connection: Connection, name: str | None) -> str:
     """Choose the map of a session; returns its name."""
     try:
-        name = pick_map(connection.connection.driver_connection, name)  # type: ignore[arg-type]
+        return see_map(connection, pick_map(connection, name), lasting=True)
     except LookupError as error:
         raise MissionError(str(error.args[0])) from None
-    connection.execute(text("SELECT set_config('semmap.map', :name, false)"), {"name": name})
-    return name

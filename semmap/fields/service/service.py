@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from semmap.database.maps import see_map
 from semmap.fields.maps.live_entities import LiveEntities
 from semmap.fields.queries.catalogue import FieldCatalogue
 from semmap.fields.queries.mirror_catalogue import mirror_catalogue
@@ -34,7 +35,6 @@ from semmap.fields.store.statements import run
 from semmap.fields.store.voxel_mirror import VoxelMirror
 from semmap.language.names import NameIndex
 from semmap.query.change_feed import announce_fields
-from semmap.query.maps import see_map
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection, Engine

@@ -16,6 +16,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine
 from sqlalchemy.exc import DBAPIError
 
+from semmap.database.maps import see_map
 from semmap.fields.maps.map_buffer import MapBuffer
 from semmap.fields.regions.region_map import RegionMap, Role, SpacesOf
 from semmap.fields.regions.shapes import Region
@@ -38,7 +39,6 @@ from semmap.fields.store.reader import (
 )
 from semmap.fields.store.stated_voxels import StatedVoxels, read_stated
 from semmap.query.change_feed import ChangeFeed
-from semmap.query.maps import see_map
 
 __all__ = ["VoxelMirror"]
 

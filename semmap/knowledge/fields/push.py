@@ -20,6 +20,7 @@ import psycopg
 import rdflib
 from sqlalchemy import Engine
 
+from semmap.database.maps import see_map
 from semmap.knowledge.facts import Fact, FactWriter
 from semmap.knowledge.fields.properties import is_of_fields
 from semmap.knowledge.map_view import MapView
@@ -28,7 +29,6 @@ from semmap.knowledge.patterns import parse_pattern
 from semmap.knowledge.sparql.constants import Constants
 from semmap.knowledge.vocabulary import KNOWLEDGE_CORE, RDF, RDFS, SEMMAP, TYPE, encode
 from semmap.query.change_feed import ChangeFeed
-from semmap.query.maps import see_map
 
 __all__ = ["FieldPush", "read_pushed"]
 

@@ -47,7 +47,7 @@ def reason(session: Session, *, complete: bool = False, seconds: float | None = 
 
     Examples
     --------
-    >>> reason(db.map("house").session_of_map()).contradictions  # doctest: +SKIP
+    >>> reason(db.map("house").connection).contradictions  # doctest: +SKIP
     0
     """
     with limited(session, seconds) as deadline:

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.belief.error import BeliefError
 from semmap.belief.inference import Observations, infer
 from semmap.belief.store.beliefs import ELSEWHERE, add_observations, read_belief, where
+from semmap.database.maps import see_map
 from semmap.model import Belief, Entity
 from semmap.query.change_feed import ChangeFeed
-from semmap.query.maps import see_map
 
 NOW = datetime.now(UTC)
 PLACES = {"table", "counter", "bench", "fridge", "kitchen", "hall", "piano"}
@@ -27,12 +27,12 @@ def ago(seconds: float) -> datetime:
     return NOW - timedelta(seconds=seconds)
 
 
-def observe(flat: SemanticMap, *rows: dict[str, Any]) -> list[int]:
-    return add_observations(flat.database.session, rows)
+def observe(flat: Map, *rows: dict[str, Any]) -> list[int]:
+    return add_observations(flat.connection, rows)
 
 
-def belief(flat: SemanticMap, name: str, at: datetime | None = None) -> dict[str, float]:
-    return read_belief(flat.database.session, name, at)
+def belief(flat: Map, name: str, at: datetime | None = None) -> dict[str, float]:
+    return read_belief(flat.connection, name, at)
 
 
 def expected(
@@ -51,7 +51,7 @@ def expected(
     return {place: weight / total for place, weight in weights.items()}
 
 
-def test_places_are_where_the_object_has_room(flat: SemanticMap) -> None:
+def test_places_are_where_the_object_has_room(flat: Map) -> None:
     assert set(belief(flat, "mug")) == PLACES | {ELSEWHERE}
     flat["coke"].properties = {"base_area": 0.45, "volume": 0.2}  # 0.67 m wide: not on the bench
     assert set(belief(flat, "coke")) == {"kitchen", "hall", "table", ELSEWHERE}
@@ -60,7 +60,7 @@ def test_places_are_where_the_object_has_room(flat: SemanticMap) -> None:
 
 
 def test_without_evidence_typical_places_and_the_placement_of_the_map_count(
-    flat: SemanticMap,
+    flat: Map,
 ) -> None:
     coke = belief(flat, "coke")
     assert coke.pop(ELSEWHERE) == pytest.approx(0.1)
@@ -74,11 +74,11 @@ def test_without_evidence_typical_places_and_the_placement_of_the_map_count(
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_beliefs_are_those_of_the_formula(flat: SemanticMap, seed: int) -> None:
+def test_beliefs_are_those_of_the_formula(flat: Map, seed: int) -> None:
     source = random.Random(seed)
     mobility = source.choice([0.0, 0.5, 1.0, 3.0])
     flat["coke"].properties = {"mobility": mobility}
-    prior = {row["place"]: row["prior"] for row in where(flat.database.session, "coke")}
+    prior = {row["place"]: row["prior"] for row in where(flat.connection, "coke")}
     rows = []
     for _ in range(source.randint(1, 25)):
         row: dict[str, Any] = {
@@ -120,7 +120,7 @@ def test_beliefs_are_those_of_the_formula(flat: SemanticMap, seed: int) -> None:
     )
 
 
-def test_a_word_for_a_room_counts_for_all_places_in_it(flat: SemanticMap) -> None:
+def test_a_word_for_a_room_counts_for_all_places_in_it(flat: Map) -> None:
     prior = belief(flat, "coke")
     observe(flat, {"object": "coke", "place": "kitchen", "seen": True, "inside": True, "at": NOW})
     found = belief(flat, "coke", NOW)
@@ -130,7 +130,7 @@ def test_a_word_for_a_room_counts_for_all_places_in_it(flat: SemanticMap) -> Non
     assert {round(ratio[place] / low, 6) for place in inside} == {3.5}
 
 
-def test_the_past_is_believed_as_it_was_known(flat: SemanticMap) -> None:
+def test_the_past_is_believed_as_it_was_known(flat: Map) -> None:
     before = belief(flat, "coke", ago(100))
     observe(flat, {"object": "coke", "place": "fridge", "seen": True, "at": ago(50)})
     assert belief(flat, "coke", ago(100)) == before
@@ -162,7 +162,7 @@ def test_the_past_is_believed_as_it_was_known(flat: SemanticMap) -> None:
     ],
 )
 def test_bad_observations_are_refused_and_nothing_is_stored(
-    flat: SemanticMap, change: dict[str, Any], message: str
+    flat: Map, change: dict[str, Any], message: str
 ) -> None:
     good = {"object": "coke", "place": "table", "seen": True}
     with pytest.raises((BeliefError, LookupError), match=message):
@@ -184,12 +184,12 @@ def test_bad_observations_are_refused_and_nothing_is_stored(
         "INSERT INTO belief_model (map_id, seconds) VALUES (current_map(), 0)",
     ],
 )
-def test_bad_rows_are_refused_in_sql(flat: SemanticMap, statement: str) -> None:
+def test_bad_rows_are_refused_in_sql(flat: Map, statement: str) -> None:
     with pytest.raises(ValueError, match=r"future|hit_is_between|no room there|belief_model"):
         flat.execute(statement)
 
 
-def test_a_new_observation_is_announced(flat_map: SemanticMap) -> None:
+def test_a_new_observation_is_announced(flat_map: Map) -> None:
     cursor = flat_map.execute("SELECT change_cursor()")[0][0]
     observe(flat_map, {"object": "mug", "place": "table", "seen": True})
     try:
@@ -209,7 +209,7 @@ def test_a_new_observation_is_announced(flat_map: SemanticMap) -> None:
         flat_map.execute("DELETE FROM belief")
 
 
-def test_a_belief_does_not_concern_those_who_follow_the_geometry(flat_map: SemanticMap) -> None:
+def test_a_belief_does_not_concern_those_who_follow_the_geometry(flat_map: Map) -> None:
     feed = ChangeFeed(flat_map.database.engine, "flat")
     with feed.look() as look:
         feed.take_in(look)
@@ -222,7 +222,7 @@ def test_a_belief_does_not_concern_those_who_follow_the_geometry(flat_map: Seman
         flat_map.execute("DELETE FROM belief")
 
 
-def test_the_table_follows_moves_and_removals(flat: SemanticMap) -> None:
+def test_the_table_follows_moves_and_removals(flat: Map) -> None:
     observe(flat, {"object": "mug", "place": "table", "seen": False})
 
     def stored() -> dict[str, float]:
@@ -244,7 +244,7 @@ def test_the_table_follows_moves_and_removals(flat: SemanticMap) -> None:
     assert flat.execute("SELECT count(*) FROM belief") == [(0,)]
 
 
-def test_a_sqlalchemy_connection_reads_and_writes_too(flat_map: SemanticMap) -> None:
+def test_a_sqlalchemy_connection_reads_and_writes_too(flat_map: Map) -> None:
     with flat_map.database.engine.connect() as connection:
         see_map(connection, "flat")
         rows = [{"object": "coke", "place": "fridge", "seen": True}] * 5
@@ -255,7 +255,7 @@ def test_a_sqlalchemy_connection_reads_and_writes_too(flat_map: SemanticMap) -> 
     assert flat_map.execute("SELECT count(*) FROM observation") == [(0,)]
 
 
-def test_two_who_observe_one_object_at_once_both_count(flat_map: SemanticMap) -> None:
+def test_two_who_observe_one_object_at_once_both_count(flat_map: Map) -> None:
     engine = flat_map.database.engine
     row = {"object": "coke", "place": "fridge", "seen": True, "at": ago(1e6)}
     observe(flat_map, row)
@@ -274,7 +274,7 @@ def test_two_who_observe_one_object_at_once_both_count(flat_map: SemanticMap) ->
             other.join(0.5)
             assert other.is_alive()  # it waits for this transaction
         other.join()
-        prior = {r["place"]: r["prior"] for r in where(flat_map.database.session, "coke")}
+        prior = {r["place"]: r["prior"] for r in where(flat_map.connection, "coke")}
         (stored,) = flat_map.execute(
             "SELECT probability FROM belief WHERE entity_id = entity_id('coke') "
             "AND place_id = entity_id('fridge')"
@@ -285,7 +285,7 @@ def test_two_who_observe_one_object_at_once_both_count(flat_map: SemanticMap) ->
         flat_map.execute("DELETE FROM belief")
 
 
-def test_copies_and_their_end(flat_map: SemanticMap) -> None:
+def test_copies_and_their_end(flat_map: Map) -> None:
     observe(flat_map, *[{"object": "coke", "place": "fridge", "seen": True, "at": ago(5)}] * 3)
     try:
         moment = datetime.now(UTC)
@@ -302,7 +302,7 @@ def test_copies_and_their_end(flat_map: SemanticMap) -> None:
     assert flat_map.execute("SELECT count(*) FROM belief") == [(0,)]
 
 
-def test_repeated_looks_of_an_agent_count_once_and_old_ones_go(flat: SemanticMap) -> None:
+def test_repeated_looks_of_an_agent_count_once_and_old_ones_go(flat: Map) -> None:
     second = datetime(2026, 5, 1, tzinfo=UTC)
     frames = [second + timedelta(milliseconds=200 * k) for k in range(10)]  # two seconds at 5 Hz
     of = {"object": "mug", "place": "table", "seen": True}
@@ -311,7 +311,7 @@ def test_repeated_looks_of_an_agent_count_once_and_old_ones_go(flat: SemanticMap
     observe(flat, *[of | {"at": at} for at in frames[:3]])  # a person says so three times
     kept = flat.execute("SELECT observer_id IS NULL, at FROM observation ORDER BY 1, 2")
     assert kept == [(False, frames[4]), (False, frames[9]), *((True, at) for at in frames[:3])]
-    prior = {r["place"]: r["prior"] for r in where(flat.database.session, "mug", at=NOW)}
+    prior = {r["place"]: r["prior"] for r in where(flat.connection, "mug", at=NOW)}
     rows = [of | {"at": at} for _, at in kept]
     (table,) = flat.execute(
         "SELECT probability FROM belief WHERE entity_id = entity_id('mug') "

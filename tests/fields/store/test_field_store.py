@@ -15,10 +15,10 @@ from sqlalchemy import Engine, text
 from sqlalchemy.exc import DBAPIError
 
 from semmap.database import Cluster, connect
+from semmap.database.maps import see_map
 from semmap.fields import Box, Sphere
 from semmap.fields.maps.grids import GRIDS, Grid, ValueType
 from semmap.fields.store import field_store
-from semmap.query.maps import see_map
 from semmap_vdb import BoolGrid, FloatGrid, Int32Grid
 from tests.database.test_crash import kill_server
 

@@ -12,7 +12,7 @@ import pytest
 from sqlalchemy import Engine
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge import KnowledgeClient, query
 from semmap.knowledge.fields.push import FieldPush, read_pushed
 
@@ -21,7 +21,7 @@ SALLY_SEES_CUP = ("sees", "sally", "cup")
 
 
 @pytest.fixture(scope="module")
-def house(module_engine: Engine) -> Iterator[SemanticMap]:
+def house(module_engine: Engine) -> Iterator[Map]:
     url = module_engine.url.render_as_string(hide_password=False)
     with semmap.connect(url) as database:
         house = database.create_map("house")
@@ -38,7 +38,7 @@ def places(kb: KnowledgeClient, model: str | None) -> Any:
     return kb.find("where", "cup isOn ?where", model=model)
 
 
-def test_an_agent_keeps_what_it_saw_last(house: SemanticMap) -> None:
+def test_an_agent_keeps_what_it_saw_last(house: Map) -> None:
     engine = house.database.engine
     push = FieldPush(engine, "house", PUSHED, perspectives=True)
     with KnowledgeClient(engine, "house") as kb:
@@ -69,7 +69,7 @@ def test_an_agent_keeps_what_it_saw_last(house: SemanticMap) -> None:
         assert not rows, "what is not named is not pushed"
 
 
-def test_messages_of_the_service_are_followed_until_it_ends(house: SemanticMap) -> None:
+def test_messages_of_the_service_are_followed_until_it_ends(house: Map) -> None:
     messages: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
     fact = {"relation": "sees", "subject": "anne", "object": "table"}
     messages.put(fact | {"held": True, "event": "begin"})
@@ -101,19 +101,15 @@ def wait_for(condition: Any) -> None:
         time.sleep(0.02)
 
 
-def test_a_pushed_fact_ends_where_its_program_is_killed(house: SemanticMap) -> None:
+def test_a_pushed_fact_ends_where_its_program_is_killed(house: Map) -> None:
     push = FieldPush(house.database.engine, "house", PUSHED)
     push.begin([("sees", "anne", "shelf")])
-    (row,) = (
-        house.session_of_map()
-        .execute(
-            "SELECT until - clock_timestamp() > interval '20 s' FROM statement "
-            "WHERE object_id = entity_id('shelf') AND until < clock_timestamp() + interval '31 s'"
-        )
-        .fetchall()
-    )
+    (row,) = house.connection.execute(
+        "SELECT until - clock_timestamp() > interval '20 s' FROM statement "
+        "WHERE object_id = entity_id('shelf') AND until < clock_timestamp() + interval '31 s'"
+    ).fetchall()
     assert row == (True,)
-    assert query(house.session_of_map(), "ASK { :anne oro:looksAt :shelf }").truth
+    assert query(house.connection, "ASK { :anne oro:looksAt :shelf }").truth
 
 
 @pytest.mark.parametrize(

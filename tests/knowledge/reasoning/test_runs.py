@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge import query, update
 from semmap.knowledge.rdf_file import read_facts
 from semmap.knowledge.reasoning.changes import Changed
@@ -169,13 +169,13 @@ def test_the_graph_of_inferences_is_read_only(changing: psycopg.Connection) -> N
 
 
 @pytest.fixture(scope="module")
-def flat(make_database: MakeDatabase) -> Iterator[tuple[str, SemanticMap]]:
+def flat(make_database: MakeDatabase) -> Iterator[tuple[str, Map]]:
     """A map that a second program can follow, and the address of its database."""
     url = make_database().render_as_string(hide_password=False)
     with semmap.connect(url) as db:
         made = db.create_map("home")
         made.add_object("bowl", type="bowl", size=(0.2, 0.2, 0.1), pose=(1, 1, 0))
-        update(made.session_of_map(), EX + AXIOMS)
+        update(made.connection, EX + AXIOMS)
         yield url, made
 
 
@@ -199,12 +199,12 @@ def reasoning(url: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def test_a_watch_infers_after_each_change(flat: tuple[str, SemanticMap]) -> None:
+def test_a_watch_infers_after_each_change(flat: tuple[str, Map]) -> None:
     url, made = flat
     delicate = EX + "SELECT ?x { ?x a ex:Delicate }"
 
     def found() -> set[str]:
-        rows = query(made.session_of_map(), delicate).rows
+        rows = query(made.connection, delicate).rows
         return {str(x).split("#")[1] for (x,) in rows}
 
     with reasoning(url) as watch:
@@ -224,10 +224,10 @@ def test_a_watch_infers_after_each_change(flat: tuple[str, SemanticMap]) -> None
 
 
 def test_what_is_committed_while_changes_are_read_is_not_skipped(
-    flat: tuple[str, SemanticMap], monkeypatch: pytest.MonkeyPatch
+    flat: tuple[str, Map], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     url, made = flat
-    session = made.session_of_map()
+    session = made.connection
     made.add_object("cup", type="cup", size=(0.1, 0.1, 0.1), pose=(2, 1, 0))
     reason(session)
     since = Changed.since
@@ -244,9 +244,9 @@ def test_what_is_committed_while_changes_are_read_is_not_skipped(
     assert reason(session).removed == 2
 
 
-def test_exports_have_inferences_where_asked(flat: tuple[str, SemanticMap], tmp_path: Path) -> None:
+def test_exports_have_inferences_where_asked(flat: tuple[str, Map], tmp_path: Path) -> None:
     url, made = flat
-    session = made.session_of_map()
+    session = made.connection
     update(session, "INSERT DATA { :glass a semmap:Cup }")
     reason(session)
     glass = rdflib.URIRef("urn:semmap:map:home#glass")

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import psycopg
 import pytest
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.knowledge import Answer, KnowledgeError, queries, query, update
 from semmap.knowledge.reasoning.runs import forget, reason
 from semmap.knowledge.sparql import kept_queries
@@ -27,7 +27,7 @@ def kept_whatever_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def attic(loft_map: SemanticMap) -> Iterator[SemanticMap]:
+def attic(loft_map: Map) -> Iterator[Map]:
     """A map that a test may change."""
     made = loft_map.database.create_map("attic")
     made.add_room("attic", [(0, 0), (5, 0), (5, 4), (0, 4)], floor=0, ceiling=3)
@@ -35,7 +35,6 @@ def attic(loft_map: SemanticMap) -> Iterator[SemanticMap]:
     made.add_object("cup", type="cup", size=(0.1, 0.1, 0.1), on="table")
     yield made
     loft_map.database.drop_map("attic")
-    loft_map.session_of_map()
 
 
 def again(session: psycopg.Connection, text: str) -> Answer | None:
@@ -78,14 +77,14 @@ def test_queries_that_differ_in_an_entity_share_a_plan(loft: psycopg.Connection)
     assert counts[0] == counts[1] == counts[2]
 
 
-def test_another_map(attic: SemanticMap, loft_map: SemanticMap) -> None:
+def test_another_map(attic: Map, loft_map: Map) -> None:
     text = "SELECT ?x { ?x a semmap:Table FILTER EXISTS { :table semmap:kind ?kind } }"
     for _ in range(3):
-        assert names(query(attic.session_of_map(), text)) == {"table"}
-        of_loft = query(loft_map.session_of_map(), text)
+        assert names(query(attic.connection, text)) == {"table"}
+        of_loft = query(loft_map.connection, text)
         assert len(of_loft.rows) == 1
         assert "map:loft#" in str(of_loft.rows[0][0])
-    session = attic.session_of_map()
+    session = attic.connection
     assert again(session, text) is None  # it was the loft's
     session.execute("SELECT set_config('semmap.map', 'no such map', false)")
     with pytest.raises(LookupError, match="no such map"):
@@ -93,8 +92,8 @@ def test_another_map(attic: SemanticMap, loft_map: SemanticMap) -> None:
     session.execute("SELECT set_config('semmap.map', 'attic', false)")
 
 
-def test_entities_come_and_go(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_entities_come_and_go(attic: Map) -> None:
+    session = attic.connection
     text = "SELECT ?k { :lamp semmap:kind ?k }"
     for _ in range(2):
         assert query(session, text).rows == ()
@@ -103,7 +102,7 @@ def test_entities_come_and_go(attic: SemanticMap) -> None:
     assert len(query(session, text).rows) == 1
     assert again(session, text) is not None
     with attic.transaction() as transaction:
-        attic.session_of_map().execute("UPDATE entity SET name = 'torch' WHERE name = 'lamp'")
+        attic.connection.execute("UPDATE entity SET name = 'torch' WHERE name = 'lamp'")
         assert query(session, text).rows == ()
         raise psycopg.Rollback(transaction)
     assert len(query(session, text).rows) == 1
@@ -111,19 +110,19 @@ def test_entities_come_and_go(attic: SemanticMap) -> None:
     assert query(session, text).rows == ()
 
 
-def test_a_map_is_made_again(attic: SemanticMap, loft_map: SemanticMap) -> None:
+def test_a_map_is_made_again(attic: Map, loft_map: Map) -> None:
     text = "SELECT ?x { ?x semmap:heldBy :attic }"
-    assert names(query(attic.session_of_map(), text)) == {"table"}
-    assert names(query(attic.session_of_map(), text)) == {"table"}
+    assert names(query(attic.connection, text)) == {"table"}
+    assert names(query(attic.connection, text)) == {"table"}
     loft_map.database.drop_map("attic")
     new = loft_map.database.create_map("attic")
     new.add_room("attic", [(0, 0), (5, 0), (5, 4), (0, 4)], floor=0, ceiling=3)
     new.add_object("chest", type="sofa", size=(1, 1, 1), pose=(1, 1, 0))
-    assert names(query(new.session_of_map(), text)) == {"chest"}
+    assert names(query(new.connection, text)) == {"chest"}
 
 
-def test_the_ontology_changes(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_the_ontology_changes(attic: Map) -> None:
+    session = attic.connection
     text = "PREFIX ex: <http://example.org/kept/> SELECT ?x { ?x a ex:Vessel }"
     try:
         for _ in range(2):
@@ -142,8 +141,8 @@ def test_the_ontology_changes(attic: SemanticMap) -> None:
         session.execute("DELETE FROM semantic_type WHERE name = 'vessel'")
 
 
-def test_statements_come_and_go(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_statements_come_and_go(attic: Map) -> None:
+    session = attic.connection
     texts = ("SELECT ?x { ?x rdfs:label 'mine' }", "SELECT ?x { :cup oro:isNear|rdfs:seeAlso ?x }")
     for text in texts:
         assert query(session, text).rows == query(session, text).rows == ()
@@ -161,8 +160,8 @@ def test_statements_come_and_go(attic: SemanticMap) -> None:
     assert names(query(session, texts[1])) == {"thing"}
 
 
-def test_inferences_come_and_go(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_inferences_come_and_go(attic: Map) -> None:
+    session = attic.connection
     text = "SELECT ?x { ?x a oro:Fragile }"
     assert query(session, text).rows == query(session, text).rows == ()
     update(session, "INSERT DATA { semmap:Cup rdfs:subClassOf oro:Fragile }")
@@ -177,8 +176,8 @@ def test_inferences_come_and_go(attic: SemanticMap) -> None:
     assert query(session, text).rows == ()
 
 
-def test_plans_and_functions_are_replaced(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_plans_and_functions_are_replaced(attic: Map) -> None:
+    session = attic.connection
     found = query(session, CUPS)
     assert again(session, CUPS) == found
     session.execute("DEALLOCATE ALL")
@@ -201,8 +200,8 @@ def test_plans_and_functions_are_replaced(attic: SemanticMap) -> None:
         session.execute("ALTER TABLE entity DROP COLUMN another")
 
 
-def test_rights_are_those_of_the_role(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_rights_are_those_of_the_role(attic: Map) -> None:
+    session = attic.connection
     query(session, CUPS)
     assert again(session, CUPS) is not None
     session.execute("CREATE ROLE semmap_stranger")
@@ -217,8 +216,8 @@ def test_rights_are_those_of_the_role(attic: SemanticMap) -> None:
     assert len(query(session, CUPS).rows) == 1
 
 
-def test_limits_and_settings(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_limits_and_settings(attic: Map) -> None:
+    session = attic.connection
     text = "SELECT ?x { ?x semmap:name ?n }"
     settings = "SELECT current_setting('statement_timeout'), current_setting('join_collapse_limit')"
     before = session.execute(settings).fetchone()
@@ -232,9 +231,9 @@ def test_limits_and_settings(attic: SemanticMap) -> None:
 
 
 def test_a_kept_statement_that_became_slow_is_planned_again(
-    attic: SemanticMap, monkeypatch: pytest.MonkeyPatch
+    attic: Map, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = attic.session_of_map()
+    session = attic.connection
     text = "SELECT ?x { ?x semmap:name ?slow }"
     query(session, text)
     monkeypatch.setattr(kept_queries, "SHORT", 0)
@@ -258,8 +257,8 @@ def test_a_kept_statement_that_became_slow_is_planned_again(
     assert len(query(session, text).rows) == 1
 
 
-def test_values_of_all_kinds_are_kept(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_values_of_all_kinds_are_kept(attic: Map) -> None:
+    session = attic.connection
     update(session, r"""INSERT DATA { :cup prop:note "a \"quote\", \\ {%s} it" ; prop:mass 2 }""")
     for text in (
         r'SELECT ?x { ?x prop:note "a \"quote\", \\ {%s} it" }',
@@ -281,8 +280,8 @@ def test_values_of_all_kinds_are_kept(attic: SemanticMap) -> None:
             assert len(found.graph) == 1
 
 
-def test_threads_share_a_session(attic: SemanticMap) -> None:
-    session = attic.session_of_map()
+def test_threads_share_a_session(attic: Map) -> None:
+    session = attic.connection
     texts = [CUPS, "SELECT ?x { ?x a semmap:Table }", "ASK { :cup a semmap:Cup }"]
     wanted = [query(session, text) for text in texts]
     with ThreadPoolExecutor(4) as pool:

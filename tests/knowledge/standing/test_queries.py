@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sqlalchemy import Engine
 
 import semmap
-from semmap import Database, SemanticMap
+from semmap import Database, Map
 from semmap.knowledge import query, update
 from semmap.knowledge.facts import Fact, FactWriter
 from semmap.knowledge.map_view import MapView
@@ -233,14 +233,14 @@ THOUGHTS = st.one_of(
 
 
 @pytest.fixture(scope="module")
-def workshop(module_engine: Engine) -> Iterator[SemanticMap]:
+def workshop(module_engine: Engine) -> Iterator[Map]:
     url = module_engine.url.render_as_string(hide_password=False)
     with semmap.connect(url) as database:
         make_workshop(database, "workshop")
         yield database.map("workshop")
 
 
-def make_workshop(database: Database, name: str) -> SemanticMap:
+def make_workshop(database: Database, name: str) -> Map:
     made = database.create_map(name)
     made.add_room("hall", [(0, 0), (5, 0), (5, 4), (0, 4)], floor=0, ceiling=3)
     made.add_room("store", [(5.2, 0), (9, 0), (9, 4), (5.2, 4)], floor=0, ceiling=3)
@@ -269,8 +269,8 @@ def transactions_of(
 class Watched:
     """Standing queries without a thread, beside whole evaluations of the same queries."""
 
-    def __init__(self, made: SemanticMap, texts: tuple[str, ...]) -> None:
-        self.session = made.session_of_map()
+    def __init__(self, made: Map, texts: tuple[str, ...]) -> None:
+        self.session = made.connection
         self.standing = Subscriptions(made.database.engine, made.name)
         self.standing._follow = lambda: None  # type: ignore[method-assign]
         self.rows: dict[int, set[tuple[object, ...]]] = {}
@@ -350,7 +350,7 @@ class Watched:
 
 
 @pytest.fixture(scope="module")
-def watched(workshop: SemanticMap) -> Iterator[Watched]:
+def watched(workshop: Map) -> Iterator[Watched]:
     made = Watched(workshop, LOCAL + WHOLE)
     with made.standing:
         yield made
@@ -364,16 +364,16 @@ def test_queries_of_one_shape_are_translated_once(watched: Watched) -> None:
     assert a.patterns[0].terms != b.patterns[0].terms
 
 
-def test_statements_about_types_are_answers(workshop: SemanticMap) -> None:
-    update(workshop.session_of_map(), PREFIX + "INSERT DATA { :saw ex:meant semmap:Table, type:a }")
+def test_statements_about_types_are_answers(workshop: Map) -> None:
+    update(workshop.connection, PREFIX + "INSERT DATA { :saw ex:meant semmap:Table, type:a }")
     with Subscriptions(workshop.database.engine, workshop.name) as standing:
         types = ("semmap:Table", "type:a", "semmap:Chair", "type:b")
         texts = [PREFIX + f"SELECT ?x {{ ?x ex:meant {each} }}" for each in types]
         assert [count for _, count in standing.add_all(texts)] == [1, 1, 0, 0]
 
 
-def test_a_query_that_fails_ends_by_itself(workshop: SemanticMap) -> None:
-    session = workshop.session_of_map()
+def test_a_query_that_fails_ends_by_itself(workshop: Map) -> None:
+    session = workshop.connection
     failing = PREFIX + 'SELECT ?x { ?x ex:like ?y FILTER(REGEX("saw", ?y)) }'
     with Subscriptions(workshop.database.engine, workshop.name) as standing:
         standing._follow = lambda: None  # type: ignore[method-assign]
@@ -388,7 +388,7 @@ def test_a_query_that_fails_ends_by_itself(workshop: SemanticMap) -> None:
         assert standing._events.empty()
 
 
-def test_subscriptions_are_made_all_or_none(workshop: SemanticMap) -> None:
+def test_subscriptions_are_made_all_or_none(workshop: Map) -> None:
     good = PREFIX + "SELECT ?x { ?x ex:like :saw }"
     with Subscriptions(workshop.database.engine, workshop.name) as standing:
         with pytest.raises(ValueError, match="DESCRIBE"):
@@ -399,8 +399,8 @@ def test_subscriptions_are_made_all_or_none(workshop: SemanticMap) -> None:
         assert standing.add_all([good, good]) == [(1, 0), (2, 0)]
 
 
-def test_events_arrive_after_all_connections_were_lost(workshop: SemanticMap) -> None:
-    session = workshop.session_of_map()
+def test_events_arrive_after_all_connections_were_lost(workshop: Map) -> None:
+    session = workshop.connection
     (others,) = session.execute("SELECT array_agg(pid) FROM pg_stat_activity").fetchone()
     with Subscriptions(workshop.database.engine, workshop.name) as standing:
         standing.add(PREFIX + "SELECT ?x { ?x ex:like :saw }")
@@ -432,10 +432,10 @@ def test_events_are_the_differences_of_whole_evaluations(
 
 
 @pytest.fixture(scope="module")
-def thinking(workshop: SemanticMap) -> Iterator[Watched]:
+def thinking(workshop: Map) -> Iterator[Watched]:
     """A second workshop, which is reasoned about."""
     made = make_workshop(workshop.database, "thinking")
-    session = made.session_of_map()
+    session = made.connection
     update(session, PREFIX + AXIOMS)
     reason(session)
     watched = Watched(made, LOCAL[::4] + INFERRED)

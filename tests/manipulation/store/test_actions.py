@@ -12,7 +12,7 @@ from rdflib import OWL, RDF, SKOS, Graph, Namespace, URIRef
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from semmap import SemanticMap
+from semmap import Map
 from semmap.database.files import schema_folder
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord, action_key
@@ -39,22 +39,22 @@ OPEN = ActionRecord("open", Pose(x=0.9), motion=(0, 0, 0, 0, 0, 1, 1.57))
 PLACE = ActionRecord("place", Pose(z=0.05), post_pose=Pose(z=0.15))
 
 
-def session(cups: SemanticMap) -> Any:
-    return cups.session_of_map()
+def session(cups: Map) -> Any:
+    return cups.connection
 
 
 def ids(rows: list[dict[str, Any]]) -> list[int]:
     return [row["action_id"] for row in rows]
 
 
-def count(cups: SemanticMap, table: str) -> int:
+def count(cups: Map, table: str) -> int:
     return int(session(cups).execute(f"SELECT count(*) FROM {table}").fetchone()[0])
 
 
 # -- retrieval ------------------------------------------------------------------------------------
 
 
-def test_the_queries_of_the_paper(cups: SemanticMap) -> None:
+def test_the_queries_of_the_paper(cups: Map) -> None:
     """Section III: a cup, something suitable for drinking, the object at a pose."""
     here = session(cups)
     low, high = add_actions(
@@ -73,7 +73,7 @@ def test_the_queries_of_the_paper(cups: SemanticMap) -> None:
     assert actions_on(here, name="cup", kind="push") == []
 
 
-def test_poses_are_in_the_frame_of_the_map(cups: SemanticMap) -> None:
+def test_poses_are_in_the_frame_of_the_map(cups: Map) -> None:
     here = session(cups)
     add_actions(here, "cup1", None, [candidate(x=0.02, yaw=0.4)])
     world = dict(here.execute("SELECT e.name, pose FROM world JOIN entity e ON e.id = entity_id"))
@@ -84,7 +84,7 @@ def test_poses_are_in_the_frame_of_the_map(cups: SemanticMap) -> None:
         assert row["model_pose"].matrix == pytest.approx(candidate(x=0.02, yaw=0.4).pose)
 
 
-def test_actions_of_a_similar_shape_serve_an_unknown_object(cups: SemanticMap) -> None:
+def test_actions_of_a_similar_shape_serve_an_unknown_object(cups: Map) -> None:
     here = session(cups)
     tilted = Pose.from_rpy(0.1, 0.2, 0.3, 0.5, 0.4, 0.3).matrix
     for name, radius in (("thin", 0.03), ("thick", 0.06)):
@@ -102,7 +102,7 @@ def test_actions_of_a_similar_shape_serve_an_unknown_object(cups: SemanticMap) -
         actions_by_shape(here, "cylinder", (0.03,))
 
 
-def test_functions_are_those_of_the_type_its_supertypes_and_the_model(cups: SemanticMap) -> None:
+def test_functions_are_those_of_the_type_its_supertypes_and_the_model(cups: Map) -> None:
     here = session(cups)
     names = {row[0]: row[1] for row in here.execute("SELECT id, name FROM entity").fetchall()}
 
@@ -123,7 +123,7 @@ def test_functions_are_those_of_the_type_its_supertypes_and_the_model(cups: Sema
         entities_meant(here, function="flying")
 
 
-def test_knowledge_of_models_that_the_map_lacks(cups: SemanticMap) -> None:
+def test_knowledge_of_models_that_the_map_lacks(cups: Map) -> None:
     here = session(cups)
     glass = add_object(here, "other:glass", type="wine_glass")
     (stored,) = add_actions(here, glass, None, [candidate(quality=0.95)])
@@ -134,7 +134,7 @@ def test_knowledge_of_models_that_the_map_lacks(cups: SemanticMap) -> None:
 
 
 @pytest.mark.parametrize("best", [0.2, 1.0])
-def test_the_best_of_many_objects_are_those_of_a_full_sort(cups: SemanticMap, best: float) -> None:
+def test_the_best_of_many_objects_are_those_of_a_full_sort(cups: Map, best: float) -> None:
     """Among the best 2,000 of the gripper (1.0), and where none of them is on the objects (0.2)."""
     here = session(cups)
     here.execute("SELECT setseed(0.5)")
@@ -166,7 +166,7 @@ def test_the_best_of_many_objects_are_those_of_a_full_sort(cups: SemanticMap, be
 # -- outcomes -------------------------------------------------------------------------------------
 
 
-def test_outcomes_decide_which_action_comes_first(cups: SemanticMap) -> None:
+def test_outcomes_decide_which_action_comes_first(cups: Map) -> None:
     here = session(cups)
     a, b = add_actions(here, "cup1", None, [candidate(quality=0.8), candidate(x=0.01, quality=0.6)])
     record_task(here, "cup1", action=a, outcome="error", message="slipped")
@@ -178,7 +178,7 @@ def test_outcomes_decide_which_action_comes_first(cups: SemanticMap) -> None:
     assert task == ([1.9, 1.5, 0.75, *task[0][3:]], Pose(x=1).row)
 
 
-def test_what_worked_replaces_what_did_not(cups: SemanticMap) -> None:
+def test_what_worked_replaces_what_did_not(cups: Map) -> None:
     here = session(cups)
     (failed,) = add_actions(here, "cup1", None, [candidate(quality=0.9)])
     record_task(here, "cup1", action=failed, outcome="error")
@@ -194,7 +194,7 @@ def test_what_worked_replaces_what_did_not(cups: SemanticMap) -> None:
     assert count(cups, "task") == 2
 
 
-def test_simulated_outcomes_count_by_their_trust(cups: SemanticMap) -> None:
+def test_simulated_outcomes_count_by_their_trust(cups: Map) -> None:
     here = session(cups)
     (id_,) = add_actions(here, "cup1", None, [candidate(quality=0.5)])
     record_task(here, "cup1", action=id_, outcome="completed", simulated=True)
@@ -203,7 +203,7 @@ def test_simulated_outcomes_count_by_their_trust(cups: SemanticMap) -> None:
     assert actions_on(here, name="cup1")[0]["attempts"] == 1
 
 
-def test_a_task_counts_once_when_it_ends(cups: SemanticMap) -> None:
+def test_a_task_counts_once_when_it_ends(cups: Map) -> None:
     here = session(cups)
     (id_,) = add_actions(here, "cup1", None, [candidate()])
     task = add_task(here, "cup1", action=id_, deadline=datetime(2030, 1, 1, tzinfo=UTC))
@@ -220,7 +220,7 @@ def test_a_task_counts_once_when_it_ends(cups: SemanticMap) -> None:
         end("error")
 
 
-def test_a_put_is_a_grasp_then_a_place(cups: SemanticMap) -> None:
+def test_a_put_is_a_grasp_then_a_place(cups: Map) -> None:
     here = session(cups)
     (grasp,) = add_actions(here, "cup1", None, [candidate()])
     place, push = add_actions(here, "cup1", None, [PLACE, PUSH])
@@ -233,7 +233,7 @@ def test_a_put_is_a_grasp_then_a_place(cups: SemanticMap) -> None:
 
 
 @pytest.mark.parametrize("record", [PUSH, TURN, OPEN, PLACE])
-def test_all_kinds_are_stored_and_found(cups: SemanticMap, record: ActionRecord) -> None:
+def test_all_kinds_are_stored_and_found(cups: Map, record: ActionRecord) -> None:
     here = session(cups)
     stored = add_actions(here, "book", "wide", [record])
     (row,) = actions_on(here, name="book", gripper="wide", kind=record.kind)
@@ -244,7 +244,7 @@ def test_all_kinds_are_stored_and_found(cups: SemanticMap, record: ActionRecord)
 # -- whose, and where -----------------------------------------------------------------------------
 
 
-def test_equal_actions_are_stored_once(cups: SemanticMap) -> None:
+def test_equal_actions_are_stored_once(cups: Map) -> None:
     here = session(cups)
     first = add_actions(here, "cup1", None, [candidate(), candidate(yaw=1)])
     turned = candidate()
@@ -259,7 +259,7 @@ def turned_row(pose: Pose) -> list[float]:
 
 
 def test_a_grasp_shown_in_another_frame_is_stored_in_that_of_the_model(
-    cups: SemanticMap,
+    cups: Map,
 ) -> None:
     here = session(cups)
     shown = candidate(x=1.9, pose=Pose.planar(1.9, 1.4, 0.3, z=0.8).matrix, pre_grasp=None)
@@ -277,7 +277,7 @@ def test_a_grasp_shown_in_another_frame_is_stored_in_that_of_the_model(
     assert turned.motion == pytest.approx((1, 2, 0, 0, 1, 0, 0.5))
 
 
-def test_a_path_is_reused_until_something_moves_into_its_way(cups: SemanticMap) -> None:
+def test_a_path_is_reused_until_something_moves_into_its_way(cups: Map) -> None:
     here = session(cups)
     add_device(here, "arm", "robot", joints={"elbow": (-1.0, 2.0)})
     add_automaton(here, "arm with fingers", "arm", "two_fingers")
@@ -298,7 +298,7 @@ def test_a_path_is_reused_until_something_moves_into_its_way(cups: SemanticMap) 
     assert found() is None
 
 
-def test_capabilities_of_an_automaton_and_what_actions_require(cups: SemanticMap) -> None:
+def test_capabilities_of_an_automaton_and_what_actions_require(cups: Map) -> None:
     here = session(cups)
     add_device(here, "base", "robot", capabilities=[])
     add_device(here, "arm", "robot")
@@ -312,7 +312,7 @@ def test_capabilities_of_an_automaton_and_what_actions_require(cups: SemanticMap
     assert missing == {"able": [], "handless": ["gripping"], "armless": ["reaching"]}
 
 
-def test_the_orm_has_the_rows(cup_map: SemanticMap) -> None:
+def test_the_orm_has_the_rows(cup_map: Map) -> None:
     here = session(cup_map)
     (id_,) = add_actions(here, "cup1", None, [candidate()])
     try:
@@ -328,7 +328,7 @@ def test_the_orm_has_the_rows(cup_map: SemanticMap) -> None:
 
 
 def test_the_orm_has_composed_actions_pushes_doors_and_deadlines(
-    cup_map: SemanticMap,
+    cup_map: Map,
 ) -> None:
     """As one session of it reads them: put = grasp, then place; a rotational push; a door."""
     here = session(cup_map)
@@ -378,7 +378,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_bad_action_is_refused_and_nothing_is_stored(cups: SemanticMap, name: str) -> None:
+def test_a_bad_action_is_refused_and_nothing_is_stored(cups: Map, name: str) -> None:
     values, text = REFUSED[name]
     with pytest.raises(ManipulationError, match=text):
         add_actions(session(cups), "cup1", None, [candidate(), candidate(**values)])
@@ -398,14 +398,14 @@ def test_a_bad_action_is_refused_and_nothing_is_stored(cups: SemanticMap, name: 
     ],
 )
 def test_unknown_names_and_frames_are_refused(
-    cups: SemanticMap, model: str | int, gripper: str | None, frame: str, text: str
+    cups: Map, model: str | int, gripper: str | None, frame: str, text: str
 ) -> None:
     with pytest.raises((LookupError, ManipulationError), match=text):
         add_actions(session(cups), model, gripper, [candidate()], frame=frame)
     assert count(cups, "action") == count(cups, "object_model") == 0
 
 
-def test_questions_without_an_answer_are_errors(cups: SemanticMap) -> None:
+def test_questions_without_an_answer_are_errors(cups: Map) -> None:
     here = session(cups)
     for query, text in (
         ({"name": "cuup"}, "did you mean cup"),
@@ -419,7 +419,7 @@ def test_questions_without_an_answer_are_errors(cups: SemanticMap) -> None:
             actions_on(here, **query)
 
 
-def test_a_shape_without_a_size_is_refused(cups: SemanticMap) -> None:
+def test_a_shape_without_a_size_is_refused(cups: Map) -> None:
     here = session(cups)
     set_shape(here, "cup1", primitive("cylinder", 0.035, 0.09))
     for bad in (primitive("sphere", 0.1, 0.2), primitive("blob", 0.1), primitive("sphere", -1.0)):
@@ -434,7 +434,7 @@ def knowledge_ontology() -> Graph:
     return Graph().parse(schema_folder() / "ontology" / "knowledge" / "manipulation.ttl")
 
 
-def test_the_database_requires_the_capabilities_of_the_ontology(cups: SemanticMap) -> None:
+def test_the_database_requires_the_capabilities_of_the_ontology(cups: Map) -> None:
     own = Namespace("urn:semmap:ontology#")
     graph = knowledge_ontology()
     for kind in ("grasp", "place", "push", "turn", "open", "put"):

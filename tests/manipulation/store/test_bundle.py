@@ -12,7 +12,7 @@ import pytest
 from nacl.signing import SigningKey
 
 import semmap
-from semmap import SemanticMap
+from semmap import Map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.action_record import ActionRecord
 from semmap.manipulation.error import ManipulationError
@@ -46,9 +46,9 @@ def other(other_database: Any) -> Iterator[Any]:
 
 
 @pytest.fixture
-def taught(cups: SemanticMap) -> dict[str, int]:
+def taught(cups: Map) -> dict[str, int]:
     """Ids of actions: one that failed, the one that replaces it, one that nobody tried, a put."""
-    here = cups.session_of_map()
+    here = cups.connection
     set_shape(here, "cup1", primitive("cylinder", 0.035, 0.09))
     failed, new = add_actions(here, "cup1", None, [candidate(quality=0.9), candidate(yaw=1.0)])
     (worked,) = add_actions(here, "cup1", None, [candidate(x=0.004, shift=(0.0, 0.004, 0.0))])
@@ -67,9 +67,9 @@ def rows(other: Any) -> dict[str, int]:
 
 
 def test_another_database_knows_what_the_first_one_learned(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     path = tmp_path / "cups.bundle"
     counts = export_bundle(here, path, "kitchen", key=KEY)
     assert counts == {"grippers": 1, "objects": 1, "actions": 5}
@@ -97,9 +97,9 @@ def test_another_database_knows_what_the_first_one_learned(
 
 
 def test_a_cup_of_the_same_mesh_profits_and_outcomes_count_by_trust(
-    cups: SemanticMap, taught: dict[str, int], tmp_path: Path
+    cups: Map, taught: dict[str, int], tmp_path: Path
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     path = tmp_path / "cups.bundle"
     export_bundle(here, path, "kitchen", key=KEY)
     here.execute("DELETE FROM action")
@@ -119,10 +119,10 @@ def test_a_cup_of_the_same_mesh_profits_and_outcomes_count_by_trust(
 
 
 def test_what_was_only_imported_is_not_shared_again(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "cups.bundle"
-    export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)
+    export_bundle(cups.connection, path, "kitchen", key=KEY)
     trust(other, "kitchen", PUBLIC)
     import_bundle(other, path)
     assert export_bundle(other, tmp_path / "mine", "me", key=KEY)["actions"] == 0
@@ -185,10 +185,10 @@ DAMAGE = {
 
 @pytest.mark.parametrize("name", DAMAGE)
 def test_a_damaged_bundle_is_refused_whole(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path, name: str
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path, name: str
 ) -> None:
     path = tmp_path / "cups.bundle"
-    export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)
+    export_bundle(cups.connection, path, "kitchen", key=KEY)
     trust(other, "kitchen", PUBLIC)
     damage, text = DAMAGE[name]
     path.write_bytes(damage(path.read_bytes()))
@@ -198,9 +198,9 @@ def test_a_damaged_bundle_is_refused_whole(
 
 
 def test_bundles_of_strangers_of_the_distrusted_and_old_ones_are_refused(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
-    here = cups.session_of_map()
+    here = cups.connection
     old, new = tmp_path / "old", tmp_path / "new"
     export_bundle(here, old, "kitchen", key=KEY)
     export_bundle(here, new, "kitchen", key=KEY)
@@ -216,10 +216,10 @@ def test_bundles_of_strangers_of_the_distrusted_and_old_ones_are_refused(
 
 
 def test_a_gripper_of_the_same_name_and_another_opening_is_refused(
-    cups: SemanticMap, taught: dict[str, int], other: Any, tmp_path: Path
+    cups: Map, taught: dict[str, int], other: Any, tmp_path: Path
 ) -> None:
     path = tmp_path / "cups.bundle"
-    export_bundle(cups.session_of_map(), path, "kitchen", key=KEY)
+    export_bundle(cups.connection, path, "kitchen", key=KEY)
     add_gripper(other, "two_fingers", form="parallel", opening=0.12, depth=0.05)
     trust(other, "kitchen", PUBLIC)
     with pytest.raises(ManipulationError, match=r"opens 0\.09 m there and 0\.12 m here"):

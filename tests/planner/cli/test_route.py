@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from navgrid.map_file import read_map
-from planner.cli.route import readable_pose
 from planner.route import NoRouteError
 from planner.topology import UnknownPlaceError
+from semmap.cli.route import readable_pose
 from semmap.geometry.pose import Pose
 
 

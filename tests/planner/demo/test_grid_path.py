@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from navgrid.grid import Grid
-from planner.demo.grid_path import grid_path
+from planner.grid_path import grid_path
 
 GRID = Grid((-1.0, 0.5), 0.1, (14, 20))
 worlds = hnp.arrays(np.int8, GRID.shape, elements=st.sampled_from([0, 0, 0, -1, 100]))

@@ -10,6 +10,7 @@ from planner.readers.robot_class import delete_robot_class, store_robot_class
 from planner.robot_class import RobotClass
 from planner.topology import Place, Topology
 from semmap.geometry.pose import Pose
+from semmap.query.map_handle import MapHandle
 from tests.planner.mission.conftest import START
 from tests.planner.office import office
 
@@ -60,7 +61,7 @@ def test_a_simulated_robot_is_as_fast_as_its_class(world):
     with world.engine.begin() as connection:
         store_robot_class(connection, RobotClass("crawler", speed=0.25))
     try:
-        live = LiveTopology(world.engine, "office", "crawler")
+        live = LiveTopology(MapHandle(world.engine, "office"), "crawler")
         robot = simulated_robot(live, world.world, "robot", speed=60.0, seed=3)
         assert (robot._body.velocity, robot.speed, robot.name) == (0.25, 60.0, "robot")
     finally:

@@ -22,6 +22,7 @@ from planner.search.trials import compare
 from planner.search.viewpoints import Sight
 from planner.task_planner import TaskPlanner
 from semmap.geometry.mesh import box_mesh
+from semmap.query.map_handle import MapHandle
 from tests.command_line import semmap
 from tests.oracles.point_based import solve
 from tests.planner.mission.conftest import SPEED, World, mission_url, world
@@ -65,7 +66,7 @@ def search(
 ):
     """The result of a mission, its answers, and its number."""
     said: list[str] = []
-    live = LiveTopology(world.engine, "office")
+    live = LiveTopology(MapHandle(world.engine, "office"))
     with world.store() as store:
         put_objects(world.world, store, live, put)
         planner = SearchPlanner(live, Sight(), detector, said.append)
@@ -151,7 +152,7 @@ def office_search(mission_url: str):
     from semmap.database import connect
 
     engine = connect(mission_url)
-    live = LiveTopology(engine, "office")
+    live = LiveTopology(MapHandle(engine, "office"))
     with live.snapshot() as connection:
         found = SearchPlanner(live).begin(connection, "muffin1", live.graph.endpoint("lab1"))
     engine.dispose()

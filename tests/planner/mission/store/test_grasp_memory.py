@@ -13,9 +13,9 @@ import semmap
 from planner.mission.behaviours import Outcome
 from planner.mission.command import Command
 from planner.mission.store.grasp_memory import GraspMemory
+from semmap.database.maps import see_map
 from semmap.geometry.pose import Pose
 from semmap.manipulation.retrieval import DEFAULT_GRIPPER, register_gripper
-from semmap.query.maps import see_map
 from tests.conftest import MakeDatabase
 
 MUG = Command("pickup", ("mug", "table"))
@@ -23,7 +23,7 @@ PUT = Command("place", ("mug", "table"))
 
 
 @pytest.fixture(scope="module")
-def flat(make_database: MakeDatabase) -> Iterator[semmap.SemanticMap]:
+def flat(make_database: MakeDatabase) -> Iterator[semmap.Map]:
     with semmap.connect(make_database().render_as_string(hide_password=False)) as db:
         made = db.create_map("flat")
         made.add_room("room", [(0, 0), (4, 0), (4, 3), (0, 3)], floor=0, ceiling=2.7)
@@ -37,7 +37,7 @@ def flat(make_database: MakeDatabase) -> Iterator[semmap.SemanticMap]:
 
 
 @pytest.fixture
-def connection(flat: semmap.SemanticMap) -> Iterator[Connection]:
+def connection(flat: semmap.Map) -> Iterator[Connection]:
     """The flat, for one test: what the test changes is undone."""
     with flat.database.engine.connect() as connection:
         see_map(connection, "flat")
@@ -257,7 +257,7 @@ def test_spots_are_not_known_for_floors_and_for_what_was_taken_without_a_grasp(
 
 
 def test_where_the_gripper_fits_nowhere_there_are_no_spots(
-    flat: semmap.SemanticMap, connection: Connection, robot: int
+    flat: semmap.Map, connection: Connection, robot: int
 ) -> None:
     memory = GraspMemory()
     memory.begin(connection, robot, MUG)

@@ -1,0 +1,418 @@
+"""Where robots drive: occupancy grids, costmaps, routes, the topology, and classes of robots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semmap.api.map_questions import MapQuestions
+
+if TYPE_CHECKING:
+    from navgrid.costmap import Costmap
+    from navgrid.field_layer import FieldVoxels
+    from navgrid.occupancy_grid import StoreyGrid
+    from planner.live_topology import LiveTopology
+    from planner.robot_class import RobotClass
+    from planner.route_planner import Location
+    from planner.topology import Topology
+    from semmap.api.map_route import MapRoute
+    from semmap.geometry.voxels import Voxels
+    from semmap.query.snapshot import Snapshot
+    from semmap.query.storey_scene import Bounds
+    from semmap.robot import Part
+
+    RobotLike = str | Path | RobotClass | Sequence[Part]
+
+__all__ = ["MapDriving", "Progress"]
+
+Progress = Callable[[str, int, int], None]
+"""Called with what is done now, its number, and how many there are."""
+
+
+class MapDriving(MapQuestions):
+    """The part of `Map` about driving."""
+
+    @cached_property
+    def _live(self) -> dict[Any, LiveTopology]:
+        return {}
+
+    def grids(
+        self,
+        *,
+        storey: str | None = None,
+        interval: tuple[float, float] = (0.05, 1.8),
+        resolution: float = 0.05,
+        increment: float | None = None,
+        free_outside: bool = False,
+        policy: Path | str | None = None,
+        max_step: float = 0.02,
+        max_slope: float = 6.0,
+        at: datetime | None = None,
+        fields: Iterable[str] | None = None,
+        voxel_size: float | None = None,
+        assume_sizes: bool = False,
+    ) -> list[StoreyGrid]:
+        """The occupancy grid of each storey, the lowest first.
+
+        Parameters
+        ----------
+        storey : only this one
+        interval : lowest and highest end of obstacles above the floor, metres
+        resolution : side of a cell, metres
+        increment : cut the meshes by planes so many metres apart, as in the paper; by default exact
+        free_outside : cells outside of rooms are free, not unknown
+        policy : a YAML file that says which entity is an obstacle
+        max_step, max_slope : that a robot drives over, metres and degrees
+        at : leave out regions that do not hold then; by default now
+        fields : names of stored fields that count; by default all, () for none
+        voxel_size : take the voxels of the mirror, of this edge in metres, in place of the meshes
+        assume_sizes : give objects without geometry a typical box for their type
+
+        Raises
+        ------
+        LookupError
+            There is no such storey or field.
+        ValueError
+            The interval contains the floor, or there is nothing to make a grid of.
+        """
+        from navgrid.occupancy_grid import storey_grid
+        from semmap.query.storey_reader import read_storeys
+
+        with self.snapshot() as seen:
+            scenes = read_storeys(
+                seen.connection,
+                storey,
+                moment=_moment(at),
+                voxels=_voxels(self, voxel_size),
+                assume_sizes=assume_sizes,
+            )
+            found = _fields(seen, fields)
+        there = [scene for scene in scenes if scene.entities or scene.floors] or scenes
+        return [
+            storey_grid(
+                scene,
+                interval,
+                resolution,
+                increment=increment,
+                free_outside=free_outside,
+                policy=_policy(policy),
+                limits=_limits(max_step, max_slope),
+                fields=found,
+            )
+            for scene in there
+        ]
+
+    def grid(self, storey: str | None = None, **options: Any) -> StoreyGrid:
+        """The occupancy grid of one storey; `storey` may be left out where there is only one.
+
+        Options and errors are those of `grids`.
+
+        Examples
+        --------
+        >>> house.grid("ground").write("out/ground")  # doctest: +SKIP
+        """
+        found: StoreyGrid = _only(self.grids(storey=storey, **options), "storey=")
+        return found
+
+    def costmaps(
+        self,
+        robot: RobotLike,
+        *,
+        posture: str | None = None,
+        parts: Path | str | None = None,
+        storey: str | None = None,
+        rooms: Sequence[str] | None = None,
+        bounds: Bounds | None = None,
+        resolution: float = 0.05,
+        inflation_radius: float = 0.55,
+        cost_scaling_factor: float = 3.0,
+        policy: Path | str | None = None,
+        static_map: Path | str | None = None,
+        max_step: float = 0.02,
+        max_slope: float = 6.0,
+        at: datetime | None = None,
+        fields: Iterable[str] | None = None,
+        voxel_size: float | None = None,
+        assume_sizes: bool = False,
+    ) -> list[Costmap]:
+        """The layered costmaps of a robot, one for each storey, the lowest first.
+
+        Parameters
+        ----------
+        robot : a stored class, a URDF, a `planner.RobotClass` or the parts of a robot
+        posture : of its joints: a state of its SRDF, JSON (``{"arm_1_joint": 0.5}``) or a file
+            of it; by default that of the stored class, or all joints at 0
+        parts : a YAML file that groups the links of a URDF into parts
+        storey, rooms, bounds : only this storey, these rooms, or (x0, y0, x1, y1) in metres
+        inflation_radius, cost_scaling_factor : as in costmap_2d, metres and 1/metre
+        static_map : a ``map.yaml``, such as one from SLAM, as a further layer
+        resolution, policy, max_step, max_slope, at, fields, voxel_size, assume_sizes :
+            as for `grids`
+
+        Raises
+        ------
+        LookupError
+            There is no such robot, storey, room or field, or nothing stands there.
+        ValueError
+            A number is out of range.
+        """
+        from navgrid.costmap import Inflation
+        from navgrid.readers.costmaps import read_costmaps
+
+        shape = self.robot_parts(robot, posture=posture, parts=parts)
+        with self.snapshot() as seen:
+            return read_costmaps(
+                seen.connection,
+                shape,
+                storey=storey,
+                rooms=rooms,
+                bounds=bounds,
+                resolution=resolution,
+                policy=_policy(policy),
+                inflation=Inflation(inflation_radius, cost_scaling_factor),
+                limits=_limits(max_step, max_slope),
+                static_map=None if static_map is None else Path(static_map),
+                moment=_moment(at),
+                fields=_fields(seen, fields),
+                voxels=_voxels(self, voxel_size),
+                assume_sizes=assume_sizes,
+            )
+
+    def costmap(self, robot: RobotLike, *, storey: str | None = None, **options: Any) -> Costmap:
+        """The layered costmap of a robot on one storey, or in rooms of one storey.
+
+        Options and errors are those of `costmaps`.
+
+        Examples
+        --------
+        >>> kitchen = house.costmap("tiago", rooms=["kitchen"])  # doctest: +SKIP
+        >>> kitchen.explain(1.2, 0.4)  # doctest: +SKIP
+        """
+        made = self.costmaps(robot, storey=storey, **options)
+        found: Costmap = _only(made, "storey= or rooms=")
+        return found
+
+    @property
+    def ended_fields(self) -> list[str]:
+        """The fields of sources that send no more updates; grids leave them out."""
+        from navgrid.readers.fields import read_ended_fields
+
+        with self.snapshot() as seen:
+            return read_ended_fields(seen.connection)
+
+    def robot_parts(
+        self, robot: RobotLike, *, posture: str | None = None, parts: Path | str | None = None
+    ) -> list[Part]:
+        """The parts of a robot with their intervals of height and footprints, as for `costmaps`."""
+        from planner.readers.robot_class import read_robot_class, read_robot_urdf
+        from planner.robot_class import RobotClass
+        from semmap.robot import load_robot, robot_parts
+        from semmap.robot.joint_positions import joints_of
+
+        if isinstance(robot, str) and not robot.endswith((".urdf", ".xml", ".xacro")):
+            with self.snapshot() as seen:
+                if posture is None and parts is None:
+                    robot = read_robot_class(seen.connection, robot).robot
+                else:
+                    robot = read_robot_urdf(seen.connection, robot)
+        if isinstance(robot, str | Path):
+            urdf = Path(robot)
+            grouped = None if parts is None else Path(parts)
+            return robot_parts(load_robot(urdf), joints_of(urdf, posture), grouped)
+        if posture is not None or parts is not None:
+            raise ValueError("posture and parts are for a URDF or a stored class: give its name")
+        return list(robot.parts if isinstance(robot, RobotClass) else robot)
+
+    @property
+    def robots(self) -> dict[str, RobotClass]:
+        """The stored classes of robots by name."""
+        from planner.readers.robot_class import read_robot_class, read_robot_class_names
+
+        with self.snapshot() as seen:
+            names = read_robot_class_names(seen.connection)
+            return {name: read_robot_class(seen.connection, name).robot for name in names}
+
+    # --- routes
+
+    def route(
+        self,
+        start: Location,
+        goal: Location,
+        *,
+        robot: str | RobotClass | None = None,
+        avoid: Sequence[str] = (),
+        at: datetime | None = None,
+        rules: Path | str | None = None,
+        drawn: bool = False,
+        assume_sizes: bool = False,
+        progress: Progress | None = None,
+        **abilities: bool,
+    ) -> MapRoute:
+        """The quickest route, with its doors in order, each with an approach and a leave pose.
+
+        Parameters
+        ----------
+        start, goal : a room, an object, a region or an agent by its name; a point (x, y) or
+            (x, y, z) in the map's frame, metres; for `goal` also a type or a label: the nearest
+        robot : a stored class or a `planner.RobotClass`, with costmaps and travel times; by
+            default a robot without shape, whose route ends in the room of an object
+        avoid : names or types of places, doors and regions that it must not use
+        at : the moment, for rules that have hours; by default now
+        rules : a YAML file: what places, doors and regions cost
+        drawn : on the graph that people drew: imported Nav2 edges or Open-RMF lanes
+        assume_sizes : give objects without geometry a typical box; needs `robot`
+        progress : called with a place that is measured, its number, and the number of places
+        abilities : `opens` closed doors, `unlocks` locked ones, may go `outside`
+
+        Raises
+        ------
+        LookupError
+            The map has no such entity or robot; the message suggests similar names.
+        ValueError
+            There is no route; the message says what is in the way.
+
+        Examples
+        --------
+        >>> house.route("bedroom", "mug1", robot="tiago").plot()  # doctest: +SKIP
+        """
+        from planner.readers.drawn_graph import read_drawn_graph
+
+        options: Any = {"avoid": avoid, "at": at or datetime.now()}
+        live, planner = self._route_planner(robot, rules, assume_sizes, progress, abilities)
+        if drawn:
+            with live.snapshot() as connection:
+                graph = read_drawn_graph(connection, live.topology)
+            return self._route(live, planner.route_on(graph, start, goal, **options))
+        return self._route(live, planner.route(start, goal, **options))
+
+    def routes(
+        self,
+        start: Location,
+        goal: Location,
+        count: int,
+        *,
+        robot: str | RobotClass | None = None,
+        avoid: Sequence[str] = (),
+        at: datetime | None = None,
+        rules: Path | str | None = None,
+        assume_sizes: bool = False,
+        progress: Progress | None = None,
+        **abilities: bool,
+    ) -> list[MapRoute]:
+        """The quickest routes, at most `count`, the quickest first; as `route`."""
+        live, planner = self._route_planner(robot, rules, assume_sizes, progress, abilities)
+        moment = at or datetime.now()
+        found = planner.alternatives(start, goal, count, avoid=avoid, at=moment)
+        return [self._route(live, route) for route in found]
+
+    def topology(self, robot: str | RobotClass | None = None) -> Topology:
+        """The places of the building and the connectors that join them, as plain data."""
+        return self.live_topology(robot).topology
+
+    def live_topology(
+        self,
+        robot: str | RobotClass | None = None,
+        *,
+        assume_sizes: bool = False,
+        progress: Progress | None = None,
+    ) -> LiveTopology:
+        """The routing graph of a robot, up to date; it is kept, and follows later changes.
+
+        Raises
+        ------
+        LookupError
+            There is no such class of robots.
+        ValueError
+            A transaction of this map is open, whose changes the graph would not see.
+        """
+        from planner.live_topology import LiveTopology
+
+        if self.in_transaction:
+            raise ValueError("routes and plans see what is committed: end the transaction first")
+        key = (robot if robot is None or isinstance(robot, str) else repr(robot), assume_sizes)
+        live = self._live.get(key)
+        if live is None:
+            live = self._live[key] = LiveTopology(
+                self, robot, progress=progress, assume_sizes=assume_sizes
+            )
+        else:
+            live.catch_up()
+        return live
+
+    def _route_planner(
+        self,
+        robot: str | RobotClass | None,
+        rules: Path | str | None,
+        assume_sizes: bool,
+        progress: Progress | None,
+        abilities: dict[str, bool],
+    ) -> tuple[LiveTopology, Any]:
+        from planner.cost_rules import CostRules
+        from planner.robot_class import RobotClass
+        from planner.route_planner import RoutePlanner
+
+        if assume_sizes and robot is None:
+            raise ValueError("sizes are assumed for the costmaps of a robot: name one (robot=)")
+        unknown = set(abilities) - {"opens", "unlocks", "outside"}
+        if unknown:
+            raise TypeError(f"route() has no argument {', '.join(sorted(unknown))}")
+        live = self.live_topology(
+            RobotClass(**abilities) if robot is None else robot,  # type: ignore[arg-type]
+            assume_sizes=assume_sizes,
+            progress=progress,
+        )
+        costs = None if rules is None else CostRules.read(Path(rules))
+        planner = RoutePlanner.of_live(live, rules=costs)
+        if robot is not None and abilities:
+            planner.graph = live.graph.with_abilities(**abilities)
+        return live, planner
+
+    def _route(self, live: LiveTopology, route: Any) -> MapRoute:
+        from semmap.api.map_route import MapRoute
+
+        return MapRoute.of(self, live.topology, route)
+
+
+def _voxels(map: MapDriving, size: float | None) -> dict[int, Voxels] | None:
+    from navgrid.readers.fields import read_mirror
+
+    return None if size is None else read_mirror(map, size)
+
+
+def _fields(seen: Snapshot, names: Iterable[str] | None) -> dict[str, FieldVoxels]:
+    from navgrid.readers.fields import read_fields
+
+    chosen = None if names is None else [*names]
+    return {} if chosen == [] else read_fields(seen.connection, chosen)
+
+
+def _policy(path: Path | str | None) -> Any:
+    from navgrid.policy import Policy
+
+    return None if path is None else Policy.read(Path(path))
+
+
+def _limits(max_step: float, max_slope: float) -> Any:
+    import math
+
+    from navgrid.terrain import DriveLimits
+
+    return DriveLimits(max_step, math.radians(max_slope))
+
+
+def _moment(at: datetime | None) -> datetime:
+    """The moment, in the local time zone by default; now for None."""
+    if at is None:
+        return datetime.now(UTC)
+    return at if at.tzinfo else at.astimezone()
+
+
+def _only(found: list[Any], choice: str) -> Any:
+    """The only grid or costmap; an error that names the storeys where there are several."""
+    if len(found) > 1:
+        names = ", ".join(each.scene.storey for each in found)
+        raise ValueError(f"the map has several storeys: {names}; choose one by {choice}")
+    return found[0]

@@ -1,0 +1,96 @@
+"""Costmaps as text for the terminal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from navgrid.cost_source import CostSource
+from navgrid.costmap import Costmap
+from navgrid.nav2 import Files
+from semmap import cli
+from semmap.draw.palette import PART_COLOURS
+
+__all__ = ["show_explanation", "show_files", "show_notes"]
+
+
+def show_explanation(costmaps: Iterable[Costmap], x: float, y: float, json_: bool) -> None:
+    """Print the causes of the cost at a point, per storey.
+
+    Raises
+    ------
+    ValueError
+        The point is on none of the grids.
+    """
+    rows: list[dict[str, Any]] = []
+    for costmap in costmaps:
+        try:
+            row, column = costmap.grid.cell(x, y)
+        except ValueError:
+            continue
+        rows.append(
+            {
+                "storey": costmap.scene.storey,
+                "cost": int(costmap.master[row, column]),
+                "because": [asdict(source) for source in costmap.explain(x, y)],
+            }
+        )
+    if not rows:
+        raise ValueError(f"({x}, {y}) is on none of the grids; give a point within the map")
+    if json_:
+        print(json.dumps(rows))
+        return
+    for found in rows:
+        cli.out.print(f"{found['storey']}: cost {found['cost']}")
+        sources = [CostSource(**source) for source in found["because"]]
+        if sources:
+            cli.out.print(_source_table(sources))
+
+
+def _source_table(sources: Sequence[CostSource]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("cost", "part", "layer", "metres away", "entities"):
+        table.add_column(name)
+    for source in sources:
+        entities = ", ".join(
+            f"{name} (assumed size)" if name in source.assumed else name for name in source.entities
+        )
+        table.add_row(
+            str(source.cost),
+            source.part,
+            source.layer,
+            f"{source.distance:.2f}",
+            entities if source.field is None else f"{entities} (field {source.field})",
+        )
+    return table
+
+
+def show_files(written: Iterable[Files]) -> None:
+    """Print what was written, per storey."""
+    for files in written:
+        cli.out.print(
+            f"{files['storey']}: {files['folder']}: {len(files['maps'])} maps of "
+            f"{files['width']} x {files['height']} cells of {files['resolution']:g} m, "
+            f"frame {files['frame']}"
+        )
+        for number, part in enumerate(files["parts"]):
+            low, high = (round(end, 3) + 0.0 for end in part["interval"])
+            radius = part[f"{part['inflate_by']}_radius"]
+            cli.out.print(
+                Text.assemble(
+                    "  ",
+                    (part["name"], PART_COLOURS[number % len(PART_COLOURS)]),
+                    f": {low:.2f} to {high:.2f} m, {part['inflate_by']} radius {radius:.2f} m",
+                )
+            )
+
+
+def show_notes(costmap: Costmap) -> None:
+    """Print which objects have no geometry or an assumed size, and where fields are."""
+    for note in costmap.notes:
+        cli.out.print(f"{costmap.scene.storey}: {note}", style="yellow")

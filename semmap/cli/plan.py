@@ -1,0 +1,112 @@
+"""`semmap plan`: the actions that reach a goal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from semmap import cli
+from semmap.cli.grid_options import AssumeSizes
+
+if TYPE_CHECKING:
+    from planner.plan import Action, Plan
+
+__all__ = ["plan_command"]
+
+
+def plan_command(
+    goal: Annotated[str, typer.Argument(help="on(muffin, desk1) and in(robot, kitchen), ...")],
+    start: Annotated[
+        str | None,
+        typer.Option("--from", help="Room in which the robot starts; by default its room."),
+    ] = None,
+    map_name: cli.MapName = None,
+    robot: Annotated[str | None, typer.Option(help="Class of robots (semmap robot).")] = None,
+    domain_file: Annotated[
+        Path | None, typer.Option("--domain", help="YAML file of additional actions.")
+    ] = None,
+    assume_sizes: AssumeSizes = False,
+    pddl: Annotated[
+        Path | None, typer.Option(help="Write domain.pddl and problem.pddl into this folder.")
+    ] = None,
+    patience: Annotated[
+        float, typer.Option(help="Seconds after which the best plan found so far is taken.")
+    ] = 10.0,
+    json_: cli.Json = False,
+) -> None:
+    """Plan a task: the actions that reach a goal in the least time."""
+    with cli.chosen_map(map_name) as house:
+        plan = house.plan(
+            goal,
+            start=start,
+            robot=robot,
+            domain=domain_file,
+            patience=patience,
+            pddl=pddl,
+            assume_sizes=assume_sizes,
+        )
+    if json_:
+        print(json.dumps(_plan_as_json(plan)))
+        return
+    if pddl is not None:
+        cli.out.print(f"{pddl / 'domain.pddl'}, {pddl / 'problem.pddl'}")
+    for reason in plan.reasons:
+        cli.out.print(reason, style="cyan")
+    _show_plan(plan)
+
+
+def _plan_as_json(plan: Plan) -> dict[str, Any]:
+    """The plan as plain values; poses as x, y, z and quaternion."""
+    return {
+        "goal": plan.goal,
+        "seconds": plan.seconds,
+        "bound": plan.bound,
+        "optimal": plan.optimal,
+        "actions": [_action_as_json(action) for action in plan.actions],
+    }
+
+
+def _action_as_json(action: Action) -> dict[str, Any]:
+    return {
+        "name": action.name,
+        "arguments": list(action.arguments),
+        "entities": list(action.names),
+        "seconds": action.seconds,
+        "at": None if action.at is None else action.at._asdict(),
+        "steps": [
+            {
+                "behaviour": step.behaviour,
+                "connector": step.connector.name if step.connector else None,
+                "elevator": step.elevator,
+                "from": step.from_place,
+                "to": step.to_place,
+                "approach": None if step.approach is None else step.approach._asdict(),
+                "leave": step.leave._asdict(),
+                "seconds": step.seconds,
+                "map": step.map,
+            }
+            for step in action.steps
+        ],
+    }
+
+
+def _show_plan(plan: Plan) -> None:
+    """Print a plan as Figure 4 does, with durations."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("", justify="right")
+    table.add_column("action", overflow="fold")
+    table.add_column("seconds", justify="right")
+    for number, action in enumerate(plan.actions, 1):
+        table.add_row(str(number), str(action), f"{action.seconds:.1f}")
+    if plan.actions:
+        cli.out.print(table)
+    proof = f"at most {plan.gap:.0%} longer than the lower bound of {plan.bound:.1f} s"
+    if plan.optimal:
+        proof = "no plan is shorter"
+    took = f"{plan.seconds:.1f} s" if plan.actions else "nothing to do, the goal is reached"
+    cli.out.print(f"{plan.goal}: {took} ({proof})")

@@ -1,0 +1,113 @@
+"""`semmap robot`: the classes of robots in a database."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from semmap import cli
+from semmap.cli.grid_options import MaxSlope, MaxStep, Parts, State, Urdf
+from semmap.number_list import parse_numbers
+
+if TYPE_CHECKING:
+    from planner.robot_class import RobotClass
+
+__all__ = ["robot"]
+
+robot = typer.Typer(no_args_is_help=True, help="Classes of robots: their shape and abilities.")
+
+
+@robot.command()
+def add(
+    name: Annotated[str, typer.Argument(help="Name of the class.")],
+    urdf: Urdf,
+    state: State = None,
+    parts: Parts = None,
+    speed: Annotated[float, typer.Option(help="Metres a second on clear ground.")] = 0.5,
+    max_step: MaxStep = 0.02,
+    max_slope: MaxSlope = 6.0,
+    reach: Annotated[
+        str, typer.Option(help="Distance of objects that it takes: MIN,MAX metres.")
+    ] = "0.2,0.8",
+    heights: Annotated[
+        str, typer.Option(help="Height of objects that it takes: MIN,MAX metres.")
+    ] = "0.0,1.6",
+    capacity: Annotated[int, typer.Option(help="Number of objects that it carries at once.")] = 1,
+    behaviour: Annotated[
+        list[str] | None, typer.Option(help="A behaviour that it has; repeatable. By default all.")
+    ] = None,
+    permission: Annotated[
+        list[str] | None, typer.Option(help="A permission that it has; repeatable.")
+    ] = None,
+    opens: Annotated[bool, typer.Option(help="It opens closed doors.")] = True,
+    unlocks: Annotated[bool, typer.Option(help="It unlocks locked doors.")] = False,
+    outside: Annotated[bool, typer.Option(help="It may leave the building.")] = False,
+    json_: cli.Json = False,
+) -> None:
+    """Add a class of robots from a URDF, or replace the class of this name."""
+    near = parse_numbers(reach, 2, "--reach MIN,MAX")
+    high = parse_numbers(heights, 2, "--heights MIN,MAX")
+    with cli.open_database() as db:
+        added = db.add_robot(
+            name,
+            urdf,
+            posture=state,
+            parts=parts,
+            max_step=max_step,
+            max_slope=max_slope,
+            speed=speed,
+            behaviours=None if behaviour is None else frozenset(behaviour),
+            permissions=frozenset(permission or ()),
+            opens=opens,
+            unlocks=unlocks,
+            outside=outside,
+            reach=(near[0], near[1]),
+            heights=(high[0], high[1]),
+            capacity=capacity,
+        )
+    _show([added], json_)
+
+
+@robot.command()
+def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
+    """List the classes of robots."""
+    with cli.chosen_map(map_name) as house:
+        _show([*house.robots.values()], json_)
+
+
+@robot.command()
+def rm(name: Annotated[str, typer.Argument(help="Name of the class to delete.")]) -> None:
+    """Delete a class of robots and its travel times."""
+    with cli.open_database() as db:
+        db.delete_robot(name)
+
+
+def _show(robots: list[RobotClass], json_: bool) -> None:
+    rows: list[dict[str, Any]] = [
+        {
+            "name": r.name,
+            "parts": {p.name: list(p.interval) for p in r.parts},
+            "speed": r.speed,
+            "reach": list(r.reach),
+            "heights": list(r.heights),
+            "capacity": r.capacity,
+            "behaviours": None if r.behaviours is None else sorted(r.behaviours),
+            "permissions": sorted(r.permissions),
+        }
+        for r in robots
+    ]
+    if json_:
+        print(json.dumps(rows))
+        return
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("robot", "parts", "m/s", "reaches", "carries"):
+        table.add_column(column)
+    for r in robots:
+        shape = ", ".join(f"{p.name} {p.interval[0]:.2f} to {p.interval[1]:.2f} m" for p in r.parts)
+        reach = f"{r.reach[0]:g} to {r.reach[1]:g} m"
+        table.add_row(r.name, shape or "no shape", f"{r.speed:g}", reach, str(r.capacity))
+    cli.out.print(table)

@@ -1,0 +1,196 @@
+"""`semmap route`: the quickest route between two places, objects or points."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from semmap import cli
+from semmap.cli.grid_options import AssumeSizes
+from semmap.cli.place_progress import place_progress
+
+if TYPE_CHECKING:
+    from planner.route import Route, RouteStep
+    from semmap.geometry.pose import Pose
+
+__all__ = ["readable_pose", "route_command"]
+
+
+def route_command(
+    start: Annotated[
+        str, typer.Argument(metavar="FROM", help="A room, an object in one, or X,Y or X,Y,Z.")
+    ],
+    goal: Annotated[
+        str,
+        typer.Argument(metavar="TO", help="As FROM, or a type or label: kitchen; a region: home."),
+    ],
+    map_name: cli.MapName = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="Class of robots (semmap robot) with costmaps and times."),
+    ] = None,
+    avoid: Annotated[
+        list[str] | None,
+        typer.Option("--avoid", help="Avoid this place, door, region or type; repeatable."),
+    ] = None,
+    at: Annotated[
+        datetime | None, typer.Option(help="Moment for rules that have hours; by default now.")
+    ] = None,
+    rules: Annotated[
+        Path | None, typer.Option(help="YAML file: what places, doors and regions cost.")
+    ] = None,
+    count: Annotated[int, typer.Option("-k", help="Number of routes, the quickest first.")] = 1,
+    locked: Annotated[bool, typer.Option("--locked", help="The robot unlocks doors.")] = False,
+    closed: Annotated[
+        bool, typer.Option("--closed/--no-closed", help="The robot opens closed doors.")
+    ] = True,
+    outside: Annotated[
+        bool, typer.Option("--outside", help="The robot may leave the building.")
+    ] = False,
+    drawn: Annotated[
+        bool,
+        typer.Option("--graph", help="On the drawn graph: imported Nav2 edges or Open-RMF lanes."),
+    ] = False,
+    assume_sizes: AssumeSizes = False,
+    rooms: Annotated[
+        bool, typer.Option("--rooms", help="Print only the rooms on the route, with commas.")
+    ] = False,
+    json_: cli.Json = False,
+) -> None:
+    """Find the quickest route: its doors in order, each with an approach and a leave pose."""
+    if drawn and count != 1:
+        raise typer.BadParameter("--graph finds one route: leave out -k")
+    if assume_sizes and robot is None:
+        raise typer.BadParameter("--assume-sizes is for the costmaps of a robot: add --robot")
+    given = {"unlocks": locked, "outside": outside, "opens": closed}
+    abilities = {name: value for name, value in given.items() if value == (name != "opens")}
+    options: Any = {"robot": robot, "avoid": avoid or (), "at": at, "rules": rules}
+    options |= {"assume_sizes": assume_sizes} | abilities
+    ends = _location(start), _location(goal)
+    with cli.chosen_map(map_name) as house:
+        with place_progress(quiet=json_ or rooms) as progress:
+            if count == 1:
+                found = [house.route(*ends, drawn=drawn, progress=progress, **options)]
+            else:
+                found = house.routes(*ends, count, progress=progress, **options)
+        unknown = found[0].without_geometry(assume_sizes=assume_sizes)
+        assumed = sorted({*found[0].without_geometry()} - {*unknown}) if assume_sizes else []
+    if rooms:
+        print(",".join(found[0].places))
+    elif json_:
+        answer = _route_as_json(found[0]) | {"no_geometry": unknown, "assumed_sizes": assumed}
+        if count > 1:
+            answer["alternatives"] = [_route_as_json(r) for r in found[1:]]
+        print(json.dumps(answer))
+    else:
+        _show_routes(found, {"no_geometry": unknown, "assumed_sizes": assumed}, robot is not None)
+
+
+def _show_routes(
+    found: Sequence[Route], without_shape: Mapping[str, Sequence[str]], timed: bool
+) -> None:
+    from semmap.query.geometry_notes import names_note
+
+    for number, route in enumerate(found, 1):
+        if len(found) > 1:
+            cli.out.print(f"{number}.")
+        _show_route(route, timed=timed)
+    for key, names in without_shape.items():
+        if names:
+            cli.out.print(names_note(names, key), style="yellow")
+
+
+def _location(word: str) -> str | Pose:
+    """A point in metres from numbers with commas; other words stand for entities."""
+    from semmap.geometry.pose import Pose
+
+    try:
+        numbers = [float(v) for v in word.split(",")]
+    except ValueError:
+        return word
+    if len(numbers) in (2, 3) and all(map(math.isfinite, numbers)):
+        return Pose(numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0)
+    return word
+
+
+def _route_as_json(route: Route) -> dict[str, Any]:
+    """The route as plain values; poses are x, y, z and quaternion."""
+    return {
+        "from": route.start,
+        "to": route.goal,
+        "cost": route.seconds,
+        "seconds": route.seconds,
+        "metres": route.metres,
+        "doors": [
+            {
+                "name": step.connector.name,
+                "from": step.from_place,
+                "to": step.to_place,
+                "approach": _plain(step.approach),
+                "leave": _plain(step.leave),
+            }
+            for step in route.doors
+            if step.connector is not None
+        ],
+        "transitions": [_step_as_json(step) for step in route.transitions],
+        "steps": [
+            _step_as_json(step)
+            | {"seconds": step.seconds, "metres": step.metres}
+            | {"frame": step.frame, "map": step.map}
+            for step in route.steps
+        ],
+    }
+
+
+def _step_as_json(step: RouteStep) -> dict[str, Any]:
+    return {
+        "behaviour": step.behaviour,
+        "connector": step.connector.name if step.connector else None,
+        "elevator": step.elevator,
+        "from": step.from_place,
+        "to": step.to_place,
+        "approach": _plain(step.approach),
+        "leave": _plain(step.leave),
+    }
+
+
+def _plain(pose: Pose | None) -> dict[str, float] | None:
+    return None if pose is None else pose._asdict()
+
+
+def _show_route(route: Route, *, timed: bool = False) -> None:
+    """Print a route as a table; with all steps and their durations if `timed`."""
+    from rich.table import Table
+
+    steps = route.steps if timed else route.transitions
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("step", "by", "from", "to", "approach (x, y, z; heading)", "leave"):
+        table.add_column(name)
+    if timed:
+        table.add_column("seconds", justify="right")
+    for step in steps:
+        by = step.elevator if step.connector is None else step.connector.name
+        if step.behaviour == "switch_map":
+            by = step.map
+        row = [step.behaviour, by or "", step.from_place, step.to_place]
+        row += [readable_pose(step.approach), readable_pose(step.leave)]
+        table.add_row(*row, *([f"{step.seconds:.1f}"] if timed else []))
+    if steps:
+        cli.out.print(table)
+    doors = ", ".join(s.connector.name for s in route.doors if s.connector is not None)
+    took = f"{route.metres:.1f} m" + (f", {route.seconds:.0f} s" if timed else "")
+    cli.out.print(f"{route.start} -> {route.goal}: {doors or 'no door'} ({took})")
+
+
+def readable_pose(pose: Pose | None) -> str:
+    """Return a place, metres, and where the front points, in words."""
+    if pose is None:
+        return "anywhere"
+    heading = (round(math.degrees(pose.yaw)) + 179) % 360 - 179
+    return f"{pose.x:.2f} {pose.y:.2f} {pose.z:.2f}; {heading}°"

@@ -1,0 +1,89 @@
+"""Which map a connection sees. No other module sets ``semmap.map``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import psycopg
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection, Engine
+
+__all__ = ["current_name", "driver_of", "pick_map", "see_map", "snapshot"]
+
+
+def driver_of(connection: Connection | psycopg.Connection[Any]) -> psycopg.Connection[Any]:
+    """Return psycopg's connection: the one given, or that below one of SQLAlchemy."""
+    if isinstance(connection, psycopg.Connection):
+        return connection
+    driver = connection.connection.driver_connection
+    assert isinstance(driver, psycopg.Connection)
+    return driver
+
+
+def pick_map(connection: Connection | psycopg.Connection[Any], name: str | None = None) -> str:
+    """Return the name of the map meant: `name`, else the setting ``semmap.map``, else the only one.
+
+    Raises
+    ------
+    LookupError
+        There is no such map, none at all, or several and none is chosen.
+    """
+    execute = driver_of(connection).execute
+    known = [row[0] for row in execute("SELECT name FROM map WHERE copy_of IS NULL ORDER BY id")]
+    if not known:
+        raise LookupError("there is no map yet: semmap import FILE makes one")
+    if name is None:
+        row = execute("SELECT current_setting('semmap.map', true)").fetchone()
+        name = (row and row[0]) or None
+    if name is not None and name not in known:
+        copies = execute("SELECT name FROM map WHERE copy_of IS NOT NULL ORDER BY id")
+        known += [row[0] for row in copies]
+    if name is None and len(known) > 1:
+        raise LookupError(
+            f"there are several maps: {', '.join(known)}. Name one (--map, SEMMAP_MAP), "
+            "or choose one for all commands: semmap use MAP"
+        )
+    if name is not None and name not in known:
+        raise LookupError(f"there is no map {name}; there are: {', '.join(known)}")
+    return name or str(known[0])
+
+
+def current_name(connection: Connection | psycopg.Connection[Any]) -> str:
+    """Return the name of the map that a connection sees.
+
+    Raises
+    ------
+    LookupError
+        As for `pick_map`.
+    """
+    return pick_map(connection)
+
+
+def see_map(
+    connection: Connection | psycopg.Connection[Any], name: str | None, *, lasting: bool = False
+) -> str:
+    """Let a connection see the map of a name, that of `pick_map` where None; return its name.
+
+    Parameters
+    ----------
+    lasting : until the connection closes, else for the rest of the transaction
+
+    Raises
+    ------
+    LookupError
+        No name is given, and there is no map at all or no chosen one.
+    """
+    if name is None:
+        name = pick_map(connection)
+    driver_of(connection).execute("SELECT set_config('semmap.map', %s, %s)", (name, not lasting))
+    return name
+
+
+@contextmanager
+def snapshot(engine: Engine) -> Iterator[Connection]:
+    """Open a transaction that sees one state of the database throughout."""
+    with engine.connect().execution_options(isolation_level="REPEATABLE READ") as connection:
+        yield connection
