@@ -8,7 +8,6 @@ as the map computes it; so its first run is as long as a search without memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -40,10 +39,6 @@ LEAST_CHANCE = 0.002
 
 MOST_LOOKS = 60
 """Looks after which a search gives up."""
-
-Choose = Callable[[Floats, int | None, list[tuple[int, int]]], int | None]
-"""Returns the next viewpoint, or None to answer; from the belief, where the robot is, and the looks
-so far, each with its answer."""
 
 
 def compare(search: MapSearch, trials: int, seed: int = 0) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -90,16 +90,13 @@ def model_mesh(connection: MapConnection, entity: str) -> trimesh.Trimesh:
 
 
 def store_shapes(
-    connection: MapConnection,
-    names: Sequence[str] | None = None,
-    progress: Callable[[str], None] = lambda name: None,
+    connection: MapConnection, names: Sequence[str] | None = None
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Store the primitives of all meshes of the map that have none yet.
 
     Parameters
     ----------
     names : of entities; by default all objects with a mesh, one of each model
-    progress : called with each name
 
     Returns
     -------
@@ -120,7 +117,6 @@ def store_shapes(
     ).fetchall()
     rows, problems = [], []
     for (name,) in sorted(found):
-        progress(name)
         try:
             with session.transaction():
                 shape_of(session, name)
