@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -203,7 +204,7 @@ class Database:
         name: str,
         urdf: Path | str,
         *,
-        posture: str | None = None,
+        posture: str | Mapping[str, float] | None = None,
         parts: Path | str | None = None,
         max_step: float = 0.02,
         max_slope: float = 6.0,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -121,7 +121,7 @@ class MapDriving(MapQuestions):
         self,
         robot: RobotLike,
         *,
-        posture: str | None = None,
+        posture: str | Mapping[str, float] | None = None,
         parts: Path | str | None = None,
         storey: str | None = None,
         rooms: Sequence[str] | None = None,
@@ -143,8 +143,8 @@ class MapDriving(MapQuestions):
         Parameters
         ----------
         robot : a stored class, a URDF, a `planner.RobotClass` or the parts of a robot
-        posture : of its joints: a state of its SRDF, JSON (``{"arm_1_joint": 0.5}``) or a file
-            of it; by default that of the stored class, or all joints at 0
+        posture : of its joints: ``{"arm_1_joint": 0.5}``, a state of its SRDF, or JSON; by
+            default that of the stored class, or all joints at 0
         parts : a YAML file that groups the links of a URDF into parts
         storey, rooms, bounds : only this storey, these rooms, or (x0, y0, x1, y1) in metres
         inflation_radius, cost_scaling_factor : as in costmap_2d, metres and 1/metre
@@ -204,7 +204,11 @@ class MapDriving(MapQuestions):
             return read_ended_fields(seen.connection)
 
     def robot_parts(
-        self, robot: RobotLike, *, posture: str | None = None, parts: Path | str | None = None
+        self,
+        robot: RobotLike,
+        *,
+        posture: str | Mapping[str, float] | None = None,
+        parts: Path | str | None = None,
     ) -> list[Part]:
         """The parts of a robot with their intervals of height and footprints, as for `costmaps`."""
         from planner.readers.robot_class import read_robot_class, read_robot_urdf
