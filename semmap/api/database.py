@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import psycopg
 from psycopg import sql
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     from planner.robot_class import RobotClass
     from semmap.database.embedded import Cluster
+    from semmap.ingest.importer import ImportSummary
+    from semmap.ingest.store.model_store import Progress
 
 __all__ = ["Database", "connect"]
 
@@ -198,6 +200,53 @@ class Database:
                     sql.Identifier(role), sql.Identifier(database), sql.Literal(chosen)
                 )
             )
+
+    def import_file(
+        self,
+        path: str | Path,
+        *,
+        map: str | None = None,
+        geometry: Literal["visual", "collision"] = "visual",
+        mesh_as: Literal["object", "room"] = "object",
+        strict: bool = False,
+        source: str | None = None,
+        model_path: Sequence[str | Path] = (),
+        scale: float = 1.0,
+        progress: Progress = lambda stage, done, total: None,
+    ) -> ImportSummary:
+        """Read a world file into a map, in one transaction; a repeated import updates it.
+
+        Parameters
+        ----------
+        path : SDF, Open-RMF ``building.yaml``, GeoJSON, GeoPackage, a mesh or a point cloud
+        map : its name, made where it is not there; by default the file's own
+        geometry : of SDF models
+        mesh_as : what a mesh file is
+        strict : take nothing if anything is left out
+        source : the name under which a repeated import finds its entities; by default the file's
+        model_path : folders of SDF models, searched first
+        scale : metres per unit of a mesh file
+        progress : called with a stage, how much of it is done, and how much there is
+
+        Raises
+        ------
+        WorldError
+            The file cannot be used as a whole; nothing is changed.
+        """
+        from semmap.ingest.importer import import_file
+
+        return import_file(
+            self.engine,
+            Path(path),
+            map_name=map,
+            geometry=geometry,
+            mesh_as=mesh_as,
+            strict=strict,
+            source=source,
+            model_path=[Path(folder) for folder in model_path],
+            scale=scale,
+            progress=progress,
+        )
 
     def add_robot(
         self,

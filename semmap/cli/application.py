@@ -71,7 +71,6 @@ def import_(
     from rich.progress import Progress as Bars
 
     from semmap.cli.output import err, print_json
-    from semmap.ingest.importer import import_file
 
     if geometry not in ("visual", "collision") or as_ not in ("object", "room"):
         raise typer.BadParameter("--geometry is visual or collision, --as is object or room")
@@ -81,30 +80,15 @@ def import_(
         if not folder.is_dir():
             raise typer.BadParameter(f"--model-path: {folder} is not a folder")
     summaries: list[ImportSummary] = []
-    database = engine(migrate=True)
-    for path in files:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-        )
-        with Bars(*columns, console=err, transient=True) as bars:
-            summaries.append(
-                import_file(
-                    database,
-                    path,
-                    map_name=map_name,
-                    geometry="collision" if geometry == "collision" else "visual",
-                    mesh_as="room" if as_ == "room" else "object",
-                    strict=strict,
-                    source=source,
-                    model_path=model_path or (),
-                    scale=scale,
-                    progress=_report(bars),
-                )
-            )
-        map_name = map_name or summaries[-1].map
+    options: Any = {"geometry": geometry, "mesh_as": as_, "strict": strict, "source": source}
+    options |= {"model_path": model_path or (), "scale": scale}
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    with open_database(migrate=True) as db:
+        for path in files:
+            with Bars(*columns, TimeElapsedColumn(), console=err, transient=True) as bars:
+                summary = db.import_file(path, map=map_name, progress=_report(bars), **options)
+            summaries.append(summary)
+            map_name = map_name or summary.map
     if json_:
         print_json([summary.as_json() for summary in summaries])
         return
