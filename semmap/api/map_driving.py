@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from navgrid.field_layer import FieldVoxels
     from navgrid.occupancy_grid import StoreyGrid
     from planner.live_topology import LiveTopology
+    from planner.location import LocationLike
     from planner.robot_class import RobotClass
-    from planner.route_planner import Location
     from planner.topology import Topology
     from semmap.api.map_route import MapRoute
     from semmap.geometry.voxels import Voxels
@@ -243,8 +243,8 @@ class MapDriving(MapQuestions):
 
     def route(
         self,
-        start: Location,
-        goal: Location,
+        start: LocationLike,
+        goal: LocationLike,
         *,
         robot: str | RobotClass | None = None,
         avoid: Sequence[str] = (),
@@ -294,8 +294,8 @@ class MapDriving(MapQuestions):
 
     def routes(
         self,
-        start: Location,
-        goal: Location,
+        start: LocationLike,
+        goal: LocationLike,
         count: int,
         *,
         robot: str | RobotClass | None = None,
