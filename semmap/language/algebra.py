@@ -120,7 +120,7 @@ class Call(Expression):
 
     Attributes
     ----------
-    function : such as "<", "&&", "!", "STRLEN", or "-" for the sign; "boolean" is the effective
+    function : such as "<", "&&", "!", "STRLEN", or "UnaryMinus"; "boolean" is the effective
         boolean value
     arguments : of fitting kinds; "&&", "||" and "COALESCE" take any number of them
     """

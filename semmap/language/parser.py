@@ -202,6 +202,9 @@ def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
         if getattr(part, "name", "") == "Function" and str(part.iri).startswith(_AGGREGATES):
             name = str(part.iri).rpartition("/")[2]
             return CompValue(f"Aggregate_{name}", vars=part.expr[0], distinct=part.distinct)
+        if getattr(part, "name", "") == "Filter" and not _innermost(part.expr):
+            # rdflib drops a filter whose expression is falsy in Python: FILTER(false), FILTER(0)
+            part["expr"] = CompValue("ConditionalAndExpression", expr=part.expr, other=[])
         try:
             term = algebra.translatePName(part, prologue)
         except Exception as error:
@@ -212,6 +215,13 @@ def _resolver(text: NormalisedText, prologue: Any) -> Callable[[Any], Any]:
         return term if term is None or position is None else with_position(term, position)
 
     return resolve
+
+
+def _innermost(tree: Any) -> Any:
+    """Return what the levels of precedence around a single operand contain."""
+    while getattr(tree, "name", "").endswith("Expression") and list(tree) == ["expr"]:
+        tree = tree.expr
+    return tree
 
 
 def _take_clauses(text: NormalisedText, tree: CompValue) -> list[CompValue]:
