@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -24,7 +24,10 @@ from semmap.language.error import QueryError
 from semmap.language.schema import SPARQL_FUNCTIONS, Function, ValueKind, with_article
 from semmap.language.terms import name_of, number_of, position_of
 
-__all__ = ["Scope", "check_condition", "check_expression"]
+__all__ = ["MIRRORED", "Scope", "check_condition", "check_expression", "conjuncts"]
+
+MIRRORED = {"<": ">", ">": "<", "<=": ">=", ">=": "<=", "=": "=", "!=": "!="}
+"""For each comparison the one with exchanged sides."""
 
 
 class Scope(Protocol):
@@ -104,6 +107,15 @@ def check_condition(tree: Any, scope: Scope) -> Expression:
     raise scope.error(
         f"{with_article(expression.kind)} is neither true nor false: compare it", tree
     )
+
+
+def conjuncts(tree: Any) -> Iterator[Any]:
+    """Yield the parts of a condition that must all be true."""
+    if isinstance(tree, CompValue) and tree.name == "ConditionalAndExpression":
+        for each in (tree.expr, *tree.other):
+            yield from conjuncts(each)
+    else:
+        yield tree
 
 
 def _operand(tree: Any, scope: Scope) -> Operand:
@@ -196,8 +208,7 @@ def _compared(a: Operand, operator: str, b: Operand, tree: Any, scope: Scope) ->
     if isinstance(a, _Name):
         if isinstance(b, _Name):
             raise scope.error("both sides are constants: one has to be a variable", tree)
-        reverse = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}.get(operator, operator)
-        return _compared(b, reverse, a, tree, scope)
+        return _compared(b, MIRRORED[operator], a, tree, scope)
     if isinstance(b, _Name):
         if a.kind == "entity":
             return _is_one_of(a, operator, b, tree, scope)

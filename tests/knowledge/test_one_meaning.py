@@ -75,7 +75,7 @@ def doubles(deep: int) -> st.SearchStrategy[str]:
         return leaf
     part = doubles(deep - 1)
     each = [of(f"({{}} {operator} {{}})", part, part) for operator in "+-*/"]
-    each += [of(f"{name}({{}})", part) for name in ("ABS", "CEIL", "FLOOR", "ROUND", "-", "+")]
+    each += [of(f"({name}({{}}))", part) for name in ("ABS", "CEIL", "FLOOR", "ROUND", "-", "+")]
     return st.one_of(leaf, *each)
 
 
@@ -87,7 +87,7 @@ def numbers(deep: int) -> st.SearchStrategy[str]:
         return leaf
     part = numbers(deep - 1)
     each = [of(f"({{}} {operator} {{}})", part, part) for operator in "+-*"]
-    each += [of("-({})", part), of("+({})", part)]
+    each += [of("(-{})", part), of("(+{})", part)]
     return st.one_of(leaf, *each, *calls("number", deep - 1), *choices("number", deep - 1))
 
 
