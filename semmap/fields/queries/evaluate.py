@@ -82,7 +82,8 @@ def evaluate(pattern: Pattern, context: Context, limits: Limits | None = None) -
         There are too many solutions, or it takes too long.
     """
     context.check_time()
-    return _evaluate(pattern, context, limits or {})
+    with np.errstate(over="ignore", invalid="ignore"):  # INF and NaN are numbers of SPARQL
+        return _evaluate(pattern, context, limits or {})
 
 
 @singledispatch
