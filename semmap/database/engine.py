@@ -20,6 +20,7 @@ from semmap.database.parameters import (
     unreachable,
 )
 from semmap.database.patience import Patience
+from semmap.terminal import print_waiting
 
 __all__ = ["connect", "database_url", "make_engine"]
 
@@ -135,6 +136,7 @@ def _upgrade(engine: Engine, version: str | None) -> None:
             f"the database has the revision {version}, which this semmap does not know: "
             "a newer semmap made it, and it takes that one to use it"
         )
+    print_waiting(f"bringing the schema from {version or 'nothing'} to {revisions.newest()} ...")
     from semmap.database.migrate import upgrade  # Alembic takes 0.4 s to import
 
     upgrade(engine)
