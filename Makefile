@@ -21,40 +21,40 @@ demo:
 
 test: export PYTHONDONTWRITEBYTECODE =  # else each run compiles the tests anew, ten seconds a worker
 test:
-	@scripts/setup
+	@scripts/setup test
 	@.venv/bin/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 test-docker:
-	@scripts/setup
+	@scripts/setup test
 	@.venv/bin/python -m pytest -q -m docker
 
 soak:
-	@scripts/setup
+	@scripts/setup test
 	@.venv/bin/python -m tests.soak
 	@SEMMAP_SOAK=600 .venv/bin/python -m pytest -q tests/fields/sources/test_manager.py \
 		tests/planner/mission/test_kills.py tests/planner/mission/test_claims.py \
 		tests/model/test_isolation.py
 
 growth:
-	@scripts/setup
+	@scripts/setup test
 	@.venv/bin/python -m tests.growth
 
 fuzz:
-	@scripts/setup
+	@scripts/setup test
 	@.venv/bin/python -m tests.fuzz
 
 fuzz-sanitized:
-	@scripts/setup
+	@scripts/setup test
 	@.venv/bin/pip install -q --disable-pip-version-check --no-deps --upgrade --target build/sanitized \
 		-C build-dir=build/sanitized-tree -C cmake.build-type=RelWithDebInfo -C cmake.define.SEMMAP_SANITIZE=ON .
 	@SEMMAP_FUZZ_MODULES=build/sanitized .venv/bin/python -m tests.fuzz --kinds native
 
 explore:
-	@scripts/setup
+	@scripts/setup test
 	@HYPOTHESIS_PROFILE=explore .venv/bin/python -m pytest -q -m hypothesis
 
 lint:
-	@scripts/setup
+	@scripts/setup test lint
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
@@ -62,7 +62,7 @@ lint:
 	find native -name '*.?pp' | xargs .venv/bin/clang-format --dry-run --Werror
 
 bench:
-	@scripts/setup test lint bench
+	@scripts/setup test bench
 	@.venv/bin/python -m benchmarks
 
 clean:

@@ -7,7 +7,7 @@ import re
 import sys
 from typing import Any
 
-__all__ = ["guard_streams", "has_control", "print_bold", "visible"]
+__all__ = ["guard_streams", "has_control", "print_bold", "print_waiting", "visible"]
 
 _CONTROL = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # all control characters but tab and line feed
@@ -41,6 +41,12 @@ def print_bold(text: str) -> None:
     stream = getattr(sys.stdout, "rich_proxied_file", sys.stdout)
     styled = stream.isatty() and "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb"
     stream.write(f"\x1b[1m{visible(text)}\x1b[0m\n" if styled else f"{visible(text)}\n")
+
+
+def print_waiting(text: str) -> None:
+    """Print a line on standard error if that is a terminal, where a person waits."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        print(visible(text), file=sys.stderr, flush=True)
 
 
 class SafeStream:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,7 @@ def run_demo(
 
     say(f"\n1. {', '.join(f.name for f in files)} into the map {map_name}")
     with cli.database(migrate=True) as engine:
+        say(f"   the database is ready: {time.perf_counter() - began:.1f} s")
         for file in files:
             cli.print_summary(import_file(engine, file, map_name=map_name, model_path=model_path))
     with cli.open_map(map_name) as connection:
@@ -159,36 +160,32 @@ def _draw(
     grids: Mapping[str, StoreyGrid],
     paths: Mapping[str, list[Line]],
     pixels: int,
-) -> list[Path]:
-    """Draw the topology and the plan of each storey, and all storeys in 3D."""
-    pictures: list[Path] = []
+) -> Iterator[Path]:
+    """Draw the topology and the plan of each storey, and all storeys in 3D, one after the other."""
     for storey in storeys:
         if topology.connectors:
             picture = _place(folder, storeys, storey) / "topology.png"
             title = f"{map_name}, {storey.name}: which doors lead where"
-            pictures.append(topology_plan(topology, storey, picture, title=title))
+            yield topology_plan(topology, storey, picture, title=title)
     shown = []
     for storey in storeys:
         view = replace(with_grid(grids[storey.name]), path=paths.get(storey.name, []))
         shown.append(view)
         place = _place(folder, storeys, storey)
         title = map_name if len(storeys) == 1 else f"{map_name}, {storey.name}"
-        pictures.append(floor_plan(view, place / "plan.png", title=title, dpi=pixels // 12))
+        yield floor_plan(view, place / "plan.png", title=title, dpi=pixels // 12)
     if any(s.rooms for s in storeys):
         rooms, title = folder / "rooms.png", f"{map_name}: rooms and their boxes"
-        pictures.append(scene3d(shown, rooms, cut=1.0, width=pixels, title=title))
+        yield scene3d(shown, rooms, cut=1.0, width=pixels, title=title)
     if any(s.objects or s.rooms for s in storeys):
-        pictures.append(
-            scene3d(
-                [replace(s, path=[]) for s in shown],
-                folder / "objects.png",
-                width=pixels,
-                title=f"{map_name}: what stands where",
-                boxes=False,
-                object_labels=True,
-            )
+        yield scene3d(
+            [replace(s, path=[]) for s in shown],
+            folder / "objects.png",
+            width=pixels,
+            title=f"{map_name}: what stands where",
+            boxes=False,
+            object_labels=True,
         )
-    return pictures
 
 
 def _files(worlds: Sequence[Path]) -> list[Path]:

@@ -22,6 +22,7 @@ from semmap.database.pid_file import read_pid_file
 from semmap.database.programs import Programs, find_programs
 from semmap.database.rights import LIMIT_RIGHTS
 from semmap.database.sockets import PORT, answers, lock_file, make_socket_folder
+from semmap.terminal import print_waiting
 
 if TYPE_CHECKING:
     from sqlalchemy import URL
@@ -194,6 +195,7 @@ class Cluster:
         for abandoned in home.names():
             if abandoned.startswith("new-"):
                 home.remove_tree(abandoned)
+        print_waiting(f"making the embedded database in {self.home}, once ...")
         new = f"new-{secrets.token_hex(4)}"
         home.make_folder(new, owner)
         try:

@@ -20,6 +20,7 @@ from semmap.database.parameters import (
     unreachable,
 )
 from semmap.database.patience import Patience
+from semmap.terminal import print_waiting
 
 __all__ = ["connect", "database_url", "make_engine"]
 
@@ -133,6 +134,8 @@ def _upgrade(engine: Engine, version: str | None) -> None:
     try:
         revisions.check_revision(version)
     except revisions.OldSchema:
+        new = revisions.newest()
+        print_waiting(f"bringing the schema from {version or 'nothing'} to {new} ...")
         from semmap.database.migrate import upgrade  # Alembic takes 0.4 s to import
 
         upgrade(engine)

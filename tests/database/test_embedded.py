@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -45,6 +46,30 @@ try:
 except OperationalError as error:
     print(json.dumps(f"error: {error.orig}"))
 """
+
+
+MAKE = """
+import sys
+from pathlib import Path
+from semmap.database import Cluster, connect
+cluster = Cluster(Path(sys.argv[1]))
+connect(cluster).dispose()
+cluster.stop()
+"""
+
+
+def test_only_a_terminal_is_told_what_takes_long(folder: Path) -> None:
+    told: list[list[str]] = []
+    for n, (read, write) in enumerate((os.openpty(), os.pipe())):
+        subprocess.run([sys.executable, "-c", MAKE, folder / str(n)], stderr=write, check=True)
+        os.write(write, b"the end\n")
+        with os.fdopen(read) as stream:
+            told.append([line.strip() for line in iter(stream.readline, "the end\n")])
+        os.close(write)
+    (making, schema), nothing = told
+    assert making == f"making the embedded database in {folder}/0, once ..."
+    assert schema.startswith("bringing the schema from nothing to ")
+    assert nothing == []
 
 
 def test_settings_of_a_cluster_as_made(own: Cluster) -> None:
