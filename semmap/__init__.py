@@ -18,12 +18,15 @@ from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.api.database import Database, connect
+    from semmap.api.door import Door
     from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
     from semmap.database.embedded import Cluster
     from semmap.database.error import DatabaseError
     from semmap.geometry.pose import Pose
     from semmap.ingest.world import WorldError
+    from semmap.query.map_events import MapEvent
+    from semmap.query.placements import EntityVersion
 
     __version__: str
 
@@ -31,8 +34,11 @@ __all__ = [
     "Cluster",
     "Database",
     "DatabaseError",
+    "Door",
+    "EntityVersion",
     "Map",
     "MapEntity",
+    "MapEvent",
     "Pose",
     "WorldError",
     "__version__",
@@ -43,6 +49,9 @@ _HOMES = {
     "Cluster": "semmap.database.embedded",
     "Database": "semmap.api.database",
     "DatabaseError": "semmap.database.error",
+    "Door": "semmap.api.door",
+    "EntityVersion": "semmap.query.placements",
+    "MapEvent": "semmap.query.map_events",
     "MapEntity": "semmap.api.map_entity",
     "Pose": "semmap.geometry.pose",
     "Map": "semmap.api.map",

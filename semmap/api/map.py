@@ -7,7 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from semmap.api.entity_collection import MapCollections
 from semmap.api.map_entity import MapEntity
+from semmap.api.map_events import MapEvents
+from semmap.api.map_export import MapExport
+from semmap.api.map_pictures import MapPictures
 from semmap.api.map_questions import MapQuestions
 
 if TYPE_CHECKING:
@@ -24,7 +28,7 @@ PlanarPose = Sequence[float]
 """(x, y, z, yaw): metres and radians in the map's frame; yaw may be left out."""
 
 
-class Map(MapQuestions):
+class Map(MapQuestions, MapCollections, MapEvents, MapPictures, MapExport):
     """A map of one environment, by the names of its entities.
 
     Attributes
