@@ -58,7 +58,7 @@ def read_history(
         {"id": entity},
     ).fetchall()
     states = [row for n, row in enumerate(rows) if n == 0 or (row[1], row[2]) != (rows[n - 1][1:])]
-    ends = [row[0] for row in states[1:]] + [None]
+    ends = [row[0] for row in [*states[1:], (None,)]][: len(states)]
     return [
         EntityVersion(begin, end, Pose(*pose), holder)
         for (begin, pose, holder), end in zip(states, ends, strict=True)

@@ -36,7 +36,7 @@ def test_a_name_that_is_not_there_names_similar_ones_of_the_kind(flat: semmap.Ma
         flat.rooms["kichen"]
     with pytest.raises(LookupError, match="the map has no object kitchen"):
         flat.objects["kitchen"]
-    with pytest.raises(LookupError, match="the map has no region x; Map.regions has them all"):
+    with pytest.raises(LookupError, match=r"the map has no region x; Map\.regions has them all"):
         flat.regions["x"]
 
 

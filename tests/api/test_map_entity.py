@@ -1,10 +1,11 @@
-"""What an entity tells of itself: names, holders, shapes, history; judged by Shapely and trimesh."""
+"""An entity's names, holders, shapes and history; judged by Shapely and trimesh."""
 
 from __future__ import annotations
 
 import math
 import random
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -145,10 +146,10 @@ def test_history_has_the_poses_that_it_moved_through(flat: semmap.Map) -> None:
     told = [(version.pose, version.holder) for version in history]
     remaining = iter(told)
     for pose, holder in expected[:-1]:
-        assert any(
-            h == holder and np.allclose(p, pose, atol=1e-9) for p, h in remaining
-        ), f"{pose} in {holder} comes in this order"
-    assert all(a.end == b.begin for a, b in zip(history, history[1:], strict=False))
+        assert any(h == holder and np.allclose(p, pose, atol=1e-9) for p, h in remaining), (
+            f"{pose} in {holder} comes in this order"
+        )
+    assert all(a.end == b.begin for a, b in pairwise(history))
     assert history[-1].end is None
     assert history[0].begin.tzinfo is not None
     assert mug.history(middle) == [history[-1]]
