@@ -80,14 +80,9 @@ BEGIN
         FROM former;
     INSERT INTO semmap.change (map_id, what, entities, facts)
         SELECT o.map_id, 'removed', array_agg(o.id ORDER BY o.id), jsonb_build_object('poses', jsonb_agg(
-                   jsonb_build_array(o.id, semmap.pose_below(h.holder_id, h.pose), NULL, h.holder_id))
-                   FILTER (WHERE h.pose IS NOT NULL))
-        FROM former o LEFT JOIN LATERAL (
-            -- its placement has been deleted by this statement
-            SELECT p.holder_id, p.pose FROM semmap.placement_history p
-            WHERE p.entity_id = o.id AND upper(p.during) >= statement_timestamp()
-            ORDER BY lower(p.during) DESC LIMIT 1) h ON true
-        GROUP BY o.map_id;
+                   jsonb_build_array(o.id, w.pose, NULL, NULL)) FILTER (WHERE w.pose IS NOT NULL))
+        -- The foreign key has deleted the placement, not yet what depends on that; placement_deleted adds the holder.
+        FROM former o LEFT JOIN semmap.world w ON w.entity_id = o.id GROUP BY o.map_id;
     IF emptied IS NOT NULL THEN
         PERFORM set_config('semmap.emptied', '', true);
         IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN

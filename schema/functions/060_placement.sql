@@ -313,6 +313,10 @@ BEGIN
         (SELECT jsonb_agg(jsonb_build_array(entity_id, semmap.pose_below(holder_id, pose), NULL, holder_id)) FROM former),
         (SELECT jsonb_object_agg(entity_id, jsonb_build_array(holder_id, NULL)) FROM former), 'moved');
     IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
+        UPDATE semmap.change c SET facts = c.facts || jsonb_build_object('placed', coalesce(c.facts -> 'placed', '{}') || (
+            SELECT jsonb_object_agg(entity_id, jsonb_build_array(holder_id, NULL)) FROM former WHERE entity_id = ANY (c.entities)))
+        WHERE c.xid = pg_current_xact_id()::text::bigint AND c.what = 'removed'
+          AND EXISTS (SELECT FROM former WHERE entity_id = ANY (c.entities));
         -- The contents of what has no place any more stay where they are.
         UPDATE semmap.placement p SET holder_id = NULL, relation = 'in', confidence = NULL, pose = w.pose
         FROM semmap.world w WHERE w.entity_id = p.entity_id AND p.holder_id IN (SELECT entity_id FROM former);
