@@ -76,11 +76,11 @@ class _Move:
 
     def then(self, later: _Move) -> _Move:
         """This move and a later one as one."""
-        return _Move(
-            (self.poses[0], later.poses[1]),
-            (self.holders[0], later.holders[1]),
-            min(self.reason, later.reason, key=REASONS.index),
-        )
+        holders = self.holders[0], later.holders[1]
+        reason = min(self.reason, later.reason, key=REASONS.index)
+        if reason == STATED and holders[0] == holders[1]:
+            reason = DERIVED
+        return _Move((self.poses[0], later.poses[1]), holders, reason)
 
 
 @dataclass
