@@ -129,14 +129,19 @@ def _path(geometry: shapely.Geometry) -> str:
 
 def _word(row: Mapping[str, Any], thin: float) -> str:
     """The name of a room, in it, where there is space for it."""
-    place = shapely.maximum_inscribed_circle(row["geometry"], tolerance=20 * thin)
-    x, y = place.coords[0][:2]
-    size = min(13 * thin, 1.9 * place.length / (LETTER * max(len(row["name"]), 1)))
+    outline = row["geometry"]
+    circle = shapely.maximum_inscribed_circle(outline, tolerance=20 * thin)
+    place, radius = shapely.Point(circle.coords[0]), circle.length
+    middle = outline.centroid  # of a long room, many circles are the largest
+    if outline.covers(middle) and middle.distance(outline.boundary) > 0.8 * radius:
+        place = middle
+    size = min(13 * thin, 1.9 * radius / (LETTER * max(len(row["name"]), 1)))
     if size < 6 * thin:
         return ""
-    return (
-        f'<text x="{x:.3f}" y="{-y + 0.35 * size:.3f}" font-family="sans-serif" '
-        f'font-size="{size:.3f}" text-anchor="middle" fill="{INK}" stroke="{PAPER}" '
-        f'stroke-width="{0.2 * size:.3f}" paint-order="stroke" '
-        f'stroke-opacity="0.7">{html.escape(row["name"])}</text>'
+    text = (
+        f'x="{place.x:.3f}" y="{-place.y + 0.35 * size:.3f}" font-family="sans-serif" '
+        f'font-size="{size:.3f}" text-anchor="middle"'
     )
+    name = html.escape(row["name"])
+    halo = f'stroke="{PAPER}" stroke-width="{0.25 * size:.3f}" stroke-opacity="0.7" fill="none"'
+    return f'<text {text} {halo}>{name}</text><text {text} fill="{INK}">{name}</text>'

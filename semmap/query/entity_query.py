@@ -192,20 +192,18 @@ def find(
             values["near"] = near
         else:
             place, values["near"] = "%(near)s::float8[]", _numbers(near, 3, "a point")
-        if within is not None:
-            if not 0 <= within < math.inf:
-                raise ValueError(f"within takes metres from 0 on, not {within}")
-            near_by = " AND b.box &&& around(at[1], at[2], at[3], %(within)s)"
-            conditions.append("distance <= %(within)s")
-            values["within"] = within
-        else:
-            near_by = ""
         conditions.append("at IS NOT NULL")
         source = (
             f"CROSS JOIN LATERAL (SELECT {place} OFFSET 0) point (at) LEFT JOIN LATERAL ("
-            "SELECT shape_distance(b.entity_id, at[1], at[2], at[3]) FROM world b "
-            f"WHERE b.entity_id = e.id{near_by} OFFSET 0) measured (distance) ON true "
+            "SELECT shape_distance(w.entity_id, at[1], at[2], at[3]) OFFSET 0) measured (distance) "
+            "ON true "
         )
+        if within is not None:
+            if not 0 <= within < math.inf:
+                raise ValueError(f"within takes metres from 0 on, not {within}")
+            conditions.append("w.box &&& around(at[1], at[2], at[3], %(within)s)")
+            conditions.append("distance <= %(within)s")
+            values["within"] = within
         extra = ", round(distance::numeric, 3) AS distance"
         order = "distance, e.name"
     elif within is not None:
