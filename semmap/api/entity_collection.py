@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from semmap.suggestions import suggestion
 
 if TYPE_CHECKING:
+    from semmap.api.door import Door
     from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
 
 __all__ = ["EntityCollection", "MapCollections"]
 
 
-class EntityCollection:
+Kind = TypeVar("Kind", bound="MapEntity")
+
+
+class EntityCollection(Generic[Kind]):
     """The rooms (objects, doors, ...) of a map, read at each access.
 
     Examples
@@ -26,7 +30,7 @@ class EntityCollection:
     def __init__(self, map: Map, kind: str, word: str) -> None:
         self._map, self._kind, self._word = map, kind, word
 
-    def __getitem__(self, name: str) -> MapEntity:
+    def __getitem__(self, name: str) -> Kind:
         """The entity of a name.
 
         Raises
@@ -48,7 +52,7 @@ class EntityCollection:
             for row in self._rows(*(("AND name = %s", name) if isinstance(name, str) else ()))
         )
 
-    def __iter__(self) -> Iterator[MapEntity]:
+    def __iter__(self) -> Iterator[Kind]:
         """Each of them, by name."""
         return iter([self._entity(*row) for row in self._rows()])
 
@@ -72,44 +76,44 @@ class EntityCollection:
             *values,
         )
 
-    def _entity(self, id: int, kind: str, name: str) -> MapEntity:
+    def _entity(self, id: int, kind: str, name: str) -> Kind:
         from semmap.api.door import entity_of
 
-        return entity_of(self._map, id, kind, name)
+        return cast("Kind", entity_of(self._map, id, kind, name))
 
 
 class MapCollections:
     """The part of `Map` that has its entities by kinds."""
 
     @property
-    def rooms(self) -> EntityCollection:
+    def rooms(self) -> EntityCollection[MapEntity]:
         """The rooms, by name."""
         return self._of("room", "rooms")
 
     @property
-    def objects(self) -> EntityCollection:
+    def objects(self) -> EntityCollection[MapEntity]:
         """The objects, by name."""
         return self._of("object", "objects")
 
     @property
-    def doors(self) -> EntityCollection:
+    def doors(self) -> EntityCollection[Door]:
         """The doors, and all else that leads from a place to another: stairs, ramps."""
         return self._of("connector", "doors")
 
     @property
-    def storeys(self) -> EntityCollection:
+    def storeys(self) -> EntityCollection[MapEntity]:
         """The storeys, by name."""
         return self._of("storey", "storeys")
 
     @property
-    def regions(self) -> EntityCollection:
+    def regions(self) -> EntityCollection[MapEntity]:
         """The regions, by name."""
         return self._of("region", "regions")
 
     @property
-    def agents(self) -> EntityCollection:
+    def agents(self) -> EntityCollection[MapEntity]:
         """The robots and people, by name."""
         return self._of("agent", "agents")
 
-    def _of(self, kind: str, word: str) -> EntityCollection:
+    def _of(self, kind: str, word: str) -> EntityCollection[Any]:
         return EntityCollection(cast("Map", self), kind, word)

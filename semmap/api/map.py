@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import shapely
     import trimesh
 
+    from semmap.api.door import Door
     from semmap.geometry.mesh import Mesh
     from semmap.ingest.importer import ImportSummary
     from semmap.ingest.store.model_store import Progress
@@ -189,7 +190,7 @@ class Map(MapQuestions, MapCollections, MapEvents, MapPictures, MapExport):
         direction: Literal["both", "forward", "backward"] = "both",
         height: float = 0.0,
         clearance: float = 0.6,
-    ) -> MapEntity:
+    ) -> Door:
         """Add a connector of two places.
 
         Parameters
@@ -212,7 +213,8 @@ class Map(MapQuestions, MapCollections, MapEvents, MapPictures, MapExport):
         rooms = [self[place] for place in (place_a, place_b) if place is not None]
         distances = [partial(self._distance, room) for room in rooms]
         shape = DoorShape(line, width, height, clearance)
-        return self._add(door(name, place_a, place_b, shape, distances, form, direction, state))
+        self._add(door(name, place_a, place_b, shape, distances, form, direction, state))
+        return self.doors[name]
 
     def teach(self, teaching: str | Path | Mapping[str, Any]) -> dict[str, int]:
         """Teach knowledge, relations, actions, objects and where they were seen; all or nothing.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import psycopg
 
@@ -13,7 +13,7 @@ from semmap.database.session import conninfo_of, reopen_session
 from semmap.query.map_events import MapEvent, events_since
 
 if TYPE_CHECKING:
-    from semmap.api.database import Database
+    from semmap.api.map import Map
 
 __all__ = ["MapEvents", "Subscription"]
 
@@ -120,11 +120,6 @@ def _now(session: psycopg.Connection[Any]) -> str:
 class MapEvents:
     """The part of `Map` that tells changes."""
 
-    if TYPE_CHECKING:
-        database: Database
-        name: str
-        connection: psycopg.Connection[Any]
-
     def changes(
         self, since: str | None = None, *, follow: bool = False, stop: threading.Event | None = None
     ) -> Iterator[MapEvent]:
@@ -147,21 +142,11 @@ class MapEvents:
         ...     print(event.what, event.name, event.from_holder, event.to_holder)
         moved mug1 desk4 kitchen
         """
+        map = cast("Map", self)
         if follow:
-            self.connection.execute("LISTEN semmap")
-            since = _now(self.connection) if since is None else since
-        return self._events(since, follow, stop)
-
-    def _events(
-        self, since: str | None, follow: bool, stop: threading.Event | None
-    ) -> Iterator[MapEvent]:
-        while True:
-            since, events = events_since(self.connection, self.name, since)
-            yield from events
-            if not follow or (stop is not None and stop.is_set()):
-                return
-            for _ in self.connection.notifies(timeout=LOOK, stop_after=1):
-                break
+            map.connection.execute("LISTEN semmap")
+            since = _now(map.connection) if since is None else since
+        return _follow(map, since, follow, stop)
 
     def subscribe(
         self, callback: Callable[[MapEvent], object], *, since: str | None = None
@@ -187,4 +172,17 @@ class MapEvents:
         >>> with house.subscribe(print):  # doctest: +SKIP
         ...     house["mug1"].move_to(1, 2, 0)
         """
-        return Subscription(conninfo_of(self.database.session), self.name, callback, since)
+        map = cast("Map", self)
+        return Subscription(conninfo_of(map.database.session), map.name, callback, since)
+
+
+def _follow(
+    map: Map, since: str | None, follow: bool, stop: threading.Event | None
+) -> Iterator[MapEvent]:
+    while True:
+        since, events = events_since(map.connection, map.name, since)
+        yield from events
+        if not follow or (stop is not None and stop.is_set()):
+            return
+        for _ in map.connection.notifies(timeout=LOOK, stop_after=1):
+            break

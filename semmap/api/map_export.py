@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     import geopandas
-    import psycopg
 
     from semmap.api.map import Map
 
@@ -16,10 +15,6 @@ __all__ = ["MapExport"]
 
 class MapExport:
     """The part of `Map` that gives it to a GIS."""
-
-    if TYPE_CHECKING:
-        name: str
-        connection: psycopg.Connection[Any]
 
     @property
     def __geo_interface__(self) -> dict[str, Any]:
@@ -30,7 +25,7 @@ class MapExport:
         from semmap.query.features import feature_collection
         from semmap.query.shapes import read_shapes
 
-        return feature_collection(read_shapes(self.connection))
+        return feature_collection(read_shapes(cast("Map", self).connection))
 
     def to_geodataframe(self, type: str | None = None) -> geopandas.GeoDataFrame:
         """The entities as a GeoDataFrame: one row each, its index their ids.
@@ -63,8 +58,9 @@ class MapExport:
             import geopandas
         except ImportError as error:
             raise ImportError("to_geodataframe needs GeoPandas: pip install geopandas") from error
-        ids = None if type is None else [one.id for one in cast("Map", self).find(type)]
-        rows = read_shapes(self.connection, ids)
+        map = cast("Map", self)
+        ids = None if type is None else [one.id for one in map.find(type)]
+        rows = read_shapes(map.connection, ids)
         columns = ["id", "name", "kind", "type", "label", "holder", "storey", "low", "high"]
         frame = geopandas.GeoDataFrame(
             {key: [row[key] for row in rows] for key in (*columns, "properties")},
@@ -77,8 +73,9 @@ class MapExport:
 
         `Map.import_file` reads them back: names, types, labels, outlines, heights, properties, and
         of doors the places that they join, state, direction, behaviour, width, height, step and
-        permissions. It does not read back meshes (an object is the prism of its footprint), tilts,
-        agents, elevators, history, beliefs, statements, fields and links.
+        permissions. It does not read back: meshes (an object is the prism of its footprint), tilts,
+        the poses before doors (they are chosen again), doors within one room, history, beliefs,
+        statements, fields and links.
 
         Parameters
         ----------
@@ -96,4 +93,5 @@ class MapExport:
         """
         from semmap.query.feature_export import write_features
 
-        return write_features(self.connection, self.name, Path(path))
+        map = cast("Map", self)
+        return write_features(map.connection, map.name, Path(path))

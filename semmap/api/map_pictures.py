@@ -22,7 +22,8 @@ _LOWEST = (
 
 _IN_ROOM = (
     "WITH RECURSIVE given (id) AS (SELECT %s::bigint), "
-    "home (id) AS (SELECT r.entity_id FROM given g JOIN room r ON r.entity_id = place_of(g.id)), "
+    "home (id) AS (SELECT r.entity_id FROM given g LEFT JOIN connector c ON c.entity_id = g.id "
+    "JOIN room r ON r.entity_id IN (place_of(g.id), c.place_a, c.place_b)), "
     "held (id) AS (SELECT id FROM home UNION "
     "SELECT p.entity_id FROM held JOIN placement p ON p.holder_id = held.id) "
     "SELECT id FROM given UNION SELECT id FROM held UNION SELECT c.entity_id FROM connector c "

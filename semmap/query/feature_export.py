@@ -28,9 +28,9 @@ _BASE = (
 
 _HOLDER = (
     "(SELECT h.name FROM placement p JOIN entity h ON h.id = p.holder_id WHERE p.entity_id = v.fid "
-    "AND p.confidence IS NULL AND h.kind IN ({}))"
+    "AND (p.confidence IS NULL OR e.kind = 'agent') AND h.kind IN ({}))"
 )
-"""The stated holder; a derived one is derived again."""
+"""The stated holder; a derived one is derived again, but not that of an agent."""
 
 _HELD_BY_PLACES = _HOLDER.format("'room', 'storey'")
 _HELD = _HOLDER.format("'room', 'storey', 'object'")
@@ -129,7 +129,7 @@ def _write_geojson(
         for features in layers.values()
         for geometry, properties in features
     ]
-    collection = {"type": "FeatureCollection", "name": name, "features": features}
+    collection: dict[str, Any] = {"type": "FeatureCollection", "name": name, "features": features}
     if georeference is not None:
         collection["georeference"] = georeference
     path.write_text(json.dumps(collection, ensure_ascii=False), encoding="utf-8")
@@ -142,6 +142,8 @@ def _write_geopackage(
 
     import pyogrio
 
+    if not layers:
+        raise ValueError(f"the map {name} has no entities, and a GeoPackage has layers")
     for layer, features in layers.items():
         columns = list(dict.fromkeys(key for _, properties in features for key in properties))
         with warnings.catch_warnings():
