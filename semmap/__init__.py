@@ -18,6 +18,7 @@ from semmap.lazy_names import load_on_use
 
 if TYPE_CHECKING:
     from semmap.api.database import Database, connect
+    from semmap.api.door import Door
     from semmap.api.map import Map
     from semmap.api.map_entity import MapEntity
     from semmap.database.embedded import Cluster
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from semmap.error import Error
     from semmap.geometry.pose import Pose
     from semmap.ingest.world import WorldError
+    from semmap.query.map_events import MapEvent
+    from semmap.query.placements import EntityVersion
 
     __version__: str
 
@@ -32,9 +35,12 @@ __all__ = [
     "Cluster",
     "Database",
     "DatabaseError",
+    "Door",
+    "EntityVersion",
     "Error",
     "Map",
     "MapEntity",
+    "MapEvent",
     "Pose",
     "WorldError",
     "__version__",
@@ -45,6 +51,9 @@ _HOMES = {
     "Cluster": "semmap.database.embedded",
     "Database": "semmap.api.database",
     "DatabaseError": "semmap.database.error",
+    "Door": "semmap.api.door",
+    "EntityVersion": "semmap.query.placements",
+    "MapEvent": "semmap.query.map_events",
     "Error": "semmap.error",
     "MapEntity": "semmap.api.map_entity",
     "Pose": "semmap.geometry.pose",

@@ -56,7 +56,15 @@ BEGIN
             SELECT n.id FROM former o FULL JOIN fresh n USING (id)
             WHERE o.type IS DISTINCT FROM n.type AND semmap.is_building_part(o.type) <> semmap.is_building_part(n.type)));
     END IF;
-    PERFORM semmap.record_change('changed', changed);
+    INSERT INTO semmap.change (map_id, what, entities, facts)
+        SELECT n.map_id, 'changed', array_agg(n.id ORDER BY n.id), jsonb_build_object('values', jsonb_object_agg(n.id,
+               CASE WHEN o.name <> n.name THEN jsonb_build_object('name', jsonb_build_array(o.name, n.name)) ELSE '{}' END
+               || CASE WHEN o.type IS DISTINCT FROM n.type THEN jsonb_build_object('type', jsonb_build_array(o.type, n.type)) ELSE '{}' END
+               || CASE WHEN o.label IS DISTINCT FROM n.label THEN jsonb_build_object('label', jsonb_build_array(o.label, n.label)) ELSE '{}' END
+               || CASE WHEN o.front <> n.front THEN jsonb_build_object('front', jsonb_build_array(o.front, n.front)) ELSE '{}' END
+               || CASE WHEN o.properties <> n.properties
+                       THEN jsonb_build_object('properties', jsonb_build_array(o.properties, n.properties)) ELSE '{}' END))
+        FROM former o FULL JOIN fresh n USING (id) WHERE n.id = ANY (changed) GROUP BY n.map_id;
     RETURN NULL;
 END $$;
 
@@ -70,9 +78,11 @@ BEGIN
         SELECT id, map_id, kind, name, label, type, properties, front,
                tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond')), true
         FROM former;
-    INSERT INTO semmap.change (map_id, what, entities)
-        SELECT o.map_id, 'removed', array_agg(o.id ORDER BY o.id)
-        FROM former o GROUP BY o.map_id;
+    INSERT INTO semmap.change (map_id, what, entities, facts)
+        SELECT o.map_id, 'removed', array_agg(o.id ORDER BY o.id), jsonb_build_object('poses', jsonb_agg(
+                   jsonb_build_array(o.id, w.pose, NULL, NULL)) FILTER (WHERE w.pose IS NOT NULL))
+        -- The foreign key has deleted the placement, not yet what depends on that; placement_deleted adds the holder.
+        FROM former o LEFT JOIN semmap.world w ON w.entity_id = o.id GROUP BY o.map_id;
     IF emptied IS NOT NULL THEN
         PERFORM set_config('semmap.emptied', '', true);
         IF current_setting('semmap.deriving', true) IS DISTINCT FROM 'off' THEN
@@ -122,6 +132,18 @@ BEGIN
     RETURN NULL;
 END $$;
 
+CREATE FUNCTION connector_changed()
+RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
+-- As properties_changed, with the former state.
+BEGIN
+    INSERT INTO semmap.change (map_id, what, entities, facts)
+        SELECT e.map_id, 'changed', array_agg(e.id ORDER BY e.id), jsonb_build_object('values', jsonb_object_agg(e.id,
+               CASE WHEN o.state = n.state THEN '{}'::jsonb
+                    ELSE jsonb_build_object('state', jsonb_build_array(o.state, n.state)) END))
+        FROM former o FULL JOIN fresh n USING (entity_id) JOIN semmap.entity e ON e.id = entity_id GROUP BY e.map_id;
+    RETURN NULL;
+END $$;
+
 CREATE FUNCTION heights_changed()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 -- A room's floor and ceiling, and which storeys there are, decide what holds an object.
@@ -162,8 +184,8 @@ CREATE TRIGGER storey_changed AFTER UPDATE ON storey REFERENCING NEW TABLE AS fr
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
 CREATE TRIGGER region_changed AFTER UPDATE ON region REFERENCING NEW TABLE AS fresh
     FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
-CREATE TRIGGER connector_changed AFTER UPDATE ON connector REFERENCING NEW TABLE AS fresh
-    FOR EACH STATEMENT EXECUTE FUNCTION properties_changed();
+CREATE TRIGGER connector_changed AFTER UPDATE ON connector REFERENCING OLD TABLE AS former NEW TABLE AS fresh
+    FOR EACH STATEMENT EXECUTE FUNCTION connector_changed();
 CREATE TRIGGER link_added AFTER INSERT ON link REFERENCING NEW TABLE AS touched
     FOR EACH STATEMENT EXECUTE FUNCTION links_changed();
 CREATE TRIGGER link_removed AFTER DELETE ON link REFERENCING OLD TABLE AS touched

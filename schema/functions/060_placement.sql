@@ -2,17 +2,17 @@
 -- contents, the history and the change log.
 
 CREATE FUNCTION refresh_world(ids bigint[])
-RETURNS bigint[] LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+RETURNS jsonb LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
 SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
 -- Computes the world coordinates of the given entities and of their contents, from the top down. An entity can be
 -- reached twice: it is given, and below another given one. Then the path from the highest start counts, because
--- only there is its holder up to date. Returns all that moved. In PL/pgSQL, which keeps the plan: planning takes
--- ten times as long as a move.
+-- only there is its holder up to date. Returns all that moved, each as [id, former world pose, world pose, holder].
+-- In PL/pgSQL, which keeps the plan: planning takes ten times as long as a move.
 DECLARE
-    moved bigint[];
+    moved jsonb;
 BEGIN
-WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
-    SELECT p.entity_id, e.map_id, CASE e.kind WHEN 'storey' THEN e.id ELSE h.storey_id END,
+WITH RECURSIVE tree (entity_id, map_id, storey_id, holder_id, pose, depth) AS (
+    SELECT p.entity_id, e.map_id, CASE e.kind WHEN 'storey' THEN e.id ELSE h.storey_id END, p.holder_id,
            CASE WHEN p.holder_id IS NULL THEN p.pose ELSE semmap.pose_compose(h.pose, p.pose) END, 0
     FROM unnest(ids) AS given (id)
     JOIN semmap.placement p ON p.entity_id = given.id
@@ -21,14 +21,14 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
     LEFT JOIN unnest(ids) AS above (id) ON above.id = p.holder_id
     WHERE above.id IS NULL
   UNION ALL
-    SELECT p.entity_id, e.map_id, CASE e.kind WHEN 'storey' THEN e.id ELSE t.storey_id END,
+    SELECT p.entity_id, e.map_id, CASE e.kind WHEN 'storey' THEN e.id ELSE t.storey_id END, p.holder_id,
            semmap.pose_compose(t.pose, p.pose), t.depth + 1
     FROM tree t
     -- for each entity of its own, since a join of all would read every placement of a small map
     CROSS JOIN LATERAL (SELECT q.* FROM semmap.placement q WHERE q.holder_id = t.entity_id OFFSET 0) p
     JOIN semmap.entity e ON e.id = p.entity_id
 ), placed AS (
-    SELECT DISTINCT ON (entity_id) entity_id, map_id, storey_id, pose
+    SELECT DISTINCT ON (entity_id) entity_id, map_id, storey_id, holder_id, pose
     FROM tree ORDER BY entity_id, depth DESC
 ), kept AS (
     -- The models of each entity are looked up one entity after the other: a join of all could be planned as a nested
@@ -56,8 +56,22 @@ WITH RECURSIVE tree (entity_id, map_id, storey_id, pose, depth) AS (
     SET map_id = excluded.map_id, storey_id = excluded.storey_id, pose = excluded.pose,
         box = excluded.box, footprint = excluded.footprint
     RETURNING w.entity_id)
-SELECT array_agg(entity_id) INTO moved FROM kept;
+-- The row of `world` is the former one: this statement does not see what it writes.
+SELECT jsonb_agg(jsonb_build_array(t.entity_id, (SELECT w.pose FROM semmap.world w WHERE w.entity_id = t.entity_id),
+                                   t.pose, t.holder_id)) INTO moved FROM placed t;
 RETURN moved;
+END $$;
+
+CREATE FUNCTION record_moves(moves jsonb, placed jsonb, why text)
+RETURNS void LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp
+SET plan_cache_mode = force_generic_plan SET enable_seqscan = off AS $$
+-- Records what refresh_world returned. The facts of the row: `poses`, as there; `placed`, former holder and holder of
+-- each entity that was not only carried along; `why`: moved, or derived.
+BEGIN
+    INSERT INTO semmap.change (map_id, what, entities, facts)
+        SELECT e.map_id, 'moved', array_agg(e.id ORDER BY e.id),
+               jsonb_build_object('poses', jsonb_agg(m.move), 'placed', placed, 'why', why)
+        FROM jsonb_array_elements(moves) m (move) JOIN semmap.entity e ON e.id = (m.move ->> 0)::bigint GROUP BY e.map_id;
 END $$;
 
 CREATE FUNCTION holders_of(ids bigint[])
@@ -182,7 +196,7 @@ BEGIN
     END IF;
     PERFORM semmap.lock_holders(ARRAY(SELECT DISTINCT holder_id FROM fresh));
     PERFORM semmap.check_holders(ids);
-    PERFORM semmap.record_change('moved', semmap.refresh_world(ids));
+    PERFORM semmap.record_moves(semmap.refresh_world(ids), '{}', 'moved');
     PERFORM semmap.follow_geometry(ids, ARRAY(SELECT entity_id FROM fresh WHERE holder_id IS NOT NULL AND confidence IS NULL));
     RETURN NULL;
 END $$;
@@ -206,12 +220,14 @@ DECLARE
     moved bigint[];
     rehung bigint[];
     stated bigint[];
+    placed jsonb;
     deriving boolean := coalesce(current_setting('semmap.deriving', true), '') = 'on';
 BEGIN
     SELECT array_agg(entity_id), array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id),
            array_agg(entity_id) FILTER (WHERE o.holder_id IS DISTINCT FROM n.holder_id
-                                          AND n.holder_id IS NOT NULL AND n.confidence IS NULL)
-        INTO moved, rehung, stated
+                                          AND n.holder_id IS NOT NULL AND n.confidence IS NULL),
+           jsonb_object_agg(entity_id, jsonb_build_array(o.holder_id, n.holder_id))
+        INTO moved, rehung, stated, placed
         FROM former o FULL JOIN fresh n USING (entity_id)  -- full: a cached nested loop would be quadratic
         WHERE coalesce(o.entity_id = n.entity_id, false)
           AND (o.holder_id, o.pose, o.relation, o.confidence) IS DISTINCT FROM (n.holder_id, n.pose, n.relation, n.confidence);
@@ -222,7 +238,7 @@ BEGIN
     IF rehung IS NOT NULL THEN
         PERFORM semmap.check_holders(rehung);
     END IF;
-    PERFORM semmap.record_change('moved', semmap.refresh_world(moved));
+    PERFORM semmap.record_moves(semmap.refresh_world(moved), placed, CASE WHEN deriving THEN 'derived' ELSE 'moved' END);
 
     -- Thin out the history: a placement within `keep_every` of the last stored one extends that one.
     WITH changed AS MATERIALIZED (
@@ -278,6 +294,14 @@ BEGIN
     PERFORM semmap.derive_again(semmap.neighbours_of(moved));
 END $$;
 
+CREATE FUNCTION pose_below(holder bigint, pose double precision[])
+RETURNS double precision[] LANGUAGE plpgsql STABLE SET search_path = semmap, public, pg_temp AS $$
+-- A pose relative to a holder, in the map's frame; null where the holder has no place.
+BEGIN
+    RETURN CASE WHEN holder IS NULL THEN pose
+                ELSE semmap.pose_compose((SELECT w.pose FROM semmap.world w WHERE w.entity_id = holder), pose) END;
+END $$;
+
 CREATE FUNCTION placement_deleted()
 RETURNS trigger LANGUAGE plpgsql SECURITY DEFINER SET search_path = semmap, public, pg_temp AS $$
 BEGIN
@@ -285,8 +309,14 @@ BEGIN
         SELECT entity_id, holder_id, pose, relation, confidence,
                tstzrange(since, greatest(statement_timestamp(), since + interval '1 microsecond'))
         FROM former;
-    PERFORM semmap.record_change('moved', ARRAY(SELECT entity_id FROM former));
+    PERFORM semmap.record_moves(
+        (SELECT jsonb_agg(jsonb_build_array(entity_id, semmap.pose_below(holder_id, pose), NULL, holder_id)) FROM former),
+        (SELECT jsonb_object_agg(entity_id, jsonb_build_array(holder_id, NULL)) FROM former), 'moved');
     IF coalesce(current_setting('semmap.dropping', true), '') = '' THEN
+        UPDATE semmap.change c SET facts = c.facts || jsonb_build_object('placed', coalesce(c.facts -> 'placed', '{}') || (
+            SELECT jsonb_object_agg(entity_id, jsonb_build_array(holder_id, NULL)) FROM former WHERE entity_id = ANY (c.entities)))
+        WHERE c.xid = pg_current_xact_id()::text::bigint AND c.what = 'removed'
+          AND EXISTS (SELECT FROM former WHERE entity_id = ANY (c.entities));
         -- The contents of what has no place any more stay where they are.
         UPDATE semmap.placement p SET holder_id = NULL, relation = 'in', confidence = NULL, pose = w.pose
         FROM semmap.world w WHERE w.entity_id = p.entity_id AND p.holder_id IN (SELECT entity_id FROM former);

@@ -7,13 +7,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from semmap.api.entity_collection import MapCollections
 from semmap.api.map_drawing import MapDrawing
 from semmap.api.map_entity import MapEntity
+from semmap.api.map_events import MapEvents
+from semmap.api.map_export import MapExport
+from semmap.api.map_pictures import MapPictures
 
 if TYPE_CHECKING:
     import shapely
     import trimesh
 
+    from semmap.api.door import Door
     from semmap.geometry.mesh import Mesh
     from semmap.ingest.importer import ImportSummary
 
@@ -23,7 +28,7 @@ PlanarPose = Sequence[float]
 """(x, y, z, yaw): metres and radians in the map's frame; yaw may be left out."""
 
 
-class Map(MapDrawing):
+class Map(MapDrawing, MapCollections, MapEvents, MapPictures, MapExport):
     """A map of one environment, by the names of its entities.
 
     Attributes
@@ -157,7 +162,7 @@ class Map(MapDrawing):
         direction: Literal["both", "forward", "backward"] = "both",
         height: float = 0.0,
         clearance: float = 0.6,
-    ) -> MapEntity:
+    ) -> Door:
         """Add a connector of two places.
 
         Parameters
@@ -180,7 +185,8 @@ class Map(MapDrawing):
         rooms = [self[place] for place in (place_a, place_b) if place is not None]
         distances = [partial(self._distance, room) for room in rooms]
         shape = DoorShape(line, width, height, clearance)
-        return self._add(door(name, place_a, place_b, shape, distances, form, direction, state))
+        self._add(door(name, place_a, place_b, shape, distances, form, direction, state))
+        return self.doors[name]
 
     def teach(self, teaching: str | Path | Mapping[str, Any]) -> dict[str, int]:
         """Teach knowledge, relations, actions, objects and where they were seen; all or nothing.

@@ -5,16 +5,23 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from psycopg.errors import UniqueViolation
 from psycopg.types.json import Jsonb
 
+from semmap.api.entity_card import EntityCard
+from semmap.api.entity_shape import EntityShape
+
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from semmap.api.map import Map
     from semmap.geometry.pose import Pose
+    from semmap.query.placements import EntityVersion
 
 __all__ = ["MapEntity"]
 
 
-class MapEntity:
+class MapEntity(EntityShape, EntityCard):
     """A room, object, region, agent, connector or storey of a map, read at each access.
 
     Two of them are equal if they are the same entity of the same database.
@@ -22,21 +29,32 @@ class MapEntity:
     Attributes
     ----------
     map : Map
-    id : its number in the database, which its name may change but never it
+    id : its number in the database, which never changes
+    kind : ``room``, ``object``, ``region``, ``agent``, ``connector``, ``storey``, ``elevator``;
+        never changes
     """
 
-    def __init__(self, map: Map, id: int) -> None:
-        self.map, self.id = map, id
+    def __init__(self, map: Map, id: int, kind: str, name: str) -> None:
+        self.map, self.id, self.kind = map, id, kind
+        self._name = name
 
     @property
     def name(self) -> str:
-        """The name, unique in the map."""
-        return str(self._value("name"))
+        """The name, unique in the map, as it was when anything of the entity was last read.
 
-    @property
-    def kind(self) -> str:
-        """``room``, ``object``, ``region``, ``agent``, ``connector``, ``storey``, ``elevator``."""
-        return str(self._value("kind"))
+        Assign one to rename it.
+        """
+        return self._name
+
+    @name.setter
+    def name(self, value: str) -> None:
+        if not value:
+            raise ValueError(f"{self.name}: a name is not empty")
+        try:
+            self._set("name", value)
+        except UniqueViolation:
+            raise ValueError(f"the map has an entity {value} already") from None
+        self._name = value
 
     @property
     def type(self) -> str | None:
@@ -70,18 +88,47 @@ class MapEntity:
     @property
     def holder(self) -> MapEntity | None:
         """What it is on or in; None where the map itself holds it."""
-        row = self.map.execute("SELECT holder_id FROM placement WHERE entity_id = %s", self.id)
-        return MapEntity(self.map, row[0][0]) if row and row[0][0] is not None else None
+        return self._other(
+            "SELECT e.id, e.kind, e.name FROM placement p JOIN entity e ON e.id = p.holder_id "
+            "WHERE p.entity_id = %s"
+        )
+
+    @property
+    def relation(self) -> str | None:
+        """How its holder holds it: ``in`` or ``on``; None where the map itself holds it."""
+        rows = self.map.execute(
+            "SELECT relation FROM placement WHERE entity_id = %s AND holder_id IS NOT NULL", self.id
+        )
+        return rows[0][0] if rows else None
+
+    @property
+    def room(self) -> MapEntity | None:
+        """The nearest room among what holds it, directly or not; None outside of rooms."""
+        return self._other(
+            "WITH RECURSIVE up (id, depth) AS ("
+            "SELECT holder_id, 1 FROM placement WHERE entity_id = %s UNION ALL SELECT p.holder_id, "
+            "up.depth + 1 FROM up JOIN placement p ON p.entity_id = up.id) "
+            "SELECT e.id, e.kind, e.name FROM up JOIN entity e ON e.id = up.id AND e.kind = 'room' "
+            "ORDER BY up.depth LIMIT 1"
+        )
+
+    @property
+    def storey(self) -> MapEntity | None:
+        """The storey that it is on; None where no storey holds it, and of a storey."""
+        return self._other(
+            "SELECT e.id, e.kind, e.name FROM world w JOIN entity e ON e.id = w.storey_id "
+            "WHERE w.entity_id = %s AND w.storey_id <> w.entity_id"
+        )
 
     @property
     def contents(self) -> list[MapEntity]:
         """What is on or in it, by name; not what that holds in its turn."""
         rows = self.map.execute(
-            "SELECT e.id FROM placement p JOIN entity e ON e.id = p.entity_id "
+            "SELECT e.id, e.kind, e.name FROM placement p JOIN entity e ON e.id = p.entity_id "
             "WHERE p.holder_id = %s ORDER BY e.name",
             self.id,
         )
-        return [MapEntity(self.map, row[0]) for row in rows]
+        return [self._entity(*row) for row in rows]
 
     @property
     def pose(self) -> Pose | None:
@@ -100,7 +147,24 @@ class MapEntity:
 
     def describe(self) -> dict[str, Any]:
         """All that the map has of it, as ``semmap show`` prints it."""
-        return self.map.describe(self.name)
+        from semmap.query.entity_query import describe_id
+
+        return describe_id(self.map.connection, self.id)
+
+    def history(self, since: datetime | None = None) -> list[EntityVersion]:
+        """Where it was, the oldest version first: poses in the map's frame, holders and times.
+
+        Parameters
+        ----------
+        since : leave out versions that ended before this time
+
+        Examples
+        --------
+        >>> [(version.begin, version.holder) for version in mug.history()]  # doctest: +SKIP
+        """
+        from semmap.query.placements import read_history
+
+        return read_history(self.map.connection, self.id, since)
 
     def move_to(self, x: float, y: float, z: float, yaw: float | None = None) -> None:
         """Move it; what it holds comes along, and the geometry says what holds it now.
@@ -135,23 +199,42 @@ class MapEntity:
 
     def _put(self, holder: str | MapEntity, relation: str) -> None:
         above = self.map[holder] if isinstance(holder, str) else holder
-        x, y, z = self.map.spot(above, relation)
         low = self.map.execute(
             "SELECT ST_ZMin(box) - pose[3] FROM world WHERE entity_id = %s", self.id
         )
-        height = z - (low[0][0] if low else 0.0)
+        if not low:
+            raise ValueError(
+                f"{self.name} has no placement, so it cannot be put {relation} {above.name}: "
+                f"delete it and add it again with a pose, {relation}{'_' * (relation == 'in')} "
+                "or a size"
+            )
+        x, y, z = self.map.spot(above, relation)
         with self.map.transaction():
-            self.map.execute("SELECT move_to(%s, %s, %s, %s)", self.id, x, y, height)
+            self.map.execute("SELECT move_to(%s, %s, %s, %s)", self.id, x, y, z - low[0][0])
             self.map.execute("SELECT put(%s, %s, %s)", self.id, above.id, relation)
 
     def _value(self, column: str) -> Any:
-        rows = self.map.execute(f"SELECT {column} FROM entity WHERE id = %s", self.id)
+        rows = self.map.execute(f"SELECT name, {column} FROM entity WHERE id = %s", self.id)
         if not rows:
-            raise LookupError(f"the entity {self.id} is no longer in the map {self.map.name}")
-        return rows[0][0]
+            raise self._gone()
+        self._name, value = rows[0]
+        return value
 
     def _set(self, column: str, value: Any) -> None:
         self.map.execute(f"UPDATE entity SET {column} = %s WHERE id = %s", value, self.id)
+
+    def _gone(self) -> LookupError:
+        return LookupError(f"{self.name} is no longer in the map {self.map.name}")
+
+    def _other(self, statement: str) -> MapEntity | None:
+        """The entity of a statement's first row (id, kind, name); its value is this one's id."""
+        rows = self.map.execute(statement, self.id)
+        return self._entity(*rows[0]) if rows else None
+
+    def _entity(self, id: int, kind: str, name: str) -> MapEntity:
+        from semmap.api.door import entity_of
+
+        return entity_of(self.map, id, kind, name)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, MapEntity):
@@ -162,4 +245,4 @@ class MapEntity:
         return hash(self.id)
 
     def __repr__(self) -> str:
-        return f"<{self.kind} {self.name}>"
+        return f"<{self.kind} {self._name}>"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from datetime import datetime
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from psycopg import errors
 from psycopg.pq import TransactionStatus
 
+from semmap.api.door import entity_of
 from semmap.api.map_entity import MapEntity
 from semmap.database.maps import see_map
 from semmap.database.session import twin_session
@@ -55,8 +55,12 @@ class MapQuestions:
         LookupError
             The map has none; the message names those that come near it.
         """
-        number = entity_query.entity_id(self.connection, name)
-        return MapEntity(cast("Map", self), number)
+        rows = self.execute(
+            "SELECT id, kind, name FROM entity WHERE map_id = current_map() AND name = %s", name
+        )
+        if not rows:
+            entity_query.entity_id(self.connection, name)  # raises
+        return entity_of(cast("Map", self), *rows[0])
 
     def __contains__(self, name: object) -> bool:
         known = "SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map() AND name = %s)"
@@ -83,8 +87,13 @@ class MapQuestions:
         near: Near | None = None,
         within: float | None = None,
         box: Sequence[float] | None = None,
+        name: str | None = None,
+        on: str | None = None,
+        limit: int | None = None,
     ) -> list[MapEntity]:
         """The entities that meet all conditions; with `near`, the nearest first, else by name.
+
+        It is one statement; to print them needs no more.
 
         Parameters
         ----------
@@ -92,25 +101,40 @@ class MapQuestions:
         in_ : name of an entity that holds them, or holds what holds them
         label : the property label of the entity or of its type, such as ``kitchen``
         where : properties and their values
-        near : a point (x, y, z) in the map's frame, metres, or the name of an entity
-        within : metres from `near` to the entity's 3D box
+        near : a point (x, y, z) in the map's frame, metres, or the name of an entity: its origin
+        within : metres from `near` to the entity's shape: to its triangles, not to its box. It is 0
+            inside of a room, a region or a closed mesh. Without geometry: to its origin
         box : (x0, y0, z0, x1, y1, z1), metres: the entity's 3D box meets it
+        name : the name, or a pattern in which ``*`` is any text and ``?`` any character
+        on : name of an entity on which they stand
+        limit : the most entities to return
 
         Raises
         ------
         LookupError, ValueError
             As `semmap.query.entity_query.find`.
         """
-        rows = self.table(
-            type, in_=in_, label=label, where=where, near=near, within=within, box=box
+        rows = entity_query.find(
+            self.connection,
+            type=type,
+            holder=in_,
+            label=label,
+            where=where,
+            near=near,
+            within=within,
+            box=box,
+            name=name,
+            on=on,
+            limit=limit,
         )
-        return [self[row["name"]] for row in rows]
+        return [entity_of(cast("Map", self), row["id"], row["kind"], row["name"]) for row in rows]
 
     def table(
         self, type: str | None = None, *, in_: str | None = None, **conditions: Any
     ) -> list[dict[str, Any]]:
         """As `find`, but plain rows, as ``semmap ls --json`` prints them."""
-        return entity_query.find(self.connection, type=type, holder=in_, **conditions)
+        rows = entity_query.find(self.connection, type=type, holder=in_, **conditions)
+        return [{key: value for key, value in row.items() if key != "id"} for row in rows]
 
     def describe(self, name: str, at: datetime | None = None) -> dict[str, Any]:
         """All that the map has of an entity; with `at`, also where it was then."""
@@ -157,51 +181,6 @@ class MapQuestions:
     def check(self) -> list[dict[str, Any]]:
         """Where the map disagrees with itself; empty for a sound map."""
         return entity_query.contradictions(self.connection)
-
-    def changes(
-        self, since: str | None = None, *, follow: bool = False, stop: threading.Event | None = None
-    ) -> Iterator[dict[str, Any]]:
-        """What changed in the map, one change after the other: `what`, `names`, `at`, `cursor`.
-
-        Parameters
-        ----------
-        since : the `cursor` of a change that was seen; by default from now on where `follow`,
-            else all changes that are kept
-        follow : wait for more, until `stop` is set
-
-        Yields
-        ------
-        Dictionaries; an entity that was deleted since has None for its name.
-        """
-        if since is None and follow:
-            since = str(self.execute("SELECT change_cursor()")[0][0])
-        while True:
-            cursor, rows = entity_query.changes_since(self.connection, since)
-            for row in rows:
-                if row["map"] == self.name:
-                    yield self._change(row, cursor)
-            since = cursor
-            if not follow or (stop is not None and stop.is_set()):
-                return
-            self._wait(stop)
-
-    def _change(self, row: dict[str, Any], cursor: str) -> dict[str, Any]:
-        names = dict(
-            self.execute("SELECT id, name FROM entity WHERE id = ANY (%s)", row["entities"])
-        )
-        return {
-            "what": row["what"],
-            "names": [names.get(number) for number in row["entities"]],
-            "at": row["at"],
-            "cursor": cursor,
-        }
-
-    def _wait(self, stop: threading.Event | None, seconds: float = 0.5) -> None:
-        """Wait for the next change; a change between two looks is found at the next one."""
-        session = self.connection
-        session.execute("LISTEN semmap")
-        for _ in session.notifies(timeout=seconds, stop_after=1):
-            return
 
     # --- for SQL and the ORM
 

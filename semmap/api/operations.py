@@ -34,9 +34,10 @@ class Operation:
 
     @cached_property
     def function(self) -> Any:
-        """The method itself."""
+        """The method itself; of a property, the function that reads it."""
         owner, name = self.method.split(".")
-        return inspect.getattr_static(getattr(import_module(_HOMES[owner]), owner), name)
+        found = inspect.getattr_static(getattr(import_module(_HOMES[owner]), owner), name)
+        return found.fget if isinstance(found, property) else found
 
     @property
     def arguments(self) -> dict[str, inspect.Parameter]:
@@ -60,6 +61,7 @@ _HOMES = {
     "Database": "semmap.api.database",
     "Map": "semmap.api.map",
     "MapEntity": "semmap.api.map_entity",
+    "Door": "semmap.api.door",
 }
 
 COMMANDS = {
@@ -138,4 +140,30 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.search", "search", "reader"),
     Operation("Map.ended_fields", None, "reader"),
     Operation("Database.maps", "maps", "reader"),
+    Operation("Map.find", None, "reader"),
+    Operation("Map.rooms", None, "reader"),
+    Operation("Map.objects", None, "reader"),
+    Operation("Map.doors", None, "reader"),
+    Operation("Map.storeys", None, "reader"),
+    Operation("Map.regions", None, "reader"),
+    Operation("Map.agents", None, "reader"),
+    Operation("Map.changes", None, "reader"),
+    Operation("Map.subscribe", None, "reader"),
+    Operation("Map.to_geodataframe", None, "reader"),
+    Operation("Map.export", None, "reader"),
+    Operation("MapEntity.name", None, "robot"),
+    Operation("MapEntity.room", None, "reader"),
+    Operation("MapEntity.storey", None, "reader"),
+    Operation("MapEntity.relation", None, "reader"),
+    Operation("MapEntity.geometry", None, "reader"),
+    Operation("MapEntity.footprint", None, "reader"),
+    Operation("MapEntity.mesh", None, "reader"),
+    Operation("MapEntity.size", None, "reader"),
+    Operation("MapEntity.box", None, "reader"),
+    Operation("MapEntity.history", None, "reader"),
+    Operation("MapEntity.delete", None, "robot"),
+    Operation("Door.state", None, "robot"),
+    Operation("Door.places", None, "reader"),
+    Operation("Door.width", None, "reader"),
+    Operation("Door.form", None, "reader"),
 )

@@ -16,7 +16,8 @@ from matplotlib.path import Path as Curve
 
 from semmap.belief.places import BeliefPlace
 from semmap.belief.store.beliefs import ELSEWHERE
-from semmap.draw.floor_plan import FLAT, HIDDEN, floor_plan
+from semmap.draw.floor_plan import FLAT, floor_plan
+from semmap.draw.palette import HIDDEN
 from semmap.draw.view import StoreyView
 
 __all__ = ["heat_map"]

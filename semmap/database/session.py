@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from semmap.database.embedded import Cluster
 
-__all__ = ["open_session", "twin_session"]
+__all__ = ["conninfo_of", "open_session", "reopen_session", "twin_session"]
 
 
 def open_session(
@@ -89,5 +89,14 @@ def open_session(
 
 def twin_session(session: psycopg.Connection[Any]) -> psycopg.Connection[Any]:
     """Open another session with the same database, login and settings."""
-    conninfo = make_conninfo(session.info.dsn, password=session.info.password or None)
+    return reopen_session(conninfo_of(session))
+
+
+def conninfo_of(session: psycopg.Connection[Any]) -> str:
+    """With what `reopen_session` opens another session like this one, also after it is closed."""
+    return make_conninfo(session.info.dsn, password=session.info.password or None)
+
+
+def reopen_session(conninfo: str) -> psycopg.Connection[Any]:
+    """Open a session in autocommit mode."""
     return SharedConnection.connect(conninfo, autocommit=True)

@@ -23,28 +23,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from semmap.draw.labels import AROUND, Labels
-from semmap.draw.palette import INK, PAPER, PATH, family, object_colour, room_colour
+from semmap.draw.palette import HIDDEN, INK, PAPER, PATH, STATES, family, object_colour, room_colour
 from semmap.draw.title import draw_title
 from semmap.draw.view import DoorView, ObjectView, OccupancyView, Outline, RegionView, StoreyView
 
 __all__ = ["floor_plan"]
 
-HIDDEN = {
-    "ceiling",
-    "roof",
-    "beam",
-    "wall",
-    "floor",
-    "ground",
-    "window",
-    "house",
-    "door_leaf",
-    "door_frame",
-    "handle",
-    "elevator_shaft",
-    "column",
-    "railing",
-}
 FLAT = {"carpet", "ceiling_lamp"}
 REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("blocked_region", "#c0392b", "////"),
@@ -54,7 +38,6 @@ REGIONS: tuple[tuple[str, str, str], ...] = (  # type, colour, hatch
     ("navigation_region", "#1f6fb2", "\\\\\\\\"),
     ("region", "#7d5fb2", "\\\\"),
 )
-STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
 _WALL = "#343a46"
 _MARGIN = 0.55
 _DOUBLE, _OPENING = 1.3, 2.4  # widths beyond which a door has two leaves, or none, metres

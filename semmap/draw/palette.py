@@ -5,7 +5,17 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable, Mapping
 
-__all__ = ["BOX_COLOURS", "INK", "PAPER", "PATH", "family", "object_colour", "room_colour"]
+__all__ = [
+    "BOX_COLOURS",
+    "HIDDEN",
+    "INK",
+    "PAPER",
+    "PATH",
+    "STATES",
+    "family",
+    "object_colour",
+    "room_colour",
+]
 
 INK = "#2b2f36"
 PAPER = "#fbfaf7"
@@ -82,6 +92,27 @@ OBJECTS: Mapping[str, str] = {  # the first that fits is taken: general types st
     "furniture": "#b39a7d",
 }
 _OTHER_OBJECTS = "#a8a29a"
+
+HIDDEN = {
+    "ceiling",
+    "roof",
+    "beam",
+    "wall",
+    "floor",
+    "ground",
+    "window",
+    "house",
+    "door_leaf",
+    "door_frame",
+    "handle",
+    "elevator_shaft",
+    "column",
+    "railing",
+}
+"""Types that a floor plan leaves out: parts of the building."""
+
+STATES = {"open": "#3b6ea5", "closed": "#b07a1f", "locked": "#b3261e"}
+"""Of doors."""
 
 BOX_COLOURS = (
     "#e6194b",

@@ -48,6 +48,20 @@ class Mesh:
         """(2, 3): lowest and highest corner of the vertices that faces use."""
         return np.stack(extent(self.used))
 
+    @property
+    def is_closed(self) -> bool:
+        """True if the surface has an inside: each edge belongs to an even number of faces.
+
+        Vertices count as one where their coordinates are equal. The numbers of all edges are
+        combined by exclusive or: those that occur twice cancel out, at a risk of error of 2**-64.
+        """
+        at = (self.vertices + 0.0).view(np.uint64) * _PRIMES  # -0.0 is 0.0
+        numbers = _mixed(_mixed(_mixed(at[:, 0]) ^ at[:, 1]) ^ at[:, 2])
+        corners = numbers[self.faces]
+        ends = np.roll(corners, -1, axis=1)
+        edges = np.where(corners == ends, np.uint64(0), _mixed(corners + ends))
+        return len(self.faces) > 0 and not np.bitwise_xor.reduce(edges, axis=None)
+
     def digest(self) -> str:
         """Return a hash of the content: equal meshes are stored once."""
         h = hashlib.sha256()
@@ -59,6 +73,16 @@ class Mesh:
         """Return this mesh scaled, then placed by `pose`; mirrored faces are turned back."""
         faces = self.faces if np.prod(scale) > 0 else self.faces[:, ::-1]
         return Mesh(pose.apply(self.vertices * np.asarray(scale)), np.ascontiguousarray(faces))
+
+
+_PRIMES = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+
+
+def _mixed(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Each number with its bits spread over all 64, as splitmix64 does."""
+    z = (numbers ^ (numbers >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
 
 
 def join(meshes: list[Mesh]) -> Mesh:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 __all__ = ["IDENTITY", "Pose"]
 
 
 class Pose(NamedTuple):
-    """Where a frame stands in another: ``p_outer = rotation @ p_inner + translation``.
+    """Where a frame stands in another: ``p_outer = rotation_matrix @ p_inner + translation``.
 
     Attributes
     ----------
@@ -89,7 +92,14 @@ class Pose(NamedTuple):
         return np.array([self.x, self.y, self.z])
 
     @property
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> Rotation:
+        """The rotation as SciPy's `Rotation`."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat((self.qx, self.qy, self.qz, self.qw))
+
+    @property
+    def rotation_matrix(self) -> NDArray[np.float64]:
         """(3, 3) rotation matrix."""
         x, y, z, w = self.qx, self.qy, self.qz, self.qw
         return np.array(
@@ -104,14 +114,14 @@ class Pose(NamedTuple):
     def matrix(self) -> NDArray[np.float64]:
         """(4, 4) homogeneous transform."""
         m = np.eye(4)
-        m[:3, :3] = self.rotation
+        m[:3, :3] = self.rotation_matrix
         m[:3, 3] = self.translation
         return m
 
     @property
     def yaw(self) -> float:
         """Heading of the x axis in the outer xy plane, radians in (-pi, pi]."""
-        r = self.rotation
+        r = self.rotation_matrix
         return math.atan2(r[1, 0], r[0, 0])
 
     def __matmul__(self, inner: Pose) -> Pose:
@@ -132,12 +142,12 @@ class Pose(NamedTuple):
 
     def inverse(self) -> Pose:
         """The pose of the outer frame in this one."""
-        t = -self.rotation.T @ self.translation
+        t = -self.rotation_matrix.T @ self.translation
         return Pose(float(t[0]), float(t[1]), float(t[2]), -self.qx, -self.qy, -self.qz, self.qw)
 
     def apply(self, points: ArrayLike) -> NDArray[np.float64]:
         """Points (N, 3) of this frame, in the outer frame."""
-        p: NDArray[np.float64] = np.asarray(points, dtype=float) @ self.rotation.T
+        p: NDArray[np.float64] = np.asarray(points, dtype=float) @ self.rotation_matrix.T
         return p + self.translation
 
     def is_finite(self) -> bool:

@@ -131,7 +131,7 @@ class ActionRecord:
         """Return the action, given in a frame, in the outer frame of that frame."""
 
         def turned(vector: tuple[float, ...]) -> tuple[float, ...]:
-            return tuple(float(v) for v in frame.rotation @ np.array(vector))
+            return tuple(float(v) for v in frame.rotation_matrix @ np.array(vector))
 
         motion = self.motion
         if motion is not None and len(motion) == 3:

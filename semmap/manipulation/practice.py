@@ -280,7 +280,7 @@ def _trial(
     surface = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32))
     body = body_of(surface, mass=mass if mass is not None else weight or None, friction=friction)
     standing = np.eye(4)
-    standing[:3, :3] = _standing(session, entity) if stands is None else stands.rotation
+    standing[:3, :3] = _standing(session, entity) if stands is None else stands.rotation_matrix
     standing[2, 3] = 5e-4 - (surface.vertices @ standing[:3, :3].T)[:, 2].min()
     return Trial(stored_gripper(session, gripper), body, standing)
 
@@ -291,7 +291,7 @@ def _standing(session: Any, entity: str) -> NDArray[np.float64]:
     ((pose,),) = row.fetchall() or ((None,),)
     if pose is None:
         raise ManipulationError(f"{entity}: has no pose in the map: semmap put gives it one")
-    return Pose(*pose).rotation
+    return Pose(*pose).rotation_matrix
 
 
 def _told(

@@ -136,7 +136,7 @@ def _stored(session: Any, entity: str, gripper: str, distance: float) -> list[di
     rows = actions_on(session, name=entity, gripper=gripper, kind="push", limit=STORED)
     found = []
     for row in ranked(session, rows, gripper, "push"):
-        turn = row["pose"].rotation @ row["model_pose"].rotation.T
+        turn = row["pose"].rotation_matrix @ row["model_pose"].rotation_matrix.T
         way = turn @ np.array(row["motion"])
         length = float(np.linalg.norm(way))
         if abs(length - distance) > 1e-3 or abs(way[2]) > LEVEL * length:
@@ -156,7 +156,7 @@ def _generate(session: Any, entity: str, gripper: str, pushes: Sequence[Push]) -
     ((pose,),) = session.execute(
         "SELECT pose FROM world WHERE entity_id = entity_id(%s)", (entity,)
     ).fetchall()
-    turned = (Pose(*pose).rotation @ shape.pose[:3, :3]).T
+    turned = (Pose(*pose).rotation_matrix @ shape.pose[:3, :3]).T
     records = []
     for push in pushes:
         along = np.append(push.direction, 0)

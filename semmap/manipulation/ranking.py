@@ -98,7 +98,7 @@ class Evidence:
         if shift is None or pose is None or extent is None or own or not outcomes.successes:
             return
         aside = np.hypot(shift[0], shift[1]) > LEAST  # such as towards the heavy end of the shape
-        place = pose.rotation @ np.array(shift) if aside else np.zeros(3)
+        place = pose.rotation_matrix @ np.array(shift) if aside else np.zeros(3)
         part = np.append(place, 0.0 if aside else shift[2]) / extent
         if np.linalg.norm(part) <= 1:
             self.shifts.setdefault(group, []).append((part, outcomes.successes))

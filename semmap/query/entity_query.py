@@ -15,10 +15,13 @@ from psycopg.types.json import Jsonb
 from semmap.suggestions import suggestion
 
 __all__ = [
+    "SETTLE",
     "Near",
     "changes_since",
+    "check_cursor",
     "contradictions",
     "describe",
+    "describe_id",
     "entity_id",
     "find",
     "list_guessed_types",
@@ -120,8 +123,11 @@ def find(
     near: Near | None = None,
     within: float | None = None,
     box: Sequence[float] | None = None,
+    name: str | None = None,
+    on: str | None = None,
+    limit: int | None = None,
 ) -> list[Row]:
-    """The entities of the map that meet all the conditions that are given.
+    """The entities of the map that meet all the conditions that are given, by one statement.
 
     Parameters
     ----------
@@ -129,31 +135,30 @@ def find(
     holder : name of an entity that holds them, or holds what holds them
     label : the property label (``kitchen``) of the entity, or of its type
     where : properties and their values
-    near : a point (x, y, z) in metres or the name of an entity: the nearest come first
-    within : metres from `near`, to the entity's 3D box
+    near : a point (x, y, z) in metres or the name of an entity (its origin): the nearest come first
+    within : metres from `near` to the entity's shape: its triangles, not its box; 0 inside of a
+        room, a region or a closed mesh; to its origin where it has no geometry
     box : (x0, y0, z0, x1, y1, z1), metres: the entity's 3D box meets it
+    name : the name, or a pattern in which ``*`` is any text and ``?`` any character
+    on : name of an entity on which they stand
+    limit : the most entities to return
 
     Returns
     -------
-    Rows with `name`, `kind`, `type`, `label`, `holder`, `storey`, `x`, `y`, `z` (metres, map frame)
-    and, with `near`, `distance`.
+    Rows with `id`, `name`, `kind`, `type`, `label`, `holder`, `storey`, `x`, `y`, `z` (metres, map
+    frame) and, with `near`, `distance`.
 
     Raises
     ------
     LookupError
         A type or name that the map does not have, with those that come near it.
     ValueError
-        A point, box or distance that is none.
+        A point, box, distance or limit that is none.
     """
     conditions = ["e.map_id = current_map()"]
     values: dict[str, Any] = {}
-    order, extra, is_close = "e.kind, e.name", "", False
+    order, extra, source, is_close = "e.kind, e.name", "", "", False
     if type is not None:
-        types = _column(session, "SELECT name FROM semantic_type")
-        if type not in types:
-            raise LookupError(
-                f"the map has no type {type}{suggestion(type, types, 'semmap types lists them')}"
-            )
         conditions.append("e.id IN (SELECT id FROM object WHERE type = %(type)s)")
         values["type"] = type
     if label is not None:
@@ -162,10 +167,17 @@ def find(
     if holder is not None:
         conditions.append(
             "e.id IN (WITH RECURSIVE held (id) AS ("
-            "SELECT ob_id FROM inventory WHERE inv_id = %(holder)s UNION "
+            f"SELECT ob_id FROM inventory WHERE inv_id = {_ID.format('holder')} UNION "
             "SELECT i.ob_id FROM held JOIN inventory i ON i.inv_id = held.id) SELECT id FROM held)"
         )
-        values["holder"] = entity_id(session, holder)
+        values["holder"] = holder
+    if on is not None:
+        conditions.append(f"p.relation = 'on' AND p.holder_id = {_ID.format('on')}")
+        values["on"] = on
+    if name is not None:
+        patterned = any(character in name for character in "*?")
+        conditions.append(f"e.name {'LIKE' if patterned else '='} %(name)s")
+        values["name"] = _like(name) if patterned else name
     if where:
         conditions.append("e.properties @> %(where)s")
         values["where"] = Jsonb(dict(where))
@@ -179,31 +191,78 @@ def find(
         )
         values |= dict(zip(("x0", "y0", "z0", "x1", "y1", "z1"), corners, strict=True))
     if near is not None:
-        values |= dict(zip("xyz", _point(session, near), strict=True))
-        extra = ", round(box_distance(w.box, %(x)s, %(y)s, %(z)s)::numeric, 3) AS distance"
-        order = "box_distance(w.box, %(x)s, %(y)s, %(z)s), e.name"
+        if isinstance(near, str):
+            place = f"(SELECT n.pose[1:3] FROM world n WHERE n.entity_id = {_ID.format('near')})"
+            values["near"] = near
+        else:
+            place, values["near"] = "%(near)s::float8[]", _numbers(near, 3, "a point")
+        conditions.append("at IS NOT NULL")
+        source = (
+            f"CROSS JOIN LATERAL (SELECT {place} OFFSET 0) point (at) LEFT JOIN LATERAL ("
+            "SELECT shape_distance(w.entity_id, at[1], at[2], at[3]) OFFSET 0) measured (distance) "
+            "ON true "
+        )
         if within is not None:
             if not 0 <= within < math.inf:
                 raise ValueError(f"within takes metres from 0 on, not {within}")
-            cube = "around(%(x)s, %(y)s, %(z)s, %(within)s)"
-            is_close = within <= CLOSE
+            cube = "around(at[1], at[2], at[3], %(within)s)"
+            if not isinstance(near, str):  # a point that the planner knows, or that it must not
+                values |= dict(zip("xyz", values["near"], strict=True))
+                cube = "around(%(x)s, %(y)s, %(z)s, %(within)s)"
+                is_close = within <= CLOSE
             conditions.append(f"w.box && (SELECT {cube})" if is_close else f"w.box &&& {cube}")
-            conditions.append("box_distance(w.box, %(x)s, %(y)s, %(z)s) <= %(within)s")
+            conditions.append("distance <= %(within)s")
             values["within"] = within
+        extra = ", round(distance::numeric, 3) AS distance"
+        order = "distance, e.name"
     elif within is not None:
         raise ValueError("within needs near: a point (x, y, z) or a name")
-    return _rows(
+    if limit is not None and not 0 <= limit < 2**31:
+        raise ValueError(f"limit takes a number from 0 on, not {limit}")
+    values["limit"] = limit
+    rows = _rows(
         session,
-        "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, s.name AS storey, "
+        "SELECT e.id, e.name, e.kind, e.type, e.label, h.name AS holder, s.name AS storey, "
         "round(w.pose[1]::numeric, 3) AS x, round(w.pose[2]::numeric, 3) AS y, "
         f"round(w.pose[3]::numeric, 3) AS z{extra} "
         "FROM entity e LEFT JOIN placement p ON p.entity_id = e.id "
         "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
-        "LEFT JOIN entity s ON s.id = w.storey_id "
-        f"WHERE {' AND '.join(conditions)} ORDER BY {order}",
+        f"LEFT JOIN entity s ON s.id = w.storey_id {source}"
+        f"WHERE {' AND '.join(conditions)} ORDER BY {order} LIMIT %(limit)s",
         values,
         prepare=None if within is None or is_close else False,
     )
+    if not rows:
+        _check_names(session, type, (holder, on), near)
+    return rows
+
+
+_ID = "(SELECT id FROM entity WHERE map_id = current_map() AND name = %({})s)"
+
+
+def _like(pattern: str) -> str:
+    """The pattern of LIKE for one in which ``*`` is any text and ``?`` any character."""
+    quoted = re.sub(r"([\\%_])", r"\\\1", pattern)
+    return quoted.replace("*", "%").replace("?", "_")
+
+
+def _check_names(
+    session: Session, type: str | None, holders: Sequence[str | None], near: Near | None
+) -> None:
+    """Refuse what the map does not have; a name that it has may hold nothing."""
+    if type is not None:
+        types = _column(session, "SELECT name FROM semantic_type")
+        if type not in types:
+            raise LookupError(
+                f"the map has no type {type}{suggestion(type, types, 'semmap types lists them')}"
+            )
+    for each in holders:
+        if each is not None:
+            entity_id(session, each)
+    if isinstance(near, str):
+        number = entity_id(session, near)
+        if not _column(session, "SELECT 1 FROM world WHERE entity_id = %s", (number,)):
+            raise ValueError(f"{near} has no placement: give a point (x, y, z)")
 
 
 PARTS = {
@@ -230,8 +289,12 @@ def describe(session: Session, name: str, at: datetime | None = None) -> Row:
     LookupError
         The map has no such entity.
     """
-    number = entity_id(session, name)
-    known = _rows(
+    return describe_id(session, entity_id(session, name), at)
+
+
+def describe_id(session: Session, number: int, at: datetime | None = None) -> Row:
+    """As `describe`, of the entity of an id."""
+    found = _rows(
         session,
         "SELECT e.name, e.kind, e.type, e.label, h.name AS holder, p.relation, "
         "p.confidence, s.name AS storey, w.pose, e.properties, e.front, e.since, e.source, "
@@ -240,7 +303,10 @@ def describe(session: Session, name: str, at: datetime | None = None) -> Row:
         "LEFT JOIN entity h ON h.id = p.holder_id LEFT JOIN world w ON w.entity_id = e.id "
         "LEFT JOIN entity s ON s.id = w.storey_id WHERE e.id = %s",
         (number,),
-    )[0]
+    )
+    if not found:
+        raise LookupError(f"the map has no entity with the id {number}")
+    known = found[0]
     if known["pose"] is not None:
         known["pose"] = [round(v, 6) for v in known["pose"]]
     for part, statement in PARTS.items():
@@ -270,8 +336,8 @@ def describe(session: Session, name: str, at: datetime | None = None) -> Row:
         )
         if then[0]["pose"] is None and at < (first := _first_version(session, number)):
             raise LookupError(
-                f"{name} was not in the map at {at.isoformat()}: the first version that the map "
-                f"has of it is of {first.isoformat()}"
+                f"{known['name']} was not in the map at {at.isoformat()}: the first version "
+                f"that the map has of it is of {first.isoformat()}"
             )
         known["then"] = {"at": at.isoformat()} | then[0]
     return known
@@ -301,8 +367,7 @@ def changes_since(session: Session, since: str | None) -> tuple[str, list[Row]]:
     ValueError
         `since` is not a cursor.
     """
-    if since is not None and not re.fullmatch(r"\d+:\d+:[\d,]*", since):
-        raise ValueError(f"{since} is not a cursor: give one that an earlier call printed, or none")
+    check_cursor(since)
     with session.transaction():
         # One statement, so that cursor and rows are of one snapshot.
         rows = _rows(
@@ -317,6 +382,12 @@ def changes_since(session: Session, since: str | None) -> tuple[str, list[Row]]:
     for row in rows:
         del row["cursor"]
     return cursor, [row for row in rows if row["id"] is not None]
+
+
+def check_cursor(given: str | None) -> None:
+    """Refuse what is not a cursor."""
+    if given is not None and not re.fullmatch(r"\d+:\d+:[\d,]*", given):
+        raise ValueError(f"{given} is not a cursor: give one that an earlier call printed, or none")
 
 
 SETTLE = (
@@ -335,17 +406,6 @@ def _rows(
 
 def _column(session: Session, statement: str, values: Any = None) -> list[Any]:
     return [row[0] for row in session.execute(statement, values).fetchall()]
-
-
-def _point(session: Session, near: Near) -> list[float]:
-    if not isinstance(near, str):
-        return _numbers(near, 3, "a point")
-    row = session.execute(
-        "SELECT pose FROM world WHERE entity_id = %s", (entity_id(session, near),)
-    ).fetchone()
-    if row is None:
-        raise ValueError(f"{near} has no placement: give a point (x, y, z)")
-    return list(row[0][:3])
 
 
 def _numbers(given: Sequence[float], count: int, what: str) -> list[float]:

@@ -593,7 +593,7 @@ def _typical_sizes(connection: Connection) -> dict[str, tuple[float, float, floa
 
 def _placed(triangles: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
     """Triangles in the map's frame; corners that are equal stay equal to the last bit."""
-    r, t = pose.rotation, (pose.x, pose.y, pose.z)
+    r, t = pose.rotation_matrix, (pose.x, pose.y, pose.z)
     if (pose.qx, pose.qy, pose.qz) == (0.0, 0.0, 0.0):
         return np.add(triangles, t, dtype=np.float64)
     x, y, z = np.moveaxis(triangles, 2, 0)

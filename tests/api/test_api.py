@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import shapely
-import trimesh
 from sqlalchemy import func, select
 from sqlalchemy.exc import DBAPIError
 
@@ -19,25 +18,6 @@ from semmap.model import Entity, Object, WorldPlacement
 from tests.command_line import semmap as semmap_cli
 from tests.ingest.worlds_by_hand import box_world
 from tests.next_revision import next_revision
-
-
-@pytest.fixture
-def db(database: str) -> Iterator[semmap.Database]:
-    with semmap.connect(database) as opened:
-        yield opened
-
-
-@pytest.fixture
-def flat(db: semmap.Database) -> semmap.Map:
-    made = db.create_map("flat")
-    made.add_storey("ground", height=3)
-    made.add_room("kitchen", shapely.box(0, 0, 4, 3), floor=0, ceiling=2.7, label="kitchen")
-    made.add_room("hall", [(4.1, 0), (8, 0), (8, 3), (4.1, 3)], ceiling=2.7)
-    made.add_door("door1", "kitchen", "hall", ((4.05, 1), (4.05, 2)))
-    made.add_object("desk4", type="table", size=(1.6, 0.8, 0.75), in_="kitchen")
-    cylinder = trimesh.creation.cylinder(0.04, 0.1)
-    made.add_object("mug7", type="mug", mesh=cylinder, on="desk4", properties={"colour": "red"})
-    return made
 
 
 def names(entities: list[semmap.MapEntity]) -> list[str]:
@@ -132,7 +112,7 @@ def test_questions(flat: semmap.Map) -> None:
 
 
 def test_changes_are_followed(flat: semmap.Map, database: str) -> None:
-    assert next(flat.changes())["what"] == "added"
+    assert next(flat.changes()).what == "added"
 
     def move_later() -> None:
         started.wait()
@@ -147,8 +127,8 @@ def test_changes_are_followed(flat: semmap.Map, database: str) -> None:
     change = next(changes)
     changes.close()  # type: ignore[attr-defined]
     mover.join()
-    assert (change["what"], change["names"]) == ("moved", ["mug7"])
-    assert list(flat.changes(change["cursor"])) == []
+    assert (change.what, change.name) == ("moved", "mug7")
+    assert list(flat.changes(change.cursor)) == []
 
 
 def test_files_are_imported(flat: semmap.Map, tmp_path: Path) -> None:

@@ -123,7 +123,9 @@ def test_robots_stand_in_the_places_that_a_door_joins(
             for place, pose in zip(entry.detail.places, entry.detail.poses, strict=True):
                 standing = entry.pose @ pose
                 facing = entry.pose.translation - standing.translation
-                assert facing @ standing.rotation[:, 0] == pytest.approx(np.linalg.norm(facing))
+                assert facing @ standing.rotation_matrix[:, 0] == pytest.approx(
+                    np.linalg.norm(facing)
+                )
                 point = shapely.Point(standing.x, standing.y)
                 if place == "outside":
                     assert not any(area.covers(point) for area, z in rooms.values() if z == 0)

@@ -56,3 +56,22 @@ def test_equal_meshes_have_equal_digests() -> None:
     assert a.digest() == Mesh(a.vertices.copy(), a.faces.astype(np.int64)).digest()  # type: ignore[arg-type]
     assert a.digest() != a.moved(Pose(x=1e-9)).digest()
     assert a.digest() != Mesh(a.vertices, a.faces[::-1]).digest()
+
+
+@pytest.mark.parametrize("subdivisions", [0, 2, 4])
+def test_a_surface_is_closed_where_trimesh_finds_it_watertight(subdivisions: int) -> None:
+    rng = np.random.default_rng(subdivisions)
+    for made in (
+        trimesh.creation.icosphere(subdivisions=subdivisions),
+        trimesh.creation.annulus(0.2, 0.5, 0.3, sections=3 + 8 * subdivisions),
+        trimesh.creation.torus(1, 0.2, major_sections=5 + subdivisions),
+    ):
+        for faces in (made.faces, made.faces[1:], rng.permutation(made.faces)[:-2]):
+            part = trimesh.Trimesh(made.vertices, faces, process=False)
+            soup = part.triangles.reshape(-1, 3)
+            whole = Mesh(np.asarray(made.vertices, float), np.asarray(faces, np.int32))
+            loose = Mesh(soup, np.arange(len(soup), dtype=np.int32).reshape(-1, 3))
+            assert whole.is_closed == loose.is_closed == part.is_watertight
+    flat = Mesh(np.eye(3), np.array([[0, 1, 2], [0, 2, 1], [0, 0, 1]], np.int32))
+    assert flat.is_closed
+    assert not Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32)).is_closed

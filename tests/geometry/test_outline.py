@@ -27,7 +27,7 @@ def test_the_hull_reaches_as_far_as_the_mesh_in_every_direction(
     vertices = np.array(corners)
     faces = np.column_stack([np.arange(len(vertices))] * 3)
     mesh = Mesh(vertices, faces.astype(np.int32))
-    direction = Pose.from_rpy(0, 0, 0, *turn).rotation
+    direction = Pose.from_rpy(0, 0, 0, *turn).rotation_matrix
     np.testing.assert_allclose(
         (hull_points(mesh) @ direction.T).max(axis=0),
         (vertices @ direction.T).max(axis=0),

@@ -18,7 +18,8 @@ numbers = st.tuples(metres, metres, metres, angles, angles, angles)
 def test_roll_pitch_yaw_are_scipys(said: tuple[float, ...]) -> None:
     pose = Pose.from_rpy(*said)
     expected = Rotation.from_euler("xyz", said[3:]).as_matrix()
-    np.testing.assert_allclose(pose.rotation, expected, atol=1e-12)
+    np.testing.assert_allclose(pose.rotation_matrix, expected, atol=1e-12)
+    np.testing.assert_allclose(pose.rotation.as_matrix(), expected, atol=1e-12)
     np.testing.assert_allclose(pose.translation, said[:3])
 
 

@@ -97,7 +97,7 @@ def attempt(path: Path, geometry: str = "visual") -> World | None:
         assert entry.pose is not None
         assert entry.pose.is_finite()
         assert np.abs(entry.pose.translation).max() <= 10_000
-        turn = entry.pose.rotation
+        turn = entry.pose.rotation_matrix
         np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
         for shape in entry.shapes:
             assert shape.mesh is not None

@@ -78,7 +78,9 @@ def test_places_are_on_the_table_and_free_of_what_stands_there(house: Map) -> No
             assert corners[:, 2].min() > 0.75
         down = np.array(row["pre_pose"][:3]) - np.array(row["pose"][:3])
         np.testing.assert_allclose(down, (0, 0, 0.1), atol=1e-6)
-        assert row["pose"].rotation == pytest.approx(row["pre_pose"].rotation, abs=1e-6)
+        assert row["pose"].rotation_matrix == pytest.approx(
+            row["pre_pose"].rotation_matrix, abs=1e-6
+        )
 
 
 def test_a_held_object_stands_as_it_stood_before(house: Map) -> None:
@@ -92,7 +94,7 @@ def test_a_held_object_stands_as_it_stood_before(house: Map) -> None:
         house.execute(HOLD, [0.3, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     found = find_places(here, BOX, "table", grasps=[grasp], limit=1)
     assert found.generated == []
-    up = found.rows[0]["spot"].rotation[2]
+    up = found.rows[0]["spot"].rotation_matrix[2]
     np.testing.assert_allclose(up, (0, 0, 1), atol=1e-6)
     near = find_places(here, BOX, "table", towards=(2.0, 1.4), limit=3).rows
     assert max(np.hypot(row["spot"].x - 2.0, row["spot"].y - 1.4) for row in near) < 0.35

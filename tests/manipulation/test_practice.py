@@ -133,7 +133,7 @@ def test_a_correction_that_leads_back_is_not_tried(cups):
     session = cups.connection
     register_gripper(session, urdf("panda"), "panda")
     first = find_grasps(session, name="cup1", gripper="panda").rows[0]
-    down = first["pose"].rotation.T @ [0.0, 0.0, -1.0]
+    down = first["pose"].rotation_matrix.T @ [0.0, 0.0, -1.0]
     turn = tuple((0.6 * np.cross([0.0, *down[2:0:-1] * [1, -1]], down)).tolist())
     back = tuple(-v for v in turn)
     held = {"lifted": 0.15, "slipped": 0.0, "pushed": 0.0, "grip": 0.05, "width": 0.05}

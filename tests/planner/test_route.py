@@ -53,7 +53,7 @@ def test_a_step_approaches_facing_the_door_and_leaves_facing_away_from_it():
     assert (step.approach.x, step.approach.y) == pytest.approx((2.0, 3.3))
     assert (step.leave.x, step.leave.y) == pytest.approx((2.0, 4.7))
     for pose in (step.approach, step.leave):  # through the door, heading north
-        np.testing.assert_allclose(pose.rotation[:, 0], [0, 1, 0], atol=1e-12)
+        np.testing.assert_allclose(pose.rotation_matrix[:, 0], [0, 1, 0], atol=1e-12)
 
 
 def test_a_ride_ends_facing_the_door_of_its_cabin():
@@ -63,7 +63,7 @@ def test_a_ride_ends_facing_the_door_of_its_cabin():
     assert ride.elevator == "elevator"
     assert ride.connector is None
     assert ride.leave.z == pytest.approx(6.4)
-    np.testing.assert_allclose(ride.leave.rotation[:, 0], [-1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(ride.leave.rotation_matrix[:, 0], [-1, 0, 0], atol=1e-12)
 
 
 def test_cost_counts_metres_walked_and_the_ride():

@@ -436,7 +436,7 @@ half_sizes = st.tuples(*(st.floats(0.02, 0.8) for _ in range(3)))
 
 def box_distance(a: Pose, half_a: np.ndarray, b: Pose, half_b: np.ndarray) -> float:
     """Metres between two solid boxes: least squares over a point of each, bounded by its faces."""
-    matrix = np.hstack([a.rotation, -b.rotation])
+    matrix = np.hstack([a.rotation_matrix, -b.rotation_matrix])
     bound = np.concatenate([half_a, half_b])
     best = lsq_linear(
         matrix, b.translation - a.translation, (-bound, bound), method="bvls", tol=1e-14

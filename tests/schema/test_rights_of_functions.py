@@ -58,6 +58,7 @@ CALLS: dict[str, set[str]] = {
     "put({room}, NULL)": {"admin"},
     "queue_writer()": WRITERS,
     "record_change('moved', '{{{mug}}}')": set(),
+    "record_moves('[[{mug}, null, null, null]]', '{{}}', 'moved')": set(),
     "refresh_belief('{{{mug}}}')": WRITERS,
     "refresh_beliefs()": WRITERS,
     "weigh_experience('{{}}')": set(),

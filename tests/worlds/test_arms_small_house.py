@@ -97,7 +97,7 @@ def rows(kitchen: Kitchen, *words: object) -> list[dict[str, Any]]:
 
 def near(pose: Any, other: list[float]) -> None:
     np.testing.assert_allclose(pose[:3, 3], other[:3], atol=3e-3)
-    np.testing.assert_allclose(pose[:3, :3], Pose(*other).rotation, atol=0.02)
+    np.testing.assert_allclose(pose[:3, :3], Pose(*other).rotation_matrix, atol=0.02)
 
 
 def test_a_can_is_carried_to_where_the_arm_puts_it_down(kitchen: Kitchen, palms: Any) -> None:
@@ -115,7 +115,9 @@ def test_a_can_is_carried_to_where_the_arm_puts_it_down(kitchen: Kitchen, palms:
     near(palms(joints, row["to_pre_place"][-1]), row["pre_pose"])
     near(palms(joints, carried[-1]) @ in_hand, row["spot"])
     near(palms(joints, row["retreat_positions"][-1]), row["post_pose"])
-    lowest = (kitchen.corners["can"] @ Pose(*row["spot"]).rotation.T)[:, 2].min() + row["spot"][2]
+    lowest = (kitchen.corners["can"] @ Pose(*row["spot"]).rotation_matrix.T)[:, 2].min() + row[
+        "spot"
+    ][2]
     assert 0.801 < lowest < 0.806
     (again,) = rows(kitchen, *words, "--base", BASE, "--plan")
     assert again["path"] == row["path"]

@@ -68,7 +68,7 @@ class _Part:
     @property
     def is_level_box(self) -> bool:
         """Whether it is a box whose edges lie along the model's axes."""
-        turned = np.abs(self.pose.rotation)
+        turned = np.abs(self.pose.rotation_matrix)
         return self.holds("box") and bool(np.allclose(np.sort(turned), [0, 0, 1], atol=1e-9))
 
 

@@ -71,7 +71,7 @@ def _insert_model(cursor: psycopg.Cursor[Any], digest: str, shape: Shape) -> int
         flat = shapely.force_2d(outline)
         many = shapely.MultiPolygon([flat]) if flat.geom_type == "Polygon" else flat
     faces = 0 if mesh is None or shape.kind == "cloud" else len(mesh.faces)
-    closed = True if shape.kind in ("box", "polygon") else None
+    closed = mesh is not None and shape.kind != "cloud" and mesh.is_closed
     cursor.execute(
         "INSERT INTO model (digest, kind, uri, triangles, closed, hull, outline) "
         "VALUES (%s, %s, %s, %s, %s, ST_GeomFromWKB(%s, 0), ST_GeomFromWKB(%s, 0)) RETURNING id",

@@ -193,7 +193,7 @@ def test_a_new_observation_is_announced(flat_map: Map) -> None:
     cursor = flat_map.execute("SELECT change_cursor()")[0][0]
     observe(flat_map, {"object": "mug", "place": "table", "seen": True})
     try:
-        assert [(c["what"], c["names"]) for c in flat_map.changes(cursor)] == [("belief", ["mug"])]
+        assert [(c.what, c.name) for c in flat_map.changes(cursor)] == [("belief", "mug")]
         with flat_map.session() as session:
             row = session.scalars(
                 select(Belief)

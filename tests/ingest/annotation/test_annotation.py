@@ -335,7 +335,7 @@ def test_x_of_a_door_leads_to_the_second_place(write: Write, joins: Any, reverse
         standing = door.pose @ pose
         assert placed_outline(world, place).contains(shapely.Point(standing.x, standing.y))
         to_door = door.pose.translation - standing.translation
-        assert to_door @ standing.rotation[:, 0] == pytest.approx(0.6)
+        assert to_door @ standing.rotation_matrix[:, 0] == pytest.approx(0.6)
 
 
 def test_a_door_to_the_outside(write: Write) -> None:

@@ -1,0 +1,188 @@
+"""What changes in a map: the changes after a cursor, and a subscription to those that come."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, cast
+
+import psycopg
+
+from semmap.database.session import conninfo_of, reopen_session
+from semmap.query.map_events import MapEvent, events_since
+
+if TYPE_CHECKING:
+    from semmap.api.map import Map
+
+__all__ = ["MapEvents", "Subscription"]
+
+LOOK = 0.5
+"""Seconds after which a follower looks although nothing was announced, or tries to connect."""
+
+
+class Subscription:
+    """A thread that calls a function with each change of a map; stop it, or use it in ``with``.
+
+    Attributes
+    ----------
+    cursor : after the last event that the function has taken
+    error : what ended it: raised by the function, or since changes after the cursor are not kept
+    """
+
+    def __init__(
+        self,
+        conninfo: str,
+        map_name: str,
+        callback: Callable[[MapEvent], object],
+        since: str | None,
+    ) -> None:
+        self.error: Exception | None = None
+        self._conninfo, self._map_name, self._callback = conninfo, map_name, callback
+        self._stop = threading.Event()
+        session = reopen_session(conninfo)
+        try:
+            session.execute("LISTEN semmap")
+            self.cursor = _now(session) if since is None else since
+        except BaseException:
+            session.close()
+            raise
+        self._thread = threading.Thread(target=self._run, args=(session,), daemon=True)
+        self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        """Whether it still calls the function."""
+        return self._thread.is_alive() and not self._stop.is_set()
+
+    def stop(self) -> None:
+        """End the thread, after the event in progress; raises `error` where there is one."""
+        self._stop.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+        if self.error is not None:
+            raise self.error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def _run(self, session: psycopg.Connection[Any] | None) -> None:
+        try:
+            while not self._stop.is_set():
+                try:
+                    if session is None:
+                        session = reopen_session(self._conninfo)
+                        session.execute("LISTEN semmap")
+                    self._deliver(session)
+                except psycopg.OperationalError:  # the server was away: the cursor outlives that
+                    if session is not None:
+                        session.close()
+                    session = None
+                    self._stop.wait(LOOK)
+        except Exception as error:
+            self.error = error
+        finally:
+            if session is not None:
+                session.close()
+
+    def _deliver(self, session: psycopg.Connection[Any]) -> None:
+        """Call the function with what is new, then wait for more."""
+        cursor, events = events_since(session, self._map_name, self.cursor)
+        for event in events:
+            if self._stop.is_set():
+                return
+            try:
+                self._callback(event)
+            except Exception as error:  # not to be taken for an error of this connection
+                self.error = error
+                self._stop.set()
+                return
+            self.cursor = event.cursor
+        self.cursor = cursor
+        for _ in session.notifies(timeout=LOOK, stop_after=1):
+            return
+
+
+def _now(session: psycopg.Connection[Any]) -> str:
+    row = session.execute("SELECT change_cursor()").fetchone()
+    assert row is not None
+    return str(row[0])
+
+
+class MapEvents:
+    """The part of `Map` that tells changes."""
+
+    def changes(
+        self, since: str | None = None, *, follow: bool = False, stop: threading.Event | None = None
+    ) -> Iterator[MapEvent]:
+        """What changed in the map: one event for each change of an entity by a transaction.
+
+        Parameters
+        ----------
+        since : the `cursor` of an event that was seen; by default from now on where `follow`, else
+            all changes that are kept
+        follow : wait for more, until `stop` is set
+
+        Raises
+        ------
+        ValueError
+            `since` is not a cursor.
+
+        Examples
+        --------
+        >>> for event in house.changes(cursor):  # doctest: +SKIP
+        ...     print(event.what, event.name, event.from_holder, event.to_holder)
+        moved mug1 desk4 kitchen
+        """
+        map = cast("Map", self)
+        if follow:
+            map.connection.execute("LISTEN semmap")
+            since = _now(map.connection) if since is None else since
+        return _follow(map, since, follow, stop)
+
+    def subscribe(
+        self, callback: Callable[[MapEvent], object], *, since: str | None = None
+    ) -> Subscription:
+        """Call a function with each change of the map, in a thread with a connection of its own.
+
+        No change is skipped and none is repeated, also where the server restarts. An exception of
+        the function ends the subscription; `Subscription.stop` raises it.
+
+        Parameters
+        ----------
+        callback : called in the thread with one event after the other. It must not use this map,
+            which is for one thread at a time: let it open its own by `semmap.connect`
+        since : the `cursor` of an event that was seen; by default from now on
+
+        Returns
+        -------
+        Subscription
+            A handle with ``stop()``, which is a context manager, too.
+
+        Examples
+        --------
+        >>> with house.subscribe(print):  # doctest: +SKIP
+        ...     house["mug1"].move_to(1, 2, 0)
+        """
+        map = cast("Map", self)
+        return Subscription(conninfo_of(map.database.session), map.name, callback, since)
+
+
+def _follow(
+    map: Map, since: str | None, follow: bool, stop: threading.Event | None
+) -> Iterator[MapEvent]:
+    while True:
+        since, events = events_since(map.connection, map.name, since)
+        yield from events
+        if not follow or (stop is not None and stop.is_set()):
+            return
+        for _ in map.connection.notifies(timeout=LOOK, stop_after=1):
+            break

@@ -1,0 +1,97 @@
+"""A map as map features: for GeoPandas, Shapely and Folium, and as a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    import geopandas
+
+    from semmap.api.map import Map
+
+__all__ = ["MapExport"]
+
+
+class MapExport:
+    """The part of `Map` that gives it to a GIS."""
+
+    @property
+    def __geo_interface__(self) -> dict[str, Any]:
+        """A GeoJSON FeatureCollection of all entities, coordinates in metres of the map's frame.
+
+        Folium shows it as ``folium.GeoJson(house)`` on a ``folium.Map(crs="Simple")``.
+        """
+        from semmap.query.features import feature_collection
+        from semmap.query.shapes import read_shapes
+
+        return feature_collection(read_shapes(cast("Map", self).connection))
+
+    def to_geodataframe(self, type: str | None = None) -> geopandas.GeoDataFrame:
+        """The entities as a GeoDataFrame: one row each, its index their ids.
+
+        Parameters
+        ----------
+        type : a semantic type, with its subtypes; by default all entities
+
+        Returns
+        -------
+        geopandas.GeoDataFrame
+            Columns `name`, `kind`, `type`, `label`, `holder`, `storey`, `low`, `high`,
+            `properties` and `geometry` (as `MapEntity.geometry`); it has no CRS, since a map is a
+            local frame in metres.
+
+        Raises
+        ------
+        ImportError
+            GeoPandas is not installed.
+        LookupError
+            The map has no such type.
+
+        Examples
+        --------
+        >>> house.to_geodataframe("room").area.sum()  # doctest: +SKIP
+        """
+        from semmap.query.shapes import read_shapes
+
+        try:
+            import geopandas
+        except ImportError as error:
+            raise ImportError("to_geodataframe needs GeoPandas: pip install geopandas") from error
+        map = cast("Map", self)
+        ids = None if type is None else [one.id for one in map.find(type)]
+        rows = read_shapes(map.connection, ids)
+        columns = ["id", "name", "kind", "type", "label", "holder", "storey", "low", "high"]
+        frame = geopandas.GeoDataFrame(
+            {key: [row[key] for row in rows] for key in (*columns, "properties")},
+            geometry=[row["geometry"] for row in rows],
+        )
+        return frame.set_index("id")
+
+    def export(self, path: str | Path) -> Path:
+        """Write storeys, rooms, doors, regions and objects as map features.
+
+        `Map.import_file` reads them back: names, types, labels, outlines, heights, properties, and
+        of doors the places that they join, state, direction, behaviour, width, height, step and
+        permissions. It does not read back: meshes (an object is the prism of its footprint), tilts,
+        the poses before doors (they are chosen again), doors within one room, history, beliefs,
+        statements, fields and links.
+
+        Parameters
+        ----------
+        path : ``.gpkg``: a layer for each kind; ``.geojson``: one collection. A file that is there
+            is replaced
+
+        Returns
+        -------
+        The path.
+
+        Raises
+        ------
+        ValueError
+            The ending is neither.
+        """
+        from semmap.query.feature_export import write_features
+
+        map = cast("Map", self)
+        return write_features(map.connection, map.name, Path(path))

@@ -1,0 +1,221 @@
+"""Changes of a map as events: one for each change of an entity by a transaction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from itertools import chain, groupby
+from typing import Any
+
+import psycopg
+
+from semmap.geometry.pose import Pose
+from semmap.query.entity_query import SETTLE, check_cursor
+
+__all__ = ["MapEvent", "events_since"]
+
+Session = psycopg.Connection[Any]
+
+MOVED, CARRIED = "moved itself", "carried by its holder"
+STATED, DERIVED = "given another holder", "holder derived again"
+REASONS = (MOVED, CARRIED, STATED, DERIVED)
+"""Of a move, the first that applies: a move from which another holder follows is a move."""
+
+CHANGES = {
+    "name": "renamed",
+    "type": "retyped",
+    "label": "labelled",
+    "properties": "properties set",
+    "front": "turned its front",
+    "state": "state set",
+}
+"""The values that the log keeps, and the reason of a change of each."""
+
+
+@dataclass(frozen=True)
+class MapEvent:
+    """What one transaction changed about one entity.
+
+    Attributes
+    ----------
+    what : ``added``, ``moved``, ``changed``, ``state`` (of a door), ``reshaped``, ``removed``,
+        ``linked``, ``belief``, ``statement``; without an entity: ``field``, ``inferred``
+    name, kind, id : of the entity, its present name or its last one; None without an entity
+    at : when it was written; an earlier event may be committed later
+    cursor : goes on after this event. Events of one transaction are read again as a whole, unless
+        the cursor is that of its last one
+    from_pose, to_pose : in the map's frame, of an entity that was added, moved or removed
+    from_holder, to_holder : their names; None for the map itself
+    reason : of a move or a change, such as ``carried by its holder`` or ``retyped``
+    values : former and new value of ``name``, ``type``, ``label``, ``properties``, ``front`` and
+        ``state``, of those that changed
+    """
+
+    what: str
+    name: str | None
+    kind: str | None
+    id: int | None
+    at: datetime
+    cursor: str
+    from_pose: Pose | None = None
+    to_pose: Pose | None = None
+    from_holder: str | None = None
+    to_holder: str | None = None
+    reason: str | None = None
+    values: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
+
+
+@dataclass
+class _Move:
+    """The net move of an entity by a transaction; poses are seven numbers, holders are ids."""
+
+    poses: tuple[list[float] | None, list[float] | None]
+    holders: tuple[int | None, int | None]
+    reason: str
+
+    def then(self, later: _Move) -> _Move:
+        """This move and a later one as one."""
+        holders = self.holders[0], later.holders[1]
+        reason = min(self.reason, later.reason, key=REASONS.index)
+        if reason == STATED and holders[0] == holders[1]:
+            reason = DERIVED
+        return _Move((self.poses[0], later.poses[1]), holders, reason)
+
+
+@dataclass
+class _Draft:
+    """The changes of one entity by one transaction, in the order in which they were written."""
+
+    id: int | None
+    whats: dict[str, datetime] = field(default_factory=dict)
+    move: _Move | None = None
+    values: dict[str, tuple[Any, Any]] = field(default_factory=dict)
+
+
+def events_since(session: Session, map_name: str, since: str | None) -> tuple[str, list[MapEvent]]:
+    """The events of a map after a cursor (all that are kept where None), and the next cursor.
+
+    The events of a transaction follow each other. Transactions that change the same entity are in
+    the order of their commits.
+
+    Raises
+    ------
+    ValueError
+        `since` is not a cursor.
+    """
+    check_cursor(since)
+    with session.transaction():
+        # One statement, so that cursor and rows are of one snapshot.
+        rows = session.execute(
+            "SELECT change_cursor(), r.* FROM (SELECT) once LEFT JOIN ("
+            "SELECT c.id, x.xid, c.at, c.what, c.entities, c.facts FROM changes_since(%s) c "
+            "JOIN change x ON x.id = c.id JOIN map m ON m.id = c.map_id WHERE m.name = %s"
+            ") r ON true ORDER BY max(r.id) OVER (PARTITION BY r.xid), r.id",
+            (since, map_name),
+        ).fetchall()
+        session.execute(SETTLE)
+        cursor = str(rows[0][0])
+        written = [row[1:] for row in rows if row[1] is not None]
+        by_transaction = {
+            xid: _drafted(of_one) for xid, of_one in groupby(written, key=lambda row: row[1])
+        }
+        names = _names(session, chain.from_iterable(by_transaction.values()))
+    left = set(by_transaction)
+    events: list[MapEvent] = []
+    for xid, drafts in by_transaction.items():
+        before = _without(cursor, left)
+        left.discard(xid)
+        made = [event for draft in drafts for event in _events(draft, names, before)]
+        if made:
+            made[-1] = replace(made[-1], cursor=_without(cursor, left))
+        events += made
+    return cursor, events
+
+
+def _without(cursor: str, left: Iterable[int]) -> str:
+    """The cursor that has not seen some transactions which `cursor` has seen."""
+    low, high, running = cursor.split(":")
+    unseen = {int(xid) for xid in running.split(",") if xid} | set(left)
+    return f"{min(int(low), *unseen, int(high))}:{high}:{','.join(map(str, sorted(unseen)))}"
+
+
+def _drafted(rows: Iterable[tuple[Any, ...]]) -> list[_Draft]:
+    """The changes of each entity by one transaction."""
+    drafts: dict[int | None, _Draft] = {}
+    for _, _, at, what, entities, facts in rows:
+        facts = facts if isinstance(facts, dict) else {}
+        for number in entities or [None]:
+            draft = drafts.setdefault(number, _Draft(number))
+            values = facts.get("values", {}).get(str(number), {})
+            draft.whats["state" if "state" in values else what] = at
+            for key, (old, new) in values.items():
+                draft.values[key] = (draft.values.get(key, (old,))[0], new)
+        for number, old, new, holder in facts.get("poses") or ():
+            move = _move(old, new, holder, facts.get("placed", {}).get(str(number)), facts)
+            draft = drafts.setdefault(number, _Draft(number))
+            draft.move = move if draft.move is None else draft.move.then(move)
+    return list(drafts.values())
+
+
+def _move(
+    old: list[float] | None,
+    new: list[float] | None,
+    holder: int | None,
+    placed: list[int | None] | None,
+    facts: Mapping[str, Any],
+) -> _Move:
+    """One move as the log has it; `placed`: former holder and holder, where it was not carried."""
+    if placed is None:
+        holders = (None if old is None else holder, None if new is None else holder)
+        return _Move((old, new), holders, MOVED if old is None or new is None else CARRIED)
+    reason = DERIVED if facts.get("why") == "derived" else MOVED
+    if reason == MOVED and placed[0] != placed[1] and old is not None and new is not None:
+        stays = all(abs(a - b) < 1e-9 for a, b in zip(old, new, strict=True))
+        reason = STATED if stays else MOVED
+    return _Move((old, new), (placed[0], placed[1]), reason)
+
+
+def _events(draft: _Draft, names: Mapping[int, tuple[str, str]], cursor: str) -> Iterator[MapEvent]:
+    """The events of one entity: what is added or removed does not move or change besides."""
+    whats = draft.whats
+    alone = "removed" if "removed" in whats else "added" if "added" in whats else None
+    if {"added", "removed"} <= whats.keys():
+        return
+    name, kind = names.get(draft.id, (None, None)) if draft.id is not None else (None, None)
+    for what, at in whats.items():
+        if alone and what in ("moved", "changed", "state", "reshaped", "added") and what != alone:
+            continue
+        given: dict[str, Any] = {}
+        if what in ("moved", "added", "removed") and draft.move is not None:
+            poses, holders = draft.move.poses, draft.move.holders
+            given = {
+                "from_pose": None if poses[0] is None else Pose(*poses[0]),
+                "to_pose": None if poses[1] is None else Pose(*poses[1]),
+                "from_holder": _name(holders[0], names),
+                "to_holder": _name(holders[1], names),
+                "reason": draft.move.reason if what == "moved" else None,
+            }
+        elif what in ("changed", "state"):
+            kept = {k: v for k, v in draft.values.items() if (k == "state") == (what == "state")}
+            given = {"values": kept, "reason": ", ".join(CHANGES[k] for k in kept) or None}
+        yield MapEvent(what, name, kind, draft.id, at, cursor, **given)
+
+
+def _name(number: int | None, names: Mapping[int, tuple[str, str]]) -> str | None:
+    return None if number is None else names.get(number, (None, None))[0]
+
+
+def _names(session: Session, drafts: Iterable[_Draft]) -> dict[int, tuple[str, str]]:
+    """Names and kinds of the entities and holders; of those that are gone, the last ones."""
+    wanted: set[int | None] = set()
+    for draft in drafts:
+        wanted |= {draft.id, *(draft.move.holders if draft.move else ())}
+    ids = [number for number in wanted if number is not None]
+    rows = session.execute(
+        "SELECT h.entity_id, h.name, h.kind FROM entity_history h "
+        "WHERE h.entity_id = ANY (%(ids)s) AND h.ended "
+        "UNION ALL SELECT id, name, kind FROM entity WHERE id = ANY (%(ids)s)",
+        {"ids": ids},
+    ).fetchall()
+    return {number: (name, kind) for number, name, kind in rows}

@@ -1,0 +1,66 @@
+"""Where an entity was: its former poses in the map's frame and its former holders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import psycopg
+
+from semmap.geometry.pose import Pose
+
+__all__ = ["EntityVersion", "read_history"]
+
+
+@dataclass(frozen=True)
+class EntityVersion:
+    """Where an entity was for a while.
+
+    Attributes
+    ----------
+    begin, end : of the while; `end` is None for the present version
+    pose : in the map's frame, also where its holder carried it
+    holder : the name of what held it, the last one where that is gone; None for the map itself
+    """
+
+    begin: datetime
+    end: datetime | None
+    pose: Pose
+    holder: str | None
+
+
+def read_history(
+    session: psycopg.Connection[Any], entity: int, since: datetime | None = None
+) -> list[EntityVersion]:
+    """The versions of an entity's place that the map has, the oldest first.
+
+    A version begins when the entity moves, when what holds it moves, and when it gets another
+    holder. The retention of the map thins out those of agents (`docs/semmap.md`).
+
+    Parameters
+    ----------
+    since : leave out versions that ended before
+    """
+    rows = session.execute(
+        "WITH RECURSIVE above (id) AS (SELECT %(id)s::bigint UNION SELECT v.holder_id FROM above a "
+        "CROSS JOIN LATERAL (SELECT holder_id FROM placement WHERE entity_id = a.id UNION "
+        "SELECT holder_id FROM placement_history WHERE entity_id = a.id) v "
+        "WHERE v.holder_id IS NOT NULL), moment (t) AS ("
+        "SELECT p.since FROM above a JOIN placement p ON p.entity_id = a.id UNION "
+        "SELECT unnest(ARRAY[lower(h.during), upper(h.during)]) "
+        "FROM above a JOIN placement_history h ON h.entity_id = a.id) "
+        "SELECT t, pose_at(%(id)s, t), coalesce(e.name, (SELECT h.name FROM entity_history h "
+        "WHERE h.entity_id = p.holder_id AND h.ended)) FROM moment "
+        "CROSS JOIN LATERAL placement_at(%(id)s, t) p LEFT JOIN entity e ON e.id = p.holder_id "
+        "WHERE p.pose IS NOT NULL OR t > (SELECT min(lower(h.during)) FROM placement_history h "
+        "WHERE h.entity_id = %(id)s) ORDER BY t",
+        {"id": entity},
+    ).fetchall()
+    states = [row for n, row in enumerate(rows) if n == 0 or (row[1], row[2]) != (rows[n - 1][1:])]
+    ends = [row[0] for row in [*states[1:], (None,)]][: len(states)]
+    return [
+        EntityVersion(begin, end, Pose(*pose), holder)
+        for (begin, pose, holder), end in zip(states, ends, strict=True)
+        if pose is not None and (end is None or since is None or end > since)
+    ]

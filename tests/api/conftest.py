@@ -1,0 +1,30 @@
+"""A map that the tests of the API share: a flat of two rooms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import shapely
+import trimesh
+
+import semmap
+
+
+@pytest.fixture
+def db(database: str) -> Iterator[semmap.Database]:
+    with semmap.connect(database) as opened:
+        yield opened
+
+
+@pytest.fixture
+def flat(db: semmap.Database) -> semmap.Map:
+    made = db.create_map("flat")
+    made.add_storey("ground", height=3)
+    made.add_room("kitchen", shapely.box(0, 0, 4, 3), floor=0, ceiling=2.7, label="kitchen")
+    made.add_room("hall", [(4.1, 0), (8, 0), (8, 3), (4.1, 3)], ceiling=2.7)
+    made.add_door("door1", "kitchen", "hall", ((4.05, 1), (4.05, 2)))
+    made.add_object("desk4", type="table", size=(1.6, 0.8, 0.75), in_="kitchen")
+    cylinder = trimesh.creation.cylinder(0.04, 0.1)
+    made.add_object("mug7", type="mug", mesh=cylinder, on="desk4", properties={"colour": "red"})
+    return made
