@@ -1,15 +1,12 @@
-"""A connector of a map (door, elevator door, stairs, ramp), and which class an entity is of."""
+"""A connector of a map: a door, elevator door, stairs or a ramp."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from semmap.api.map_entity import MapEntity
 
-if TYPE_CHECKING:
-    from semmap.api.map import Map
-
-__all__ = ["Door", "entity_of"]
+__all__ = ["Door"]
 
 STATES = ("open", "closed", "locked")
 
@@ -49,7 +46,7 @@ class Door(MapEntity):
         )
         if not rows:
             raise self._gone()
-        first, second = (None if row[0] is None else entity_of(self.map, *row) for row in rows)
+        first, second = (None if row[0] is None else self.map.entity(*row) for row in rows)
         assert first is not None
         return first, second
 
@@ -58,8 +55,3 @@ class Door(MapEntity):
         if not rows:
             raise self._gone()
         return rows[0][0]
-
-
-def entity_of(map: Map, id: int, kind: str, name: str) -> MapEntity:
-    """The entity of a row: a `Door` where it is a connector."""
-    return (Door if kind == "connector" else MapEntity)(map, id, kind, name)

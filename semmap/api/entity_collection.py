@@ -77,9 +77,7 @@ class EntityCollection(Generic[Kind]):
         )
 
     def _entity(self, id: int, kind: str, name: str) -> Kind:
-        from semmap.api.door import entity_of
-
-        return cast("Kind", entity_of(self._map, id, kind, name))
+        return cast("Kind", self._map.entity(id, kind, name))
 
 
 class MapCollections:

@@ -128,7 +128,7 @@ class MapEntity(EntityShape, EntityCard):
             "WHERE p.holder_id = %s ORDER BY e.name",
             self.id,
         )
-        return [self._entity(*row) for row in rows]
+        return [self.map.entity(*row) for row in rows]
 
     @property
     def pose(self) -> Pose | None:
@@ -229,12 +229,7 @@ class MapEntity(EntityShape, EntityCard):
     def _other(self, statement: str) -> MapEntity | None:
         """The entity of a statement's first row (id, kind, name); its value is this one's id."""
         rows = self.map.execute(statement, self.id)
-        return self._entity(*rows[0]) if rows else None
-
-    def _entity(self, id: int, kind: str, name: str) -> MapEntity:
-        from semmap.api.door import entity_of
-
-        return entity_of(self.map, id, kind, name)
+        return self.map.entity(*rows[0]) if rows else None
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, MapEntity):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from psycopg import errors
 from psycopg.pq import TransactionStatus
 
-from semmap.api.door import entity_of
+from semmap.api.door import Door
 from semmap.api.map_entity import MapEntity
 from semmap.database.maps import see_map
 from semmap.database.session import twin_session
@@ -60,7 +60,7 @@ class MapQuestions:
         )
         if not rows:
             entity_query.entity_id(self.connection, name)  # raises
-        return entity_of(cast("Map", self), *rows[0])
+        return self.entity(*rows[0])
 
     def __contains__(self, name: object) -> bool:
         known = "SELECT EXISTS (SELECT FROM entity WHERE map_id = current_map() AND name = %s)"
@@ -127,7 +127,7 @@ class MapQuestions:
             on=on,
             limit=limit,
         )
-        return [entity_of(cast("Map", self), row["id"], row["kind"], row["name"]) for row in rows]
+        return [self.entity(row["id"], row["kind"], row["name"]) for row in rows]
 
     def table(
         self, type: str | None = None, *, in_: str | None = None, **conditions: Any
@@ -181,6 +181,11 @@ class MapQuestions:
     def check(self) -> list[dict[str, Any]]:
         """Where the map disagrees with itself; empty for a sound map."""
         return entity_query.contradictions(self.connection)
+
+    def entity(self, id: int, kind: str, name: str) -> MapEntity:
+        """The entity of a row of the database, without a statement; a connector is a `Door`."""
+        made = Door if kind == "connector" else MapEntity
+        return made(cast("Map", self), id, kind, name)
 
     # --- for SQL and the ORM
 
