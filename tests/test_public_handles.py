@@ -21,7 +21,7 @@ import planner
 import semmap
 
 HANDLES = re.compile(r"\b(Engine|Connection|Session|Cursor)\b")
-NAMES = {"map_name", "engine", "connection", "session", "cursor"}
+NAMES = {"map_name", "engine", "connection", "session"}
 BELOW = ("semmap.database", "semmap.model")
 
 

@@ -138,6 +138,8 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation("Map.mission_steps", "missions", "reader"),
     Operation("Map.cancel_mission", "missions", "robot"),
     Operation("Map.search", "search", "reader"),
+    Operation("Map.spot", None, "reader"),
+    Operation("Map.check_type", None, "reader"),
     Operation("Map.ended_fields", None, "reader"),
     Operation("Database.maps", "maps", "reader"),
     Operation("Map.find", None, "reader"),
