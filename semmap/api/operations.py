@@ -71,7 +71,7 @@ COMMANDS = {
     "grid": "semmap.cli.grid:grid_command",
     "interlink": "semmap.cli.interlinking:interlink",
     "knowledge": "semmap.cli.knowledge:knowledge",
-    "manipulation": "semmap.cli.manipulation:manipulation",
+    "manipulation": "semmap.cli.manipulation_group:manipulation",
     "missions": "semmap.cli.missions:missions_command",
     "observe": "semmap.cli.belief:observe_command",
     "place": "semmap.cli.manipulation:place_command",

@@ -144,13 +144,14 @@ def read_height(connection: Connection, name: str) -> float | None:
     return None if height is None else float(height)
 
 
-def is_wide(connection: Connection, place: str) -> bool:
+def is_wide(connection: MapConnection, place: str) -> bool:
     """Whether a place is a room, storey or region: a person means anywhere in it."""
-    kind = connection.execute(
-        text("SELECT kind FROM entity WHERE map_id = current_map() AND name = :name"),
-        {"name": place},
-    ).scalar()
-    return kind in ("room", "storey", "region")
+    row = (
+        driver(connection)
+        .execute("SELECT kind FROM entity WHERE map_id = current_map() AND name = %s", (place,))
+        .fetchone()
+    )
+    return row is not None and row[0] in ("room", "storey", "region")
 
 
 @dataclass(frozen=True, eq=False)
