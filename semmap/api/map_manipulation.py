@@ -84,7 +84,10 @@ class MapManipulation(MapQuestions):
 
         if sum(given is not None for given in (name, for_, at, shape)) != 1:
             raise ValueError("give one of name, for_, at and shape")
+        _at_least_one(limit)
         if shape is not None:
+            if not shape:
+                raise ValueError("shape is a name and sizes, such as ('sphere', 0.04)")
             _for_robots_only(robot=robot, base=base, plan=plan, state=state)
             near = 0.01 if tolerance is None else tolerance
             return self.database.grasps_of_shape(
@@ -150,8 +153,7 @@ class MapManipulation(MapQuestions):
         from semmap.manipulation.places import find_places
         from semmap.manipulation.retrieval import gripper_or_urdf
 
-        if towards is not None and len(towards) != 2:
-            raise ValueError(f"towards is a point (x, y) in metres, not {tuple(towards)}")
+        _at_least_one(limit)
         with self.transaction():
             if robot is not None:
                 _own_gripper(robot, gripper)
@@ -202,6 +204,7 @@ class MapManipulation(MapQuestions):
         from semmap.manipulation.pushes import find_pushes
         from semmap.manipulation.retrieval import gripper_or_urdf
 
+        _at_least_one(limit)
         with self.transaction():
             if robot is not None:
                 _own_gripper(robot, gripper)
@@ -217,6 +220,11 @@ class MapManipulation(MapQuestions):
         from semmap.manipulation.robot_actions import RobotActions
 
         return RobotActions.of(self.connection, robot, base, **options)
+
+
+def _at_least_one(limit: int) -> None:
+    if limit < 1:
+        raise ValueError(f"limit is {limit}: give the most rows, 1 or more")
 
 
 def _for_robots_only(**given: Any) -> None:

@@ -138,6 +138,8 @@ class MapPractice(MapQuestions):
         from semmap.manipulation import practice
 
         values: dict[str, Any] = {"tries": tries, "mass": mass, "friction": friction}
+        if tries < 1:
+            raise ValueError(f"tries is {tries}: give the most attempts, 1 or more")
         if on is not None and push:
             raise ValueError("give one of on and push")
         if on is not None:
@@ -149,4 +151,6 @@ class MapPractice(MapQuestions):
         """The newest attempts on objects of the map, with `kind`, `entity`, `robot`, `outcome`."""
         from semmap.manipulation.reader import list_tasks
 
+        if limit < 1:
+            raise ValueError(f"limit is {limit}: give the most rows, 1 or more")
         return list_tasks(self.connection, limit)

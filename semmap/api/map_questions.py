@@ -235,9 +235,24 @@ class MapQuestions:
 
     @contextmanager
     def _sqlalchemy(self) -> Iterator[Connection]:
-        """A connection of SQLAlchemy in a transaction of this map's connection."""
-        with self.transaction(), shared_engine(self.connection).connect() as connection:
-            yield connection
+        """A connection of SQLAlchemy in a transaction of this map's connection.
+
+        Raises
+        ------
+        ValueError
+            A statement breaks a rule of the map; it changed nothing.
+        """
+        from sqlalchemy.exc import DBAPIError
+
+        try:
+            with self.transaction(), shared_engine(self.connection).connect() as connection:
+                yield connection
+        except DBAPIError as error:
+            refused = error.orig
+            if not isinstance(refused, errors.CheckViolation | errors.DataError):
+                raise
+            parts = (refused.diag.message_primary or str(refused), refused.diag.message_hint)
+            raise ValueError(". ".join(filter(None, parts))) from error
 
     def snapshot(self) -> AbstractContextManager[Snapshot]:
         """One state of the map while a ``with`` block lasts, for readers of other packages."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from semmap.api.map_questions import MapQuestions
 from semmap.api.moments import aware
+from semmap.finite_number import finite_numbers
 
 if TYPE_CHECKING:
     import shapely
@@ -122,6 +124,14 @@ class MapRegions(MapQuestions):
         from semmap.ingest.regions.extraction import draw_region
         from semmap.ingest.regions.region_search import list_regions
 
+        if not name:
+            raise ValueError("a region needs a name")
+        if name == holder:
+            raise ValueError(f"{name}: a region is not in itself: name a room or object as holder")
+        try:
+            json.dumps(dict(properties or {}), allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{name}: properties: {error}: give values that JSON has") from None
         valid = None if since is None and until is None else (aware(since), aware(until))
         with self._sqlalchemy() as connection:
             made = draw_region(
@@ -154,8 +164,11 @@ def _outline(given: Any) -> Any:
     import shapely
 
     if isinstance(given, shapely.Geometry):
+        if given.geom_type not in ("Polygon", "MultiPolygon") or given.is_empty:
+            kind = "nothing" if given.is_empty else f"a {given.geom_type}"
+            raise ValueError(f"the region is drawn as {kind}, not as a polygon")
         return given
-    if len(given) < 3 or any(len(corner) != 2 for corner in given):
+    if len(given) < 3 or any(finite_numbers(corner, 2) is None for corner in given):
         raise ValueError(f"a polygon has three corners (x, y) or more, not {list(given)}")
     polygon = shapely.Polygon(given)
     if not polygon.is_valid:
@@ -165,6 +178,7 @@ def _outline(given: Any) -> Any:
 
 
 def _box(name: str, given: Sequence[float]) -> Any:
-    if len(given) != 6:
+    numbers = finite_numbers(given, 6)
+    if numbers is None:
         raise ValueError(f"{name}: a box is (x0, y0, z0, x1, y1, z1), not {tuple(given)}")
-    return tuple(float(v) for v in given)
+    return numbers

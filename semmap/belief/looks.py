@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from semmap.belief.reader import read_agent_pose, read_height, read_occluders, r
 from semmap.belief.store.beliefs import Row, add_observations
 from semmap.belief.views import camera_at, visible_shares
 from semmap.draw.depth_camera import DepthCamera
+from semmap.finite_number import finite_numbers
 from semmap.geometry.pose import Pose
 
 if TYPE_CHECKING:
@@ -60,9 +60,10 @@ def spot(
     BeliefError
         A point that is not three finite numbers, or is at no place.
     """
-    if len(point) != 3 or not all(math.isfinite(v) for v in point):
+    numbers = finite_numbers(point, 3)
+    if numbers is None:
         raise BeliefError(f"{name} was detected at {tuple(point)}: give x, y, z in metres")
-    there = [float(v) for v in point]
+    there = list(numbers)
     if frame is not None:
         there = [float(v) for v in read_agent_pose(connection, frame, at).apply([there])[0]]
     place = place_at(read_places(connection, name), there)
@@ -196,12 +197,13 @@ def agent_view(
     LookupError, BeliefError
         As `read_agent_pose` and `camera_at`; numbers that are not five, or not three of a point.
     """
-    if len(view) != 5:
+    numbers = finite_numbers(view, 5)
+    if numbers is None:
         raise BeliefError(f"a view is x, y, z, yaw and pitch, not {tuple(view)}")
     for name, point in seen.items():
-        if len(point) != 3:
+        if finite_numbers(point, 3) is None:
             raise BeliefError(f"{name} was detected at {tuple(point)}: give x, y, z in metres")
-    x, y, z, yaw, pitch = (float(v) for v in view)
+    x, y, z, yaw, pitch = numbers
     detected: dict[str, Sequence[float]] = dict(seen)
     if frame is not None:
         pose = read_agent_pose(connection, frame, at)

@@ -203,9 +203,14 @@ def read_columns(
     ------
     LookupError
         The map has no entity of a name.
+    BeliefError
+        One that is not an object or agent, or is named twice.
     """
     session = driver(connection)
     ids = [entity_id(session, name) for name in names]
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            raise BeliefError(f"{name} is named twice: name each object once")
     moment = at or datetime.now(UTC)
     values = {"ids": ids, "at": moment}
     priors = session.execute(_PRIORS, values).fetchall()
@@ -216,6 +221,9 @@ def read_columns(
     prior = np.zeros((len(names), len(places)))
     for name, place, share in priors:
         prior[row_of[name], column_of[place]] = share
+    for name, shares in zip(names, prior, strict=True):
+        if not shares.any():
+            raise BeliefError(f"{name} has no place in a belief: name an object or an agent")
     looks = session.execute(_LOOKS, values).fetchall()
     sizes = session.execute(
         "SELECT coalesce(property_of(t.id, 'mobility'), 1), coalesce(property_of(t.id, 'volume'), "

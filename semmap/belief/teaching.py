@@ -316,6 +316,10 @@ def _properties(row: Row, where: str) -> Row:
     for key in ("base_area", "volume", "mobility"):
         if key in given and not _number(given[key], key, where) >= 0:
             raise BeliefError(f"{where}: {key} is {given[key]:g}: give at least 0")
+    try:
+        json.dumps(dict(given), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise BeliefError(f"{where}: properties: {error}: give values that JSON has") from error
     return dict(given)
 
 

@@ -29,6 +29,7 @@ Occlusion = Annotated[
     bool,
     typer.Option("--occlusion", help="The larger ones of NAMES may hide the smaller ones."),
 ]
+OBSERVED = ("object", "place", "seen", "visible")
 COLUMNS = ("place", "probability", "holder", "last_seen", "last_missed")
 
 
@@ -182,21 +183,19 @@ def observe_command(
     """
     _check_observation(name, place, point, view, missed, seen, looked_for, cloud, without)
     rates: dict[str, Any] = {"hit": hit, "false_alarm": false_alarm, "at": at}
-    rays: dict[str, Any] = {"opening": opening, "furthest": range_, "without": without or ()}
     with cli.chosen_map(map_name) as house:
         if view is not None:
             camera, found = numbers(view, "--view", 5), _detected(seen or ())
-            rays |= {"frame": frame, "cloud": cloud} | rates
-            rows = house.observe_view(camera, looked_for or (), found, **rays)
+            rates |= {"opening": opening, "furthest": range_, "without": without or ()}
+            rates |= {"frame": frame, "cloud": cloud}
+            rows = house.observe_view(camera, looked_for or (), found, **rates)
         elif point is not None:
             there = numbers(point, "--point", 3)
             rows = [house.observe_point(str(name), there, frame=frame, **rates)]
         else:
             rates |= {"seen": not missed, "visible": visible, "observer": frame}
             rows = [house.observe(str(name), str(place), **rates)]
-    cli.show_table(
-        [{"visible": 1.0} | row for row in rows], json_, ("object", "place", "seen", "visible")
-    )
+    cli.show_table([{"visible": 1.0} | row for row in rows], json_, OBSERVED)
 
 
 def _check_observation(

@@ -96,8 +96,7 @@ def grasp_command(
     if robot is not None and (shape or gripper or stored or unchecked or kind != "grasp"):
         raise typer.BadParameter("--robot is for grasps with its own gripper, of objects")
     asked: dict[str, Any] = {"gripper": gripper, "kind": kind, "limit": limit}
-    if tolerance is not None:
-        asked["tolerance"] = tolerance
+    asked |= {} if tolerance is None else {"tolerance": tolerance}
     with cli.open_database() as db:
         if shape is not None:
             found = db.grasps_of_shape(*_shape(shape), **asked)
@@ -107,8 +106,7 @@ def grasp_command(
             found = db.map(map_name).grasps(name, **asked, **acting)
     for entity in found.generated if robot is None else ():
         print(f"{entity}: grasps generated and stored", file=sys.stderr)
-    linked = any(row.get("link") is not None for row in found)
-    _show(found, json_, COLUMNS[shape is not None :] + ("link",) * linked)
+    _show(found, json_, COLUMNS[shape is not None :])
 
 
 def place_command(
@@ -201,6 +199,9 @@ def _show(found: FoundActions, json_: bool, columns: Sequence[str], where: str =
         print(text, file=sys.stderr)
     for problem in found.problems:
         print(problem, file=sys.stderr)
+    of_grasps = "width" in columns
+    if of_grasps and any(row.get("link") is not None for row in found):
+        columns = (*columns, "link")
     if json_:
         cli.print_json([_plain(row) for row in found])
     elif found.rows:

@@ -108,11 +108,12 @@ def ls(map_name: cli.MapName = None, json_: cli.Json = False) -> None:
 def _corners(given: str) -> list[tuple[float, ...]]:
     """The corners of ``x,y x,y x,y ...``."""
     try:
-        return [tuple(float(v) for v in corner.split(",")) for corner in given.split()]
+        corners = [tuple(float(v) for v in corner.split(",")) for corner in given.split()]
     except ValueError:
-        raise ValueError(
-            f'--polygon takes three corners or more, "x,y x,y x,y", not {given}'
-        ) from None
+        corners = []
+    if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
+        raise ValueError(f'--polygon takes three corners or more, "x,y x,y x,y", not {given}')
+    return corners
 
 
 def _box(given: str) -> list[float]:

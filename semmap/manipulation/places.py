@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.finite_number import finite_numbers
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
@@ -105,6 +106,8 @@ def find_places(
     """
     session = driver(connection)
     item = entity_id(session, entity)
+    if towards is not None and finite_numbers(towards, 2) is None:
+        raise ManipulationError(f"{entity}: {towards} is not a point: give x, y in metres")
     if item == entity_id(session, on):
         raise ManipulationError(f"{entity}: cannot be put on itself: name another object")
     chosen = gripper_name(session, gripper)

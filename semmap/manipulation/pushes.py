@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from semmap.belief.store.beliefs import MapConnection, driver
+from semmap.finite_number import is_finite_number
 from semmap.geometry.mesh import Mesh
 from semmap.geometry.pose import Pose
 from semmap.geometry.surfaces import support_surfaces
@@ -83,10 +84,12 @@ def find_pushes(
     LookupError
         There is no such entity or gripper.
     ManipulationError
-        The object has no mesh, or stands on nothing level.
+        The object has no mesh, or stands on nothing level, or the distance is not above 0.
     """
     session = driver(connection)
     entity_id(session, entity)
+    if not (is_finite_number(distance) and distance > 0):
+        raise ManipulationError(f"{entity}: distance is {distance}: give metres above 0")
     chosen = gripper_name(session, gripper)
     hand = stored_gripper(session, chosen)
     vertices = np.asarray(model_mesh(session, entity).vertices)

@@ -90,6 +90,11 @@ def export_bundle(
     -------
     dict
         How many `grippers`, `objects` and `actions` it has.
+
+    Raises
+    ------
+    ManipulationError
+        The name is not one for a contributor, or the file cannot be written.
     """
     if name in RESERVED or not name.strip():
         raise ManipulationError(f"{name!r} is not a name for a contributor: choose another one")
@@ -119,7 +124,13 @@ def export_bundle(
             row["replaced_by"] = None
         lines.append({"action": row})
     body = "".join(json.dumps(line, default=str) + "\n" for line in lines).encode()
-    path.write_bytes(body + json.dumps({"signature": sign(signer, body).hex()}).encode() + b"\n")
+    signature = json.dumps({"signature": sign(signer, body).hex()}).encode() + b"\n"
+    try:
+        path.write_bytes(body + signature)
+    except OSError as error:
+        raise ManipulationError(
+            f"{path}: cannot be written ({error.strerror}): check the path"
+        ) from error
     return {"grippers": len(grippers), "objects": len(objects), "actions": len(actions)}
 
 
