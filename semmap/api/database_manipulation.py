@@ -50,21 +50,10 @@ class DatabaseManipulation:
 
             db.grasps_of_shape("cylinder", (0.03, 0.1), tolerance=0.005)
         """
-        from semmap.manipulation.found_actions import FoundActions
-        from semmap.manipulation.reader import actions_by_shape
-        from semmap.manipulation.retrieval import gripper_or_urdf
+        from semmap.manipulation.retrieval import stored_for_shape
 
-        with self.session.transaction():
-            rows = actions_by_shape(
-                self.session,
-                shape,
-                size,
-                tolerance=tolerance,
-                gripper=gripper_or_urdf(self.session, gripper),
-                kind=kind,
-                limit=limit,
-            )
-        return FoundActions(rows, [] if rows else [f"no {kind} of a similar {shape} is stored"])
+        options: dict[str, Any] = {"tolerance": tolerance, "gripper": gripper}
+        return stored_for_shape(self.session, shape, size, kind=kind, limit=limit, **options)
 
     def add_gripper(
         self,

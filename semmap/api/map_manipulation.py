@@ -80,8 +80,14 @@ class MapManipulation(MapQuestions):
             best["pose"], best["width"]
             house.grasps("mug1", robot="tiago", base=(1.2, 0.4, 1.57), plan=True).motion
         """
-        from semmap.manipulation.retrieval import find_grasps, gripper_or_urdf, stored_actions
+        from semmap.manipulation.retrieval import (
+            find_grasps,
+            gripper_or_urdf,
+            stored_actions,
+            stored_for_shape,
+        )
 
+        asked: dict[str, Any]
         if sum(given is not None for given in (name, for_, at, shape)) != 1:
             raise ValueError("give one of name, for_, at and shape")
         _at_least_one(limit)
@@ -89,12 +95,12 @@ class MapManipulation(MapQuestions):
             if not shape:
                 raise ValueError("shape is a name and sizes, such as ('sphere', 0.04)")
             _for_robots_only(robot=robot, base=base, plan=plan, state=state)
-            near = 0.01 if tolerance is None else tolerance
-            return self.database.grasps_of_shape(
-                shape[0], shape[1:], tolerance=near, gripper=gripper, kind=kind, limit=limit
+            asked = {"tolerance": 0.01 if tolerance is None else tolerance, "gripper": gripper}
+            return stored_for_shape(
+                self.connection, shape[0], shape[1:], kind=kind, limit=limit, **asked
             )
         near = 0.05 if tolerance is None else tolerance
-        asked: dict[str, Any] = {"name": name, "function": for_, "point": at, "tolerance": near}
+        asked = {"name": name, "function": for_, "point": at, "tolerance": near}
         with self.transaction():
             if robot is not None:
                 if gripper is not None or stored or not check or kind != "grasp":

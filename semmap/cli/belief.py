@@ -185,10 +185,9 @@ def observe_command(
     rates: dict[str, Any] = {"hit": hit, "false_alarm": false_alarm, "at": at}
     with cli.chosen_map(map_name) as house:
         if view is not None:
-            camera, found = numbers(view, "--view", 5), _detected(seen or ())
             rates |= {"opening": opening, "furthest": range_, "without": without or ()}
-            rates |= {"frame": frame, "cloud": cloud}
-            rows = house.observe_view(camera, looked_for or (), found, **rates)
+            rates |= {"frame": frame, "cloud": cloud, "seen": _detected(seen or ())}
+            rows = house.observe_view(numbers(view, "--view", 5), looked_for or (), **rates)
         elif point is not None:
             there = numbers(point, "--point", 3)
             rows = [house.observe_point(str(name), there, frame=frame, **rates)]

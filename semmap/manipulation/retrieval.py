@@ -16,7 +16,7 @@ from semmap.manipulation.error import ManipulationError
 from semmap.manipulation.found_actions import FoundActions
 from semmap.manipulation.linked import fitting_rows, prepare_links
 from semmap.manipulation.ranking import best_first, moved_alike, ranked
-from semmap.manipulation.reader import actions_on, entities_meant
+from semmap.manipulation.reader import actions_by_shape, actions_on, entities_meant
 from semmap.manipulation.store.actions import add_actions
 from semmap.manipulation.store.devices import add_gripper, gripper_id
 from semmap.manipulation.store.shapes import shape_of
@@ -34,6 +34,7 @@ __all__ = [
     "is_urdf",
     "register_gripper",
     "stored_actions",
+    "stored_for_shape",
     "stored_gripper",
 ]
 
@@ -140,6 +141,34 @@ def stored_actions(connection: MapConnection, *, kind: str, **asked: Any) -> Fou
     if not rows and not problems:
         problems = [f"no {kind} is stored for such an object"]
     return FoundActions(rows, problems)
+
+
+def stored_for_shape(
+    connection: MapConnection,
+    shape: str,
+    size: Sequence[float],
+    *,
+    gripper: str | Path | None = None,
+    kind: str = "grasp",
+    **options: Any,
+) -> FoundActions:
+    """Return the best stored actions on objects of a similar shape, in the frame of the shape.
+
+    Parameters
+    ----------
+    gripper : name, or a URDF whose gripper is stored first
+    shape, size, kind, options : as for `semmap.manipulation.reader.actions_by_shape`
+
+    Raises
+    ------
+    LookupError, ManipulationError
+        As `semmap.manipulation.reader.actions_by_shape`.
+    """
+    session = driver(connection)
+    with session.transaction():
+        hand = gripper_or_urdf(session, gripper)
+        rows = actions_by_shape(session, shape, size, gripper=hand, kind=kind, **options)
+    return FoundActions(rows, [] if rows else [f"no {kind} of a similar {shape} is stored"])
 
 
 def _ranked(session: Any, rows: Sequence[dict[str, Any]], gripper: str) -> list[dict[str, Any]]:
