@@ -55,7 +55,8 @@ def test_estimates_keep_the_reasons(flat: Map) -> None:
             assert sum(found.values()) == pytest.approx(1)
             seen = {row["place"]: row["last_seen"] for row in found.rows}
             assert seen == {row["place"]: row["last_seen"] for row in plain[name].rows}
-    assert moved["cereal"] == flat.where("cereal", moves=1e9)
+    again = flat.where("cereal", moves=1e9)
+    assert dict(again) == pytest.approx(dict(moved["cereal"]), abs=1e-6)
     assert flat.beliefs([]) == {}
 
 
@@ -71,7 +72,7 @@ def test_a_belief_is_drawn_kept_and_exported(flat: Map, tmp_path: Path) -> None:
     assert (made["field"], made["voxels"]) == ("belief-coke", again["voxels"])
     assert again["version"] == made["version"] + 1
     program = flat.export_belief(["coke"])
-    facts = dict(re.findall(r"([\d.e-]+)::is_in\('coke', '(\w+)'\)", program))
+    facts = dict(re.findall(r"([\d.e-]+)::is_in\('?coke'?, '?(\w+)'?\)", program))
     priors = {row["place"]: row["prior"] for row in found.rows}
     assert {place: float(share) for share, place in facts.items()} == pytest.approx(priors)
     message = flat.initial_belief(["coke", "mug"])
@@ -99,13 +100,13 @@ def test_bad_input_is_refused_in_words(flat: Map) -> None:
         (["mug", "mug"], {"moves": 5}, "mug is named twice"),
         (["coke"], {"occlusion": True}, "its volume is unknown"),
     ):
-        with pytest.raises((ValueError, LookupError), match=message):
+        with pytest.raises((ValueError, LookupError), match=message), flat.transaction():
             flat.beliefs(names, **options)
     for given, message in (
         (["kitchen"], "kitchen has no place in a belief"),
         (["mug", "mug"], "mug is named twice"),
     ):
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(ValueError, match=message), flat.transaction():
             flat.export_belief(given)
     with pytest.raises(ValueError, match=r"mug was detected at \(1, 2\): give x, y, z"):
         flat.identify([Detection("mug", (1, 2))])  # type: ignore[arg-type]

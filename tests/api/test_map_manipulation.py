@@ -83,11 +83,9 @@ def test_objects_are_named_by_function_point_and_shape(cups: Map) -> None:
     own = cups.database.add_gripper(urdf("panda"), "hand")
     (best,) = cups.grasps("cup1", gripper=own, limit=1)
     for asked in ({"for_": "drink"}, {"at": (1.2, 1.4, 0.8)}):
-        assert cups.grasps(gripper=own, limit=1000, **asked)[0]["entity"] in (
-            "cup1",
-            "cup2",
-            "bottle",
-        )
+        drinks = cups.grasps(gripper=own, limit=1000, **asked)
+        assert {row["entity"] for row in drinks} <= {"cup1", "cup2", "bottle"}
+        assert drinks
     size = cups.find_shapes(["cup1"])[0]["size"]
     alike = cups.grasps(shape=("cylinder", *size), gripper=own, tolerance=1e-6, limit=1000)
     assert best["action_id"] in {row["action_id"] for row in alike}

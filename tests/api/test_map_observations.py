@@ -53,8 +53,8 @@ def test_a_room_means_anywhere_in_it(flat: Map) -> None:
 def test_a_detection_in_the_frame_of_a_robot(flat: Map) -> None:
     turn = Rotation.from_euler("z", 2.5)
     flat["robot"].move_to(2.6, 0.8, 0, 2.5)
-    for point in ((1.2, 0.1, 0.76), (0.9, -0.3, 0.76), (3.0, 0.5, 0.02)):
-        there = turn.apply(point) + (2.6, 0.8, 0)
+    for point in ((1.2, 0.1, 0.76), (0.9, -0.3, 0.76), (1.0, -1.0, 0.02)):
+        there = turn.apply(point) + np.array((2.6, 0.8, 0))
         row = flat.observe_point("mug", point, frame="robot", hit=0.7)
         on_table = TABLE.contains(shapely.Point(there[:2])) and there[2] > 0.75
         assert row["place"] == ("table" if on_table else "kitchen")
