@@ -9,6 +9,8 @@ from semmap.api.map_questions import MapQuestions
 
 if TYPE_CHECKING:
     from semmap.found_rows import FoundRows
+    from semmap.manipulation.candidates import Grasp
+    from semmap.manipulation.trial import TrialOutcome
 
     Progress = Callable[[str, int, int], None]
 
@@ -112,8 +114,9 @@ class MapPractice(MapQuestions):
         tries: int = 12,
         mass: float | None = None,
         friction: float = 0.5,
+        attempt: Callable[[Grasp], TrialOutcome] | None = None,
     ) -> list[dict[str, Any]]:
-        """Try actions on an object in simulation until one succeeds, and store the outcomes.
+        """Try actions on an object until one succeeds, in simulation, and store the outcomes.
 
         Parameters
         ----------
@@ -123,6 +126,7 @@ class MapPractice(MapQuestions):
         tries : the most attempts
         mass : kilograms; by default the object's property, else by its volume
         friction : between the pads and the object
+        attempt : does a grasp on a robot and returns its outcome, in place of the simulation
 
         Returns
         -------
@@ -133,7 +137,8 @@ class MapPractice(MapQuestions):
         Raises
         ------
         LookupError, ValueError
-            As `grasps`; `on` and `push` together, or an object without such an action.
+            As `grasps`; `on` and `push` together or with `attempt`, or an object without such an
+            action.
         """
         from semmap.manipulation import practice
 
@@ -142,6 +147,10 @@ class MapPractice(MapQuestions):
             raise ValueError(f"tries is {tries}: give the most attempts, 1 or more")
         if on is not None and push:
             raise ValueError("give one of on and push")
+        if attempt is not None:
+            if on is not None or push:
+                raise ValueError("attempt is for grasps: give neither on nor push")
+            values |= {"attempt": attempt, "simulated": False}
         if on is not None:
             return practice.practise_places(self.connection, name, on, gripper, **values)
         of_kind = practice.practise_pushes if push else practice.practise
