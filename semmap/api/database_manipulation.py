@@ -179,7 +179,7 @@ class DatabaseManipulation:
     def export_manipulation(
         self, path: str | Path, name: str | None = None, *, simulated: bool = False
     ) -> dict[str, int]:
-        """Write what this database learned to a signed file, for other robots.
+        """Write the knowledge of this database to a signed file, for other robots.
 
         Parameters
         ----------

@@ -133,7 +133,7 @@ class MapObservations(MapQuestions):
         hit: float | None = None,
         false_alarm: float | None = None,
     ) -> list[dict[str, Any]]:
-        """Store what the view of a camera showed: detections, and for the rest looks in vain.
+        """Store detections in the view of a camera, and looks in vain for the other objects.
 
         The meshes of the map tell which share of each place was in view.
 

@@ -46,7 +46,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class Identity:
-    """What a detection may be.
+    """The objects that a detection may be.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a robot saw, and what it looked at without seeing it, as observations of the map."""
+"""Objects that a robot saw, and places where it looked in vain, as observations of the map."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def observe_view(
     observer: str | None = None,
     **values: Any,
 ) -> list[Row]:
-    """Store what a view showed: detections, and for the rest that it was looked for and not seen.
+    """Store detections in a view, and for the other objects that they were looked for and not seen.
 
     The map's meshes decide which share of each place was in view.
 

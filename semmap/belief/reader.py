@@ -1,4 +1,4 @@
-"""Read places, and what hides them, from the map."""
+"""Read places, and the meshes that hide them, from the map."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _place(row: Any) -> BeliefPlace:
 
 
 def read_occluders(connection: Connection, without: Collection[str]) -> NDArray[np.float64]:
-    """Return the triangles of rooms and objects, and of shut doors, that hide what is behind them.
+    """Return the triangles of rooms and objects, and of shut doors, that hide objects behind them.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def is_wide(connection: MapConnection, place: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class BeliefColumns:
-    """What the map has about some objects, as arrays for `infer`, occlusion, motion and ProbLog.
+    """Priors and observations of some objects, as arrays for inference.
 
     Attributes
     ----------

@@ -168,7 +168,7 @@ class Workbench:
         return questions
 
     def question(self, left: str, right: str) -> PairQuestion:
-        """Return what a person needs to see to tell whether two records are the same."""
+        """Return the values by which a person tells whether two records are the same."""
         records = self.left, self.right
         a, b = (r.record(r.number[key]) for r, key in zip(records, (left, right), strict=True))
         values = [(c.left, a.get(c.left, ()), b.get(c.right, ())) for c in self.correspondences]

@@ -2,7 +2,7 @@
 
 A place belongs to a model and a gripper, as the grasp that it ends: the gripper and its joints are
 those of the grasp, and its way back is that of the grasp reversed (Tosello et al., section III-A).
-The spot on the support is found each time, since it depends on what stands there.
+The spot on the support is found each time, since it depends on the objects there.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def find_places(
 
     Parameters
     ----------
-    entity, on : names in the map: the object, and what it is put on
+    entity, on : names in the map: the object, and its support
     gripper : name; the preferred one where None
     grasps : ids of the grasp that holds it, or of those that may; by default the one with which an
         agent of the map took it, else the best ones

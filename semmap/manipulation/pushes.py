@@ -61,7 +61,7 @@ def find_pushes(
 ) -> FoundActions:
     """Return the best level pushes of an object; they are generated where none is stored.
 
-    The object stays on what it stands on, and neither it nor the closed gripper meets anything.
+    The object stays on its support, and neither it nor the closed gripper meets anything.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Teachings into the map, all or nothing; what contradicts the map is refused with the reason."""
+"""Teachings into the map, all or nothing; contradictions to the map are refused with the reason."""
 
 from __future__ import annotations
 

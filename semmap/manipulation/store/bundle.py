@@ -76,7 +76,7 @@ ORDER BY a.kind = 'put', a.id
 def export_bundle(
     connection: MapConnection, path: Path, name: str, *, simulated: bool = False, key: Any = None
 ) -> dict[str, int]:
-    """Write what this database learned to a signed bundle.
+    """Write the knowledge of this database to a signed bundle.
 
     Actions that were imported and never tried here are left out: their contributors share them.
 
@@ -278,12 +278,12 @@ WHERE old.key = %(old)s AND new.key = %(new)s AND old.replaced_by IS NULL
       SELECT new.id UNION SELECT a.replaced_by FROM later l JOIN action a ON a.id = l.id
       WHERE a.replaced_by IS NOT NULL) SELECT id FROM later)
 """
-"""What failed for the contributor is replaced here, too, unless it succeeded here."""
+"""An action that failed for the contributor is replaced here, too, unless it succeeded here."""
 
 
 @dataclass
 class _Import:
-    """The ids of what a bundle names, while it is stored."""
+    """The ids of grippers, objects and actions of a bundle, while it is stored."""
 
     session: psycopg.Connection[Any]
     error: Refuse
@@ -448,7 +448,7 @@ class _Import:
             )
 
     def _count(self, actions: list[dict[str, Any]]) -> int:
-        """Replace the outcomes of the contributor, and take over what it replaced."""
+        """Replace the outcomes of the contributor, and take over its replacements."""
         self.session.execute(
             "DELETE FROM experience WHERE contributor_id = %s", (self.contributor,)
         )

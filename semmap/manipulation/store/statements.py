@@ -1,4 +1,4 @@
-"""What the stores of manipulation knowledge share: refusals of the database, and small reads."""
+"""Shared by the stores of manipulation knowledge: refusals of the database, and small reads."""
 
 from __future__ import annotations
 
